@@ -1,0 +1,27 @@
+"""Mass properties of an object from a video of it, and from the way it moves.
+
+The verbs of the command line are functions of this package; each is imported when first used, so that
+`import massprops` costs nothing.
+"""
+
+# pycolmap's extension exports its own zlib: the system's must be loaded before it, or the heap is corrupted.
+import zlib as _zlib  # noqa: F401
+from importlib import import_module as _import_module
+from typing import Any as _Any
+
+__version__ = "0.1.0"
+
+_VERBS = {
+    "reconstruct": "massprops.run.reconstruct",
+    "mass": "massprops.run.from_mesh",
+    "estimate": "massprops.estimators",
+    "compare": "massprops.exchange.compare",
+    "simulate": "massprops.simulate",
+}
+__all__ = sorted(_VERBS)
+
+
+def __getattr__(name: str) -> _Any:
+    if name in _VERBS:
+        return getattr(_import_module(_VERBS[name]), name)
+    raise AttributeError(f"module 'massprops' has no attribute '{name}'")

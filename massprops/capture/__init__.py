@@ -1,0 +1,1 @@
+"""Footage in: reads video, image folders and sequences; picks frames; finds silhouettes."""

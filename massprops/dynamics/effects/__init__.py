@@ -1,0 +1,1 @@
+"""One file per physical effect on the motion of the target, found by its name."""

@@ -1,0 +1,1 @@
+"""Comparison with CAD; one file per export format."""

@@ -1,0 +1,1 @@
+"""Volume, centre of mass, inertia, principal frame, and the interval each of them deserves."""

@@ -1,0 +1,1 @@
+"""Cameras, stereo, range: state to measurements, with Jacobians."""

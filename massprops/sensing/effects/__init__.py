@@ -1,0 +1,1 @@
+"""One file per sensing effect, found by its name."""

@@ -1,0 +1,90 @@
+"""The registered images of a reconstruction as plain arrays: what dense stereo and surfaces read.
+
+Nothing here needs pycolmap, so stages that use numba or open3d never load it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Views:
+    """n registered images with pinhole cameras in one world frame.
+
+    The world of a tumbling body is the body itself; of a still object, the table. Lengths are in the units of
+    the reconstruction. Camera axes: x right, y down, z forward.
+
+    Attributes:
+        names: frame names relative to `frames/`, for example `cam0/000012.png`.
+        timestamp_ns: (n,) int64, -1 where the source has no clock.
+        size: (n, 2) int, width and height [px].
+        K: (n, 3, 3) pinhole matrix after undistortion [px].
+        distortion: (n, 4) OpenCV k1, k2, p1, p2 of the original image.
+        R: (n, 3, 3) rotates world vectors into the camera.
+        t: (n, 3) world origin in the camera.
+    """
+
+    names: tuple[str, ...]
+    timestamp_ns: np.ndarray
+    size: np.ndarray
+    K: np.ndarray
+    distortion: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(n, 3) camera centres in the world."""
+        return -np.einsum("nij,ni->nj", self.R, self.t)
+
+    def take(self, index: np.ndarray) -> Views:
+        """The views at `index` (integers or a mask)."""
+        index = np.arange(len(self))[index]
+        return Views(
+            tuple(self.names[i] for i in index),
+            self.timestamp_ns[index],
+            self.size[index],
+            self.K[index],
+            self.distortion[index],
+            self.R[index],
+            self.t[index],
+        )
+
+    def save(self, path: Path) -> None:
+        """Writes one `.npz` without pickled objects."""
+        arrays = {k: getattr(self, k) for k in ("timestamp_ns", "size", "K", "distortion", "R", "t")}
+        np.savez(path, names=np.array(self.names, dtype=np.str_), **arrays)
+
+    @staticmethod
+    def load(path: Path) -> Views:
+        """Reads what `save` wrote."""
+        with np.load(path, allow_pickle=False) as z:
+            names = tuple(str(s) for s in z["names"])
+            return Views(names, z["timestamp_ns"], z["size"], z["K"], z["distortion"], z["R"], z["t"])
+
+
+def undistort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray, nearest: bool = False) -> np.ndarray:
+    """The image as a pinhole camera with the same matrix would have taken it.
+
+    Args:
+        image: (h, w) or (h, w, 3) uint8.
+        K: (3, 3) [px].
+        distortion: (4,) OpenCV k1, k2, p1, p2.
+        nearest: take the nearest pixel, for masks.
+    """
+    if not np.any(distortion):
+        return image
+    import cv2
+
+    h, w = image.shape[:2]
+    maps = cv2.initUndistortRectifyMap(
+        np.asarray(K, float), np.asarray(distortion, float).reshape(-1, 1), np.eye(3), np.asarray(K, float), (w, h), cv2.CV_32FC1
+    )
+    return cv2.remap(image, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR)
