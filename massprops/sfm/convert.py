@@ -1,0 +1,149 @@
+"""COLMAP models to plain arrays: pinhole views with OpenCV's distortion, points and their observations."""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from massprops.errors import InputError
+from massprops.views import Views
+
+HALF = 0.5
+"""COLMAP's pixels begin at the corner of the first one, OpenCV's at its centre."""
+
+
+@dataclass(frozen=True)
+class SparsePoints:
+    """m points and their k observations.
+
+    Attributes:
+        id: (m,) int64, COLMAP's point numbers.
+        xyz: (m, 3) in the world of the reconstruction.
+        rgb: (m, 3) uint8.
+        error: (m,) mean reprojection error [px].
+        obs_view: (k,) index into the views.
+        obs_point: (k,) index into the points.
+        obs_uv: (k, 2) in the original image, centres of pixels at whole numbers [px].
+    """
+
+    id: np.ndarray
+    xyz: np.ndarray
+    rgb: np.ndarray
+    error: np.ndarray
+    obs_view: np.ndarray
+    obs_point: np.ndarray
+    obs_uv: np.ndarray
+
+    def save(self, path: Path) -> None:
+        """Writes one `.npz`."""
+        np.savez(path, **{k: getattr(self, k) for k in self.__dataclass_fields__})
+
+    @staticmethod
+    def load(path: Path) -> SparsePoints:
+        """Reads what `save` wrote."""
+        with np.load(path, allow_pickle=False) as z:
+            return SparsePoints(**{k: z[k] for k in SparsePoints.__dataclass_fields__})
+
+
+def opencv_camera(camera: pycolmap.Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(3, 3) pinhole matrix and (4,) k1, k2, p1, p2 with OpenCV's pixel centres, exactly the same projection.
+
+    Raises:
+        InputError: a model that these four numbers cannot express.
+    """
+    p = np.asarray(camera.params, float)
+    name = camera.model_name
+    distortion = np.zeros(4)
+    if name in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):
+        fu = fv = p[0]
+        cu, cv = p[1:3]
+        distortion[: len(p) - 3] = p[3:]
+    elif name in ("PINHOLE", "OPENCV"):
+        fu, fv, cu, cv = p[:4]
+        distortion[: len(p) - 4] = p[4:]
+    else:
+        raise InputError(
+            f"camera model {name} cannot be used; undistort the images or rebuild the model with OPENCV or SIMPLE_RADIAL"
+        )
+    K = np.array([[fu, 0, cu - HALF], [0, fv, cv - HALF], [0, 0, 1.0]])
+    return K, distortion
+
+
+def to_views(model: pycolmap.Reconstruction, timestamps: dict[str, int] | None = None) -> tuple[Views, list[int]]:
+    """Registered images in the order of their names, and their COLMAP numbers."""
+    images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda im: im.name)
+    K, D, R, t, size = [], [], [], [], []
+    for image in images:
+        camera = model.camera(image.camera_id)
+        k, d = opencv_camera(camera)
+        m = np.asarray(image.cam_from_world().matrix())
+        K.append(k)
+        D.append(d)
+        R.append(m[:, :3])
+        t.append(m[:, 3])
+        size.append((camera.width, camera.height))
+    stamps = np.array([(timestamps or {}).get(im.name, -1) for im in images], np.int64)
+    n = len(images)
+    views = Views(
+        tuple(im.name for im in images),
+        stamps,
+        np.array(size, int).reshape(n, 2),
+        np.array(K, float).reshape(n, 3, 3),
+        np.array(D, float).reshape(n, 4),
+        np.array(R, float).reshape(n, 3, 3),
+        np.array(t, float).reshape(n, 3),
+    )
+    return views, [im.image_id for im in images]
+
+
+def to_points(model: pycolmap.Reconstruction, image_ids: list[int]) -> SparsePoints:
+    """Points in the order of their numbers, with every observation in the given images."""
+    where = {image_id: i for i, image_id in enumerate(image_ids)}
+    order = np.array(sorted(model.point3D_ids()), np.int64)
+    row = {int(p): i for i, p in enumerate(order)}
+    xyz = np.zeros((len(order), 3))
+    rgb = np.zeros((len(order), 3), np.uint8)
+    error = np.zeros(len(order))
+    for i, p in enumerate(order):
+        point = model.point3D(int(p))
+        xyz[i], rgb[i], error[i] = point.xyz, point.color, point.error
+    view, points, uv = [], [], []
+    for image_id in image_ids:
+        observed = [(q.point3D_id, q.xy) for q in model.image(image_id).points2D if q.has_point3D()]
+        observed.sort(key=lambda o: o[0])
+        view += [where[image_id]] * len(observed)
+        points += [row[o[0]] for o in observed]
+        uv += [o[1] for o in observed]
+    return SparsePoints(
+        order,
+        xyz,
+        rgb,
+        error,
+        np.array(view, np.int32),
+        np.array(points, np.int32),
+        np.array(uv, float).reshape(-1, 2) - HALF,
+    )
+
+
+def project(K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+    """Pixels (m, 2) of world points (m, 3), one camera per point: K (m, 3, 3), distortion (m, 4), R (m, 3, 3), t (m, 3).
+
+    OpenCV's radial-tangential model.
+    """
+    c = np.einsum("mij,mj->mi", R, xyz) + t
+    return project_camera(K, distortion, c)
+
+
+def project_camera(K: np.ndarray, distortion: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Pixels (m, 2) of points (m, 3) in camera axes."""
+    x, y = c[:, 0] / c[:, 2], c[:, 1] / c[:, 2]
+    k1, k2, p1, p2 = distortion.T
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * k2)
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([K[:, 0, 0] * xd + K[:, 0, 2], K[:, 1, 1] * yd + K[:, 1, 2]], 1)

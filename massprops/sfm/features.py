@@ -1,0 +1,153 @@
+"""SIFT features on the object's pixels.
+
+The image is cut to the silhouette's box before extraction: a body that fills a tenth of black sky costs a tenth of
+the time. COLMAP's own mask folder is not used, because it drops an image whose mask is missing and accepts a mask of
+the wrong size without a word.
+"""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap: its extension exports a zlib of its own
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pycolmap
+
+from massprops.errors import InputError
+from massprops.run.job import Progress, silent
+from massprops.sfm.footage import FootageRecord
+
+
+@dataclass(frozen=True)
+class FeatureOptions:
+    """How features are found.
+
+    Attributes:
+        most: features kept per image, the largest scales first.
+        peak: contrast threshold of the difference of Gaussians.
+        first_octave: -1 doubles the image first, which finds and places fine features better.
+        margin: silhouettes are grown by this many pixels, so that features on their very edge stay.
+    """
+
+    most: int = 4096
+    peak: float = 0.005
+    first_octave: int = -1
+    margin: int = 2
+
+
+def object_region(mask: np.ndarray, margin: int) -> np.ndarray:
+    """Boolean (h, w): pixels whose features are used. Every value but 0 counts as object; grown by `margin` [px]."""
+    region = (mask > 0).astype(np.uint8)
+    if margin > 0:
+        side = 2 * margin + 1
+        region = cv2.dilate(region, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    return region.astype(bool)
+
+
+def read_mask(footage: FootageRecord, name: str, size: tuple[int, int]) -> np.ndarray | None:
+    """The frame's silhouette (h, w) uint8, or None when there is none.
+
+    Raises:
+        InputError: the mask cannot be read or its size (w, h) is not the image's.
+    """
+    path = footage.mask(name)
+    if not path.is_file():
+        return None
+    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if mask is None:
+        raise InputError(f"{path}: not a readable mask; write an 8-bit PNG with black where there is no object")
+    if mask.shape != (size[1], size[0]):
+        raise InputError(
+            f"{path}: mask is {mask.shape[1]}x{mask.shape[0]} but its image is {size[0]}x{size[1]}; make them equal"
+        )
+    return mask
+
+
+def extract(
+    gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
+) -> tuple[np.ndarray, np.ndarray]:
+    """SIFT of one image.
+
+    Args:
+        gray: (h, w) uint8.
+        region: (h, w) bool, pixels whose features are kept; None for all.
+
+    Returns:
+        keypoints (k, 4 or 6) float32 in COLMAP's pixels (centre of the first pixel at 0.5); descriptors (k, 128) uint8.
+    """
+    x0 = y0 = 0
+    if region is not None:
+        ys, xs = np.flatnonzero(region.any(1)), np.flatnonzero(region.any(0))
+        if len(ys) < 16 or len(xs) < 16:
+            return np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8)
+        pad = 12
+        y0, x0 = max(0, ys[0] - pad), max(0, xs[0] - pad)
+        gray = gray[y0 : ys[-1] + pad + 1, x0 : xs[-1] + pad + 1]
+    o = pycolmap.FeatureExtractionOptions()
+    o.num_threads = 1
+    o.use_gpu = False
+    o.max_image_size = int(max(gray.shape))
+    o.sift.max_num_features = options.most
+    o.sift.peak_threshold = options.peak
+    o.sift.first_octave = options.first_octave
+    keypoints, descriptors = pycolmap.FeatureExtractor.create(o, pycolmap.Device.cpu).extract_from_uint8_array(
+        np.ascontiguousarray(gray)
+    )
+    xy = np.asarray(pycolmap.keypoints_to_matrix(keypoints), np.float32)
+    data = np.asarray(descriptors.data, np.uint8)
+    if len(xy) == 0:
+        return np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8)
+    xy[:, 0] += x0
+    xy[:, 1] += y0
+    if region is not None:
+        h, w = region.shape
+        col = np.clip(xy[:, 0].astype(int), 0, w - 1)
+        row = np.clip(xy[:, 1].astype(int), 0, h - 1)
+        keep = region[row, col]
+        xy, data = xy[keep], data[keep]
+    return xy, data
+
+
+def extract_all(
+    footage: FootageRecord,
+    options: FeatureOptions,
+    masked: bool,
+    threads: int,
+    progress: Progress = silent,
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
+    """Features of every frame, by name, and warnings.
+
+    With `masked`, a frame without a silhouette is used whole before black sky and left out otherwise, where a still
+    background would hold the solver.
+    """
+    sizes = {c.id: c.size for c in footage.cameras}
+    warnings: list[str] = []
+    unmasked: list[str] = []
+
+    def one(frame) -> tuple[str, np.ndarray, np.ndarray] | None:
+        gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        if gray is None:
+            raise InputError(f"{footage.image(frame.name)}: not a readable image; run the capture stage again")
+        region = None
+        if masked:
+            mask = read_mask(footage, frame.name, sizes[frame.camera])
+            if mask is None:
+                unmasked.append(frame.name)
+                if footage.background != "black":
+                    return None
+            else:
+                region = object_region(mask, options.margin)
+        return frame.name, *extract(gray, region, options)
+
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        for i, result in enumerate(pool.map(one, footage.frames)):
+            progress(i + 1, len(footage.frames), "features")
+            if result is not None:
+                found[result[0]] = (result[1], result[2])
+    if unmasked:
+        what = "used whole" if footage.background == "black" else "left out"
+        warnings.append(f"{len(unmasked)} frames have no silhouette and were {what}")
+    return found, warnings

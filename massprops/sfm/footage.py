@@ -1,0 +1,129 @@
+"""What the capture stage left: frames, clocks, cameras and silhouettes, as structure from motion reads them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from massprops.errors import InputError
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One image: name relative to `frames/` (`cam0/000012.png`), camera number, clock [ns] or -1, source index."""
+
+    name: str
+    camera: int
+    timestamp_ns: int
+    index: int
+
+
+@dataclass(frozen=True)
+class CameraRecord:
+    """What is known of one camera before the reconstruction.
+
+    Attributes:
+        id: number of the camera.
+        size: width, height [px].
+        focal_px: focal length [px], or None.
+        principal_point: (2,) [px], centres of pixels at whole numbers (OpenCV), or None for the image's middle.
+        distortion: (4,) OpenCV k1, k2, p1, p2, or None when unknown.
+        T_BS: (4, 4) sensor to chaser body [m], or None.
+        focal_source: `given`, `exif` or `none`; a given focal length is never changed.
+    """
+
+    id: int
+    size: tuple[int, int]
+    focal_px: float | None = None
+    principal_point: tuple[float, float] | None = None
+    distortion: tuple[float, ...] | None = None
+    T_BS: np.ndarray | None = None
+    focal_source: str = "none"
+
+
+@dataclass(frozen=True)
+class FootageRecord:
+    """`work/capture` as read back.
+
+    Attributes:
+        folder: the capture folder (holds `frames/` and perhaps `masks/`).
+        source: the user's input.
+        kind: `video`, `images`, `sequence` or `stereo`.
+        motion: `tumbling` or `static`.
+        background: `black`, `still` or `moving`.
+        mask_features: whether features outside the silhouettes are left out.
+    """
+
+    folder: Path
+    source: str
+    kind: str
+    motion: str
+    background: str
+    mask_features: bool
+    cameras: tuple[CameraRecord, ...]
+    frames: tuple[FrameRecord, ...]
+
+    def image(self, name: str) -> Path:
+        """File of a frame."""
+        return self.folder / "frames" / name
+
+    def mask(self, name: str) -> Path:
+        """File of a frame's silhouette in COLMAP's naming; it need not exist."""
+        return self.folder / "masks" / f"{name}.png"
+
+    @property
+    def has_masks(self) -> bool:
+        return any(self.mask(f.name).is_file() for f in self.frames)
+
+    @property
+    def ordered(self) -> bool:
+        """Whether neighbours in the list are neighbours in time."""
+        return self.kind in ("video", "sequence", "stereo") or all(f.timestamp_ns >= 0 for f in self.frames)
+
+
+def read_footage(folder: Path) -> FootageRecord:
+    """Reads `footage.json` of a capture folder.
+
+    Raises:
+        InputError: the file is absent or lacks what structure from motion needs.
+    """
+    path = Path(folder) / "footage.json"
+    if not path.is_file():
+        raise InputError(f"{path}: missing; run the capture stage first")
+    try:
+        d = json.loads(path.read_text())
+        cameras = tuple(_camera(c) for c in d["cameras"])
+        frames = tuple(
+            FrameRecord(f["name"], int(f["camera"]), int(f.get("timestamp_ns", -1)), int(f.get("index", i)))
+            for i, f in enumerate(d["frames"])
+        )
+        motion = d["motion"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: not a footage description ({error!r}); run the capture stage again") from error
+    masked = d.get("mask_features")
+    return FootageRecord(
+        folder=Path(folder),
+        source=str(d.get("source", "")),
+        kind=str(d.get("kind", "images")),
+        motion=motion,
+        background=str(d.get("background", "still")),
+        mask_features=(motion == "tumbling") if masked is None else bool(masked),
+        cameras=cameras,
+        frames=frames,
+    )
+
+
+def _camera(c: dict) -> CameraRecord:
+    T = c.get("T_BS")
+    return CameraRecord(
+        id=int(c["id"]),
+        size=(int(c["width"]), int(c["height"])),
+        focal_px=float(c["focal_px"]) if c.get("focal_px") else None,
+        principal_point=tuple(c["principal_point"]) if c.get("principal_point") else None,
+        distortion=tuple(float(v) for v in c["distortion"]) if c.get("distortion") else None,
+        T_BS=np.asarray(T, float).reshape(4, 4) if T is not None else None,
+        focal_source=str(c.get("focal_source", "none")),
+    )

@@ -1,0 +1,172 @@
+"""Matching and mapping with pycolmap: SIFT with brute-force matching only, every stage seeded."""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from dataclasses import dataclass
+from pathlib import Path
+
+import pycolmap
+
+from massprops.errors import NotPossible
+from massprops.run.job import Progress, silent
+
+
+@dataclass(frozen=True)
+class MappingOptions:
+    """How images are matched and mapped.
+
+    Attributes:
+        mapper: `incremental` or `global`.
+        fixed_intrinsics: the camera is given and stays as it is.
+        free_distortion: the radial term is estimated while mapping.
+        masked: features lie on one object only, so planes and frames of text are no reason to reject a pair.
+        guided: second round of matching along epipolar lines.
+        seed, threads: as in every stage.
+    """
+
+    mapper: str = "incremental"
+    fixed_intrinsics: bool = False
+    free_distortion: bool = False
+    masked: bool = False
+    guided: bool = False
+    seed: int = 0
+    threads: int = 2
+
+
+def quiet() -> None:
+    """Only errors of COLMAP reach the terminal."""
+    pycolmap.logging.minloglevel = 2
+    pycolmap.logging.logtostderr = True
+
+
+def match(
+    database: Path,
+    pairs: list[tuple[str, str]],
+    options: MappingOptions,
+    progress: Progress = silent,
+    batch: int = 128,
+) -> None:
+    """Matches and verifies the named pairs, in batches so that progress can be told."""
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = options.threads
+    matching.use_gpu = False
+    matching.guided_matching = options.guided
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.detect_watermark = not options.masked
+    verification.ransac.random_seed = options.seed
+    pairing = pycolmap.ImportedPairingOptions()
+    listing = database.parent / "pairs.txt"
+    pairing.match_list_path = listing
+    for start in range(0, len(pairs), batch):
+        part = pairs[start : start + batch]
+        listing.write_text("".join(f"{a} {b}\n" for a, b in part))
+        pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
+        progress(start + len(part), len(pairs), "matching")
+    listing.unlink(missing_ok=True)
+
+
+def pipeline_options(options: MappingOptions, frames: Path) -> pycolmap.IncrementalPipelineOptions:
+    """Incremental mapping with few global adjustments, since ours follow; never moves a given camera or rig."""
+    o = pycolmap.IncrementalPipelineOptions()
+    o.num_threads = options.threads
+    o.random_seed = options.seed
+    o.mapper.random_seed = options.seed
+    o.triangulation.random_seed = options.seed
+    o.image_path = frames
+    o.extract_colors = False
+    o.min_model_size = 3
+    o.max_num_models = 5
+    o.init_num_trials = 100
+    o.ba_refine_sensor_from_rig = False
+    o.ba_refine_focal_length = not options.fixed_intrinsics
+    o.mapper.abs_pose_refine_focal_length = not options.fixed_intrinsics
+    o.ba_refine_extra_params = options.free_distortion and not options.fixed_intrinsics
+    o.mapper.abs_pose_refine_extra_params = o.ba_refine_extra_params
+    o.ba_global_frames_ratio = 1.3
+    o.ba_global_points_ratio = 1.3
+    o.ba_global_max_refinements = 2
+    o.ba_global_max_num_iterations = 30
+    o.ba_global_function_tolerance = 1e-6
+    o.ba_local_max_num_iterations = 20
+    o.ba_local_function_tolerance = 1e-5
+    return o
+
+
+def map_images(
+    database: Path,
+    frames: Path,
+    out: Path,
+    options: MappingOptions,
+    total: int,
+    progress: Progress = silent,
+) -> list[pycolmap.Reconstruction]:
+    """All models found, the one with most images first.
+
+    Raises:
+        NotPossible: no pair of images to start from.
+    """
+    pycolmap.set_random_seed(options.seed)
+    out.mkdir(parents=True, exist_ok=True)
+    if options.mapper == "global":
+        models = _global(database, frames, out, options)
+    else:
+        done = [0]
+
+        def started() -> None:
+            done[0] += 2
+            progress(min(done[0], total), total, "mapping")
+
+        def added() -> None:
+            done[0] += 1
+            progress(min(done[0], total), total, "mapping")
+
+        models = pycolmap.incremental_mapping(
+            database,
+            frames,
+            out,
+            pipeline_options(options, frames),
+            initial_image_pair_callback=started,
+            next_image_callback=added,
+        )
+    found = sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
+    if not found:
+        raise NotPossible(
+            "structure from motion found no pair of images to start from: too few features in common or no parallax; "
+            "use more overlap and texture, and make sure that the body turns or the camera moves around it"
+        )
+    return found
+
+
+def _global(database: Path, frames: Path, out: Path, options: MappingOptions) -> dict:
+    if not options.fixed_intrinsics:
+        view = pycolmap.ViewGraphCalibrationOptions()
+        if hasattr(view, "random_seed"):
+            view.random_seed = options.seed
+        pycolmap.calibrate_view_graph(database, view)
+    o = pycolmap.GlobalPipelineOptions()
+    o.num_threads = options.threads
+    o.random_seed = options.seed
+    o.image_path = frames
+    m = o.mapper
+    m.num_threads = options.threads
+    m.random_seed = options.seed
+    m.refine_sensor_from_rig = False
+    m.rotation_averaging.random_seed = options.seed
+    m.global_positioning.random_seed = options.seed
+    m.global_positioning.use_gpu = False
+    m.bundle_adjustment.ceres.use_gpu = False
+    m.bundle_adjustment.refine_focal_length = not options.fixed_intrinsics
+    m.bundle_adjustment.refine_extra_params = options.free_distortion and not options.fixed_intrinsics
+    m.bundle_adjustment.refine_sensor_from_rig = False
+    m.retriangulation.random_seed = options.seed
+    return pycolmap.global_mapping(database, frames, out, o)
+
+
+def retriangulate(
+    model: pycolmap.Reconstruction, database: Path, frames: Path, out: Path, options: MappingOptions
+) -> pycolmap.Reconstruction:
+    """Builds all tracks anew from every verified match, with the poses held: pairs added later join tracks here."""
+    out.mkdir(parents=True, exist_ok=True)
+    o = pipeline_options(options, frames)
+    return pycolmap.triangulate_points(model, database, frames, out, clear_points=True, options=o)
