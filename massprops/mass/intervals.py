@@ -1,0 +1,77 @@
+"""From replicates of the ten integrals to an interval on every quantity.
+
+The surface stage gives r replicates of the body's integrals and greatest length (`massprops.surface.spread` says how
+they are drawn). Here the uncertainty of the scale joins them: each replicate's lengths are multiplied by
+exp(N(0, relative_sigma)), which enters volume with the third power and inertia with the fifth. When the model unit
+is the body's own greatest length (no scale, or a length of the whole body that the user gave), every replicate is
+divided by its own length; when the scale comes from elsewhere (baseline, range, distance, marker) by the mesh's.
+
+An interval is the 5th to the 95th percentile of the replicates, stretched where needed to hold the estimate.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.mass.integrals import central_inertia, scale_integrals
+from massprops.mass.properties import MassProperties, inertia_ratios
+
+OWN_LENGTH = ("none", "given")
+"""Scale sources whose metres refer to the body's greatest length."""
+
+
+def scaled_replicates(
+    rows: np.ndarray,
+    lengths: np.ndarray,
+    length: float,
+    factor: float,
+    relative_sigma: float,
+    own_length: bool,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Replicates in final units, with the scale's uncertainty in them.
+
+    Args:
+        rows: (r, 10) integrals [SfM units].
+        lengths: (r,) greatest length of each replicate [SfM units].
+        length: greatest length of the mesh [SfM units].
+        factor: final length units per SfM unit.
+        relative_sigma: 1-sigma of the scale.
+        own_length: whether the scale is tied to the body's greatest length.
+        rng: source of the scale's draws.
+
+    Returns:
+        (r, 10) [final units].
+    """
+    drawn = factor * np.exp(relative_sigma * rng.standard_normal(len(rows)))
+    return scale_integrals(rows, drawn * (length / lengths) if own_length else drawn)
+
+
+def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) -> dict[str, list]:
+    """`interval_90` of `massprops.json`: lowest and highest value of each quantity.
+
+    Args:
+        rows: (r, 10) replicates [final units].
+        estimate: what the mesh itself gives.
+        level: share of replicates between the ends.
+    """
+    rows = rows[rows[:, 0] > 0]
+    mass, centre, inertia = central_inertia(rows, estimate.density)
+    moments = np.linalg.eigvalsh(inertia)
+    moments = np.maximum(moments, 1e-12 * moments[:, 2:])
+    ratios = inertia_ratios(moments)
+    middle = inertia_ratios(estimate.principal_moments)
+
+    def bounds(draws: np.ndarray, value: np.ndarray | float) -> list:
+        low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
+        return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
+
+    return {
+        "volume": bounds(rows[:, 0], estimate.volume),
+        "mass": bounds(mass, estimate.mass),
+        "center_of_mass": bounds(centre, estimate.center_of_mass),
+        "inertia": bounds(inertia, estimate.inertia),
+        "principal_moments": bounds(moments, estimate.principal_moments),
+        "k1": bounds(ratios[:, 0], middle[0]),
+        "k2": bounds(ratios[:, 1], middle[1]),
+    }

@@ -1,0 +1,63 @@
+"""Stage: the surface and the scale -> mass properties with intervals, and the mesh in final units."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from massprops.mass.document import document
+from massprops.mass.integrals import greatest_length, mesh_integrals
+from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates
+from massprops.mass.properties import properties_of_integrals
+from massprops.run.job import Job
+
+READS = ("surface", "scale")
+OPTIONS = ("density", "seed")
+
+
+def run(job: Job) -> dict:
+    """Writes `massprops.json` and `mesh.npz` (vertices in metres or model units, faces, observed)."""
+    surface = json.loads((job.work("surface") / "surface.json").read_text())
+    scale = json.loads((job.work("scale") / "scale.json").read_text())
+    with np.load(job.work("surface") / "surface.npz", allow_pickle=False) as z:
+        vertices, faces, observed = z["vertices"], z["faces"], z["observed"]
+        rows, lengths = z["replicate_integrals"], z["replicate_length"]
+
+    length = greatest_length(vertices)[0]
+    metric = scale.get("metres_per_unit") is not None and scale.get("source", "none") != "none"
+    factor = float(scale.get("unit_per_sfm") or 1.0 / length) * (
+        float(scale["metres_per_unit"]) if metric else 1.0
+    )
+    warnings = list(surface.get("warnings", []))
+    if not metric:
+        warnings.append(
+            "no scale: the unit is the object's greatest length; only the ratios k1, k2 and the axes are claimed "
+            "(give --scale, --distance or --marker for metres)"
+        )
+
+    final = vertices * factor
+    properties = properties_of_integrals(mesh_integrals(final, faces), job.options.density)
+    rng = np.random.default_rng([job.seed, 5])
+    own = scale.get("source", "none") in OWN_LENGTH
+    draws = scaled_replicates(
+        rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng
+    )
+    corners = final[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    described = {
+        "watertight": bool(surface["watertight"]),
+        "area": float(0.5 * np.linalg.norm(cross, axis=1).sum()),
+        "observed_fraction": float(surface["observed_fraction"]),
+    }
+    if not metric:
+        scale = {**scale, "source": "none", "metres_per_unit": None}
+    result = document(properties, intervals(draws, properties), scale, described, warnings)
+    (job.out / "massprops.json").write_text(json.dumps(result, indent=1))
+    np.savez(job.out / "mesh.npz", vertices=final, faces=faces, observed=observed)
+    return {
+        "volume": properties.volume,
+        "k1": properties.k1,
+        "k2": properties.k2,
+        "partial": surface.get("partial"),
+    }
