@@ -73,7 +73,9 @@ def opencv_camera(camera: pycolmap.Camera) -> tuple[np.ndarray, np.ndarray]:
     return K, distortion
 
 
-def to_views(model: pycolmap.Reconstruction, timestamps: dict[str, int] | None = None) -> tuple[Views, list[int]]:
+def to_views(
+    model: pycolmap.Reconstruction, timestamps: dict[str, int] | None = None
+) -> tuple[Views, list[int]]:
     """Registered images in the order of their names, and their COLMAP numbers."""
     images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda im: im.name)
     K, D, R, t, size = [], [], [], [], []
@@ -129,7 +131,9 @@ def to_points(model: pycolmap.Reconstruction, image_ids: list[int]) -> SparsePoi
     )
 
 
-def project(K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+def project(
+    K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray
+) -> np.ndarray:
     """Pixels (m, 2) of world points (m, 3), one camera per point: K (m, 3, 3), distortion (m, 4), R (m, 3, 3), t (m, 3).
 
     OpenCV's radial-tangential model.

@@ -36,8 +36,8 @@ class MappingOptions:
 
 def quiet() -> None:
     """Only errors of COLMAP reach the terminal."""
-    pycolmap.logging.minloglevel = 2
-    pycolmap.logging.logtostderr = True
+    pycolmap.logging.minloglevel = int(pycolmap.logging.Level.ERROR.value)
+    pycolmap.logging.stderrthreshold = pycolmap.logging.Level.ERROR
 
 
 def match(

@@ -86,7 +86,9 @@ def reconstruct(
         again, others, more = _attempt(footage, work / "b", options, True, progress)
         if _registered(others) > _registered(models):
             found, models, warnings, masked = again, others, more, True
-            warnings.append("only the object's own features were used: with the background fewer images fit together")
+            warnings.append(
+                "only the object's own features were used: with the background fewer images fit together"
+            )
     if _registered(models) < 3:
         raise NotPossible(
             f"only {_registered(models)} of {used} images could be placed; give more images with more overlap (under 15 "
@@ -98,7 +100,11 @@ def reconstruct(
     progress(0, 1, "adjustment")
     test = _may_distort(footage)
     accuracy, bent = refine(
-        model, options.refine, not options_map.fixed_intrinsics, test and not options_map.fixed_intrinsics, options.threads
+        model,
+        options.refine,
+        not options_map.fixed_intrinsics,
+        test and not options_map.fixed_intrinsics,
+        options.threads,
     )
     model.extract_colors_for_all_images(footage.folder / "frames", options.threads)
     views, ids = to_views(model, {f.name: f.timestamp_ns for f in footage.frames})
@@ -107,7 +113,9 @@ def reconstruct(
     turned = spread_deg(views, points)
     if turned < 5:
         what = "body turns" if footage.motion == "tumbling" else "camera moves around the object"
-        raise NotPossible(f"the {what} by {turned:.1f} degrees only, which fixes no shape; give footage that shows more sides")
+        raise NotPossible(
+            f"the {what} by {turned:.1f} degrees only, which fixes no shape; give footage that shows more sides"
+        )
     warnings += _remarks(sizes, len(views), used, turned)
     return SfmResult(model, views, points, sizes, accuracy, bent, tuple(warnings))
 
@@ -186,7 +194,8 @@ def _first_pairs(
 
 def _rig_pairs(footage: FootageRecord, names: list[str], options: SfmOptions) -> list[tuple[str, str]]:
     by_camera = {
-        c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)] for c in footage.cameras
+        c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)]
+        for c in footage.cameras
     }
     pairs = []
     for own in by_camera.values():
@@ -222,7 +231,9 @@ def _close_loops(
     order = {f.name: i for i, f in enumerate(footage.frames)}
     index = np.argsort([order[n] for n in views.names], kind="stable")
     names = [views.names[i] for i in index]
-    chosen = pairing.spread_facing(directions[index], options.loops, options.overlap + 1, options.loop_angle_deg)
+    chosen = pairing.spread_facing(
+        directions[index], options.loops, options.overlap + 1, options.loop_angle_deg
+    )
     with pycolmap.Database.open(database) as db:
         pair_ids, _ = db.read_two_view_geometry_num_inliers()
     number = {model.image(i).name: i for i in ids}
@@ -253,9 +264,15 @@ def _remarks(sizes: tuple[tuple[int, int], ...], registered: int, used: int, tur
     out = []
     if len(sizes) > 1:
         rest = ", ".join(str(n) for n, _ in sizes[1:])
-        out.append(f"the images fell into {len(sizes)} models; the largest has {registered} images, the others {rest}")
+        out.append(
+            f"the images fell into {len(sizes)} models; the largest has {registered} images, the others {rest}"
+        )
     if registered < 0.5 * used:
-        out.append(f"only {registered} of {used} images could be placed; sides seen in the others are missing")
+        out.append(
+            f"only {registered} of {used} images could be placed; sides seen in the others are missing"
+        )
     if turned < 60:
-        out.append(f"the object is seen from directions within {turned:.0f} degrees only; most of its surface is not measured")
+        out.append(
+            f"the object is seen from directions within {turned:.0f} degrees only; most of its surface is not measured"
+        )
     return out

@@ -1,0 +1,111 @@
+"""Stage: cameras and points of the footage."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.run.job import Job
+
+READS = ("capture",)
+OPTIONS = ("mapper", "sparse", "focal", "motion", "masks")
+
+
+def run(job: Job) -> dict:
+    """Writes views.npz, points.npz, sparse/ and sfm.json."""
+    from massprops.sfm.footage import read_footage
+
+    footage = read_footage(job.work("capture"))
+    if job.options.mapper not in ("incremental", "global"):
+        raise InputError(f"--mapper {job.options.mapper}: unknown; use incremental or global")
+    document = _import(job, footage) if job.options.sparse else _solve(job, footage)
+    for line in document["warnings"]:
+        job.warn(line)
+    (job.out / "sfm.json").write_text(json.dumps(document, indent=1))
+    return {
+        k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")
+    }
+
+
+def _solve(job: Job, footage) -> dict:
+    from massprops.sfm.reconstruct import SfmOptions, reconstruct
+
+    work = job.out / "tmp"
+    work.mkdir(parents=True)
+    options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=max(1, job.threads))
+    try:
+        result = reconstruct(footage, work, options, job.progress)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    result.views.save(job.out / "views.npz")
+    result.points.save(job.out / "points.npz")
+    np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
+    _write_model(result.model, job.out / "sparse")
+    rig = len(footage.cameras) > 1 and _seen_by(result.views.names) > 1
+    return {
+        "models": [{"images": n, "points": p} for n, p in result.models],
+        "given": len(footage.frames),
+        "registered": len(result.views),
+        "points": len(result.points.xyz),
+        "reprojection_error_px": _mean_error(result.points),
+        "residual_rms_px": result.precision.rms_px,
+        "focal_px": float(result.views.K[0, 0, 0]),
+        "focal_sigma_relative": _finite(result.precision.focal_relative),
+        "distortion": [float(v) for v in result.views.distortion[0]],
+        "distortion_estimated": result.distortion_estimated,
+        # the mounting of the second camera is in metres, and the adjustment keeps it
+        "scale_metres_per_unit": 1.0 if rig else None,
+        "imported": False,
+        "warnings": list(result.warnings),
+    }
+
+
+def _import(job: Job, footage) -> dict:
+    from massprops.sfm.precision import precision
+    from massprops.sfm.sparse_import import import_sparse
+
+    job.progress(0, 1, "import")
+    model, views, points, warnings = import_sparse(Path(str(job.options.sparse)), footage)
+    views.save(job.out / "views.npz")
+    points.save(job.out / "points.npz")
+    free = not all(c.focal_source == "given" for c in footage.cameras)
+    accuracy = precision(views, points, free, False, 1.0)
+    np.savez(job.out / "precision.npz", attitude=accuracy.attitude)
+    _write_model(model, job.out / "sparse")
+    job.progress(1, 1, "import")
+    return {
+        "models": [{"images": model.num_reg_images(), "points": model.num_points3D()}],
+        "given": len(footage.frames),
+        "registered": len(views),
+        "points": len(points.xyz),
+        "reprojection_error_px": _mean_error(points),
+        "residual_rms_px": _finite(accuracy.rms_px),
+        "focal_px": float(views.K[0, 0, 0]),
+        "focal_sigma_relative": _finite(accuracy.focal_relative),
+        "distortion": [float(v) for v in views.distortion[0]],
+        "distortion_estimated": bool(np.any(views.distortion)),
+        "scale_metres_per_unit": None,
+        "imported": True,
+        "warnings": warnings,
+    }
+
+
+def _write_model(model, folder: Path) -> None:
+    folder.mkdir(parents=True)
+    model.write(folder)
+
+
+def _seen_by(names: tuple[str, ...]) -> int:
+    return len({n.split("/", 1)[0] for n in names})
+
+
+def _mean_error(points) -> float | None:
+    return _finite(float(np.mean(points.error))) if len(points.error) else None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,117 @@
+"""An existing COLMAP model in place of our own structure from motion."""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from massprops.errors import InputError, NotPossible
+from massprops.sfm.convert import SparsePoints, to_points, to_views
+from massprops.sfm.footage import FootageRecord
+from massprops.views import Views
+
+
+def find_model(folder: Path) -> Path:
+    """The folder itself, or its `sparse/0`, `sparse` or `0`, that holds a COLMAP model.
+
+    Raises:
+        InputError: none of them does.
+    """
+    for place in (folder, folder / "sparse" / "0", folder / "sparse", folder / "0"):
+        if any((place / f"images.{ext}").is_file() for ext in ("bin", "txt")):
+            return place
+    raise InputError(
+        f"{folder}: no COLMAP model (cameras, images, points3D as .bin or .txt) there; give the folder of one"
+    )
+
+
+def import_sparse(
+    folder: Path, footage: FootageRecord
+) -> tuple[pycolmap.Reconstruction, Views, SparsePoints, list[str]]:
+    """Model, views, points and warnings; images are matched with the footage by name.
+
+    A name matches with or without its folder, and with or without its ending when that leaves no doubt. Cameras are
+    rescaled when the stored frames are smaller than the model's images.
+
+    Raises:
+        InputError: no model, or one that cannot be read or expressed.
+        NotPossible: fewer than three of its images belong to the footage.
+    """
+    place = find_model(folder)
+    try:
+        model = pycolmap.Reconstruction(place)
+    except Exception as error:
+        raise InputError(f"{place}: not a readable COLMAP model ({error}); export it again") from error
+    views, ids = to_views(model)
+    points = to_points(model, ids)
+    frame_of = _frame_names(footage, views.names)
+    kept = [i for i, name in enumerate(views.names) if name in frame_of]
+    if len(kept) < 3:
+        raise NotPossible(
+            f"{place}: only {len(kept)} of its {len(views)} images are in the footage; use the image names of the footage"
+        )
+    stamps = {f.name: f.timestamp_ns for f in footage.frames}
+    sizes = {f.name: next(c.size for c in footage.cameras if c.id == f.camera) for f in footage.frames}
+    order = sorted(kept, key=lambda i: frame_of[views.names[i]])
+    names = tuple(frame_of[views.names[i]] for i in order)
+    chosen = views.take(np.array(order))
+    target = np.array([sizes[n] for n in names], float)
+    factor = target / chosen.size
+    if np.any(np.abs(factor[:, 0] / factor[:, 1] - 1) > 0.01):
+        raise InputError(
+            f"{place}: its images have another shape than the footage; import the model of these images"
+        )
+    K = chosen.K.copy()
+    K[:, 0, 0] *= factor[:, 0]
+    K[:, 1, 1] *= factor[:, 1]
+    # half a pixel either way: the middle of an image stays its middle when the image is reduced
+    K[:, :2, 2] = (K[:, :2, 2] + 0.5) * factor - 0.5
+    out = replace(
+        chosen,
+        names=names,
+        K=K,
+        size=target.astype(int),
+        timestamp_ns=np.array([stamps[n] for n in names], np.int64),
+    )
+    row = np.full(len(views), -1)
+    row[order] = np.arange(len(order))
+    keep = row[points.obs_view] >= 0
+    view = row[points.obs_view[keep]]
+    uv = (points.obs_uv[keep] + 0.5) * factor[view] - 0.5
+    sorting = np.lexsort((points.obs_point[keep], view))
+    sparse = replace(
+        points,
+        obs_view=view[sorting].astype(np.int32),
+        obs_point=points.obs_point[keep][sorting],
+        obs_uv=uv[sorting],
+    )
+    warnings = []
+    if len(kept) < len(views):
+        warnings.append(
+            f"{len(views) - len(kept)} images of the imported model are not in the footage and were left out"
+        )
+    missing = len(footage.frames) - len(kept)
+    if missing:
+        warnings.append(f"{missing} frames of the footage are not in the imported model and were left out")
+    return model, out, sparse, warnings
+
+
+def _frame_names(footage: FootageRecord, names: tuple[str, ...]) -> dict[str, str]:
+    """Frame name of every model image that belongs to the footage."""
+    keys: tuple = (lambda s: s, lambda s: Path(s).name, lambda s: Path(s).stem)
+    out: dict[str, str] = {}
+    taken: set[str] = set()
+    for key in keys:
+        table: dict[str, list[str]] = {}
+        for frame in footage.frames:
+            table.setdefault(key(frame.name), []).append(frame.name)
+        for name in names:
+            match = table.get(key(name), [])
+            if name not in out and len(match) == 1 and match[0] not in taken:
+                out[name] = match[0]
+                taken.add(match[0])
+    return out
