@@ -1,0 +1,122 @@
+"""What every exporter is given: one rigid body with its mass properties and its mesh."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.mass.properties import is_physical
+
+if TYPE_CHECKING:
+    import trimesh
+
+CONVENTION = "inertia about the centre of mass in the mesh's axes, products as tensor elements (I_xy = -int x y dm)"
+
+
+@dataclass(frozen=True)
+class Body:
+    """One rigid body.
+
+    Attributes:
+        name: an identifier, letters, digits and underscores.
+        metric: lengths in metres and masses in kilograms; False in model units.
+        mass: [kg].
+        center_of_mass: (3,) in the mesh's axes [m].
+        inertia: (3, 3) about the centre of mass, mesh axes, tensor signs [kg m^2].
+        document: the whole `massprops.json`.
+        mesh: the surface, in the same axes and units.
+        run: the run folder, None when a bare mesh was given.
+    """
+
+    name: str
+    metric: bool
+    mass: float
+    center_of_mass: np.ndarray
+    inertia: np.ndarray
+    document: dict[str, Any]
+    mesh: trimesh.Trimesh
+    run: Path | None = None
+
+
+def identifier(text: str) -> str:
+    """`text` as a name that every format takes."""
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_") or "body"
+    return name if name[0].isalpha() else f"body_{name}"
+
+
+def read_body(source: str | Path, density: float = 1000.0, mass: float | None = None) -> Body:
+    """The body of a run folder, or of a mesh file filled with one density.
+
+    Args:
+        source: run folder or mesh file (taken as metres).
+        density: [kg/m^3], for a mesh file.
+        mass: measured mass [kg]; the inertia is scaled to it.
+
+    Raises:
+        InputError: no mesh there, or a mass or inertia that no body has.
+    """
+    import trimesh
+
+    source = Path(source)
+    if mass is not None and not (np.isfinite(mass) and mass > 0):
+        raise InputError(f"--mass {mass}: a body's mass is a positive number of kilograms")
+    if source.is_dir():
+        mesh_file, document_file = source / "mesh.ply", source / "massprops.json"
+        if not document_file.is_file() or not mesh_file.is_file():
+            missing = document_file.name if not document_file.is_file() else mesh_file.name
+            raise InputError(f"{source}: no {missing} in this run: finish it with 'massprops reconstruct' first")
+        document = json.loads(document_file.read_text())
+        mesh = trimesh.load(mesh_file, force="mesh", process=False)
+        run: Path | None = source
+        name = identifier(source.resolve().name)
+    elif source.is_file():
+        from massprops.mass.document import document as make_document
+        from massprops.mass.properties import mass_properties
+        from massprops.mass.repair import repair
+
+        try:
+            mesh = trimesh.load(source, force="mesh")
+        except Exception as error:
+            raise InputError(
+                f"{source}: not a mesh that can be read ({error}): give STL, OBJ, PLY, GLB or OFF"
+            ) from None
+        mesh, notes = repair(mesh)
+        surface = {"watertight": True, "area": float(mesh.area), "observed_fraction": 1.0}
+        scale = {"source": "given", "metres_per_unit": 1.0, "relative_sigma": 0.0}
+        document = make_document(mass_properties(mesh, density), {}, scale, surface, list(notes))
+        run, name = None, identifier(source.stem)
+    else:
+        raise InputError(f"{source}: no such run folder or mesh file")
+    return body_of(document, mesh, name, run, mass)
+
+
+def body_of(
+    document: dict[str, Any], mesh: trimesh.Trimesh, name: str, run: Path | None = None, mass: float | None = None
+) -> Body:
+    """A checked `Body` of a `massprops.json` document.
+
+    Raises:
+        InputError: mass not positive, or moments that break the triangle inequality.
+    """
+    try:
+        own, com, inertia = document["mass"], document["center_of_mass"], document["inertia"]
+        metric = document["units"]["length"] == "m"
+        com, inertia = np.array(com, float).reshape(3), np.array(inertia, float).reshape(3, 3)
+    except (KeyError, TypeError, ValueError):
+        raise InputError("massprops.json lacks mass, center_of_mass, inertia or units: make the run again") from None
+    if not (np.isfinite(own) and own > 0):
+        raise InputError(f"mass {own} is not a positive number: check --density, or make the run again")
+    if not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0):
+        raise InputError("inertia in massprops.json is not a finite symmetric matrix: make the run again")
+    moments = np.linalg.eigvalsh(inertia)
+    if not is_physical(moments):
+        raise InputError(f"principal moments {moments.tolist()} break the triangle inequality: no body has them")
+    if mass is not None:
+        inertia, own = inertia * (mass / own), mass
+    return Body(name, metric, float(own), com, inertia, document, mesh, run)

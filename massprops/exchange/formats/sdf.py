@@ -1,0 +1,35 @@
+"""SDFormat (Gazebo, Drake): one link.
+
+`<inertia>` is about the centre of mass in the axes of the inertial `<pose>`, products as -int x y dm, as the
+specification says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from massprops.exchange.body import CONVENTION, Body
+
+NAME = "sdf"
+SUFFIX = ".sdf"
+NEEDS_METRES = True
+MESHES = True
+
+
+def render(body: Body, meshes: Mapping[str, str]) -> str:
+    """The model as text."""
+    x, y, z = (f"{v:.17g}" for v in body.center_of_mass)
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    values = [body.inertia[i, j] for i in range(3) for j in range(i, 3)]
+    inertia = "".join(f"          <{n}>{v:.17g}</{n}>\n" for n, v in zip(names, values, strict=True))
+    shapes = "".join(
+        f'      <{tag} name="{tag}">\n        <geometry><mesh><uri>{meshes[tag]}</uri></mesh></geometry>\n      </{tag}>\n'
+        for tag in ("visual", "collision")
+        if tag in meshes
+    )
+    return (
+        f'<?xml version="1.0"?>\n<!-- {CONVENTION}; SI units -->\n<sdf version="1.9">\n  <model name="{body.name}">\n'
+        f'    <link name="{body.name}">\n      <inertial>\n        <pose>{x} {y} {z} 0 0 0</pose>\n'
+        f"        <mass>{body.mass:.17g}</mass>\n        <inertia>\n{inertia}        </inertia>\n      </inertial>\n"
+        f"{shapes}    </link>\n  </model>\n</sdf>\n"
+    )
