@@ -14,6 +14,8 @@ from massprops.sequence.data import (
     Sequence,
     Tracks,
 )
+from massprops.sequence.read import read_sequence
+from massprops.sequence.write import write_sequence
 
 __all__ = [
     "AttitudeSeries",
@@ -25,4 +27,6 @@ __all__ = [
     "RateSeries",
     "Sequence",
     "Tracks",
+    "read_sequence",
+    "write_sequence",
 ]

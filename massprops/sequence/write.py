@@ -1,0 +1,147 @@
+"""Writes a sequence folder, and the truth beside it for simulated ones."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprops.sequence.data import Body, Camera, Environment, Sequence
+from massprops.sequence.table import table_text
+
+CSV_RATES = "#timestamp [ns],w_x [rad s^-1],w_y [rad s^-1],w_z [rad s^-1]"
+
+
+def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any] | None = None) -> Path:
+    """Writes everything of `sequence` that is not None.
+
+    Images named in `Camera.images` are listed in `camN/data.csv` by file name and expected in `camN/data/`.
+
+    Args:
+        folder: made when it is not there.
+        sequence: what to write.
+        truth: `truth.yaml`'s content; its keys `timestamp_ns` (n,), `position` (n, 3) [m], `q` (n, 4) and `w` (n, 3)
+            [rad/s] go to `state_groundtruth_estimate0/data.csv` instead.
+    """
+    folder = Path(folder)
+    for number, camera in sequence.cameras.items():
+        _yaml(folder / f"cam{number}" / "sensor.yaml", camera_yaml(camera))
+        if camera.images:
+            rows = [f"{stamp},{path.name}" for stamp, path in camera.images]
+            _text(folder / f"cam{number}" / "data.csv", table_text("#timestamp [ns],filename", rows))
+    if (tracks := sequence.tracks) is not None:
+        rows = [
+            f"{t},{c},{f},{u:.9g},{v:.9g}"
+            for t, c, f, (u, v) in zip(
+                tracks.timestamp_ns.tolist(),
+                tracks.camera.tolist(),
+                tracks.feature.tolist(),
+                tracks.uv.tolist(),
+                strict=True,
+            )
+        ]
+        _text(folder / "tracks0/data.csv", table_text("#timestamp [ns],camera,feature,u [px],v [px]", rows))
+    if (series := sequence.range) is not None:
+        _numbers(folder / "range0/data.csv", "#timestamp [ns],range [m]", series.timestamp_ns, series.range_m[:, None])
+        _yaml(folder / "range0/sensor.yaml", {"sensor_type": "range", "sigma_m": series.sigma_m})
+    if (rates := sequence.rates) is not None:
+        _numbers(folder / "imu0/data.csv", CSV_RATES, rates.timestamp_ns, rates.w)
+        if rates.sigma is not None:
+            _yaml(folder / "imu0/sensor.yaml", {"sensor_type": "imu", "sigma_rad_s": rates.sigma})
+    if (attitude := sequence.attitude) is not None:
+        header = "#timestamp [ns],q_w [],q_x [],q_y [],q_z [],sigma [rad]"
+        _numbers(
+            folder / "attitude0/data.csv", header, attitude.timestamp_ns, np.column_stack([attitude.q, attitude.sigma])
+        )
+    if sequence.body is not None:
+        _yaml(folder / "body.yaml", body_yaml(sequence.body))
+    _yaml(folder / "environment.yaml", environment_yaml(sequence.environment))
+    if truth is not None:
+        _truth(folder / "truth", dict(truth))
+    return folder
+
+
+def camera_yaml(camera: Camera) -> dict[str, Any]:
+    """`camN/sensor.yaml`."""
+    content: dict[str, Any] = {
+        "sensor_type": "camera",
+        "resolution": [int(v) for v in camera.resolution],
+        "camera_model": "pinhole",
+        "intrinsics": np.asarray(camera.intrinsics, float).tolist(),
+        "distortion_model": "radial-tangential",
+        "distortion_coefficients": np.asarray(camera.distortion, float).tolist(),
+        "T_BS": {"rows": 4, "cols": 4, "data": np.asarray(camera.T_BS, float).ravel().tolist()},
+    }
+    if camera.sigma_px is not None:
+        content["sigma_px"] = float(camera.sigma_px)
+    if camera.rate_hz is not None:
+        content["rate_hz"] = float(camera.rate_hz)
+    return content
+
+
+def body_yaml(body: Body) -> dict[str, Any]:
+    """`body.yaml`."""
+    return {
+        "inertia": np.asarray(body.inertia, float).tolist(),
+        "inertia_units": body.inertia_units,
+        "mass_kg": body.mass_kg,
+        "centre_of_mass_m": None
+        if body.centre_of_mass_m is None
+        else np.asarray(body.centre_of_mass_m, float).tolist(),
+        "source": body.source,
+        "inertia_sigma": body.inertia_sigma,
+    }
+
+
+def environment_yaml(environment: Environment) -> dict[str, Any]:
+    """`environment.yaml`."""
+
+    def vector(v: np.ndarray | None) -> list[float] | None:
+        return None if v is None else np.asarray(v, float).tolist()
+
+    orbit = environment.orbit
+    return {
+        "chaser_attitude": environment.chaser_attitude,
+        "orbit": None
+        if orbit is None
+        else {
+            "mu_m3_s2": float(orbit.mu_m3_s2),
+            "semi_major_axis_m": float(orbit.semi_major_axis_m),
+            "eccentricity": float(orbit.eccentricity),
+            "true_anomaly_rad": float(orbit.true_anomaly_rad),
+            "R_inertial_perifocal": np.asarray(orbit.R_inertial_perifocal, float).tolist(),
+        },
+        "sun_direction": vector(environment.sun_direction),
+        "magnetic_field_T": vector(environment.magnetic_field_T),
+    }
+
+
+def _truth(folder: Path, truth: dict[str, Any]) -> None:
+    stamp = truth.pop("timestamp_ns", None)
+    if stamp is not None:
+        columns = np.column_stack([truth.pop("position"), truth.pop("q"), truth.pop("w")])
+        header = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []," + CSV_RATES.split(",", 1)[1]
+        _numbers(folder / "state_groundtruth_estimate0/data.csv", header, stamp, columns)
+    _yaml(folder / "truth.yaml", truth)
+
+
+def _numbers(path: Path, header: str, stamp: np.ndarray, values: np.ndarray) -> None:
+    rows = [
+        ",".join([str(t), *(f"{v:.17g}" for v in row)]) for t, row in zip(stamp.tolist(), values.tolist(), strict=True)
+    ]
+    _text(path, table_text(header, rows))
+
+
+def _yaml(path: Path, content: dict[str, Any]) -> None:
+    import yaml
+
+    _text(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+
+
+def _text(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
