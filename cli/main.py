@@ -1,8 +1,137 @@
-"""The command `massprops`."""
+"""The command `massprops`: finds the command's file and turns errors into one line and an exit code."""
 
 from __future__ import annotations
 
+import os
+import sys
+from importlib import import_module
+from typing import Any
+
+import typer
+import typer.core
+
+from massprops.errors import MasspropsError
+
+COMMANDS = {
+    "reconstruct": "From footage to mesh, volume, centre of mass and inertia.",
+    "estimate": "Motion and inertia ratios from the tracks of a sequence.",
+    "crosscheck": "The mesh's inertia against every estimator on the same sequence.",
+    "diagnose": "Where simulation and measurement disagree, and which effect is missing.",
+    "compare": "A run or mesh against a CAD mesh.",
+    "mass": "Mass properties, report and exports from a finished mesh.",
+    "export": "Mass properties for a filter or a simulator.",
+    "simulate": "A tumbling body with known truth, rendered or tracked.",
+    "campaign": "Many runs, on this machine or a cluster.",
+    "reproduce": "The tables of the five papers, ours beside theirs.",
+    "view": "The report in the browser.",
+    "doctor": "What is installed, what is missing, and what to type.",
+}
+
+
+class Lazy(typer.core.TyperGroup):
+    """Imports a command's file only when that command is called, so that `--help` answers at once."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [name for name in COMMANDS if _exists(name)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in COMMANDS or not _exists(cmd_name):
+            return None
+        if ctx.resilient_parsing or getattr(ctx, "_listing", False):
+            return None
+        return load(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name]) for name in self.list_commands(ctx)])
+
+
+def _exists(name: str) -> bool:
+    from importlib.util import find_spec
+
+    return find_spec(f"massprops_cli.{name}") is not None
+
+
+def load(name: str) -> Any:
+    """The click command of one file."""
+    function = import_module(f"massprops_cli.{name}").command
+    single = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    single.command(name)(function)
+    command = typer.main.get_command(single)
+    command.name = name
+    return command
+
+
+def app() -> Any:
+    """The whole command group."""
+    group = typer.Typer(
+        cls=Lazy,
+        add_completion=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        no_args_is_help=True,
+        help="Mass properties of an object from a video of it, and from the way it moves.",
+        epilog="Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42",
+    )
+
+    @group.callback(invoke_without_command=True)
+    def base(
+        ctx: typer.Context,
+        version: bool = typer.Option(False, "--version", help="Print the version."),
+    ) -> None:
+        if version:
+            import massprops
+
+            typer.echo(f"massprops {massprops.__version__}")
+            raise typer.Exit
+        if ctx.invoked_subcommand is None:
+            typer.echo(ctx.get_help())
+            raise typer.Exit
+
+    return typer.main.get_command(group)
+
 
 def main() -> None:
-    """Entry point."""
-    raise SystemExit("massprops: no command yet")
+    """Entry point: exit codes 0 done, 2 wrong input, 3 in part, 130 interrupted."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Runs one command line; never a traceback."""
+    import click
+
+    try:
+        status = app().main(args=arguments, prog_name="massprops", standalone_mode=False)
+        return int(status) if isinstance(status, int) else 0
+    except MasspropsError as error:
+        _say(str(error))
+        return error.exit_code
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        _say("interrupted: the same command continues where it stood")
+        return 130
+    except click.ClickException as error:
+        hint = getattr(error, "ctx", None)
+        _say(error.format_message() + (f" (see '{hint.command_path} --help')" if hint else ""))
+        return 2
+    except BrokenPipeError:
+        return 0
+    except OSError as error:
+        _say(f"{error.filename or 'file'}: {error.strerror or error}")
+        return 2
+    except Exception as error:
+        _say(
+            f"unexpected {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''} (set MASSPROPS_DEBUG=1 to see where)"
+        )
+        if os.environ.get("MASSPROPS_DEBUG"):
+            raise
+        return 3
+
+
+def _say(text: str) -> None:
+    print("massprops: " + " ".join(text.split()), file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

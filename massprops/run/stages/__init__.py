@@ -1,1 +1,20 @@
-"""One file per stage of a reconstruction."""
+"""One file per stage of a reconstruction, in the order in which they run.
+
+A stage file declares READS (stages whose folders it reads), OPTIONS (fields of `ReconstructOptions` that it depends
+on) and `run(job) -> dict` of small facts for `run.yaml`. It writes into `job.out` only.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
+ORDER = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "sequence", "publish", "report")
+
+ALWAYS = ("publish", "report")
+"""Stages that run on whatever there is, even when an earlier one could not finish."""
+
+
+def load_stage(name: str, package: str = __name__) -> ModuleType:
+    """The module of one stage."""
+    return import_module(f"{package}.{name}")

@@ -26,9 +26,7 @@ def run(job: Job) -> dict:
 
     length = greatest_length(vertices)[0]
     metric = scale.get("metres_per_unit") is not None and scale.get("source", "none") != "none"
-    factor = float(scale.get("unit_per_sfm") or 1.0 / length) * (
-        float(scale["metres_per_unit"]) if metric else 1.0
-    )
+    factor = float(scale.get("unit_per_sfm") or 1.0 / length) * (float(scale["metres_per_unit"]) if metric else 1.0)
     warnings = list(surface.get("warnings", []))
     if not metric:
         warnings.append(
@@ -40,9 +38,7 @@ def run(job: Job) -> dict:
     properties = properties_of_integrals(mesh_integrals(final, faces), job.options.density)
     rng = np.random.default_rng([job.seed, 5])
     own = scale.get("source", "none") in OWN_LENGTH
-    draws = scaled_replicates(
-        rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng
-    )
+    draws = scaled_replicates(rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng)
     corners = final[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     described = {

@@ -1,0 +1,96 @@
+"""`massprops reconstruct`: from footage to mass properties."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    source: Annotated[Path, typer.Argument(metavar="INPUT", help="Video, folder of images, or sequence folder.")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="Run folder; the same command continues an interrupted run.")
+    ],
+    motion: Annotated[
+        str, typer.Option(help="auto, tumbling (body moves, camera still) or static (camera moves).")
+    ] = "auto",
+    masks: Annotated[
+        Path | None, typer.Option(help="Silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.")
+    ] = None,
+    frames: Annotated[int, typer.Option(help="Most frames used per camera.")] = 120,
+    max_size: Annotated[int, typer.Option(help="Longer side to which images are reduced [px].")] = 1280,
+    focal: Annotated[float | None, typer.Option(help="Focal length of the source images, when known [px].")] = None,
+    mapper: Annotated[str, typer.Option(help="incremental or global.")] = "incremental",
+    sparse: Annotated[Path | None, typer.Option(help="Existing COLMAP model to use in place of our own.")] = None,
+    dense_views: Annotated[int, typer.Option(help="Most reference views of the dense stereo; 0: chosen.")] = 0,
+    density: Annotated[float, typer.Option(help="Constant density [kg/m^3].")] = 1000.0,
+    scale: Annotated[
+        float | None,
+        typer.Option(help="Metres per model unit; a model unit is the object's greatest length, so: its length [m]."),
+    ] = None,
+    scale_sigma: Annotated[float, typer.Option(help="Relative 1-sigma of a given length.")] = 0.0,
+    distance: Annotated[
+        tuple[str, str, float] | None,
+        typer.Option(
+            metavar="A B METRES", help="Distance between two points, each 'x,y,z' in model units or a picked name."
+        ),
+    ] = None,
+    marker: Annotated[
+        str | None,
+        typer.Option(help="ArUco DICTIONARY:SIDE_METRES or ChArUco DICTIONARY:COLSxROWS:SQUARE_METRES in view."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of every random draw.")] = 0,
+    threads: Annotated[int, typer.Option(help="Processor threads; 0: all.")] = 0,
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+) -> int:
+    """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
+
+    Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42
+    """
+    import json
+
+    from massprops_cli.progress import StageProgress
+    from massprops_cli.table import mass_table
+
+    from massprops.run.reconstruct import reconstruct
+
+    with StageProgress(quiet) as watch:
+        run = reconstruct(
+            source,
+            out,
+            watch,
+            motion=motion,
+            masks=str(masks) if masks else None,
+            frames=frames,
+            max_size=max_size,
+            focal=focal,
+            mapper=mapper,
+            sparse=str(sparse) if sparse else None,
+            dense_views=dense_views,
+            density=density,
+            scale=scale,
+            scale_sigma=scale_sigma,
+            distance=distance,
+            marker=marker,
+            seed=seed,
+            threads=threads,
+        )
+    for warning in run.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    if run.exit_code:
+        typer.echo(f"massprops: {' '.join(run.reason.split())}", err=True)
+    if (run.folder / "massprops.json").is_file() and not run.exit_code:
+        if json_output:
+            typer.echo(json.dumps(run.properties))
+        else:
+            typer.echo(mass_table(run.properties))
+    elif json_output:
+        typer.echo(json.dumps({"exit_code": run.exit_code, "reason": run.reason}))
+    if not json_output:
+        typer.echo(f"report: {run.folder / 'report.html'}")
+    return run.exit_code

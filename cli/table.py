@@ -1,0 +1,36 @@
+"""Mass properties as a table for the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def mass_table(document: dict[str, Any]) -> str:
+    """A few lines: value, 90 % interval and unit of every quantity that the run claims."""
+    metric = document["units"]["length"] == "m"
+    length, mass = ("m", "kg") if metric else ("unit", "model mass")
+    interval = document.get("interval_90", {})
+
+    def line(name: str, value: float, bounds: Any, unit: str) -> str:
+        between = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
+        return f"  {name:<22}{value:>14.6g}  {between:<28}{unit}"
+
+    rows = [f"  {'':<22}{'value':>14}  {'90 % interval':<28}unit"]
+    rows.append(line("volume", document["volume"], interval.get("volume"), f"{length}^3"))
+    rows.append(line("mass", document["mass"], interval.get("mass"), mass))
+    centre = interval.get("center_of_mass") or [None] * 3
+    for axis, value, bounds in zip("xyz", document["center_of_mass"], centre, strict=True):
+        rows.append(line(f"centre of mass {axis}", value, bounds, length))
+    for i, value in enumerate(document["principal_moments"]):
+        bounds = (interval.get("principal_moments") or [None] * 3)[i]
+        rows.append(line(f"principal moment I{i + 1}", value, bounds, f"{mass} {length}^2"))
+    for k, meaning in (("k1", "ln(I1/I2)"), ("k2", "ln(I2/I3)")):
+        rows.append(line(f"{k} = {meaning}", document["inertia_ratios"][k], interval.get(k), ""))
+    surface, scale = document["surface"], document["scale"]
+    rows.append(f"  measured surface      {100 * (surface.get('observed_fraction') or 0):13.1f} %")
+    rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3")
+    if metric:
+        rows.append(f"  scale from {scale['source']}, one sigma {100 * (scale.get('relative_sigma') or 0):.2g} %")
+    else:
+        rows.append("  no scale given: model units (1 unit = the object's greatest length); only ratios are claimed")
+    return "\n".join(rows)

@@ -1,0 +1,96 @@
+"""A stage in a process of its own: `python -m massprops.run.child REQUEST.json`, progress on a pipe.
+
+A crash of a native library is then a message, its memory goes back, and the stage can be run again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from massprops.errors import MasspropsError
+from massprops.run.files import plain
+from massprops.run.job import Job, ReconstructOptions
+from massprops.run.stages import load_stage
+
+
+def main() -> int:
+    """Runs the requested stage; the last line on the pipe is its result."""
+    _die_with_parent()
+    request = json.loads(Path(sys.argv[1]).read_text())
+    pipe = os.fdopen(int(os.environ["MASSPROPS_PIPE"]), "w", buffering=1)
+
+    def say(content: dict[str, Any]) -> None:
+        pipe.write(json.dumps(plain(content)) + "\n")
+
+    last = [0.0]
+
+    def progress(done: int, total: int, what: str = "") -> None:
+        now = time.monotonic()
+        if now - last[0] > 0.1 or done == total:
+            last[0] = now
+            say({"progress": [int(done), int(total), str(what)]})
+
+    options = request["options"]
+    if options.get("distance") is not None:
+        options["distance"] = tuple(options["distance"])
+    job = Job(
+        run=Path(request["run"]),
+        options=ReconstructOptions(**options),
+        out=Path(request["out"]),
+        progress=progress,
+        seed=request["seed"],
+        threads=request["threads"],
+    )
+    try:
+        facts = load_stage(request["stage"], request["package"]).run(job)
+        say({"facts": facts or {}, "warnings": job.notes})
+    except MasspropsError as error:
+        say({"error": str(error), "exit_code": error.exit_code, "warnings": job.notes})
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EACCES, errno.EROFS, errno.EDQUOT):
+            return _unexpected(say, error, job)
+        say(
+            {
+                "error": f"{error.filename or job.out}: {error.strerror}: free some space or choose another -o",
+                "exit_code": 2,
+            }
+        )
+    except MemoryError:
+        say(
+            {
+                "error": "not enough memory: fewer --frames or a smaller --max-size",
+                "exit_code": 3,
+                "warnings": job.notes,
+            }
+        )
+    except Exception as error:
+        return _unexpected(say, error, job)
+    return 0
+
+
+def _unexpected(say, error: Exception, job: Job) -> int:  # type: ignore[no-untyped-def]
+    traceback.print_exc()
+    say({"error": f"{type(error).__name__}: {error}".splitlines()[0], "unexpected": True, "warnings": job.notes})
+    return 1
+
+
+def _die_with_parent() -> None:
+    """Asks the kernel to end this process with its parent (Linux), so that a killed run leaves nothing at work."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    status = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)  # native libraries have crashed in their own clean-up, with the work long done

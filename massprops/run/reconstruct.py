@@ -1,0 +1,139 @@
+"""`massprops reconstruct`: from footage to a run folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from massprops.errors import InputError
+from massprops.run.files import hash_input, locked
+from massprops.run.job import ReconstructOptions
+from massprops.run.runner import Watch, run_stages
+
+if TYPE_CHECKING:
+    import trimesh
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished or stopped run.
+
+    Attributes:
+        folder: the run folder.
+        exit_code: 0 done, 2 wrong input, 3 in part.
+        reason: why it is not 0.
+        warnings: one line each.
+        stages: per stage: seconds, cpu_seconds, peak_memory_mb, facts.
+    """
+
+    folder: Path
+    exit_code: int = 0
+    reason: str = ""
+    warnings: list[str] = field(default_factory=list)
+    stages: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def properties(self) -> dict[str, Any]:
+        """`massprops.json`.
+
+        Raises:
+            InputError: the run has none.
+        """
+        path = self.folder / "massprops.json"
+        if not path.is_file():
+            raise InputError(f"{self.folder}: no massprops.json in this run: {self.reason or 'finish it first'}")
+        return json.loads(path.read_text())
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """`mesh.ply`, in the units of `properties`."""
+        import trimesh
+
+        path = self.folder / "mesh.ply"
+        if not path.is_file():
+            raise InputError(f"{self.folder}: no mesh.ply in this run: {self.reason or 'finish it first'}")
+        return trimesh.load(path, force="mesh", process=False)
+
+
+RANGES = {
+    "frames": (3, 5000, "frames"),
+    "max_size": (160, 8000, "pixels"),
+    "dense_views": (0, 2000, "views"),
+    "threads": (0, 1024, "threads"),
+    "focal": (10.0, 1e6, "pixels"),
+    "density": (1e-6, 1e9, "kg/m^3"),
+    "scale": (1e-9, 1e9, "metres per model unit"),
+    "scale_sigma": (0.0, 0.5, "relative, one sigma"),
+    "seed": (0, 2**31 - 1, ""),
+}
+
+
+def checked_options(source: str | Path, options: dict[str, Any]) -> ReconstructOptions:
+    """Options with every value in its range.
+
+    Raises:
+        InputError: no such source, an unknown option, or a value out of range.
+    """
+    source = Path(source)
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder: give a video, a folder of images or a sequence folder")
+    known = {f.name for f in fields(ReconstructOptions)}
+    for name in options:
+        if name not in known:
+            raise InputError(f"{name}: no such option; there are {', '.join(sorted(known - {'source'}))}")
+    for name, (low, high, unit) in RANGES.items():
+        value = options.get(name)
+        if value is not None and not low <= value <= high:
+            raise InputError(
+                f"--{name.replace('_', '-')} {value}: give a value from {low:g} to {high:g} {unit}".rstrip()
+            )
+    for name, allowed in (("motion", ("auto", "tumbling", "static")), ("mapper", ("incremental", "global"))):
+        if options.get(name, allowed[0]) not in allowed:
+            raise InputError(f"--{name} {options[name]}: give one of {', '.join(allowed)}")
+    for name in ("masks", "sparse"):
+        if options.get(name) is not None:
+            folder = Path(options[name])
+            if not folder.is_dir():
+                raise InputError(f"--{name} {folder}: no such folder")
+            options[name] = str(folder.resolve())
+    if options.get("distance") is not None and not options["distance"][2] > 0:
+        raise InputError(f"--distance: {options['distance'][2]} is not a length above 0 metres")
+    return ReconstructOptions(source=str(source.resolve()), **options)
+
+
+def reconstruct(source: str | Path, out: str | Path, watch: Watch | None = None, **options: Any) -> Run:
+    """From a video, a folder of images or a sequence folder to a run folder.
+
+    Args:
+        source: the footage.
+        out: the run folder; an interrupted or older run there is continued.
+        watch: told of progress.
+        options: fields of `ReconstructOptions`.
+
+    Returns:
+        the run; its `exit_code` is 3 when the data did not give everything, with the reason.
+
+    Raises:
+        InputError: the input or an option is wrong.
+
+    Example:
+        >>> run = massprops.reconstruct("video.mp4", "runs/one", scale=0.42)  # doctest: +SKIP
+        >>> run.properties["volume"], run.properties["interval_90"]["volume"]  # doctest: +SKIP
+    """
+    chosen = checked_options(source, options)
+    run = Path(out).resolve()
+    origin = Path(chosen.source)
+    if run == origin or origin in run.parents and origin.is_dir() and run.parent == origin:
+        raise InputError(f"{out}: the run folder must not be the footage or lie directly in it: choose another -o")
+    with locked(run):
+        inputs = hash_input(origin)
+        for extra in (chosen.masks, chosen.sparse):
+            if extra is not None:
+                inputs.update({f"{Path(extra).name}/{k}": v for k, v in hash_input(Path(extra)).items()})
+        outcome = run_stages(run, chosen, inputs, watch)
+    if outcome.exit_code == 2:
+        raise InputError(outcome.reason)
+    return Run(run, outcome.exit_code, outcome.reason, outcome.warnings, outcome.stages)

@@ -1,0 +1,176 @@
+"""Stage `publish`: the run's public files, whole, in final units, from what the stages left."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprops.run.files import replace_folder, write_json, write_whole
+from massprops.run.job import Job
+
+READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "sequence")
+OPTIONS = ()
+
+FILLED = (214, 48, 49, 255)
+MEASURED = (178, 186, 194, 255)
+
+
+def run(job: Job) -> dict:
+    """Writes what there is; a stopped run gets the files of the stages that were done."""
+    scale = _read(job.work("scale") / "scale.json") or {}
+    factor = float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)
+    done = []
+    for name, publish in (
+        ("mass", _document),
+        ("surface", _mesh),
+        ("dense", _cloud),
+        ("sfm", _sparse),
+        ("silhouettes", _masks),
+        ("sequence", _sequence),
+    ):
+        job.progress(len(done), 6, name)
+        if job.work(name).is_dir() and publish(job, factor):
+            done.append(name)
+    return {"published": done, "metres_per_sfm_unit": factor}
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    return json.loads(path.read_text()) if path.is_file() else None
+
+
+def _document(job: Job, factor: float) -> bool:
+    document = _read(job.work("mass") / "massprops.json")
+    if document is None:
+        return False
+    footage, sfm = _read(job.work("capture") / "footage.json") or {}, _read(job.work("sfm") / "sfm.json") or {}
+    document["images"] = {
+        "given": footage.get("given", len(footage.get("frames", []))),
+        "used": footage.get("used", len(footage.get("frames", []))),
+        "registered": sfm.get("registered"),
+    }
+    warnings = [*footage.get("warnings", []), *sfm.get("warnings", []), *document.get("warnings", [])]
+    document["warnings"] = list(dict.fromkeys(warnings))
+    write_json(job.run / "massprops.json", document)
+    return True
+
+
+def _mesh(job: Job, factor: float) -> bool:
+    import trimesh
+
+    path = job.work("surface") / "surface.npz"
+    if not path.is_file():
+        return False
+    with np.load(path, allow_pickle=False) as z:
+        vertices, faces, observed = z["vertices"] * factor, z["faces"], z["observed"].astype(bool)
+    colours = np.where(observed[:, None], MEASURED, FILLED).astype(np.uint8)
+    write_whole(job.run / "mesh.ply", mesh_ply(vertices, faces, observed, colours))
+    mesh = trimesh.Trimesh(vertices, faces, process=False, face_colors=colours)
+    write_whole(job.run / "mesh.glb", mesh.export(file_type="glb"))
+    return True
+
+
+def mesh_ply(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, colours: np.ndarray) -> bytes:
+    """A binary PLY with double coordinates and, per face, its colour and whether it was measured (`observed`).
+
+    Args:
+        vertices: (v, 3).
+        faces: (f, 3).
+        observed: (f,) bool.
+        colours: (f, 4) uint8.
+    """
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment observed: 1 measured, 0 filled in\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar alpha\n"
+        "property uchar observed\nend_header\n"
+    )
+    row = np.zeros(len(faces), dtype=[("n", "u1"), ("v", "<i4", 3), ("rgba", "u1", 4), ("observed", "u1")])
+    row["n"], row["v"], row["rgba"], row["observed"] = 3, faces, colours, observed
+    return header.encode() + np.asarray(vertices, "<f8").tobytes() + row.tobytes()
+
+
+def _cloud(job: Job, factor: float) -> bool:
+    path = job.work("dense") / "points.npz"
+    if not path.is_file():
+        return False
+    with np.load(path, allow_pickle=False) as z:
+        xyz, normal, rgb = z["xyz"] * factor, z["normal"], z["rgb"]
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(xyz)}\n"
+        + "".join(f"property float {p}\n" for p in ("x", "y", "z", "nx", "ny", "nz"))
+        + "".join(f"property uchar {p}\n" for p in ("red", "green", "blue"))
+        + "end_header\n"
+    )
+    row = np.zeros(len(xyz), dtype=[("p", "<f4", 3), ("n", "<f4", 3), ("c", "u1", 3)])
+    row["p"], row["n"], row["c"] = xyz, normal, rgb
+    write_whole(job.run / "cloud.ply", header.encode() + row.tobytes())
+    return True
+
+
+def _sparse(job: Job, factor: float) -> bool:
+    import zlib  # noqa: F401  (before pycolmap: see the package's __init__)
+
+    import pycolmap
+
+    source = job.work("sfm") / "sparse"
+    if not source.is_dir():
+        return False
+    model = pycolmap.Reconstruction(source)
+    model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
+    target = job.out / "sparse"
+    target.mkdir()
+    model.write(target)
+    replace_folder(target, job.run / "sparse")
+    return True
+
+
+def _masks(job: Job, factor: float) -> bool:
+    source = job.work("silhouettes") / "masks"
+    if not source.is_dir():
+        return False
+    shutil.copytree(source, job.out / "masks")
+    replace_folder(job.out / "masks", job.run / "masks")
+    return True
+
+
+def _sequence(job: Job, factor: float) -> bool:
+    source = job.work("sequence") / "sequence"
+    if not source.is_dir():
+        return False
+    from massprops.sequence.data import Body
+    from massprops.sequence.write import body_yaml
+
+    shutil.copytree(source, job.out / "sequence", symlinks=True)
+    document = _read(job.run / "massprops.json")
+    if document is not None and not (job.out / "sequence" / "body.yaml").is_file():
+        import yaml
+
+        metric = document["units"]["length"] == "m"
+        body = Body(
+            inertia=np.array(document["inertia"]),
+            inertia_units="kg m^2" if metric else "ratio",
+            mass_kg=document["mass"] if metric else None,
+            centre_of_mass_m=np.array(document["center_of_mass"]) if metric else None,
+            source=f"mesh, constant density {document['density']:g} kg m^-3",
+            inertia_sigma=_relative_sigma(document),
+        )
+        (job.out / "sequence" / "body.yaml").write_text(yaml.safe_dump(body_yaml(body), sort_keys=False))
+    replace_folder(job.out / "sequence", job.run / "sequence")
+    return True
+
+
+def _relative_sigma(document: dict[str, Any]) -> float | None:
+    """One sigma of the moments, relative, from their 90 % intervals; None when there are none."""
+    bounds = document.get("interval_90", {}).get("principal_moments")
+    if not bounds:
+        return None
+    halves = [
+        (high - low) / (2 * 1.645 * value)
+        for (low, high), value in zip(bounds, document["principal_moments"], strict=True)
+    ]
+    return float(np.mean(halves))
