@@ -28,6 +28,10 @@ COMMANDS = {
 }
 
 
+USAGE = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+"""What typer raises for a command line it cannot read, whichever click it carries."""
+
+
 class Lazy(typer.core.TyperGroup):
     """Imports a command's file only when that command is called, so that `--help` answers at once."""
 
@@ -98,20 +102,18 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Runs one command line; never a traceback."""
-    import click
-
     try:
         status = app().main(args=arguments, prog_name="massprops", standalone_mode=False)
         return int(status) if isinstance(status, int) else 0
     except MasspropsError as error:
         _say(str(error))
         return error.exit_code
-    except click.exceptions.Exit as stop:
+    except typer.Exit as stop:
         return stop.exit_code
-    except (click.exceptions.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt):
         _say("interrupted: the same command continues where it stood")
         return 130
-    except click.ClickException as error:
+    except USAGE as error:
         hint = getattr(error, "ctx", None)
         _say(error.format_message() + (f" (see '{hint.command_path} --help')" if hint else ""))
         return 2
