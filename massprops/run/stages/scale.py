@@ -1,0 +1,86 @@
+"""Stage: metres per model unit, from whatever the footage or the user gives."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from massprops.run.job import Job
+
+READS = ("capture", "sfm", "surface")
+OPTIONS = ("scale", "scale_sigma", "distance", "marker")
+
+
+def run(job: Job) -> dict:
+    """Writes scale.json."""
+    from massprops.sfm.convert import SparsePoints
+    from massprops.sfm.footage import read_footage
+    from massprops.sfm.scale import ScaleInputs, find_scale, greatest_length
+    from massprops.views import Views
+
+    job.progress(0, 1, "scale")
+    with np.load(job.work("surface") / "surface.npz", allow_pickle=False) as z:
+        vertices, faces = z["vertices"], z["faces"]
+    sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
+    footage = read_footage(job.work("capture"))
+    o = job.options
+    inputs = ScaleInputs(
+        length=greatest_length(vertices),
+        views=Views.load(job.work("sfm") / "views.npz"),
+        points=SparsePoints.load(job.work("sfm") / "points.npz"),
+        centre_of_mass=_centre(vertices, faces),
+        frames=job.work("capture") / "frames",
+        range=_range(Path(o.source)) if footage.motion == "tumbling" else None,
+        rig_metres=sfm.get("scale_metres_per_unit"),
+        rig_focal_sigma=float(sfm.get("focal_sigma_relative") or 0.0),
+        given=o.scale,
+        given_sigma=o.scale_sigma,
+        distance=o.distance,
+        named=_named(Path(o.source)),
+        marker=o.marker,
+    )
+    scale = find_scale(inputs)
+    for line in scale.warnings:
+        job.warn(line)
+    document = scale.document()
+    (job.out / "scale.json").write_text(json.dumps(document, indent=1))
+    job.progress(1, 1, "scale")
+    return {k: document[k] for k in ("source", "metres_per_unit", "relative_sigma")}
+
+
+def _centre(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(3,) centre of mass at constant density: signed tetrahedra from a point near the surface."""
+    base = vertices.mean(0)
+    a, b, c = (vertices[faces[:, k]] - base for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return base + (volume[:, None] * (a + b + c)).sum(0) / (4 * volume.sum())
+
+
+def _range(source: Path):
+    if not (source / "range0" / "data.csv").is_file():
+        return None
+    from massprops.sequence.read import read_sequence
+
+    return read_sequence(source).range
+
+
+def _named(source: Path) -> dict[str, np.ndarray]:
+    """`points.csv` beside the images: name,x,y,z in model units, written when points are picked."""
+    path = source / "points.csv"
+    if not path.is_file():
+        return {}
+    from massprops.errors import InputError
+
+    named = {}
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        if line.strip() and not line.startswith("#"):
+            try:
+                name, x, y, z = (part.strip() for part in line.split(","))
+                named[name] = np.array([float(x), float(y), float(z)])
+            except ValueError as error:
+                raise InputError(
+                    f"{path}:{number}: not a picked point; write name,x,y,z in model units"
+                ) from error
+    return named
