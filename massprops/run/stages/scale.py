@@ -15,9 +15,10 @@ OPTIONS = ("scale", "scale_sigma", "distance", "marker")
 
 def run(job: Job) -> dict:
     """Writes scale.json."""
+    from massprops.mass.integrals import greatest_length
     from massprops.sfm.convert import SparsePoints
     from massprops.sfm.footage import read_footage
-    from massprops.sfm.scale import ScaleInputs, find_scale, greatest_length
+    from massprops.sfm.scale import ScaleInputs, find_scale
     from massprops.views import Views
 
     job.progress(0, 1, "scale")
@@ -27,7 +28,7 @@ def run(job: Job) -> dict:
     footage = read_footage(job.work("capture"))
     o = job.options
     inputs = ScaleInputs(
-        length=greatest_length(vertices),
+        length=greatest_length(vertices)[0],
         views=Views.load(job.work("sfm") / "views.npz"),
         points=SparsePoints.load(job.work("sfm") / "points.npz"),
         centre_of_mass=_centre(vertices, faces),

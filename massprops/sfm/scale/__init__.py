@@ -5,9 +5,9 @@ the footage has none. One model unit is the greatest length of the object's mesh
 its points.
 """
 
-from massprops.sfm.scale.base import Scale, ScaleEstimate, ScaleInputs, choose, greatest_length
+from massprops.sfm.scale.base import Scale, ScaleEstimate, ScaleInputs, choose
 
-__all__ = ["Scale", "ScaleEstimate", "ScaleInputs", "choose", "find_scale", "greatest_length", "sources"]
+__all__ = ["Scale", "ScaleEstimate", "ScaleInputs", "choose", "find_scale", "sources"]
 
 
 def sources() -> tuple[str, ...]:

@@ -120,21 +120,3 @@ def choose(found: list[ScaleEstimate], length: float) -> Scale:
         tuple(found),
         tuple(warnings),
     )
-
-
-def greatest_length(vertices: np.ndarray) -> float:
-    """Largest distance between two of the points (n, 3), exactly, by their convex hull."""
-    from scipy.spatial import ConvexHull, QhullError
-    from scipy.spatial.distance import pdist
-
-    v = np.asarray(vertices, float)
-    try:
-        v = v[ConvexHull(v).vertices]
-    except QhullError:  # flat: every point may count
-        v = np.unique(v, axis=0)
-    if len(v) > 4000:
-        rng = np.random.default_rng(0)
-        directions = rng.normal(size=(2000, 3))
-        extreme = np.concatenate([(v @ directions.T).argmax(0), (v @ directions.T).argmin(0)])
-        v = v[np.unique(extreme)]
-    return float(pdist(v).max())

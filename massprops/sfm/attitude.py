@@ -1,0 +1,112 @@
+"""The sequence folder of a reconstruction: cameras, tracks, and the attitude history of a tumbling body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from massprops.sequence.data import AttitudeSeries, Camera, Environment, RangeSeries, Sequence, Tracks
+from massprops.sfm.convert import SparsePoints, residuals
+from massprops.views import Views
+
+SECOND = 1_000_000_000
+
+
+def quaternion(R: np.ndarray) -> np.ndarray:
+    """(n, 4) Hamilton w x y z of rotation matrices (n, 3, 3), with the sign that keeps neighbours close."""
+    from scipy.spatial.transform import Rotation
+
+    q = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]
+    if len(q):
+        q[0] *= 1.0 if q[0, 0] >= 0 else -1.0
+    for i in range(1, len(q)):
+        if q[i] @ q[i - 1] < 0:
+            q[i] = -q[i]
+    return q
+
+
+def clock(views: Views, index: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """(n,) timestamps [ns]; footage without a clock gets one image a second, by its place in the source.
+
+    Args:
+        index: (n,) place of each view in the source.
+    """
+    if len(views) and np.all(views.timestamp_ns >= 0):
+        return views.timestamp_ns.astype(np.int64), []
+    return index.astype(np.int64) * SECOND, [
+        "the images have no clock: one image a second is assumed, so rates and times are in units of the image interval"
+    ]
+
+
+def camera_of(views: Views, number: int, own: np.ndarray, sigma_px: float, T_BS: np.ndarray | None) -> Camera:
+    """`camN` from the first of its views."""
+    i = int(np.flatnonzero(own)[0])
+    K = views.K[i]
+    return Camera(
+        resolution=(int(views.size[i, 0]), int(views.size[i, 1])),
+        intrinsics=np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]),
+        distortion=views.distortion[i].copy(),
+        T_BS=np.eye(4) if T_BS is None else T_BS,
+        sigma_px=sigma_px,
+    )
+
+
+def to_sequence(
+    views: Views,
+    points: SparsePoints,
+    index: np.ndarray,
+    tumbling: bool,
+    attitude_sigma: np.ndarray | None = None,
+    mounting: dict[int, np.ndarray] | None = None,
+    ranges: RangeSeries | None = None,
+    environment: Environment | None = None,
+    images: dict[str, Path] | None = None,
+) -> Sequence:
+    """Sequence of a reconstruction.
+
+    The world of a tumbling body is the body, so the rotation of a view of cam0 is the attitude: it turns body vectors
+    into the camera.
+
+    Args:
+        index: (n,) place of each view in the source, for footage without a clock.
+        attitude_sigma: (n,) [rad]; where it is absent or not finite, the residuals' angle stands in.
+        mounting: (4, 4) T_BS by camera number.
+        images: file of every view by name; None leaves the images out.
+    """
+    stamps, warnings = clock(views, index)
+    number = np.array([int(n.split("/", 1)[0][3:]) if n.startswith("cam") else 0 for n in views.names], int)
+    error = residuals(views, points)
+    cameras = {}
+    for c in sorted(set(number.tolist())):
+        own = number == c
+        mine = error[own[points.obs_view]]
+        sigma = float(np.sqrt(np.mean(mine**2))) if len(mine) else 1.0
+        cameras[c] = camera_of(views, c, own, sigma, (mounting or {}).get(c))
+        files = [(int(stamps[i]), images[views.names[i]]) for i in np.flatnonzero(own)] if images else []
+        times = np.unique(stamps[own])
+        rate = float(SECOND / np.median(np.diff(times))) if len(times) > 1 else None
+        cameras[c] = Camera(**{**cameras[c].__dict__, "rate_hz": rate, "images": tuple(sorted(files))})
+    order = np.lexsort((points.id[points.obs_point], number[points.obs_view], stamps[points.obs_view]))
+    v, p = points.obs_view[order], points.obs_point[order]
+    tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
+    attitude = None
+    if tumbling:
+        own = np.flatnonzero(number == 0)
+        own = own[np.argsort(stamps[own], kind="stable")]
+        own = own[np.unique(stamps[own], return_index=True)[1]]
+        fallback = cameras[0].sigma_px / cameras[0].intrinsics[0] if 0 in cameras else 1e-3
+        sigma = np.full(len(views), fallback)
+        if attitude_sigma is not None and len(attitude_sigma) == len(views):
+            sigma = np.where(np.isfinite(attitude_sigma) & (attitude_sigma > 0), attitude_sigma, fallback)
+        attitude = AttitudeSeries(stamps[own], quaternion(views.R[own]), sigma[own])
+    else:
+        warnings.append("the object is still: no attitude history is written")
+    return Sequence(
+        cameras=cameras,
+        tracks=tracks,
+        range=ranges,
+        attitude=attitude,
+        environment=environment or Environment(chaser_attitude="inertial"),
+        warnings=tuple(warnings),
+    )
