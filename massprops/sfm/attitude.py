@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.sequence.data import AttitudeSeries, Camera, Environment, RangeSeries, Sequence, Tracks
-from massprops.sfm.convert import SparsePoints, residuals
+from massprops.sfm.points import SparsePoints, residuals
 from massprops.views import Views
 
 SECOND = 1_000_000_000
@@ -88,6 +88,7 @@ def to_sequence(
         rate = float(SECOND / np.median(np.diff(times))) if len(times) > 1 else None
         cameras[c] = Camera(**{**cameras[c].__dict__, "rate_hz": rate, "images": tuple(sorted(files))})
     order = np.lexsort((points.id[points.obs_point], number[points.obs_view], stamps[points.obs_view]))
+    order = order[_once(points, error)[order]]
     v, p = points.obs_view[order], points.obs_point[order]
     tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
     attitude = None
@@ -110,3 +111,14 @@ def to_sequence(
         environment=environment or Environment(chaser_attitude="inertial"),
         warnings=tuple(warnings),
     )
+
+
+def _once(points: SparsePoints, error: np.ndarray) -> np.ndarray:
+    """(k,) bool: of several observations of one point in one image, the one that fits best."""
+    key = points.obs_view.astype(np.int64) * (len(points.xyz) + 1) + points.obs_point
+    order = np.lexsort((np.linalg.norm(error, axis=1), key))
+    first = np.ones(len(key), bool)
+    first[1:] = key[order][1:] != key[order][:-1]
+    keep = np.zeros(len(key), bool)
+    keep[order[first]] = True
+    return keep

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.sfm.convert import SparsePoints, project
+from massprops.sfm.points import SparsePoints, residuals
 from massprops.views import Views
 
 
@@ -33,13 +33,6 @@ class Precision:
     distortion: float
     attitude: np.ndarray
     focal_relative_model: float
-
-
-def residuals(views: Views, points: SparsePoints) -> np.ndarray:
-    """(k, 2) projected minus observed [px]."""
-    v = points.obs_view
-    uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], points.xyz[points.obs_point])
-    return uv - points.obs_uv
 
 
 def precision(

@@ -12,11 +12,12 @@ import pycolmap
 from massprops.errors import NotPossible
 from massprops.run.job import Progress, silent
 from massprops.sfm import pairs as pairing
-from massprops.sfm.convert import SparsePoints, to_points, to_views
+from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.features import FeatureOptions, extract_all
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, quiet, retriangulate
+from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
 from massprops.sfm.refine import RefineOptions, refine
 from massprops.views import Views

@@ -14,7 +14,8 @@ import numpy as np
 import pycolmap
 
 from massprops.sfm.convert import to_points, to_views
-from massprops.sfm.precision import Precision, precision, residuals
+from massprops.sfm.points import residuals
+from massprops.sfm.precision import Precision, precision
 
 
 @dataclass(frozen=True)

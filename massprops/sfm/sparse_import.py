@@ -10,8 +10,9 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import InputError, NotPossible
-from massprops.sfm.convert import SparsePoints, to_points, to_views
+from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
 

@@ -16,8 +16,8 @@ OPTIONS = ("scale", "scale_sigma", "distance", "marker")
 def run(job: Job) -> dict:
     """Writes scale.json."""
     from massprops.mass.integrals import greatest_length
-    from massprops.sfm.convert import SparsePoints
     from massprops.sfm.footage import read_footage
+    from massprops.sfm.points import SparsePoints
     from massprops.sfm.scale import ScaleInputs, find_scale
     from massprops.views import Views
 

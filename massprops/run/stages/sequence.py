@@ -17,8 +17,8 @@ def run(job: Job) -> dict:
     """Writes sequence/ and sequence.json."""
     from massprops.sequence.write import write_sequence
     from massprops.sfm.attitude import to_sequence
-    from massprops.sfm.convert import SparsePoints
     from massprops.sfm.footage import read_footage
+    from massprops.sfm.points import SparsePoints
     from massprops.views import Views
 
     job.progress(0, 1, "sequence")
@@ -39,6 +39,7 @@ def run(job: Job) -> dict:
         mounting,
         ranges,
         environment,
+        {n: job.work("capture") / "frames" / n for n in views.names},
     )
     write_sequence(job.out / "sequence", sequence)
     for line in sequence.warnings:

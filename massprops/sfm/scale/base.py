@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.sequence.data import RangeSeries
-from massprops.sfm.convert import SparsePoints
+from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
 

@@ -1,0 +1,72 @@
+"""Sparse points with their observations, and the projection that made them; nothing here needs pycolmap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from massprops.views import Views
+
+
+@dataclass(frozen=True)
+class SparsePoints:
+    """m points and their k observations.
+
+    Attributes:
+        id: (m,) int64, COLMAP's point numbers.
+        xyz: (m, 3) in the world of the reconstruction.
+        rgb: (m, 3) uint8.
+        error: (m,) mean reprojection error [px].
+        obs_view: (k,) index into the views.
+        obs_point: (k,) index into the points.
+        obs_uv: (k, 2) in the original image, centres of pixels at whole numbers [px].
+    """
+
+    id: np.ndarray
+    xyz: np.ndarray
+    rgb: np.ndarray
+    error: np.ndarray
+    obs_view: np.ndarray
+    obs_point: np.ndarray
+    obs_uv: np.ndarray
+
+    def save(self, path: Path) -> None:
+        """Writes one `.npz`."""
+        np.savez(path, **{k: getattr(self, k) for k in self.__dataclass_fields__})
+
+    @staticmethod
+    def load(path: Path) -> SparsePoints:
+        """Reads what `save` wrote."""
+        with np.load(path, allow_pickle=False) as z:
+            return SparsePoints(**{k: z[k] for k in SparsePoints.__dataclass_fields__})
+
+
+def project(
+    K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray
+) -> np.ndarray:
+    """Pixels (m, 2) of world points (m, 3), one camera per point: K (m, 3, 3), distortion (m, 4), R (m, 3, 3), t (m, 3).
+
+    OpenCV's radial-tangential model.
+    """
+    c = np.einsum("mij,mj->mi", R, xyz) + t
+    return project_camera(K, distortion, c)
+
+
+def project_camera(K: np.ndarray, distortion: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Pixels (m, 2) of points (m, 3) in camera axes."""
+    x, y = c[:, 0] / c[:, 2], c[:, 1] / c[:, 2]
+    k1, k2, p1, p2 = distortion.T
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * k2)
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([K[:, 0, 0] * xd + K[:, 0, 2], K[:, 1, 1] * yd + K[:, 1, 2]], 1)
+
+
+def residuals(views: Views, points: SparsePoints) -> np.ndarray:
+    """(k, 2) projected minus observed [px]."""
+    v = points.obs_view
+    uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], points.xyz[points.obs_point])
+    return uv - points.obs_uv

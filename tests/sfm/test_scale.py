@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+import scene
+
+from massprops.errors import InputError
+from massprops.sequence.data import RangeSeries
+from massprops.sfm.scale import ScaleEstimate, ScaleInputs, choose, find_scale, sources
+
+
+def test_every_source_stays_silent_when_not_asked():
+    scale = find_scale(ScaleInputs(length=2.0))
+    assert set(sources()) == {"baseline", "distance", "given", "marker", "range"}
+    assert scale.source == "none" and scale.metres_per_unit is None
+    assert scale.unit_per_sfm == 0.5
+
+
+def test_given_is_the_greatest_length():
+    scale = find_scale(ScaleInputs(length=2.0, given=3.35))
+    assert scale.source == "given"
+    assert scale.metres_per_unit == pytest.approx(3.35)
+    with pytest.raises(InputError, match="above 0"):
+        find_scale(ScaleInputs(length=2.0, given=-1.0))
+
+
+def test_distance_between_points_names_and_features():
+    _, points = scene.make(3, 20)
+    inputs = dict(length=2.0, points=points, named={"tip": np.array([0.5, 0, 0])})
+    scale = find_scale(ScaleInputs(distance=("tip", "0,0,0", 4.0), **inputs))
+    assert scale.metres_per_unit == pytest.approx(8.0)
+    apart = np.linalg.norm(points.xyz[0] - points.xyz[5]) / 2.0
+    scale = find_scale(ScaleInputs(distance=("1", "6", 1.0), **inputs))
+    assert scale.metres_per_unit == pytest.approx(1 / apart)
+    for bad in (("nose", "tip", 1.0), ("tip", "tip", 1.0), ("tip", "0,0,0", 0.0), ("a,b,c", "tip", 1.0)):
+        with pytest.raises(InputError, match="--distance"):
+            find_scale(ScaleInputs(distance=bad, **inputs))
+
+
+def test_range_is_the_median_over_distance():
+    views, _ = scene.make(12)
+    com = np.array([0.1, 0.05, -0.2])
+    true = 7.5 * np.linalg.norm(views.centres - com, axis=1)
+    rng = np.random.default_rng(0)
+    measured = true * (1 + 0.002 * rng.normal(size=12))
+    measured[4] *= 1.3
+    series = RangeSeries(views.timestamp_ns, measured, 0.1)
+    scale = find_scale(ScaleInputs(length=2.0, views=views, centre_of_mass=com, range=series))
+    assert scale.source == "range"
+    assert scale.metres_per_unit == pytest.approx(15.0, rel=4 * scale.relative_sigma)
+    assert scale.relative_sigma < 0.002
+    late = RangeSeries(views.timestamp_ns + 10**12, measured, 0.1)
+    with pytest.raises(InputError, match="clock"):
+        find_scale(ScaleInputs(length=2.0, views=views, centre_of_mass=com, range=late))
+
+
+def test_the_most_precise_wins_and_conflicts_are_said():
+    a, b = ScaleEstimate("given", 1.0, 0.05), ScaleEstimate("range", 1.3, 0.001)
+    scale = choose([a, b], 2.0)
+    assert scale.source == "range" and scale.metres_per_unit == pytest.approx(2.6)
+    assert any("given differs" in w for w in scale.warnings)
+    assert not choose([a, ScaleEstimate("range", 1.02, 0.001)], 2.0).warnings
+
+
+def test_rig_scale_carries_the_focal_length():
+    scale = find_scale(ScaleInputs(length=2.0, rig_metres=1.0, rig_focal_sigma=0.01))
+    assert scale.source == "baseline" and scale.metres_per_unit == pytest.approx(2.0)
+    assert scale.relative_sigma == pytest.approx(0.01, rel=0.1)
+
+
+def marker_frames(folder, board=None):
+    """A flat marker of side 0.5 units at the world's middle, drawn into every view by its homography."""
+    import cv2
+
+    views, _ = scene.make(6, 5, focal=1100, step_deg=7)
+    d = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    if board:
+        sheet = cv2.aruco.CharucoBoard(board, 1.0, 0.75, d).generateImage((board[0] * 80, board[1] * 80))
+        square, side = 80, 1.6 / board[0]
+    else:
+        sheet, square, side = cv2.aruco.generateImageMarker(d, 7, 400), 400, 1.2
+    per_pixel = side / square
+    sheet = np.pad(sheet, 60, constant_values=255)
+    middle = np.array([sheet.shape[1] / 2, sheet.shape[0] / 2]) - 0.5
+    plane = np.array(
+        [[per_pixel, 0, -per_pixel * middle[0]], [0, per_pixel, -per_pixel * middle[1]], [0, 0, 0], [0, 0, 1]]
+    )
+    for i, name in enumerate(views.names):
+        P = views.K[i] @ np.column_stack([views.R[i], views.t[i]])
+        image = cv2.warpPerspective(sheet, P @ plane, (640, 480), flags=cv2.INTER_AREA, borderValue=128)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(folder / name), image)
+    return views, side
+
+
+@pytest.mark.parametrize(("board", "text"), [(None, "4X4_50:0.06"), ((5, 4), "4X4_50:5x4:0.06")])
+def test_marker_gives_the_scale(tmp_path, board, text):
+    views, side = marker_frames(tmp_path, board)
+    scale = find_scale(ScaleInputs(length=2.0, views=views, frames=tmp_path, marker=text))
+    assert scale.source == "marker"
+    assert scale.metres_per_unit == pytest.approx(0.06 / side * 2.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "text", ["4X4_50", "9X9_1:0.05", "4X4_50:big", "4X4_50:-1", "4X4_50:1x1:0.05", "4X4_50:5:0.05"]
+)
+def test_marker_option_that_cannot_be_read(text):
+    with pytest.raises(InputError, match="--marker"):
+        find_scale(ScaleInputs(length=2.0, marker=text))
+
+
+def test_marker_that_is_not_in_view(tmp_path):
+    import cv2
+
+    views, _ = scene.make(3, 5)
+    (tmp_path / "cam0").mkdir()
+    for name in views.names:
+        cv2.imwrite(str(tmp_path / name), np.full((480, 640), 90, np.uint8))
+    with pytest.raises(InputError, match="not seen"):
+        find_scale(ScaleInputs(length=2.0, views=views, frames=tmp_path, marker="4X4_50:0.05"))
