@@ -83,20 +83,37 @@ def against_plain(image: np.ndarray) -> np.ndarray:
     band = max(3, round(0.08 * min(h, w)))
     use = np.zeros((h, w), bool)
     use[:band], use[-band:], use[:, :band], use[:, -band:] = True, True, True, True
-    score = np.zeros((h, w), np.float32)
+    trend, noise = np.zeros_like(lab), np.zeros(3)
     for c in range(3):
         keep = use.copy()
         for _ in range(4):
             sample = np.flatnonzero(keep)[:: max(1, int(keep.sum()) // 20000)]
             fit, *_ = np.linalg.lstsq(terms.reshape(-1, 6)[sample], lab[..., c].ravel()[sample], rcond=None)
-            residual = lab[..., c] - terms @ fit
-            sigma = 1.4826 * np.median(np.abs(residual[keep])) + 0.5
-            keep = use & (np.abs(residual) < 3 * sigma)
-        # shadows on the backdrop are darker but keep its colour: lightness counts less than chroma
-        score = np.maximum(score, np.abs(residual) / (sigma * (3.0 if c == 0 else 1.0) + 1.0))
+            trend[..., c] = terms @ fit
+            residual = np.abs(lab[..., c] - trend[..., c])
+            noise[c] = 1.4826 * np.median(residual[keep]) + 0.5
+            keep = use & (residual < 3 * noise[c])
+    chroma = np.hypot(lab[..., 1] - trend[..., 1], lab[..., 2] - trend[..., 2])
+    # a shadow darkens the backdrop by less than half and leaves its colour
+    shade = 1.0 - lab[..., 0] / np.maximum(trend[..., 0], 1.0)
+    score = np.maximum(chroma / (6.0 * noise[1:].max() + 9.0), shade / 0.38)
     score = cv2.GaussianBlur(score, (5, 5), 0)
-    weak = cv2.morphologyEx((score > 3.0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
-    return _solid(weak, score > 6.0)
+    return _largest(_solid((score > 1.0).astype(np.uint8), score > 1.6))
+
+
+def _largest(mask: np.ndarray) -> np.ndarray:
+    """The largest piece, cut from what only touches it (a scale bar, a cast shadow's rim)."""
+    import cv2
+
+    size = max(3, round(0.012 * max(mask.shape)) | 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    core = cv2.erode(mask, kernel)
+    count, label, stats, _ = cv2.connectedComponentsWithStats((core > 0).astype(np.uint8), connectivity=8)
+    if count <= 1:
+        return mask
+    best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    grown = cv2.dilate((label == best).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size + 4, size + 4)))
+    return np.where((grown > 0) & (mask > 0), 255, 0).astype(np.uint8)
 
 
 def _solid(weak: np.ndarray, strong: np.ndarray) -> np.ndarray:
