@@ -1,0 +1,201 @@
+"""A tiny mapping without images: every point has a descriptor of its own, so matching is real and exact."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scene
+
+from massprops.errors import InputError, NotPossible
+from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, read_footage
+
+
+def footage(views, folder=Path(), **camera):
+    frames = tuple(
+        FrameRecord(n, 0, int(t), i)
+        for i, (n, t) in enumerate(zip(views.names, views.timestamp_ns, strict=True))
+    )
+    return FootageRecord(
+        folder, "", "video", "tumbling", "black", True, (CameraRecord(0, (640, 480), **camera),), frames
+    )
+
+
+def features(views, points, seed=0):
+    rng = np.random.default_rng(seed)
+    words = np.zeros((len(points.xyz), 128))
+    for row in words:
+        row[rng.permutation(128)[:12]] = 148.0  # norm 512, nearly orthogonal to each other
+    out = {}
+    for i, name in enumerate(views.names):
+        own = points.obs_view == i
+        xy = points.obs_uv[own] + 0.5
+        keypoints = np.column_stack([xy, np.ones(len(xy)), np.zeros(len(xy))]).astype(np.float32)
+        out[name] = (keypoints, words[points.obs_point[own]].astype(np.uint8))
+    return out
+
+
+def solve(folder, seed=0, mapper="incremental", **camera):
+    from massprops.sfm.database import write_database
+    from massprops.sfm.mapping import MappingOptions, map_images, match, quiet
+    from massprops.sfm.refine import RefineOptions, refine
+
+    quiet()
+    folder.mkdir()
+    views, points = scene.make(8, 120, focal=820.0, noise=0.05, step_deg=10)
+    database = folder / "database.db"
+    write_database(database, footage(views, **camera), features(views, points))
+    fixed = camera.get("focal_source") == "given"
+    options = MappingOptions(mapper=mapper, fixed_intrinsics=fixed, masked=True, seed=seed, threads=1)
+    names = views.names
+    match(database, [(names[i], names[j]) for i in range(8) for j in range(i + 1, 8)], options)
+    model = map_images(database, folder, folder / "models", options, 8)[0]
+    accuracy, bent = refine(model, RefineOptions(), not fixed, not fixed, 1)
+    return model, accuracy, bent, views
+
+
+def attitude_error(found, views):
+    """Largest angle [rad] after the best common rotation of the world."""
+    U, _, Vt = np.linalg.svd(np.einsum("nji,njk->ik", views.R, found.R))
+    A = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    D = np.einsum("nij,nkj->nik", views.R @ A, found.R)
+    return np.arccos(np.clip((np.trace(D, axis1=1, axis2=2) - 1) / 2, -1, 1)).max()
+
+
+def test_mapping_finds_the_truth_and_repeats_itself(tmp_path):
+    from massprops.sfm.convert import to_views
+
+    model, accuracy, bent, truth = solve(tmp_path / "a", 3)
+    views, _ = to_views(model)
+    assert views.names == truth.names
+    assert abs(views.K[0, 0, 0] / 820 - 1) < max(0.005, 3 * accuracy.focal_relative)
+    assert attitude_error(views, truth) < 5e-3
+    assert not bent
+    again, _ = to_views(solve(tmp_path / "b", 3)[0])
+    np.testing.assert_array_equal(views.R, again.R)
+    np.testing.assert_array_equal(views.K, again.K)
+
+
+def test_a_given_camera_stays_as_it_is(tmp_path):
+    from massprops.sfm.convert import to_views
+
+    model, accuracy, _, _ = solve(
+        tmp_path / "a", focal_px=820.0, principal_point=(319.5, 239.5), focal_source="given"
+    )
+    views, _ = to_views(model)
+    np.testing.assert_allclose(views.K[0], [[820, 0, 319.5], [0, 820, 239.5], [0, 0, 1]])
+    assert accuracy.focal_relative == 0
+
+
+def test_an_imported_model_keeps_its_cameras(tmp_path):
+    from massprops.sfm.convert import to_points, to_views
+    from massprops.sfm.points import residuals
+    from massprops.sfm.sparse_import import import_sparse
+
+    model, _, _, truth = solve(tmp_path / "a")
+    (tmp_path / "m" / "sparse" / "0").mkdir(parents=True)
+    model.write(tmp_path / "m" / "sparse" / "0")
+    _, views, points, warnings = import_sparse(tmp_path / "m", footage(truth))
+    first, ids = to_views(model)
+    np.testing.assert_allclose(views.K, first.K)
+    assert not warnings
+    # frames stored at half the size: the same rays, half the pixels
+    half = FootageRecord(**{**footage(truth).__dict__, "cameras": (CameraRecord(0, (320, 240)),)})
+    _, small, few, _ = import_sparse(tmp_path / "m", half)
+    np.testing.assert_allclose(
+        np.abs(residuals(small, few)).mean(),
+        np.abs(residuals(first, to_points(model, ids))).mean() / 2,
+        rtol=1e-6,
+    )
+    odd = FootageRecord(**{**footage(truth).__dict__, "cameras": (CameraRecord(0, (320, 320)),)})
+    with pytest.raises(InputError, match="shape"):
+        import_sparse(tmp_path / "m", odd)
+    other = FootageRecord(**{**footage(truth).__dict__, "frames": (FrameRecord("cam0/x.png", 0, 0, 0),)})
+    with pytest.raises(NotPossible, match="images are in the footage"):
+        import_sparse(tmp_path / "m", other)
+
+
+def test_import_without_a_model(tmp_path):
+    from massprops.sfm.sparse_import import find_model
+
+    with pytest.raises(InputError, match="no COLMAP model"):
+        find_model(tmp_path)
+
+
+def test_blank_images_are_refused(tmp_path):
+    import cv2
+
+    from massprops.sfm.reconstruct import reconstruct
+
+    views, _ = scene.make(4, 5)
+    (tmp_path / "frames" / "cam0").mkdir(parents=True)
+    for name in views.names:
+        cv2.imwrite(str(tmp_path / "frames" / name), np.zeros((480, 640), np.uint8))
+    with pytest.raises(NotPossible, match="texture"):
+        reconstruct(footage(views, tmp_path), tmp_path / "work")
+
+
+def test_a_body_that_does_not_turn_is_refused(tmp_path):
+    import cv2
+
+    from massprops.sfm.reconstruct import reconstruct
+
+    views, _ = scene.make(5, 5)
+    rng = np.random.default_rng(0)
+    texture = cv2.GaussianBlur(rng.uniform(0, 255, (240, 320)).astype(np.float32), (0, 0), 2)
+    texture = cv2.resize(np.clip((texture - 127) * 6 + 127, 0, 255).astype(np.uint8), (640, 480))
+    (tmp_path / "frames" / "cam0").mkdir(parents=True)
+    for name in views.names:
+        image = np.clip(texture + rng.normal(0, 2, texture.shape), 0, 255).astype(np.uint8)
+        cv2.imwrite(str(tmp_path / "frames" / name), image)
+    with pytest.raises(NotPossible, match="turns|parallax"):
+        reconstruct(footage(views, tmp_path), tmp_path / "work")
+
+
+def test_a_mask_of_another_size_is_refused(tmp_path):
+    import cv2
+
+    from massprops.sfm.features import read_mask
+
+    views, _ = scene.make(1, 5)
+    (tmp_path / "masks" / "cam0").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "masks" / f"{views.names[0]}.png"), np.full((100, 100), 255, np.uint8))
+    with pytest.raises(InputError, match="100x100"):
+        read_mask(footage(views, tmp_path), views.names[0], (640, 480))
+
+
+def test_features_stay_on_the_object_and_unknown_counts_as_object():
+    from massprops.sfm.features import FeatureOptions, extract, object_region
+
+    rng = np.random.default_rng(0)
+    image = np.kron(rng.integers(0, 255, (60, 80)), np.ones((8, 8))).astype(np.uint8)
+    mask = np.zeros((480, 640), np.uint8)
+    mask[100:300, 200:420] = 128
+    region = object_region(mask, 2)
+    xy, d = extract(image, region, FeatureOptions())
+    assert len(xy) > 50 and d.dtype == np.uint8 and d.shape == (len(xy), 128)
+    assert xy[:, 0].min() >= 197 and xy[:, 0].max() <= 423
+    whole, _ = extract(image, None, FeatureOptions())
+    # cutting the image moves no feature
+    near = np.linalg.norm(whole[:, None, :2] - xy[None, :, :2], axis=2).min(0)
+    assert np.median(near) < 0.05
+    assert len(extract(image, np.zeros_like(region), FeatureOptions())[0]) == 0
+
+
+def test_footage_that_cannot_be_read(tmp_path):
+    with pytest.raises(InputError, match="missing"):
+        read_footage(tmp_path)
+    (tmp_path / "footage.json").write_text(json.dumps({"frames": []}))
+    with pytest.raises(InputError, match="capture"):
+        read_footage(tmp_path)
+
+
+def test_a_second_camera_needs_its_mounting():
+    from massprops.sfm.database import rig_pose
+
+    T = np.eye(4)
+    T[0, 3] = 0.5
+    poses = rig_pose((CameraRecord(0, (640, 480)), CameraRecord(1, (640, 480), T_BS=T)))
+    np.testing.assert_allclose(poses[1][:3, 3], [-0.5, 0, 0])
+    with pytest.raises(InputError, match="T_BS"):
+        rig_pose((CameraRecord(0, (640, 480)), CameraRecord(1, (640, 480))))
