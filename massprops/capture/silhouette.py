@@ -112,7 +112,9 @@ def _largest(mask: np.ndarray) -> np.ndarray:
     if count <= 1:
         return mask
     best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    grown = cv2.dilate((label == best).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size + 4, size + 4)))
+    grown = cv2.dilate(
+        (label == best).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size + 4, size + 4))
+    )
     return np.where((grown > 0) & (mask > 0), 255, 0).astype(np.uint8)
 
 

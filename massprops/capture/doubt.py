@@ -1,0 +1,67 @@
+"""Where a silhouette cannot tell: pixels that look like background but where the reconstruction knows of body.
+
+An unlit side looks like sky. The points of structure from motion were seen in other frames, in other light; where
+they project onto background pixels of this frame, the silhouette is not evidence of emptiness there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+UNKNOWN = 128
+
+
+def project(points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) and depths (n,) of world points (n, 3) in one undistorted pinhole view."""
+    camera = points @ R.T + t
+    depth = camera[:, 2]
+    safe = np.where(depth > 1e-9, depth, 1.0)
+    uv = (camera[:, :2] / safe[:, None]) @ K[:2, :2].T + K[:2, 2]
+    return uv, depth
+
+
+def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int], spacing: float | None = None) -> np.ndarray:
+    """The area that projected surface points cover, as a closing of the points by their own spacing.
+
+    Args:
+        uv: (n, 2) pixels.
+        shape: height, width.
+        spacing: radius of the closing [px]; by default twice the 90th percentile distance to the third neighbour.
+
+    Returns:
+        (h, w) bool.
+    """
+    import cv2
+    from scipy.spatial import cKDTree
+
+    h, w = shape
+    inside = (uv[:, 0] > -0.5) & (uv[:, 1] > -0.5) & (uv[:, 0] < w - 0.5) & (uv[:, 1] < h - 0.5)
+    uv = uv[inside]
+    if len(uv) < 10:
+        return np.zeros(shape, bool)
+    if spacing is None:
+        distance = cKDTree(uv).query(uv, k=min(4, len(uv)))[0][:, -1]
+        spacing = 2.0 * float(np.percentile(distance, 90))
+    radius = int(np.clip(round(spacing), 2, 0.04 * np.hypot(h, w)))
+    dots = np.zeros(shape, np.uint8)
+    pixel = np.round(uv).astype(int)
+    dots[pixel[:, 1], pixel[:, 0]] = 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    padded = cv2.copyMakeBorder(dots, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=0)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
+    return closed[radius:-radius, radius:-radius] > 0
+
+
+def with_doubt(mask: np.ndarray, predicted: np.ndarray, margin: int = 2) -> np.ndarray:
+    """The mask with `UNKNOWN` where it says background and the reconstruction says body.
+
+    Args:
+        mask: (h, w) uint8, 255 object, 0 background.
+        predicted: (h, w) bool, of `predicted_silhouette`.
+        margin: pixels by which the prediction is widened.
+    """
+    import cv2
+
+    size = 2 * margin + 1
+    wide = cv2.dilate(predicted.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    return np.where((mask < UNKNOWN) & wide, UNKNOWN, mask).astype(np.uint8)
