@@ -117,6 +117,10 @@ def reconstruct(
         raise NotPossible(
             f"the {what} by {turned:.1f} degrees only, which fixes no shape; give footage that shows more sides"
         )
+    if len(views) < sizes[0][0]:
+        warnings.append(
+            f"{sizes[0][0] - len(views)} images were taken out again: too few points hold them to the others"
+        )
     warnings += _remarks(sizes, len(views), used, turned)
     return SfmResult(model, views, points, sizes, accuracy, bent, tuple(warnings))
 

@@ -34,6 +34,9 @@ class RefineOptions:
         least_cut_px: but never closer than this [px].
         shortest: fewest images of a track.
         least_angle_deg: tracks seen under a smaller angle are removed.
+        fewest: observations that an image must keep, else it is taken out.
+        loose, loose_deg: an image is taken out when its attitude's standard deviation is beyond this many medians and
+            beyond this many degrees.
         significance: k1 over its standard deviation from which on it is kept.
         visible_px: movement of the outermost features from which on k1 is kept.
     """
@@ -46,12 +49,15 @@ class RefineOptions:
     least_cut_px: float = 0.3
     shortest: int = 3
     least_angle_deg: float = 2.0
+    fewest: int = 15
+    loose: float = 6.0
+    loose_deg: float = 0.2
     significance: float = 5.0
     visible_px: float = 0.3
 
 
-FOCAL_INFLATION = 2.0
-"""Simulated footage with known truth: errors of the focal length were up to 1.9 standard deviations of the clusters'
+FOCAL_INFLATION = 2.5
+"""Simulated footage with known truth: errors of the focal length were 2.5 (root mean square) standard deviations of the clusters'
 covariance, since features that follow the light are wrong together."""
 
 ATTITUDE_INFLATION = 3.0
@@ -87,7 +93,9 @@ def robust_sigma(distance: np.ndarray) -> float:
     return float(np.median(distance)) / 1.177 if len(distance) else 1.0
 
 
-def remove_outliers(model: pycolmap.Reconstruction, options: RefineOptions) -> float:
+def remove_outliers(
+    model: pycolmap.Reconstruction, options: RefineOptions, least_cut_px: float | None = None
+) -> float:
     """Removes observations and tracks that do not fit; gives the scale for the next adjustment's loss [px].
 
     The bound follows the residuals themselves. Tracks of shadow edges,
@@ -97,7 +105,7 @@ def remove_outliers(model: pycolmap.Reconstruction, options: RefineOptions) -> f
     points = to_points(model, ids)
     distance = np.linalg.norm(residuals(views, points), axis=1)
     sigma = robust_sigma(distance)
-    bound = float(np.clip(options.cut * sigma, options.least_cut_px, 4.0))
+    bound = float(np.clip(options.cut * sigma, least_cut_px or options.least_cut_px, 4.0))
     manager = pycolmap.ObservationManager(model)
     manager.filter_all_points3D(bound, options.least_angle_deg)
     manager.filter_points3D_with_short_tracks(options.shortest)
@@ -112,8 +120,11 @@ def refine(
     threads: int,
 ) -> tuple[Precision, bool]:
     """Adjusts in place; gives the precision and whether a distortion term was estimated."""
-    loss = remove_outliers(model, options)
-    for _ in range(options.rounds):
+    # wide at first: an image whose pose is still poor must not lose the observations that would mend it
+    loss = remove_outliers(model, options, 2.0)
+    adjust(model, free_focal, False, loss, threads, iterations=20)
+    loss = remove_outliers(model, options, 1.0)
+    for _ in range(options.rounds - 1):
         adjust(model, free_focal, False, loss, threads)
         loss = remove_outliers(model, options)
     keep = False
@@ -128,13 +139,43 @@ def refine(
             adjust(model, free_focal, True, loss, threads)
             loss = remove_outliers(model, options)
     adjust(model, free_focal, keep, loss, threads)
+    _drop_weak(model, options)
     model.update_point_3d_errors()
     views, ids = to_views(model)
     raw = precision(views, to_points(model, ids), free_focal, keep, loss)
+    if _drop_loose(model, ids, raw.attitude, options):
+        model.update_point_3d_errors()
+        views, ids = to_views(model)
+        raw = precision(views, to_points(model, ids), free_focal, keep, loss)
     honest = replace(
         raw, focal_relative=FOCAL_INFLATION * raw.focal_relative, attitude=ATTITUDE_INFLATION * raw.attitude
     )
     return honest, keep
+
+
+def _drop_weak(model: pycolmap.Reconstruction, options: RefineOptions) -> None:
+    """Takes out images that hold on to the body by too few points, such as a panel seen edge-on."""
+    manager = pycolmap.ObservationManager(model)
+    for frame_id in list(model.reg_frame_ids()):
+        held = sum(model.image(i.id).num_points3D for i in model.frame(frame_id).image_ids)
+        if held < options.fewest:
+            manager.deregister_frame(frame_id)
+
+
+def _drop_loose(
+    model: pycolmap.Reconstruction, ids: list[int], attitude: np.ndarray, options: RefineOptions
+) -> bool:
+    """Takes out images whose attitude is far less certain than the others': few points, perhaps the wrong ones."""
+    if not np.all(np.isfinite(attitude)):
+        return False
+    bound = max(options.loose * float(np.median(attitude)), np.deg2rad(options.loose_deg))
+    frames = {model.image(i).frame_id for i, s in zip(ids, attitude, strict=True) if bound < s}
+    if len(ids) - len(frames) < 3:
+        return False
+    manager = pycolmap.ObservationManager(model)
+    for frame_id in sorted(frames):
+        manager.deregister_frame(frame_id)
+    return bool(frames)
 
 
 def _shows_distortion(
