@@ -1,0 +1,108 @@
+"""Labels by minimum cut, and the closed surface between inside and outside.
+
+The border of a set of tetrahedra is closed by construction, whatever the labels: no grid, no thickness below which
+a plate tears.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.surface.tetra import Tetrahedra
+
+
+def minimum_cut(
+    tetra: Tetrahedra, outside: np.ndarray, inside: np.ndarray, into: np.ndarray, both: np.ndarray
+) -> np.ndarray:
+    """(t,) bool, True inside: the labels of least cost (Boykov and Kolmogorov 2004, by PyMaxflow).
+
+    Args:
+        tetra: t tetrahedra.
+        outside: (t,) cost of calling a tetrahedron inside.
+        inside: (t,) cost of calling it outside.
+        into: (t, 4) cost of a facet whose neighbour is outside and whose own tetrahedron is inside.
+        both: (t, 4) cost of a facet between different labels.
+    """
+    import maxflow
+
+    t, k = np.nonzero(tetra.neighbours >= 0)
+    other = tetra.neighbours[t, k]
+    once = t < other
+    t, k, other = t[once], k[once], other[once]
+    back = np.argmax(tetra.neighbours[other] == t[:, None], axis=1)
+    graph = maxflow.Graph[float](len(tetra.corners), len(t))
+    nodes = graph.add_nodes(len(tetra.corners))
+    smooth = both[t, k]
+    # Source is outside: an edge i -> j is cut when i is outside and j inside.
+    graph.add_edges(nodes[t], nodes[other], into[other, back] + smooth, into[t, k] + smooth)
+    graph.add_grid_tedges(nodes, outside, inside)
+    graph.maxflow()
+    return np.asarray(graph.get_grid_segments(nodes), bool)
+
+
+def one_body(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+    """The largest inside component, its bubbles filled, and its pinched edges thickened until it is a manifold."""
+    volume = tetra.volume
+    label = _largest(tetra, inside, volume)
+    for _ in range(20):
+        label = ~_reached_from_outside(tetra, label)
+        pinched = _pinched(tetra, label)
+        if not pinched.any():
+            break
+        label = label | pinched
+    return label
+
+
+def _components(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    t, k = np.nonzero(tetra.neighbours >= 0)
+    other = tetra.neighbours[t, k]
+    same = inside[t] == inside[other]
+    shape = (len(inside), len(inside))
+    links = coo_matrix((np.ones(int(same.sum()), np.int8), (t[same], other[same])), shape=shape)
+    return connected_components(links, directed=False)[1]
+
+
+def _largest(tetra: Tetrahedra, inside: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    part = _components(tetra, inside)
+    return part == np.argmax(np.bincount(part, volume * inside))
+
+
+def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+    part = _components(tetra, inside)
+    rim = np.unique(part[(tetra.neighbours < 0).any(1) & ~inside])
+    return np.isin(part, rim) & ~inside
+
+
+def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+    """(t,) tetrahedra about edges that more than two surface triangles share."""
+    faces = surface_faces(tetra, inside)
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(
+        np.int64
+    )
+    size = len(tetra.points)
+    code, count = np.unique(edges[:, 0] * size + edges[:, 1], return_counts=True)
+    bad = code[count > 2]
+    out = np.zeros(len(inside), bool)
+    if len(bad) == 0:
+        return out
+    rim = (tetra.neighbours < 0).any(1)
+    for i in range(4):
+        for j in range(i + 1, 4):
+            pair = np.sort(tetra.corners[:, [i, j]], axis=1).astype(np.int64)
+            out |= np.isin(pair[:, 0] * size + pair[:, 1], bad)
+    return out & ~rim
+
+
+def surface_faces(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+    """(f, 3) triangles between inside and outside, wound so that normals point out; indices of tetra.points."""
+    after = np.where(tetra.neighbours >= 0, inside[tetra.neighbours], False)
+    t, k = np.nonzero(inside[:, None] & ~after)
+    face = tetra.corners[t[:, None], (k[:, None] + [[1, 2, 3]]) % 4]
+    a, b, c = (tetra.points[face[:, i]] for i in range(3))
+    apex = tetra.points[tetra.corners[t, k]]
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), apex - a) > 0
+    face[inward] = face[inward][:, ::-1]
+    return face

@@ -1,0 +1,211 @@
+"""Points and silhouettes to one closed surface.
+
+1. The cloud is thinned and its noise taken out (`cloud`).
+2. Rays from below the measured surface find where the silhouettes' hull ends (`silhouette`): the points that carry the
+   unseen side, at any thinness.
+3. All points are joined by Delaunay tetrahedra; lines of sight say which are empty, the measured normals which are
+   inside, the silhouettes which cannot be the object (`tetra`).
+4. A minimum cut labels the tetrahedra; its border is closed by construction (`cut`).
+5. Measured parts are moved to the middle of the noise, unseen parts are made fair (`refine`).
+
+What no view constrains is filled up to the hull, less `HOLLOW` of the way to the smallest body that the measurements
+allow (the same cut without the pull of the hull): see `spread` for what that leaves uncertain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.errors import NotPossible
+from massprops.run.job import Progress, silent
+from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
+from massprops.surface.cut import minimum_cut, one_body, surface_faces
+from massprops.surface.refine import fair, measured_faces, remove_bias
+from massprops.surface.silhouette import Hull, hull_points, make_hull
+from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
+from massprops.views import Views
+
+AREA = 0.08
+"""Cost of surface, per spacing squared, against 1 for the line of sight of one point."""
+FILL = 0.02
+"""Pull of the hull on space that nothing was measured in, per spacing cubed."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A closed, outward-wound mesh in the units and axes of the reconstruction.
+
+    Attributes:
+        vertices: (v, 3).
+        faces: (f, 3) int32.
+        observed: (f,) bool, measured and not filled.
+        smallest: (k, 3) points on the smallest body that the measurements allow.
+        hull: the silhouettes' evidence.
+        cloud: the points the surface was made of, without outliers.
+        spacing: distance between neighbouring vertices where it was measured.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    observed: np.ndarray
+    smallest: np.ndarray
+    hull: Hull
+    cloud: Cloud
+    spacing: float
+
+
+def reconstruct_surface(
+    views: Views,
+    masks: list[np.ndarray],
+    cloud: Cloud,
+    points: int = 60_000,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> Surface:
+    """One closed surface from dense points and silhouettes.
+
+    Args:
+        views: n pinhole cameras.
+        masks: n undistorted silhouettes (h, w) uint8: 255 object, 0 sky, 128 no evidence.
+        cloud: dense points; its views index `views`.
+        points: about how many of them carry the surface.
+        seed: of every random draw.
+        progress: told after each step.
+
+    Raises:
+        NotPossible: too few points, or no closed body in them.
+    """
+    if len(cloud) < 200:
+        raise NotPossible(
+            f"surface: only {len(cloud)} dense points; take more overlapping or better lit images"
+        )
+    cloud = without_outliers(cloud)
+    if len(cloud) < 200:
+        raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
+    thinned = thin(cloud, points, seed)
+    progress(1, 6, "points thinned")
+    hull = make_hull(views, masks, thinned.xyz)
+    tetra, kind = _tetrahedra(thinned, hull, views, seed)
+    progress(2, 6, "tetrahedra")
+    evidence = _evidence(tetra, thinned, hull, views)
+    progress(3, 6, "lines of sight")
+    largest = one_body(
+        tetra, minimum_cut(tetra, evidence.outside, evidence.inside, evidence.into, evidence.both)
+    )
+    if largest.sum() < 10:
+        raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
+    progress(4, 6, "cut")
+    core = one_body(tetra, minimum_cut(tetra, evidence.outside, evidence.sure, evidence.into, evidence.both))
+    progress(5, 6, "smallest body")
+    vertices, faces, measured = _mesh(tetra, kind, largest)
+    if core.sum() >= 10:
+        small, triangles, _ = _mesh(tetra, kind, core)
+        smallest = np.concatenate([small, small[triangles].mean(1)])
+    else:
+        smallest = vertices
+    h = thinned.spacing
+    vertices = fair(vertices, faces, measured, 10)
+    for _ in range(2):
+        vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
+    observed = measured_faces(vertices, faces, cloud, 2 * h)
+    progress(6, 6, "surface")
+    return Surface(vertices, faces.astype(np.int32), observed, smallest, hull, cloud, h)
+
+
+def _mesh(
+    tetra: Tetrahedra, kind: np.ndarray, label: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, faces and which vertices were measured."""
+    used, faces = np.unique(surface_faces(tetra, label), return_inverse=True)
+    return tetra.points[used].copy(), faces.reshape(-1, 3), kind[used] == 0
+
+
+def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[Tetrahedra, np.ndarray]:
+    """Tetrahedra, and for each point 0 measured, 1 on the hull, 2 within, 3 guard far outside."""
+    from scipy.spatial import QhullError, cKDTree
+
+    h = thinned.spacing
+    low, high = thinned.xyz.min(0), thinned.xyz.max(0)
+    extent = float(np.linalg.norm(high - low))
+    tree = cKDTree(thinned.xyz)
+    rng = np.random.default_rng([seed, 13])
+
+    step = max(1, len(thinned.xyz) // 20_000)
+    begin, normal = thinned.xyz[::step], thinned.normal[::step]
+    silhouette = hull_points(hull, begin, normal, h, 1.2 * extent, 4, seed)
+    if len(silhouette):
+        away = tree.query(silhouette)[0]
+        silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
+        # Fine next to what was measured, where thin parts are, coarser far from it.
+        silhouette = _one_per_cell(silhouette, np.clip(0.35 * away, h, 4 * h))
+
+    count = 6000
+    within = low + (high - low) * rng.random((8 * count, 3))
+    within = within[hull.value(within) < 0]
+    within = within[tree.query(within)[0] > 2.5 * h][:count]
+    middle, radius = 0.5 * (low + high), 0.75 * extent
+    i = np.arange(200) + 0.5
+    z, a = 1 - i / 100, np.pi * (1 + 5**0.5) * i
+    r = np.sqrt(1 - z * z)
+    ball = np.column_stack([r * np.cos(a), r * np.sin(a), z])
+    guard = np.concatenate([middle + radius * ball, middle + 2 * radius * ball[::4]])
+
+    parts = (thinned.xyz, silhouette, within, guard)
+    kind = np.concatenate([np.full(len(p), k) for k, p in enumerate(parts)])
+    everything = np.concatenate(parts)
+    everything = everything + 1e-7 * extent * rng.standard_normal(everything.shape)
+    try:
+        return tetrahedralise(everything), kind
+    except QhullError as error:
+        raise NotPossible(
+            "surface: the dense points lie in one plane; take images from more sides"
+        ) from error
+
+
+def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """One point for each cell of its own level of an octree: sizes are rounded down to powers of two."""
+    level = np.floor(np.log2(size / size.min())).astype(np.int64)
+    key = np.floor((xyz - xyz.min(0)) / (size.min() * 2.0**level)[:, None]).astype(np.int64)
+    code = ((level * 8192 + key[:, 0]) * 8192 + key[:, 1]) * 8192 + key[:, 2]
+    return xyz[np.sort(np.unique(code, return_index=True)[1])]
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """Costs of the cut; `sure` is `inside` without the pull of the hull."""
+
+    outside: np.ndarray
+    inside: np.ndarray
+    sure: np.ndarray
+    into: np.ndarray
+    both: np.ndarray
+
+
+def _evidence(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> _Evidence:
+    h, n = thinned.spacing, len(thinned.xyz)
+    # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
+    soft = np.maximum(0.5 * thinned.sigma, 0.05 * h)
+    p, slot = np.nonzero(thinned.views >= 0)
+    seen = (thinned.views >= 0).sum(1)
+    centre = views.centres[thinned.views[p, slot]]
+    into, free = sight_evidence(tetra, p, centre, soft[p], 2.0 / np.maximum(seen[p], 2))
+
+    sure = np.zeros(len(tetra.corners))
+    depth = np.maximum(1.5 * thinned.sigma, 0.15 * h)
+    own = behind(tetra, np.arange(n), -thinned.normal, depth)
+    confidence = np.minimum(seen, 3) / 3.0
+    np.add.at(sure, own[own >= 0], confidence[own >= 0])
+
+    volume = tetra.volume
+    corners = tetra.points[tetra.corners]
+    middle = corners.mean(1)
+    sky = hull.value(middle)
+    share = np.cbrt(volume) / h
+    outside = np.where(sky > 1.0, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
+    guard = (tetra.corners >= len(tetra.points) - 250).any(1)
+    outside = np.where(guard, 1e6, outside)
+    pull = np.where((sky <= 0.5) & ~guard, FILL * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
+    return _Evidence(outside, sure + pull, sure, into, both)

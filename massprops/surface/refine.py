@@ -1,0 +1,105 @@
+"""From the cut's triangles to the surface: noise out where it was measured, fair shape where it was not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.surface.cloud import Cloud
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(f, 3) unit normals, zero for triangles without area."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    n = np.cross(b - a, c - a)
+    return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(v, 3) unit normals, mean of the faces' by area."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    n = np.cross(b - a, c - a)
+    out = np.zeros_like(vertices)
+    for i in range(3):
+        np.add.at(out, faces[:, i], n)
+    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
+
+
+def measured_faces(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: float) -> np.ndarray:
+    """(f,) bool: faces with points of the cloud near their middle that look the same way."""
+    from scipy.spatial import cKDTree
+
+    middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
+    near, index = cKDTree(cloud.xyz).query(middle, k=12, distance_upper_bound=reach)
+    found = np.isfinite(near)
+    index = np.where(found, index, 0)
+    facing = np.einsum("fki,fi->fk", cloud.normal[index], normal) > 0.5
+    off = np.abs(np.einsum("fki,fi->fk", cloud.xyz[index] - middle[:, None], normal))
+    return (found & facing & (off < 0.5 * reach)).sum(1) >= 2
+
+
+def residuals(
+    vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Signed distance of each point to the surface, along the normal of the face it belongs to.
+
+    A point belongs to the nearest face middle among those that look the same way.
+
+    Returns:
+        point (k,) indices of the points that have a face, face (k,), distance (k,) positive outside.
+    """
+    from scipy.spatial import cKDTree
+
+    middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
+    near, index = cKDTree(middle).query(cloud.xyz, k=6, distance_upper_bound=reach)
+    found = np.isfinite(near)
+    index = np.where(found, index, 0)
+    facing = found & (np.einsum("pki,pi->pk", normal[index], cloud.normal) > 0.5)
+    first = np.argmax(facing, axis=1)
+    point = np.flatnonzero(facing.any(1))
+    face = index[point, first[point]]
+    distance = np.einsum("pi,pi->p", cloud.xyz[point] - middle[face], normal[face])
+    close = np.abs(distance) < 5 * cloud.sigma[point]
+    return point[close], face[close], distance[close]
+
+
+def remove_bias(
+    vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: float, free: np.ndarray
+) -> np.ndarray:
+    """Moves the measured vertices by the mean residual about them, so that the surface halves the points.
+
+    A cut runs along the points it finds cheapest, which need not be those in the middle of the noise.
+
+    Args:
+        free: (v,) bool, vertices that may move.
+    """
+    point, face, distance = residuals(vertices, faces, cloud, reach)
+    weight = 1 / (1 + (distance / (2.5 * cloud.sigma[point])) ** 2) ** 2
+    total, count = np.zeros(len(vertices)), np.zeros(len(vertices))
+    for i in range(3):
+        np.add.at(total, faces[face, i], weight * distance)
+        np.add.at(count, faces[face, i], weight)
+    shift = np.where(free, total / (count + 3.0), 0.0)
+    return vertices + shift[:, None] * vertex_normals(vertices, faces)
+
+
+def mean_matrix(faces: np.ndarray, size: int):  # noqa: ANN201
+    """Sparse (v, v) matrix that replaces each vertex by the mean of its neighbours."""
+    from scipy.sparse import coo_matrix, diags
+
+    i = np.concatenate([faces[:, k] for k in (0, 1, 2, 1, 2, 0)])
+    j = np.concatenate([faces[:, k] for k in (1, 2, 0, 0, 1, 2)])
+    link = coo_matrix((np.ones(len(i)), (i, j)), shape=(size, size)).tocsr()
+    link.data[:] = 1.0
+    return diags(1 / np.maximum(np.asarray(link.sum(1)).ravel(), 1)) @ link
+
+
+def fair(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray, steps: int) -> np.ndarray:
+    """Taubin's smoothing (1995) of the vertices that are not fixed: roughness goes, volume stays."""
+    mean = mean_matrix(faces, len(vertices))
+    out = vertices.copy()
+    for _ in range(steps):
+        for factor in (0.5, -0.53):
+            step = mean @ out - out
+            step[fixed] = 0
+            out += factor * step
+    return out

@@ -1,0 +1,188 @@
+"""What the silhouettes say of a point in space: certainly empty, or perhaps inside.
+
+The hull of Laurentini (1994) would let one wrong silhouette carve the body away, and an unlit side does look like
+sky. Here a point is empty when at least `need` views see it outside the silhouette, and `need` is raised until the
+measured points themselves, which are known to exist, are spared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from massprops.views import Views
+
+STEP = 4.0
+"""Distances to the outline are kept as int8 in quarters of a pixel."""
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Signed distances to every silhouette's outline.
+
+    Attributes:
+        maps: (n, h, w) int8, quarter pixels; positive in the sky, negative on what may be the object.
+        size: (n, 2) int32 width and height of each view, maps are padded to the largest.
+        P: (n, 3, 4) world to pixels.
+        need: how many views must agree that a point is empty.
+        pixel: typical size of a pixel at the object [world units].
+    """
+
+    maps: np.ndarray
+    size: np.ndarray
+    P: np.ndarray
+    need: int
+    pixel: float
+
+    def value(self, xyz: np.ndarray) -> np.ndarray:
+        """(m,) the `need`-th largest distance to an outline [px]: positive where the hull is not."""
+        return _value(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)
+
+
+def make_hull(views: Views, masks: list[np.ndarray], measured: np.ndarray, least: int = 3) -> Hull:
+    """Hull of undistorted silhouettes.
+
+    Args:
+        views: n cameras.
+        masks: n arrays (h, w) uint8: 255 object, 0 sky, anything between is no evidence.
+        measured: (m, 3) points known to be on the surface, which set `need`.
+        least: fewest views that may call a point empty.
+    """
+    import cv2
+
+    height, width = (max(m.shape[i] for m in masks) for i in (0, 1))
+    maps = np.full((len(masks), height, width), -127, np.int8)
+    for i, mask in enumerate(masks):
+        sky = (mask == 0).astype(np.uint8)
+        if not sky.any() or not (mask == 255).any():
+            continue
+        out = cv2.distanceTransform(sky, cv2.DIST_L2, 5)
+        inside = cv2.distanceTransform(1 - sky, cv2.DIST_L2, 5)
+        maps[i, : mask.shape[0], : mask.shape[1]] = np.clip(np.rint(STEP * (out - inside)), -127, 127)
+    size = np.array([m.shape[::-1] for m in masks], np.int32)
+    P = np.einsum("nij,njk->nik", views.K, np.concatenate([views.R, views.t[:, :, None]], axis=2))
+    depth = np.einsum("ni,ni->n", views.R[:, 2], measured.mean(0)[None].repeat(len(views), 0)) + views.t[:, 2]
+    pixel = float(np.median(depth / views.K[:, 0, 0]))
+    sample = np.ascontiguousarray(measured[:: max(1, len(measured) // 4000)])
+    false = _votes(sample, maps, size, P, 1.5)
+    need = max(least, int(np.quantile(false, 0.99)) + 2)
+    return Hull(maps, size, P, need, pixel)
+
+
+@njit(cache=True)
+def _distance(maps, size, P, v, x, y, z):  # noqa: ANN001, ANN202
+    """Distance to the outline in view v [px], or nan where the point is not in the image."""
+    d = P[v, 2, 0] * x + P[v, 2, 1] * y + P[v, 2, 2] * z + P[v, 2, 3]
+    if d <= 1e-9:
+        return np.nan
+    a = (P[v, 0, 0] * x + P[v, 0, 1] * y + P[v, 0, 2] * z + P[v, 0, 3]) / d
+    b = (P[v, 1, 0] * x + P[v, 1, 1] * y + P[v, 1, 2] * z + P[v, 1, 3]) / d
+    if not (a >= 0 and b >= 0 and a < size[v, 0] - 1 and b < size[v, 1] - 1):
+        return np.nan
+    i, j = int(b), int(a)
+    fb, fa = b - i, a - j
+    top = maps[v, i, j] * (1 - fa) + maps[v, i, j + 1] * fa
+    low = maps[v, i + 1, j] * (1 - fa) + maps[v, i + 1, j + 1] * fa
+    return (top * (1 - fb) + low * fb) / 4.0
+
+
+@njit(cache=True)
+def _votes(xyz, maps, size, P, margin):  # noqa: ANN001, ANN202
+    out = np.zeros(len(xyz), np.int64)
+    for i in range(len(xyz)):
+        for v in range(len(P)):
+            if _distance(maps, size, P, v, xyz[i, 0], xyz[i, 1], xyz[i, 2]) > margin:
+                out[i] += 1
+    return out
+
+
+@njit(cache=True)
+def _one_value(maps, size, P, need, x, y, z, best):  # noqa: ANN001, ANN202
+    best[:] = -32.0
+    for v in range(len(P)):
+        d = _distance(maps, size, P, v, x, y, z)
+        if d > best[need - 1]:
+            k = need - 1
+            while k > 0 and best[k - 1] < d:
+                best[k] = best[k - 1]
+                k -= 1
+            best[k] = d
+    return best[need - 1]
+
+
+@njit(cache=True)
+def _value(xyz, maps, size, P, need):  # noqa: ANN001, ANN202
+    out = np.empty(len(xyz))
+    best = np.empty(need)
+    for i in range(len(xyz)):
+        out[i] = _one_value(maps, size, P, need, xyz[i, 0], xyz[i, 1], xyz[i, 2], best)
+    return out
+
+
+@njit(cache=True)
+def _shoot(start, direction, first, reach, maps, size, P, need):  # noqa: ANN001, ANN202
+    out = np.empty_like(start)
+    hit = np.zeros(len(start), np.bool_)
+    best = np.empty(need)
+    for i in range(len(start)):
+        low, step, t = 0.0, first, first
+        found = False
+        while t < reach:
+            x = start[i] + t * direction[i]
+            if _one_value(maps, size, P, need, x[0], x[1], x[2], best) > 0:
+                found = True
+                break
+            low = t
+            step *= 1.25
+            t += step
+        if not found:
+            continue
+        high = t
+        for _ in range(12):
+            middle = 0.5 * (low + high)
+            x = start[i] + middle * direction[i]
+            if _one_value(maps, size, P, need, x[0], x[1], x[2], best) > 0:
+                high = middle
+            else:
+                low = middle
+        out[i] = start[i] + 0.5 * (low + high) * direction[i]
+        hit[i] = True
+    return out, hit
+
+
+def hull_points(
+    hull: Hull, start: np.ndarray, normal: np.ndarray, spacing: float, reach: float, rays: int, seed: int
+) -> np.ndarray:
+    """Where rays from just below the measured surface leave the hull: its unseen side, found at any thinness.
+
+    Args:
+        start, normal: (m, 3) measured points.
+        spacing: first step of the search.
+        reach: longest ray.
+        rays: directions tried for each point, one of them straight inward.
+        seed: of the directions.
+
+    Returns:
+        (k, 3) points on the hull.
+    """
+    rng = np.random.default_rng([seed, 12])
+    begin = np.repeat(start - 0.2 * spacing * normal, rays, axis=0)
+    direction = rng.standard_normal((len(begin), 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    outward = np.repeat(normal, rays, axis=0)
+    along = np.einsum("ij,ij->i", direction, outward)
+    direction -= np.where(along > 0.25, 2 * along, 0.0)[:, None] * outward
+    direction[::rays] = -normal
+    found, hit = _shoot(
+        np.ascontiguousarray(begin),
+        np.ascontiguousarray(direction),
+        0.3 * spacing,
+        reach,
+        hull.maps,
+        hull.size,
+        hull.P,
+        hull.need,
+    )
+    return found[hit]
