@@ -1,0 +1,299 @@
+"""PatchMatch multi-view stereo with slanted planes, on the object's pixels only.
+
+Each pixel of the reference holds a plane (depth, normal in the reference's camera). Planes are judged by a
+bilaterally weighted normalised cross-correlation of an 11x11 window (every second pixel) with up to five sources, of
+which the best three count; they spread to neighbours in a red-black order and are refined by shrinking random steps
+(Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). Random numbers are a hash of pixel, iteration and
+seed, so the result does not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+
+RADIUS, STEP = 5, 2
+SIDE = 2 * RADIUS // STEP + 1
+SAMPLES = SIDE * SIDE
+BEST = 3
+WORST = 2.0
+"""Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
+
+
+@nb.njit(cache=True, inline="always")
+def _hash(a, b, c, d):  # type: ignore[no-untyped-def]
+    """Uniform in [-1, 1) from four integers."""
+    h = np.uint64(a) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(b) * np.uint64(0xC2B2AE3D27D4EB4F)
+    h ^= np.uint64(c) * np.uint64(0x165667B19E3779F9) + np.uint64(d) * np.uint64(0x27D4EB2F165667C5)
+    h ^= h >> np.uint64(29)
+    h *= np.uint64(0xBF58476D1CE4E5B9)
+    h ^= h >> np.uint64(32)
+    h *= np.uint64(0x94D049BB133111EB)
+    h ^= h >> np.uint64(29)
+    return float(h >> np.uint64(11)) * (2.0 / 9007199254740992.0) - 1.0
+
+
+@nb.njit(cache=True, fastmath=True)
+def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-untyped-def]
+    """Bilateral weights and values of the reference's window; the weighted variance, or -1 when there is no texture."""
+    h, w = image.shape
+    centre = image[y, x]
+    total, s1, s2 = 0.0, 0.0, 0.0
+    k = 0
+    for dy in range(-RADIUS, RADIUS + 1, STEP):
+        for dx in range(-RADIUS, RADIUS + 1, STEP):
+            i, j = y + dy, x + dx
+            if i < 0 or j < 0 or i >= h or j >= w or mask[i, j] == 0:
+                weight[k] = 0.0
+                value[k] = 0.0
+            else:
+                v = image[i, j]
+                difference = (v - centre) / level_sigma
+                wt = math.exp(-0.5 * difference * difference - (dx * dx + dy * dy) / 50.0)
+                weight[k] = wt
+                value[k] = v
+                total += wt
+                s1 += wt * v
+                s2 += wt * v * v
+            k += 1
+    if total <= 0.0:
+        return -1.0, 0.0
+    mean = s1 / total
+    for k in range(SAMPLES):
+        weight[k] /= total
+    return s2 / total - mean * mean, mean
+
+
+@nb.njit(cache=True, fastmath=True)
+def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, source, K_s, R_s, t_s):  # type: ignore[no-untyped-def]
+    """1 - NCC of the window warped by the plane into one source image."""
+    rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
+    offset = d * (n0 * rx + n1 * ry + n2)
+    if abs(offset) < 1e-12:
+        return WORST
+    # H = K_s (R + t n^T / offset) K^-1, rows applied to (x, y, 1)
+    a0, a1, a2 = n0 / offset, n1 / offset, n2 / offset
+    m00, m01, m02 = R_s[0, 0] + t_s[0] * a0, R_s[0, 1] + t_s[0] * a1, R_s[0, 2] + t_s[0] * a2
+    m10, m11, m12 = R_s[1, 0] + t_s[1] * a0, R_s[1, 1] + t_s[1] * a1, R_s[1, 2] + t_s[1] * a2
+    m20, m21, m22 = R_s[2, 0] + t_s[2] * a0, R_s[2, 1] + t_s[2] * a1, R_s[2, 2] + t_s[2] * a2
+    px = K_s[0] * m00 + K_s[2] * m20
+    py = K_s[0] * m01 + K_s[2] * m21
+    pz = K_s[0] * m02 + K_s[2] * m22
+    qx = K_s[1] * m10 + K_s[3] * m20
+    qy = K_s[1] * m11 + K_s[3] * m21
+    qz = K_s[1] * m12 + K_s[3] * m22
+    h, w = source.shape
+    s1, s2, cross, used = 0.0, 0.0, 0.0, 0.0
+    k = 0
+    for dy in range(-RADIUS, RADIUS + 1, STEP):
+        ny = inverse[2] * (y + dy) + inverse[3]
+        for dx in range(-RADIUS, RADIUS + 1, STEP):
+            wt = weight[k]
+            if wt > 0.0:
+                nx = inverse[0] * (x + dx) + inverse[1]
+                depth = m20 * nx + m21 * ny + m22
+                if depth <= 1e-9:
+                    return WORST
+                u = (px * nx + py * ny + pz) / depth
+                v = (qx * nx + qy * ny + qz) / depth
+                if not (u >= 0.0 and v >= 0.0 and u < w - 1 and v < h - 1):
+                    return WORST
+                i, j = int(v), int(u)
+                fu, fv = u - j, v - i
+                s = (1.0 - fv) * ((1.0 - fu) * source[i, j] + fu * source[i, j + 1]) + fv * (
+                    (1.0 - fu) * source[i + 1, j] + fu * source[i + 1, j + 1]
+                )
+                s1 += wt * s
+                s2 += wt * s * s
+                cross += wt * s * value[k]
+                used += wt
+            k += 1
+    spread = s2 - s1 * s1
+    if spread < 1e-6:
+        return WORST
+    return 1.0 - (cross - s1 * mean) / math.sqrt(spread * variance)
+
+
+@nb.njit(cache=True, fastmath=True)
+def _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each):  # type: ignore[no-untyped-def]
+    """Mean of the best BEST sources' costs."""
+    count = len(sources)
+    for s in range(count):
+        each[s] = _ncc_cost(
+            x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, sources[s], Ks[s], Rs[s], ts[s]
+        )
+    best = min(BEST, count)
+    total = 0.0
+    for _ in range(best):
+        low, at = 9.0, 0
+        for s in range(count):
+            if each[s] < low:
+                low, at = each[s], s
+        total += low
+        each[at] = 9.0
+    return total / best
+
+
+@nb.njit(cache=True, parallel=True)
+def sweep(
+    image,
+    mask,
+    depth,
+    normal,
+    cost,
+    sources,
+    K,
+    inverse,
+    Ks,
+    Rs,
+    ts,
+    near,
+    far,
+    colour,
+    iteration,
+    scale,
+    tries,
+    reach,
+    seed,
+    level_sigma,
+    least_variance,
+):  # type: ignore[no-untyped-def]
+    """One half of a red-black iteration, in place.
+
+    Args:
+        image: (h, w) float32; mask: (h, w) uint8, nonzero where a depth is wanted.
+        depth (h, w), normal (h, w, 3), cost (h, w): float32 state; cost < 0 means not judged yet.
+        sources: (s, h', w') float32; Ks (s, 4) fu fv cu cv; Rs (s, 3, 3), ts (s, 3): reference camera to source camera.
+        K: (4,) of the reference; inverse: (4,) 1/fu, -cu/fu, 1/fv, -cv/fv.
+        near, far: range of depths.
+        colour: 0 or 1: which half; iteration, seed: of the random steps.
+        scale: relative size of the steps; tries: steps per pixel; reach: farthest neighbour asked.
+        level_sigma: grey-level width of the bilateral weight; least_variance: below it there is no texture.
+    """
+    h, w = image.shape
+    for row in nb.prange(h):
+        y = np.int64(row)  # prange counts unsigned, and unsigned plus signed is a float
+        weight = np.empty(SAMPLES, np.float64)
+        value = np.empty(SAMPLES, np.float64)
+        each = np.empty(len(sources), np.float64)
+        for x in range((y + colour) % 2, w, 2):
+            if mask[y, x] == 0:
+                continue
+            variance, mean = _window(image, mask, x, y, weight, value, level_sigma)
+            if variance < least_variance:
+                cost[y, x] = WORST
+                continue
+            rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
+            d, n0, n1, n2, c = depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2], cost[y, x]
+            if c < 0.0:
+                c = _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each)
+            for k in range(4 * reach):
+                far_step = 1 + 2 * (k // 4)
+                i, j = y, x
+                if k % 4 == 0:
+                    j = x - far_step
+                elif k % 4 == 1:
+                    j = x + far_step
+                elif k % 4 == 2:
+                    i = y - far_step
+                else:
+                    i = y + far_step
+                if i < 0 or j < 0 or i >= h or j >= w or mask[i, j] == 0 or depth[i, j] <= 0.0:
+                    continue
+                m0, m1, m2 = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2]
+                slope = m0 * rx + m1 * ry + m2
+                if slope > -0.05:
+                    continue
+                jx, jy = inverse[0] * j + inverse[1], inverse[2] * i + inverse[3]
+                e = depth[i, j] * (m0 * jx + m1 * jy + m2) / slope
+                if e < near or e > far:
+                    continue
+                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each)
+                if g < c:
+                    d, n0, n1, n2, c = e, m0, m1, m2, g
+            size = scale
+            for k in range(tries):
+                a = _hash(y * w + x, iteration * 64 + k * 4, colour, seed)
+                e = d + a * size * (far - near)
+                m0 = n0 + size * 3.0 * _hash(y * w + x, iteration * 64 + k * 4 + 1, colour, seed)
+                m1 = n1 + size * 3.0 * _hash(y * w + x, iteration * 64 + k * 4 + 2, colour, seed)
+                m2 = n2 + size * 3.0 * _hash(y * w + x, iteration * 64 + k * 4 + 3, colour, seed)
+                if k % 3 == 1:
+                    m0, m1, m2 = n0, n1, n2
+                elif k % 3 == 2:
+                    e = d
+                length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2) + 1e-12
+                m0, m1, m2 = m0 / length, m1 / length, m2 / length
+                if m0 * rx + m1 * ry + m2 > -0.05 or e < near or e > far:
+                    continue
+                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each)
+                if g < c:
+                    d, n0, n1, n2, c = e, m0, m1, m2, g
+                size *= 0.6
+            depth[y, x], cost[y, x] = d, c
+            normal[y, x, 0], normal[y, x, 1], normal[y, x, 2] = n0, n1, n2
+
+
+@nb.njit(cache=True, parallel=True)
+def polish(
+    image, mask, depth, normal, cost, sigma, sources, K, inverse, Ks, Rs, ts, level_sigma, least_variance, noise_px
+):  # type: ignore[no-untyped-def]
+    """Last step in depth by a parabola through the cost at half a pixel of parallax either side, and its 1-sigma.
+
+    Shapes as in `sweep`; `sigma` (h, w) float32 is written: one sigma of the depth along the line of sight, from the
+    parallax per depth of the sources and `noise_px`, widened where the cost is high or flat.
+    """
+    h, w = image.shape
+    for row in nb.prange(h):
+        y = np.int64(row)  # prange counts unsigned, and unsigned plus signed is a float
+        weight = np.empty(SAMPLES, np.float64)
+        value = np.empty(SAMPLES, np.float64)
+        each = np.empty(len(sources), np.float64)
+        for x in range(w):
+            sigma[y, x] = 0.0
+            if mask[y, x] == 0 or cost[y, x] >= WORST or cost[y, x] < 0.0:
+                continue
+            variance, mean = _window(image, mask, x, y, weight, value, level_sigma)
+            if variance < least_variance:
+                cost[y, x] = WORST
+                continue
+            rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
+            d, n0, n1, n2 = depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
+            parallax = 0.0
+            for s in range(len(sources)):
+                X = d * (Rs[s, 0, 0] * rx + Rs[s, 0, 1] * ry + Rs[s, 0, 2]) + ts[s, 0]
+                Y = d * (Rs[s, 1, 0] * rx + Rs[s, 1, 1] * ry + Rs[s, 1, 2]) + ts[s, 1]
+                Z = d * (Rs[s, 2, 0] * rx + Rs[s, 2, 1] * ry + Rs[s, 2, 2]) + ts[s, 2]
+                dX = Rs[s, 0, 0] * rx + Rs[s, 0, 1] * ry + Rs[s, 0, 2]
+                dY = Rs[s, 1, 0] * rx + Rs[s, 1, 1] * ry + Rs[s, 1, 2]
+                dZ = Rs[s, 2, 0] * rx + Rs[s, 2, 1] * ry + Rs[s, 2, 2]
+                if Z <= 1e-9:
+                    continue
+                du = Ks[s, 0] * (dX * Z - X * dZ) / (Z * Z)
+                dv = Ks[s, 1] * (dY * Z - Y * dZ) / (Z * Z)
+                parallax += du * du + dv * dv
+            parallax = math.sqrt(parallax / len(sources)) + 1e-12
+            step = 0.5 / parallax
+            c = cost[y, x]
+            low = _cost(
+                x, y, d - step, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each
+            )
+            high = _cost(
+                x, y, d + step, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each
+            )
+            bend = low + high - 2.0 * c
+            if bend > 1e-4 and low < WORST and high < WORST:
+                move = 0.5 * (low - high) / bend
+                depth[y, x] = d + step * min(max(move, -1.0), 1.0)
+                flat = min(max(0.05 / bend, 1.0), 9.0)
+            else:
+                flat = 9.0
+            sigma[y, x] = noise_px / parallax * math.sqrt(flat) * (1.0 + 2.0 * c)
+
+
+def grey_pyramid_half(image: np.ndarray) -> np.ndarray:
+    """Half the size by area, (h // 2, w // 2)."""
+    h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
+    return image[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3), dtype=np.float32)

@@ -1,0 +1,108 @@
+"""Which views get a depth map, and against which others each is matched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.views import Views
+
+MOST_REFERENCES = 48
+"""Depth maps by default: beyond it the sphere of directions around a body is seen every few degrees already."""
+
+SOURCES = 5
+BEST_ANGLE, NARROW, WIDE = 10.0, 3.0, 26.0
+"""Angle between two lines of sight [deg]: below NARROW depth is not told, above WIDE surfaces look too different."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """reference (r,) view indices; sources: per reference (s,) view indices; depths (r, 2) nearest, farthest."""
+
+    reference: np.ndarray
+    sources: tuple[np.ndarray, ...]
+    depths: np.ndarray
+
+
+def shared_points(n: int, obs_view: np.ndarray, obs_point: np.ndarray) -> np.ndarray:
+    """(n, n) number of sparse points that two views have in common."""
+    from scipy.sparse import coo_matrix
+
+    points = int(obs_point.max(initial=-1)) + 1
+    seen = coo_matrix((np.ones(len(obs_view), np.float32), (obs_view, obs_point)), shape=(n, points)).tocsr()
+    return np.asarray((seen @ seen.T).todense())
+
+
+def select_views(
+    views: Views,
+    xyz: np.ndarray,
+    obs_view: np.ndarray,
+    obs_point: np.ndarray,
+    most: int = 0,
+    stereo_angle: float = NARROW,
+) -> Selection:
+    """References spread over the sphere of directions, each with its best sources.
+
+    Args:
+        views: registered views.
+        xyz: (m, 3) sparse points; obs_view, obs_point: (k,) which view saw which point.
+        most: largest number of references; 0 for the default.
+        stereo_angle: smallest angle between the lines of sight of a pair [deg].
+
+    Returns:
+        references in the order of their index; views without two usable sources are left out.
+    """
+    n = len(views)
+    common = shared_points(n, obs_view, obs_point)
+    centre = np.median(xyz, axis=0)
+    sight = views.centres - centre
+    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+    angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
+    sources = [_sources(i, common[i], angle, stereo_angle) for i in range(n)]
+    able = np.array([len(s) >= 2 for s in sources])
+    reference = _spread(angle, able, most or MOST_REFERENCES)
+    depths = np.zeros((len(reference), 2))
+    for k, i in enumerate(reference):
+        mine = xyz[obs_point[obs_view == i]]
+        z = (mine @ views.R[i].T + views.t[i])[:, 2]
+        z = z[z > 0]
+        low, high = np.percentile(z, [1, 99]) if len(z) > 5 else (0.5, 2.0)
+        pad = 0.15 * (high - low) + 0.01 * high
+        depths[k] = max(low - pad, 0.2 * low), high + pad
+    return Selection(reference, tuple(sources[i] for i in reference), depths)
+
+
+def _sources(i: int, common: np.ndarray, angle: np.ndarray, least: float) -> np.ndarray:
+    """Up to SOURCES views that share points with view i at a useful angle, and lie in different directions from it."""
+    a = angle[i]
+    usable = (a >= least) & (a <= WIDE) & (common >= 15)
+    usable[i] = False
+    if usable.sum() < 2:
+        usable = (a >= 0.4 * least) & (a <= 1.5 * WIDE) & (common >= 8)
+        usable[i] = False
+    score = np.where(usable, common * np.exp(-(((a - BEST_ANGLE) / 8.0) ** 2)), 0.0)
+    chosen: list[int] = []
+    for _ in range(SOURCES):
+        best = int(np.argmax(score))
+        if score[best] <= 0:
+            break
+        chosen.append(best)
+        score[best] = 0.0
+        # a neighbour of a chosen source tells the same again
+        score *= 1.0 - 0.6 * np.exp(-((angle[best] / 4.0) ** 2))
+    return np.array(chosen, dtype=np.int64)
+
+
+def _spread(angle: np.ndarray, able: np.ndarray, most: int) -> np.ndarray:
+    """Farthest-point choice of at most `most` able views; deterministic."""
+    pool = np.flatnonzero(able)
+    if len(pool) <= most:
+        return pool
+    chosen = [int(pool[0])]
+    nearest = angle[pool[0], pool].copy()
+    while len(chosen) < most:
+        best = int(np.argmax(nearest))
+        chosen.append(int(pool[best]))
+        nearest = np.minimum(nearest, angle[pool[best], pool])
+    return np.array(sorted(chosen))

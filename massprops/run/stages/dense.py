@@ -1,0 +1,47 @@
+"""Stage `dense`: measured surface points by multi-view stereo."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from massprops.run.job import Job
+
+READS = ("capture", "sfm", "silhouettes")
+OPTIONS = ("dense_views",)
+
+
+def run(job: Job) -> dict:
+    """Writes points.npz and dense.json."""
+    import cv2
+
+    from massprops.dense.reconstruct import dense_points
+    from massprops.views import Views, undistort
+
+    views = Views.load(job.work("sfm") / "views.npz")
+    with np.load(job.work("sfm") / "points.npz", allow_pickle=False) as z:
+        xyz, obs_view, obs_point = z["xyz"], z["obs_view"], z["obs_point"]
+
+    def image(i: int) -> tuple[np.ndarray, np.ndarray]:
+        colour = cv2.imread(str(job.work("capture") / "frames" / views.names[i]))
+        mask = cv2.imread(str(job.work("silhouettes") / "masks" / f"{views.names[i]}.png"), cv2.IMREAD_GRAYSCALE)
+        return (
+            undistort(colour, views.K[i], views.distortion[i]),
+            undistort(mask, views.K[i], views.distortion[i], nearest=True),
+        )
+
+    points, facts = dense_points(
+        views, image, xyz, obs_view, obs_point, job.options.dense_views, job.seed, job.threads, job.progress
+    )
+    np.savez(
+        job.out / "points.npz",
+        xyz=points.xyz,
+        normal=points.normal,
+        rgb=points.rgb,
+        sigma=points.sigma,
+        view_start=points.view_start,
+        view_index=points.view_index,
+    )
+    (job.out / "dense.json").write_text(json.dumps(facts, indent=1))
+    return facts
