@@ -8,10 +8,10 @@ import numpy as np
 
 from massprops.dense import patchmatch as pm
 
-NOISE_PX = 0.12
+NOISE_PX = 0.25
 """One sigma of a match [px], as measured on rendered bodies of known shape."""
 
-COARSE = (0.20, 0.08, 0.03, 0.012)
+COARSE = (0.20, 0.06, 0.02)
 FINE = (0.010, 0.003)
 """Relative sizes of the random steps, one entry an iteration, at half and at full size."""
 
@@ -80,9 +80,11 @@ def depth_map(
     cost = np.full(mask.shape, -1.0, np.float32)
     _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed + 1, FINE, 1)
     sigma = np.zeros_like(depth)
-    arguments = _arguments(K, Ks)
+    inverse, each = _arguments(K, Ks)
     level, least = _thresholds(noise)
-    pm.polish(image, mask, depth, normal, cost, sigma, sources, *arguments, Rs, ts, level, least, NOISE_PX)
+    count, sh, sw = sources.shape
+    flat = sources.reshape(count, -1)
+    pm.polish(image, mask, depth, normal, cost, sigma, flat, sh, sw, inverse, each, Rs, ts, level, least, NOISE_PX)
     lost = (mask == 0) | (cost >= 1.0) | (cost < 0) | (sigma <= 0)
     depth[lost] = 0.0
     return DepthMap(depth, normal, cost, sigma)
@@ -96,11 +98,10 @@ def _halved(K: np.ndarray) -> np.ndarray:
     return out
 
 
-def _arguments(K: np.ndarray, Ks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    four = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
-    inverse = np.array([1 / four[0], -four[2] / four[0], 1 / four[1], -four[3] / four[1]])
+def _arguments(K: np.ndarray, Ks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    inverse = np.array([1 / K[0, 0], -K[0, 2] / K[0, 0], 1 / K[1, 1], -K[1, 2] / K[1, 1]])
     each = np.stack([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]] for k in Ks])
-    return four, inverse, each
+    return inverse, each
 
 
 def _thresholds(noise: float) -> tuple[float, float]:
@@ -108,12 +109,14 @@ def _thresholds(noise: float) -> tuple[float, float]:
 
 
 def _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed, steps, reach):  # type: ignore[no-untyped-def]
-    four, inverse, each = _arguments(K, Ks)
+    inverse, each = _arguments(K, Ks)
     level, least = _thresholds(noise)
+    count, sh, sw = sources.shape
+    flat = sources.reshape(count, -1)
     for iteration, scale in enumerate(steps):
         for colour in (0, 1):
             pm.sweep(
-                image, mask, depth, normal, cost, sources, four, inverse, each, Rs, ts,
+                image, mask, depth, normal, cost, flat, sh, sw, inverse, each, Rs, ts,
                 depths[0], depths[1], colour, iteration, scale, 3, reach, seed, level, least,
             )  # fmt: skip
 

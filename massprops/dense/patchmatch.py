@@ -17,6 +17,9 @@ import numpy as np
 RADIUS, STEP = 5, 2
 SIDE = 2 * RADIUS // STEP + 1
 SAMPLES = SIDE * SIDE
+_GRID = np.arange(-RADIUS, RADIUS + 1, STEP)
+DX = np.tile(_GRID, SIDE).astype(np.float32)
+DY = np.repeat(_GRID, SIDE).astype(np.float32)
 BEST = 3
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
@@ -35,7 +38,7 @@ def _hash(a, b, c, d):  # type: ignore[no-untyped-def]
     return float(h >> np.uint64(11)) * (2.0 / 9007199254740992.0) - 1.0
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath=True, error_model="numpy")
 def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-untyped-def]
     """Bilateral weights and values of the reference's window; the weighted variance, or -1 when there is no texture."""
     h, w = image.shape
@@ -66,63 +69,67 @@ def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-u
     return s2 / total - mean * mean, mean
 
 
-@nb.njit(cache=True, fastmath=True)
-def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, source, K_s, R_s, t_s):  # type: ignore[no-untyped-def]
-    """1 - NCC of the window warped by the plane into one source image."""
+@nb.njit(cache=True, fastmath=True, error_model="numpy")
+def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, source, h, w, K_s, R_s, t_s):  # type: ignore[no-untyped-def]
+    """1 - NCC of the window warped by the plane into one source image, given flat."""
     rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
     offset = d * (n0 * rx + n1 * ry + n2)
     if abs(offset) < 1e-12:
         return WORST
-    # H = K_s (R + t n^T / offset) K^-1, rows applied to (x, y, 1)
+    # H = K_s (R + t n^T / offset) K^-1; numerators and denominator are linear in the offset (dx, dy) from the pixel
     a0, a1, a2 = n0 / offset, n1 / offset, n2 / offset
     m00, m01, m02 = R_s[0, 0] + t_s[0] * a0, R_s[0, 1] + t_s[0] * a1, R_s[0, 2] + t_s[0] * a2
     m10, m11, m12 = R_s[1, 0] + t_s[1] * a0, R_s[1, 1] + t_s[1] * a1, R_s[1, 2] + t_s[1] * a2
     m20, m21, m22 = R_s[2, 0] + t_s[2] * a0, R_s[2, 1] + t_s[2] * a1, R_s[2, 2] + t_s[2] * a2
-    px = K_s[0] * m00 + K_s[2] * m20
-    py = K_s[0] * m01 + K_s[2] * m21
-    pz = K_s[0] * m02 + K_s[2] * m22
-    qx = K_s[1] * m10 + K_s[3] * m20
-    qy = K_s[1] * m11 + K_s[3] * m21
-    qz = K_s[1] * m12 + K_s[3] * m22
-    h, w = source.shape
-    s1, s2, cross, used = 0.0, 0.0, 0.0, 0.0
-    k = 0
-    for dy in range(-RADIUS, RADIUS + 1, STEP):
-        ny = inverse[2] * (y + dy) + inverse[3]
-        for dx in range(-RADIUS, RADIUS + 1, STEP):
-            wt = weight[k]
-            if wt > 0.0:
-                nx = inverse[0] * (x + dx) + inverse[1]
-                depth = m20 * nx + m21 * ny + m22
-                if depth <= 1e-9:
-                    return WORST
-                u = (px * nx + py * ny + pz) / depth
-                v = (qx * nx + qy * ny + qz) / depth
-                if not (u >= 0.0 and v >= 0.0 and u < w - 1 and v < h - 1):
-                    return WORST
-                i, j = int(v), int(u)
-                fu, fv = u - j, v - i
-                s = (1.0 - fv) * ((1.0 - fu) * source[i, j] + fu * source[i, j + 1]) + fv * (
-                    (1.0 - fu) * source[i + 1, j] + fu * source[i + 1, j + 1]
-                )
-                s1 += wt * s
-                s2 += wt * s * s
-                cross += wt * s * value[k]
-                used += wt
-            k += 1
+    c0, c1, c2 = m20 * rx + m21 * ry + m22, m20 * inverse[0], m21 * inverse[2]
+    if c0 - RADIUS * (abs(c1) + abs(c2)) <= 1e-6 * c0:
+        return WORST
+    scale = 1.0 / c0
+    u0 = (K_s[0] * (m00 * rx + m01 * ry + m02) + K_s[2] * c0) * scale
+    u1, u2 = (K_s[0] * m00 * inverse[0] + K_s[2] * c1) * scale, (K_s[0] * m01 * inverse[2] + K_s[2] * c2) * scale
+    v0 = (K_s[1] * (m10 * rx + m11 * ry + m12) + K_s[3] * c0) * scale
+    v1, v2 = (K_s[1] * m10 * inverse[0] + K_s[3] * c1) * scale, (K_s[1] * m11 * inverse[2] + K_s[3] * c2) * scale
+    c1, c2 = c1 * scale, c2 * scale
+    # the window is convex and so is its image: its corners decide whether all of it is inside
+    for corner in range(4):
+        dx = RADIUS if corner & 1 else -RADIUS
+        dy = RADIUS if corner & 2 else -RADIUS
+        e = 1.0 + c1 * dx + c2 * dy
+        u, v = (u0 + u1 * dx + u2 * dy) / e, (v0 + v1 * dx + v2 * dy) / e
+        if not (u >= 0.0 and v >= 0.0 and u < w - 1.01 and v < h - 1.01):
+            return WORST
+    fu0, fu1, fu2 = np.float32(u0), np.float32(u1), np.float32(u2)
+    fv0, fv1, fv2 = np.float32(v0), np.float32(v1), np.float32(v2)
+    fc1, fc2, one = np.float32(c1), np.float32(c2), np.float32(1.0)
+    s1, s2, cross = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(SAMPLES):
+        dx, dy = DX[k], DY[k]
+        e = one / (one + fc1 * dx + fc2 * dy)
+        u, v = (fu0 + fu1 * dx + fu2 * dy) * e, (fv0 + fv1 * dx + fv2 * dy) * e
+        j, i = np.int32(u), np.int32(v)
+        fu, fv = u - np.float32(j), v - np.float32(i)
+        at = np.uint32(i * w + j)
+        top = source[at] + fu * (source[at + np.uint32(1)] - source[at])
+        at += np.uint32(w)
+        low = source[at] + fu * (source[at + np.uint32(1)] - source[at])
+        s = top + fv * (low - top)
+        ws = weight[k] * s
+        s1 += ws
+        s2 += ws * s
+        cross += ws * value[k]
     spread = s2 - s1 * s1
-    if spread < 1e-6:
+    if spread < 0.05:
         return WORST
     return 1.0 - (cross - s1 * mean) / math.sqrt(spread * variance)
 
 
-@nb.njit(cache=True, fastmath=True)
-def _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, fastmath=True, error_model="numpy")
+def _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources, h, w, Ks, Rs, ts, each):  # type: ignore[no-untyped-def]
     """Mean of the best BEST sources' costs."""
     count = len(sources)
     for s in range(count):
         each[s] = _ncc_cost(
-            x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, sources[s], Ks[s], Rs[s], ts[s]
+            x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources[s], h, w, Ks[s], Rs[s], ts[s]
         )
     best = min(BEST, count)
     total = 0.0
@@ -136,7 +143,7 @@ def _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, source
     return total / best
 
 
-@nb.njit(cache=True, parallel=True)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def sweep(
     image,
     mask,
@@ -144,7 +151,8 @@ def sweep(
     normal,
     cost,
     sources,
-    K,
+    sh,
+    sw,
     inverse,
     Ks,
     Rs,
@@ -165,8 +173,8 @@ def sweep(
     Args:
         image: (h, w) float32; mask: (h, w) uint8, nonzero where a depth is wanted.
         depth (h, w), normal (h, w, 3), cost (h, w): float32 state; cost < 0 means not judged yet.
-        sources: (s, h', w') float32; Ks (s, 4) fu fv cu cv; Rs (s, 3, 3), ts (s, 3): reference camera to source camera.
-        K: (4,) of the reference; inverse: (4,) 1/fu, -cu/fu, 1/fv, -cv/fv.
+        sources: (s, sh * sw) float32, flat images of sh rows and sw columns; Ks (s, 4) fu fv cu cv; Rs (s, 3, 3), ts (s, 3): reference camera to source camera.
+        inverse: of the reference, (4,) 1/fu, -cu/fu, 1/fv, -cv/fv.
         near, far: range of depths.
         colour: 0 or 1: which half; iteration, seed: of the random steps.
         scale: relative size of the steps; tries: steps per pixel; reach: farthest neighbour asked.
@@ -175,8 +183,8 @@ def sweep(
     h, w = image.shape
     for row in nb.prange(h):
         y = np.int64(row)  # prange counts unsigned, and unsigned plus signed is a float
-        weight = np.empty(SAMPLES, np.float64)
-        value = np.empty(SAMPLES, np.float64)
+        weight = np.empty(SAMPLES, np.float32)
+        value = np.empty(SAMPLES, np.float32)
         each = np.empty(len(sources), np.float64)
         for x in range((y + colour) % 2, w, 2):
             if mask[y, x] == 0:
@@ -188,7 +196,7 @@ def sweep(
             rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
             d, n0, n1, n2, c = depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2], cost[y, x]
             if c < 0.0:
-                c = _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each)
+                c = _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each)
             for k in range(4 * reach):
                 far_step = 1 + 2 * (k // 4)
                 i, j = y, x
@@ -210,7 +218,9 @@ def sweep(
                 e = depth[i, j] * (m0 * jx + m1 * jy + m2) / slope
                 if e < near or e > far:
                     continue
-                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each)
+                if abs(e - d) < 3e-5 * d and m0 * n0 + m1 * n1 + m2 * n2 > 0.9995:
+                    continue  # the same plane to a small part of a pixel
+                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each)
                 if g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
             size = scale
@@ -228,7 +238,7 @@ def sweep(
                 m0, m1, m2 = m0 / length, m1 / length, m2 / length
                 if m0 * rx + m1 * ry + m2 > -0.05 or e < near or e > far:
                     continue
-                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each)
+                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each)
                 if g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
                 size *= 0.6
@@ -236,9 +246,9 @@ def sweep(
             normal[y, x, 0], normal[y, x, 1], normal[y, x, 2] = n0, n1, n2
 
 
-@nb.njit(cache=True, parallel=True)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def polish(
-    image, mask, depth, normal, cost, sigma, sources, K, inverse, Ks, Rs, ts, level_sigma, least_variance, noise_px
+    image, mask, depth, normal, cost, sigma, sources, sh, sw, inverse, Ks, Rs, ts, level_sigma, least_variance, noise_px
 ):  # type: ignore[no-untyped-def]
     """Last step in depth by a parabola through the cost at half a pixel of parallax either side, and its 1-sigma.
 
@@ -248,8 +258,8 @@ def polish(
     h, w = image.shape
     for row in nb.prange(h):
         y = np.int64(row)  # prange counts unsigned, and unsigned plus signed is a float
-        weight = np.empty(SAMPLES, np.float64)
-        value = np.empty(SAMPLES, np.float64)
+        weight = np.empty(SAMPLES, np.float32)
+        value = np.empty(SAMPLES, np.float32)
         each = np.empty(len(sources), np.float64)
         for x in range(w):
             sigma[y, x] = 0.0
@@ -278,10 +288,10 @@ def polish(
             step = 0.5 / parallax
             c = cost[y, x]
             low = _cost(
-                x, y, d - step, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each
+                x, y, d - step, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
             )
             high = _cost(
-                x, y, d + step, n0, n1, n2, weight, value, mean, variance, K, inverse, sources, Ks, Rs, ts, each
+                x, y, d + step, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
             )
             bend = low + high - 2.0 * c
             if bend > 1e-4 and low < WORST and high < WORST:

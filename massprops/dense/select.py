@@ -8,7 +8,7 @@ import numpy as np
 
 from massprops.views import Views
 
-MOST_REFERENCES = 48
+MOST_REFERENCES = 40
 """Depth maps by default: beyond it the sphere of directions around a body is seen every few degrees already."""
 
 SOURCES = 5
