@@ -31,6 +31,10 @@ AREA = 0.08
 """Cost of surface, per spacing squared, against 1 for the line of sight of one point."""
 FILL = 0.02
 """Pull of the hull on space that nothing was measured in, per spacing cubed."""
+PRESS = 5e-4
+"""The opposite, for the smallest body: enough to choose the inner one of two films of equal area, no more."""
+HOLLOW = 0.5
+"""Where an unmeasured side is put, from 0 on the hull to 1 on the smallest body."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,10 @@ def reconstruct_surface(
     if largest.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
     progress(4, 6, "cut")
-    core = one_body(tetra, minimum_cut(tetra, evidence.outside, evidence.sure, evidence.into, evidence.both))
+    core = one_body(
+        tetra,
+        minimum_cut(tetra, evidence.outside + evidence.press, evidence.sure, evidence.into, evidence.both),
+    )
     progress(5, 6, "smallest body")
     vertices, faces, measured = _mesh(tetra, kind, largest)
     if core.sum() >= 10:
@@ -106,12 +113,24 @@ def reconstruct_surface(
     else:
         smallest = vertices
     h = thinned.spacing
+    vertices = _hollow(vertices, measured, smallest)
     vertices = fair(vertices, faces, measured, 10)
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = measured_faces(vertices, faces, cloud, 2 * h)
     progress(6, 6, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, smallest, hull, cloud, h)
+
+
+def _hollow(vertices: np.ndarray, measured: np.ndarray, smallest: np.ndarray) -> np.ndarray:
+    """Unmeasured vertices moved `HOLLOW` of the way to the smallest body."""
+    from scipy.spatial import cKDTree
+
+    out = vertices.copy()
+    if not measured.all():
+        _, nearest = cKDTree(smallest).query(vertices[~measured])
+        out[~measured] += HOLLOW * (smallest[nearest] - vertices[~measured])
+    return out
 
 
 def _mesh(
@@ -132,9 +151,9 @@ def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[
     tree = cKDTree(thinned.xyz)
     rng = np.random.default_rng([seed, 13])
 
-    step = max(1, len(thinned.xyz) // 20_000)
+    step = max(1, len(thinned.xyz) // 8_000)
     begin, normal = thinned.xyz[::step], thinned.normal[::step]
-    silhouette = hull_points(hull, begin, normal, h, 1.2 * extent, 4, seed)
+    silhouette = hull_points(hull, begin, normal, h, 1.2 * extent, 5, seed)
     if len(silhouette):
         away = tree.query(silhouette)[0]
         silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
@@ -174,9 +193,10 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Costs of the cut; `sure` is `inside` without the pull of the hull."""
+    """Costs of the cut; `sure` is `inside` without the pull of the hull, `press` its opposite."""
 
     outside: np.ndarray
+    press: np.ndarray
     inside: np.ndarray
     sure: np.ndarray
     into: np.ndarray
@@ -207,5 +227,6 @@ def _evidence(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> 
     guard = (tetra.corners >= len(tetra.points) - 250).any(1)
     outside = np.where(guard, 1e6, outside)
     pull = np.where((sky <= 0.5) & ~guard, FILL * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    press = PRESS * volume / h**3
     both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
-    return _Evidence(outside, sure + pull, sure, into, both)
+    return _Evidence(outside, press, sure + pull, sure, into, both)

@@ -92,41 +92,52 @@ def _incidence(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
     return start.astype(np.int64), (order // 4).astype(np.int32)
 
 
+@njit(cache=True, inline="always")
+def _triple(ax, ay, az, bx, by, bz, cx, cy, cz):  # noqa: ANN001, ANN202
+    return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+
+
 @njit(cache=True)
 def _first(points, corners, start, tets, p, d):  # noqa: ANN001, ANN202
     """The tetrahedron about point p that direction d enters, the corner p has in it, and where d leaves it."""
+    px, py, pz = points[p, 0], points[p, 1], points[p, 2]
     for q in range(start[p], start[p + 1]):
         t = tets[q]
         k = 0
         while corners[t, k] != p:
             k += 1
-        a = points[corners[t, (k + 1) % 4]] - points[p]
-        b = points[corners[t, (k + 2) % 4]] - points[p]
-        c = points[corners[t, (k + 3) % 4]] - points[p]
-        bc, ca, ab = np.cross(b, c), np.cross(c, a), np.cross(a, b)
-        det = (a * bc).sum()
+        i, j, m = corners[t, (k + 1) % 4], corners[t, (k + 2) % 4], corners[t, (k + 3) % 4]
+        ax, ay, az = points[i, 0] - px, points[i, 1] - py, points[i, 2] - pz
+        bx, by, bz = points[j, 0] - px, points[j, 1] - py, points[j, 2] - pz
+        cx, cy, cz = points[m, 0] - px, points[m, 1] - py, points[m, 2] - pz
+        det = _triple(ax, ay, az, bx, by, bz, cx, cy, cz)
         if det == 0:
             continue
-        x, y, z = (d * bc).sum() / det, (d * ca).sum() / det, (d * ab).sum() / det
+        x = _triple(d[0], d[1], d[2], bx, by, bz, cx, cy, cz) / det
+        y = _triple(ax, ay, az, d[0], d[1], d[2], cx, cy, cz) / det
+        z = _triple(ax, ay, az, bx, by, bz, d[0], d[1], d[2]) / det
         if x >= -1e-9 and y >= -1e-9 and z >= -1e-9 and x + y + z > 0:
             return t, k, 1.0 / (x + y + z)
     return -1, -1, 0.0
 
 
 @njit(cache=True)
-def _next(points, corners, t, entered, origin, d):  # noqa: ANN001, ANN202
+def _next(points, corners, t, entered, o, d):  # noqa: ANN001, ANN202
     """Facet through which the line leaves tetrahedron t, and the distance along it."""
     best, facet = 1e300, -1
     for k in range(4):
         if k == entered:
             continue
-        a = points[corners[t, (k + 1) % 4]]
-        n = np.cross(points[corners[t, (k + 2) % 4]] - a, points[corners[t, (k + 3) % 4]] - a)
-        if ((points[corners[t, k]] - a) * n).sum() > 0:
-            n = -n
-        slope = (d * n).sum()
+        i, j, m, q = corners[t, (k + 1) % 4], corners[t, (k + 2) % 4], corners[t, (k + 3) % 4], corners[t, k]
+        ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
+        ux, uy, uz = points[j, 0] - ax, points[j, 1] - ay, points[j, 2] - az
+        vx, vy, vz = points[m, 0] - ax, points[m, 1] - ay, points[m, 2] - az
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        if (points[q, 0] - ax) * nx + (points[q, 1] - ay) * ny + (points[q, 2] - az) * nz > 0:
+            nx, ny, nz = -nx, -ny, -nz
+        slope = d[0] * nx + d[1] * ny + d[2] * nz
         if slope > 1e-300:
-            s = ((a - origin) * n).sum() / slope
+            s = ((ax - o[0]) * nx + (ay - o[1]) * ny + (az - o[2]) * nz) / slope
             if s < best:
                 best, facet = s, k
     return facet, best

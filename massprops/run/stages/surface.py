@@ -1,0 +1,88 @@
+"""Stage: dense points and silhouettes -> a closed mesh, which of its faces were measured, and its replicates."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from massprops.errors import NotPossible
+from massprops.run.job import Job
+
+READS = ("capture", "sfm", "silhouettes", "dense")
+OPTIONS = ("seed",)
+
+LEAST_OBSERVED = 0.4
+"""Below this share of measured area the mesh is kept, but called partial."""
+FOCAL_SIGMA = 0.003
+"""Relative 1-sigma of a self-calibrated focal length when the structure from motion could not give its own."""
+
+
+def run(job: Job) -> dict:
+    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length) and surface.json."""
+    import cv2
+
+    from massprops.surface.cloud import Cloud
+    from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.surface.spread import replicates
+    from massprops.views import Views, undistort
+
+    views = Views.load(job.work("sfm") / "views.npz")
+    sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
+    masks = []
+    for i, name in enumerate(views.names):
+        path = job.work("silhouettes") / "masks" / f"{name}.png"
+        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        if mask is None:
+            raise NotPossible(f"surface: silhouette {path.name} is missing; run the silhouettes again")
+        masks.append(undistort(mask, views.K[i], views.distortion[i], nearest=True))
+    cloud = Cloud.load(job.work("dense") / "points.npz")
+    surface = reconstruct_surface(views, masks, cloud, seed=job.seed, progress=job.progress)
+    focal = sfm.get("focal_sigma_relative")
+    focal = FOCAL_SIGMA if focal is None else float(focal)
+    rows, lengths = replicates(surface, len(views), focal, seed=job.seed)
+
+    corners = surface.vertices[surface.faces]
+    area = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    observed = float(area[surface.observed].sum() / area.sum())
+    warnings = []
+    if observed < 0.9:
+        warnings.append(
+            f"{100 * (1 - observed):.0f} % of the surface was not measured but filled from the silhouettes"
+        )
+    partial = None
+    if observed < LEAST_OBSERVED:
+        partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"
+        warnings.append(partial)
+    for line in warnings:
+        job.warn(line)
+    np.savez(
+        job.out / "surface.npz",
+        vertices=surface.vertices,
+        faces=surface.faces,
+        observed=surface.observed,
+        replicate_integrals=rows,
+        replicate_length=lengths,
+    )
+    facts = {
+        "watertight": closed(surface.vertices, surface.faces),
+        "observed_fraction": observed,
+        "area": float(area.sum()),
+        "vertices": len(surface.vertices),
+        "faces": len(surface.faces),
+        "spacing": surface.spacing,
+        "views_that_carve": surface.hull.need,
+        "warnings": warnings,
+        "partial": partial,
+    }
+    (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
+    return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Whether the mesh is a volume in trimesh's sense."""
+    import trimesh
+
+    return bool(trimesh.Trimesh(vertices, faces, process=False).is_volume)
