@@ -1,0 +1,118 @@
+"""Small pieces of HTML and SVG. Everything that comes from outside goes through `text`."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+
+def text(value: object) -> str:
+    """Escaped text."""
+    return html.escape(str(value))
+
+
+def table(rows: Iterable[Sequence[object]], head: Sequence[object] = (), numeric_from: int = 1) -> str:
+    """A table of already safe or plain cells; cells from `numeric_from` on are set right."""
+
+    def line(cells: Sequence[object], tag: str) -> str:
+        parts = []
+        for i, cell in enumerate(cells):
+            kind = ' class="n"' if i >= numeric_from else ""
+            content = cell.content if isinstance(cell, Safe) else text(cell)
+            parts.append(f"<{tag}{kind}>{content}</{tag}>")
+        return f"<tr>{''.join(parts)}</tr>"
+
+    top = f"<thead>{line(head, 'th')}</thead>" if head else ""
+    return f'<div class="scroll"><table>{top}<tbody>{"".join(line(r, "td") for r in rows)}</tbody></table></div>'
+
+
+class Safe:
+    """HTML that is already escaped."""
+
+    def __init__(self, content: str) -> None:
+        self.content = content
+
+
+def number(value: float | None, digits: int = 5) -> str:
+    """A number for people: significant digits, no exponent where it can be helped."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{value:.{digits}g}"
+
+
+def between(bounds: Sequence[float] | None, digits: int = 5) -> str:
+    """An interval."""
+    return "–" if not bounds else f"{number(bounds[0], digits)} … {number(bounds[1], digits)}"
+
+
+def data_uri(image: np.ndarray, quality: int = 72) -> str:
+    """An (h, w, 3) BGR image as a JPEG data address."""
+    import cv2
+
+    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode() if done else ""
+
+
+def packed(array: np.ndarray) -> str:
+    """The bytes of an array in base64."""
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()
+
+
+def plot(
+    series: Sequence[tuple[str, np.ndarray, np.ndarray]],
+    x_label: str,
+    y_label: str,
+    width: int = 640,
+    height: int = 240,
+    bands: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]] = (),
+) -> str:
+    """A line plot as inline SVG: series of (name, x, y), bands of (x, low, high)."""
+    xs = np.concatenate([np.asarray(s[1], float) for s in series]) if series else np.zeros(1)
+    values = [np.asarray(s[2], float) for s in series] + [np.asarray(v, float) for b in bands for v in b[1:]]
+    ys = np.concatenate(values) if values else np.zeros(1)
+    ys = ys[np.isfinite(ys)]
+    if len(ys) == 0 or len(xs) == 0:
+        return ""
+    x0, x1 = float(xs.min()), float(xs.max())
+    y0, y1 = float(ys.min()), float(ys.max())
+    x1, pad = (x1 if x1 > x0 else x0 + 1), 0.05 * (y1 - y0) or 0.5 * abs(y0) or 0.5
+    y0, y1 = y0 - pad, y1 + pad
+    left, right, top, bottom = 68, 12, 10, 34
+
+    def px(x: np.ndarray) -> np.ndarray:
+        return left + (np.asarray(x, float) - x0) / (x1 - x0) * (width - left - right)
+
+    def py(y: np.ndarray) -> np.ndarray:
+        return top + (y1 - np.clip(np.asarray(y, float), y0, y1)) / (y1 - y0) * (height - top - bottom)
+
+    parts = [
+        f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="{text(y_label)} over {text(x_label)}">'
+    ]
+    for tick in np.linspace(y0, y1, 5)[1:-1]:
+        y = float(py(np.array(tick)))
+        parts.append(f'<line class="grid" x1="{left}" x2="{width - right}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{number(float(tick), 3)}</text>')
+    for tick in np.linspace(x0, x1, 5):
+        x = float(px(np.array(tick)))
+        parts.append(
+            f'<text x="{x:.1f}" y="{height - bottom + 16}" text-anchor="middle">{number(float(tick), 4)}</text>'
+        )
+    for x, low, high in bands:
+        upper = [f"{a:.1f},{b:.1f}" for a, b in zip(px(x), py(high), strict=True)]
+        lower = [f"{a:.1f},{b:.1f}" for a, b in zip(px(x)[::-1], py(low)[::-1], strict=True)]
+        parts.append(f'<polygon class="band" points="{" ".join(upper + lower)}"/>')
+    for k, (_name, x, y) in enumerate(series):
+        good = np.isfinite(np.asarray(y, float))
+        path = " ".join(
+            f"{a:.1f},{b:.1f}" for a, b in zip(px(np.asarray(x)[good]), py(np.asarray(y)[good]), strict=True)
+        )
+        parts.append(f'<polyline class="s{k % 6}" points="{path}"/>')
+    parts.append(f'<text x="{(left + width) / 2:.0f}" y="{height - 4}" text-anchor="middle">{text(x_label)}</text>')
+    parts.append(
+        f'<text transform="translate(14 {height / 2:.0f}) rotate(-90)" text-anchor="middle">{text(y_label)}</text></svg>'
+    )
+    legend = "".join(f'<span class="key s{k % 6}">{text(name)}</span>' for k, (name, _, _) in enumerate(series) if name)
+    return "".join(parts) + (f'<div class="legend">{legend}</div>' if legend else "")
