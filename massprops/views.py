@@ -85,6 +85,11 @@ def undistort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray, nearest:
 
     h, w = image.shape[:2]
     maps = cv2.initUndistortRectifyMap(
-        np.asarray(K, float), np.asarray(distortion, float).reshape(-1, 1), np.eye(3), np.asarray(K, float), (w, h), cv2.CV_32FC1
+        np.asarray(K, float),
+        np.asarray(distortion, float).reshape(-1, 1),
+        np.eye(3),
+        np.asarray(K, float),
+        (w, h),
+        cv2.CV_32FC1,
     )
     return cv2.remap(image, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR)

@@ -196,7 +196,9 @@ def sweep(
             rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
             d, n0, n1, n2, c = depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2], cost[y, x]
             if c < 0.0:
-                c = _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each)
+                c = _cost(
+                    x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                )
             for k in range(4 * reach):
                 far_step = 1 + 2 * (k // 4)
                 i, j = y, x
@@ -220,7 +222,9 @@ def sweep(
                     continue
                 if abs(e - d) < 3e-5 * d and m0 * n0 + m1 * n1 + m2 * n2 > 0.9995:
                     continue  # the same plane to a small part of a pixel
-                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each)
+                g = _cost(
+                    x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                )
                 if g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
             size = scale
@@ -238,7 +242,9 @@ def sweep(
                 m0, m1, m2 = m0 / length, m1 / length, m2 / length
                 if m0 * rx + m1 * ry + m2 > -0.05 or e < near or e > far:
                     continue
-                g = _cost(x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each)
+                g = _cost(
+                    x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                )
                 if g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
                 size *= 0.6

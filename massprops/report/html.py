@@ -92,13 +92,13 @@ def plot(
         f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="{text(y_label)} over {text(x_label)}">'
     ]
     for tick in np.linspace(y0, y1, 5)[1:-1]:
-        y = float(py(np.array(tick)))
-        parts.append(f'<line class="grid" x1="{left}" x2="{width - right}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{number(float(tick), 3)}</text>')
+        up = float(py(np.array(tick)))
+        parts.append(f'<line class="grid" x1="{left}" x2="{width - right}" y1="{up:.1f}" y2="{up:.1f}"/>')
+        parts.append(f'<text x="{left - 6}" y="{up + 4:.1f}" text-anchor="end">{number(float(tick), 3)}</text>')
     for tick in np.linspace(x0, x1, 5):
-        x = float(px(np.array(tick)))
+        along = float(px(np.array(tick)))
         parts.append(
-            f'<text x="{x:.1f}" y="{height - bottom + 16}" text-anchor="middle">{number(float(tick), 4)}</text>'
+            f'<text x="{along:.1f}" y="{height - bottom + 16}" text-anchor="middle">{number(float(tick), 4)}</text>'
         )
     for x, low, high in bands:
         upper = [f"{a:.1f},{b:.1f}" for a, b in zip(px(x), py(high), strict=True)]

@@ -39,9 +39,7 @@ def opencv_camera(camera: pycolmap.Camera) -> tuple[np.ndarray, np.ndarray]:
     return K, distortion
 
 
-def to_views(
-    model: pycolmap.Reconstruction, timestamps: dict[str, int] | None = None
-) -> tuple[Views, list[int]]:
+def to_views(model: pycolmap.Reconstruction, timestamps: dict[str, int] | None = None) -> tuple[Views, list[int]]:
     """Registered images in the order of their names, and their COLMAP numbers."""
     images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda im: im.name)
     K, D, R, t, size = [], [], [], [], []

@@ -23,9 +23,7 @@ def prior_camera(record: CameraRecord) -> pycolmap.Camera:
     w, h = record.size
     focal = record.focal_px or FOCAL_FACTOR * max(w, h)
     cx, cy = (
-        (record.principal_point[0] + 0.5, record.principal_point[1] + 0.5)
-        if record.principal_point
-        else (w / 2, h / 2)
+        (record.principal_point[0] + 0.5, record.principal_point[1] + 0.5) if record.principal_point else (w / 2, h / 2)
     )
     if record.distortion is not None and np.any(record.distortion):
         model, params = "OPENCV", [focal, focal, cx, cy, *record.distortion]

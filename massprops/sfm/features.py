@@ -53,9 +53,7 @@ def read_mask(footage: FootageRecord, name: str, size: tuple[int, int]) -> np.nd
         return None
     mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if mask is None:
-        raise InputError(
-            f"{path}: not a readable mask; write an 8-bit PNG with black where there is no object"
-        )
+        raise InputError(f"{path}: not a readable mask; write an 8-bit PNG with black where there is no object")
     if mask.shape != (size[1], size[0]):
         raise InputError(
             f"{path}: mask is {mask.shape[1]}x{mask.shape[0]} but its image is {size[0]}x{size[1]}; make them equal"
@@ -63,9 +61,7 @@ def read_mask(footage: FootageRecord, name: str, size: tuple[int, int]) -> np.nd
     return mask
 
 
-def extract(
-    gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
-) -> tuple[np.ndarray, np.ndarray]:
+def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions) -> tuple[np.ndarray, np.ndarray]:
     """SIFT of one image.
 
     Args:
@@ -84,7 +80,7 @@ def extract(
         y0, x0 = max(0, ys[0] - pad), max(0, xs[0] - pad)
         gray = gray[y0 : ys[-1] + pad + 1, x0 : xs[-1] + pad + 1]
     # features, layers, contrast, edge, sigma, descriptor type, exact doubling of the image
-    sift = cv2.SIFT_create(options.most, 3, 3 * options.peak, 10, 1.6, cv2.CV_32F, True)
+    sift = cv2.SIFT_create(options.most, 3, 3 * options.peak, 10, 1.6, cv2.CV_32F, True)  # type: ignore[attr-defined]
     found, raw = sift.detectAndCompute(np.ascontiguousarray(gray), None)
     if not found:
         return np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8)
@@ -124,13 +120,9 @@ def extract_all(
     unmasked: list[str] = []
 
     def one(frame) -> tuple[str, np.ndarray, np.ndarray] | None:
-        gray = cv2.imread(
-            str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-        )
+        gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
         if gray is None:
-            raise InputError(
-                f"{footage.image(frame.name)}: not a readable image; run the capture stage again"
-            )
+            raise InputError(f"{footage.image(frame.name)}: not a readable image; run the capture stage again")
         region = None
         if masked:
             mask = read_mask(footage, frame.name, sizes[frame.camera])

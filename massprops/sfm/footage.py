@@ -102,9 +102,7 @@ def read_footage(folder: Path) -> FootageRecord:
         )
         motion = d["motion"]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path}: not a footage description ({error!r}); run the capture stage again"
-        ) from error
+        raise InputError(f"{path}: not a footage description ({error!r}); run the capture stage again") from error
     masked = d.get("mask_features")
     return FootageRecord(
         folder=Path(folder),

@@ -43,9 +43,7 @@ class SparsePoints:
             return SparsePoints(**{k: z[k] for k in SparsePoints.__dataclass_fields__})
 
 
-def project(
-    K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray
-) -> np.ndarray:
+def project(K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:
     """Pixels (m, 2) of world points (m, 3), one camera per point: K (m, 3, 3), distortion (m, 4), R (m, 3, 3), t (m, 3).
 
     OpenCV's radial-tangential model.

@@ -93,9 +93,7 @@ def precision(
         parts_c.append(np.full(2 * k, 6 * n + i))
         parts_v.append(column.ravel())
     size = 6 * n + e
-    A = sp.csr_matrix(
-        (np.concatenate(parts_v), (np.concatenate(parts_r), np.concatenate(parts_c))), (2 * k, size)
-    )
+    A = sp.csr_matrix((np.concatenate(parts_v), (np.concatenate(parts_r), np.concatenate(parts_c))), (2 * k, size))
     pc = np.repeat((3 * p[:, None] + np.arange(3))[:, None, :], 2, 1).ravel()
     B = sp.csr_matrix(((Jc @ R).ravel(), (np.repeat(rows[:, :, None], 3, 2).ravel(), pc)), (2 * k, 3 * m))
     W = sp.diags(np.repeat(w, 2))

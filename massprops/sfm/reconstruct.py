@@ -87,9 +87,7 @@ def reconstruct(
         again, others, more = _attempt(footage, work / "b", options, True, progress)
         if _registered(others) > _registered(models):
             found, models, warnings, masked = again, others, more, True
-            warnings.append(
-                "only the object's own features were used: with the background fewer images fit together"
-            )
+            warnings.append("only the object's own features were used: with the background fewer images fit together")
     if _registered(models) < 3:
         raise NotPossible(
             f"only {_registered(models)} of {used} images could be placed; give more images with more overlap (under 15 "
@@ -199,8 +197,7 @@ def _first_pairs(
 
 def _rig_pairs(footage: FootageRecord, names: list[str], options: SfmOptions) -> list[tuple[str, str]]:
     by_camera = {
-        c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)]
-        for c in footage.cameras
+        c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)] for c in footage.cameras
     }
     pairs = []
     for own in by_camera.values():
@@ -236,9 +233,7 @@ def _close_loops(
     order = {f.name: i for i, f in enumerate(footage.frames)}
     index = np.argsort([order[n] for n in views.names], kind="stable")
     names = [views.names[i] for i in index]
-    chosen = pairing.spread_facing(
-        directions[index], options.loops, options.overlap + 1, options.loop_angle_deg
-    )
+    chosen = pairing.spread_facing(directions[index], options.loops, options.overlap + 1, options.loop_angle_deg)
     with pycolmap.Database.open(database) as db:
         pair_ids, _ = db.read_two_view_geometry_num_inliers()
     number = {model.image(i).name: i for i in ids}
@@ -269,13 +264,9 @@ def _remarks(sizes: tuple[tuple[int, int], ...], registered: int, used: int, tur
     out = []
     if len(sizes) > 1:
         rest = ", ".join(str(n) for n, _ in sizes[1:])
-        out.append(
-            f"the images fell into {len(sizes)} models; the largest has {registered} images, the others {rest}"
-        )
+        out.append(f"the images fell into {len(sizes)} models; the largest has {registered} images, the others {rest}")
     if registered < 0.5 * used:
-        out.append(
-            f"only {registered} of {used} images could be placed; sides seen in the others are missing"
-        )
+        out.append(f"only {registered} of {used} images could be placed; sides seen in the others are missing")
     if turned < 60:
         out.append(
             f"the object is seen from directions within {turned:.0f} degrees only; most of its surface is not measured"

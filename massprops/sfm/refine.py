@@ -93,9 +93,7 @@ def robust_sigma(distance: np.ndarray) -> float:
     return float(np.median(distance)) / 1.177 if len(distance) else 1.0
 
 
-def remove_outliers(
-    model: pycolmap.Reconstruction, options: RefineOptions, least_cut_px: float | None = None
-) -> float:
+def remove_outliers(model: pycolmap.Reconstruction, options: RefineOptions, least_cut_px: float | None = None) -> float:
     """Removes observations and tracks that do not fit; gives the scale for the next adjustment's loss [px].
 
     The bound follows the residuals themselves. Tracks of shadow edges,
@@ -162,9 +160,7 @@ def _drop_weak(model: pycolmap.Reconstruction, options: RefineOptions) -> None:
             manager.deregister_frame(frame_id)
 
 
-def _drop_loose(
-    model: pycolmap.Reconstruction, ids: list[int], attitude: np.ndarray, options: RefineOptions
-) -> bool:
+def _drop_loose(model: pycolmap.Reconstruction, ids: list[int], attitude: np.ndarray, options: RefineOptions) -> bool:
     """Takes out images whose attitude is far less certain than the others': few points, perhaps the wrong ones."""
     if not np.all(np.isfinite(attitude)):
         return False
@@ -178,9 +174,7 @@ def _drop_loose(
     return bool(frames)
 
 
-def _shows_distortion(
-    model: pycolmap.Reconstruction, options: RefineOptions, free_focal: bool, loss: float
-) -> bool:
+def _shows_distortion(model: pycolmap.Reconstruction, options: RefineOptions, free_focal: bool, loss: float) -> bool:
     views, ids = to_views(model)
     points = to_points(model, ids)
     p = precision(views, points, free_focal, True, loss)

@@ -63,9 +63,7 @@ def import_sparse(
     target = np.array([sizes[n] for n in names], float)
     factor = target / chosen.size
     if np.any(np.abs(factor[:, 0] / factor[:, 1] - 1) > 0.01):
-        raise InputError(
-            f"{place}: its images have another shape than the footage; import the model of these images"
-        )
+        raise InputError(f"{place}: its images have another shape than the footage; import the model of these images")
     K = chosen.K.copy()
     K[:, 0, 0] *= factor[:, 0]
     K[:, 1, 1] *= factor[:, 1]

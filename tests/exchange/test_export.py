@@ -88,6 +88,7 @@ def test_in_basilisk(run: Path, tmp_path: Path) -> None:
     from Basilisk.simulation import spacecraft, svIntegrators
     from Basilisk.utilities import RigidBodyKinematics as rbk
     from Basilisk.utilities import SimulationBaseClass, macros
+
     from massprops.dynamics.rigid_body import propagate
 
     body = read_body(run)

@@ -13,8 +13,7 @@ from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, read
 
 def footage(views, folder=Path(), **camera):
     frames = tuple(
-        FrameRecord(n, 0, int(t), i)
-        for i, (n, t) in enumerate(zip(views.names, views.timestamp_ns, strict=True))
+        FrameRecord(n, 0, int(t), i) for i, (n, t) in enumerate(zip(views.names, views.timestamp_ns, strict=True))
     )
     return FootageRecord(
         folder, "", "video", "tumbling", "black", True, (CameraRecord(0, (640, 480), **camera),), frames
@@ -79,9 +78,7 @@ def test_mapping_finds_the_truth_and_repeats_itself(tmp_path):
 def test_a_given_camera_stays_as_it_is(tmp_path):
     from massprops.sfm.convert import to_views
 
-    model, accuracy, _, _ = solve(
-        tmp_path / "a", focal_px=820.0, principal_point=(319.5, 239.5), focal_source="given"
-    )
+    model, accuracy, _, _ = solve(tmp_path / "a", focal_px=820.0, principal_point=(319.5, 239.5), focal_source="given")
     views, _ = to_views(model)
     np.testing.assert_allclose(views.K[0], [[820, 0, 319.5], [0, 820, 239.5], [0, 0, 1]])
     assert accuracy.focal_relative == 0

@@ -91,9 +91,7 @@ def test_loop_pairs_find_the_next_turn():
 def test_signatures_bring_like_images_together():
     rng = np.random.default_rng(1)
     kinds = [rng.integers(0, 120, (80, 128)) for _ in range(4)]
-    images = [
-        np.clip(kinds[i % 4] + rng.integers(-6, 7, (80, 128)), 0, 255).astype(np.uint8) for i in range(12)
-    ]
+    images = [np.clip(kinds[i % 4] + rng.integers(-6, 7, (80, 128)), 0, 255).astype(np.uint8) for i in range(12)]
     s = pairs.signatures(images, 0, words=16)
     assert all((j - i) % 4 == 0 for i, j in pairs.similar(s, 2, 1))
     np.testing.assert_array_equal(s, pairs.signatures(images, 0, words=16))

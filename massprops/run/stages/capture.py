@@ -142,7 +142,7 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
 
     images = job.out / "frames"
     spread = frames[:: max(1, len(frames) // 24)]
-    sample = [cv2.imread(str(images / f["name"])) for f in spread]
+    sample = [_read(str(images / f["name"])) for f in spread]
     if scene.background == "black":
         level, sigma = s.sky_level(np.stack([cv2.cvtColor(i, cv2.COLOR_BGR2GRAY) for i in sample]))
     elif not scene.plain:
@@ -151,7 +151,7 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
         deviation = np.median(np.abs(stack.astype(np.int16) - middle), axis=0).astype(np.uint8)
     masks, empty = [], 0
     for done, frame in enumerate(frames):
-        image = cv2.imread(str(images / frame["name"]))
+        image = _read(str(images / frame["name"]))
         if scene.background == "black":
             mask = s.against_sky(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), level, sigma)
         elif scene.plain and scene.motion == "static":
@@ -176,3 +176,13 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
 def _save(cv2, path: Path, mask: np.ndarray) -> None:  # type: ignore[no-untyped-def]
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), mask)
+
+
+def _read(path: str, kind: int = 1) -> Any:
+    """An image that an earlier stage wrote; `kind` 0 is grey, 1 colour."""
+    import cv2
+
+    image = cv2.imread(path, kind)
+    if image is None:
+        raise OSError(5, "an image of an earlier stage cannot be read", path)
+    return image

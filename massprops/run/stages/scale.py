@@ -81,7 +81,5 @@ def _named(source: Path) -> dict[str, np.ndarray]:
                 name, x, y, z = (part.strip() for part in line.split(","))
                 named[name] = np.array([float(x), float(y), float(z)])
             except ValueError as error:
-                raise InputError(
-                    f"{path}:{number}: not a picked point; write name,x,y,z in model units"
-                ) from error
+                raise InputError(f"{path}:{number}: not a picked point; write name,x,y,z in model units") from error
     return named

@@ -26,9 +26,7 @@ def run(job: Job) -> dict:
     for line in document["warnings"]:
         job.warn(line)
     (job.out / "sfm.json").write_text(json.dumps(document, indent=1))
-    return {
-        k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")
-    }
+    return {k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")}
 
 
 def _solve(job: Job, footage) -> dict:

@@ -105,9 +105,7 @@ def choose(found: list[ScaleEstimate], length: float) -> Scale:
     best = min(found, key=lambda e: e.relative_sigma)
     for other in found:
         gap = other.metres_per_sfm / best.metres_per_sfm - 1
-        if other is not best and abs(gap) > max(
-            0.01, 3 * math.hypot(best.relative_sigma, other.relative_sigma)
-        ):
+        if other is not best and abs(gap) > max(0.01, 3 * math.hypot(best.relative_sigma, other.relative_sigma)):
             warnings.append(
                 f"scale: {other.source} differs from {best.source} by {100 * gap:+.1f} %; {best.source} is used, "
                 "being the more precise; check both"

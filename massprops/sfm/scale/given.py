@@ -9,7 +9,5 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     if inputs.given is None:
         return None
     if not inputs.given > 0:
-        raise InputError(
-            f"--scale {inputs.given}: must be above 0; give the object's greatest length in metres"
-        )
+        raise InputError(f"--scale {inputs.given}: must be above 0; give the object's greatest length in metres")
     return ScaleEstimate("given", inputs.given / inputs.length, inputs.given_sigma)

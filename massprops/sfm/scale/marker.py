@@ -124,9 +124,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     points: dict[tuple[int, int], np.ndarray] = {}
     for key, where in seen.items():
         if len(where) >= 2:
-            X, error, angle = triangulate(
-                inputs.views, [i for i, _ in where], np.array([q for _, q in where])
-            )
+            X, error, angle = triangulate(inputs.views, [i for i, _ in where], np.array([q for _, q in where]))
             if error < 2.0 and angle > 2.0:
                 points[key] = X
     ratios = np.array(_ratios(points, spec))
@@ -137,11 +135,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
         )
     scale = float(np.median(ratios))
     spread = 1.4826 * float(np.median(np.abs(ratios / scale - 1)))
-    warnings = (
-        ()
-        if spread < 0.02
-        else (f"marker: its sides disagree by {100 * spread:.1f} %; is it flat and sharp?",)
-    )
+    warnings = () if spread < 0.02 else (f"marker: its sides disagree by {100 * spread:.1f} %; is it flat and sharp?",)
     sigma = float(np.hypot(1.253 * spread / np.sqrt(len(ratios)), max(PRINT, inputs.given_sigma)))
     return ScaleEstimate("marker", scale, sigma, warnings)
 

@@ -18,9 +18,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     own = np.array([n.startswith("cam0/") or "/" not in n for n in views.names])
     inside = own & (views.timestamp_ns >= r.timestamp_ns.min()) & (views.timestamp_ns <= r.timestamp_ns.max())
     if inside.sum() < 3:
-        raise InputError(
-            "range0/data.csv: no ranges at the times of the images; check that both use one clock"
-        )
+        raise InputError("range0/data.csv: no ranges at the times of the images; check that both use one clock")
     order = np.argsort(r.timestamp_ns, kind="stable")
     # relative nanoseconds: absolute ones do not fit a double
     start = r.timestamp_ns.min()
