@@ -152,10 +152,18 @@ def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[
     rng = np.random.default_rng([seed, 13])
 
     step = max(1, len(thinned.xyz) // 8_000)
-    begin, normal = thinned.xyz[::step], thinned.normal[::step]
-    silhouette = hull_points(hull, begin, normal, h, 1.2 * extent, 5, seed)
+    silhouette, begin = hull_points(
+        hull, thinned.xyz[::step], thinned.normal[::step], h, 1.2 * extent, 5, seed
+    )
+    between = silhouette[:0]
     if len(silhouette):
         away = tree.query(silhouette)[0]
+        # A plate seen from one side only: without points in it, no cut could make it thinner than the hull.
+        thin_part = (away > 1.2 * h) & (np.linalg.norm(silhouette - begin, axis=1) < 16 * h)
+        lower, upper = begin[thin_part], silhouette[thin_part]
+        between = np.concatenate([lower + f * (upper - lower) for f in (0.25, 0.5, 0.75)])
+        between = between[tree.query(between)[0] > 0.5 * h]
+        between = _one_per_cell(between, np.full(len(between), h))
         silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
         # Fine next to what was measured, where thin parts are, coarser far from it.
         silhouette = _one_per_cell(silhouette, np.clip(0.35 * away, h, 4 * h))
@@ -164,6 +172,7 @@ def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[
     within = low + (high - low) * rng.random((8 * count, 3))
     within = within[hull.value(within) < 0]
     within = within[tree.query(within)[0] > 2.5 * h][:count]
+    within = np.concatenate([within, between])
     middle, radius = 0.5 * (low + high), 0.75 * extent
     i = np.arange(200) + 0.5
     z, a = 1 - i / 100, np.pi * (1 + 5**0.5) * i
@@ -185,6 +194,8 @@ def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[
 
 def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
     """One point for each cell of its own level of an octree: sizes are rounded down to powers of two."""
+    if len(xyz) == 0:
+        return xyz
     level = np.floor(np.log2(size / size.min())).astype(np.int64)
     key = np.floor((xyz - xyz.min(0)) / (size.min() * 2.0**level)[:, None]).astype(np.int64)
     code = ((level * 8192 + key[:, 0]) * 8192 + key[:, 1]) * 8192 + key[:, 2]

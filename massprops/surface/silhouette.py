@@ -154,7 +154,7 @@ def _shoot(start, direction, first, reach, maps, size, P, need):  # noqa: ANN001
 
 def hull_points(
     hull: Hull, start: np.ndarray, normal: np.ndarray, spacing: float, reach: float, rays: int, seed: int
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """Where rays from just below the measured surface leave the hull: its unseen side, found at any thinness.
 
     Args:
@@ -165,7 +165,7 @@ def hull_points(
         seed: of the directions.
 
     Returns:
-        (k, 3) points on the hull.
+        points on the hull (k, 3), and where their rays began (k, 3).
     """
     rng = np.random.default_rng([seed, 12])
     begin = np.repeat(start - 0.2 * spacing * normal, rays, axis=0)
@@ -185,4 +185,4 @@ def hull_points(
         hull.P,
         hull.need,
     )
-    return found[hit]
+    return found[hit], begin[hit]

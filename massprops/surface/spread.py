@@ -120,7 +120,8 @@ def unseen_bounds(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     floor = MARGIN_PIXELS * surface.hull.pixel
     depth = cKDTree(surface.smallest).query(middle)[0]
     # A nearest distance counts vertices of the same surface as far as half a spacing.
-    inward[hidden] = -np.maximum(depth - 0.5 * surface.spacing, floor)
+    # The smallest body has the least area, and need not have the least volume.
+    inward[hidden] = -np.maximum(1.25 * depth - 0.25 * surface.spacing, floor)
     reach = np.linalg.norm(np.ptp(surface.vertices, axis=0))
     height = np.zeros(len(hidden))
     going = np.ones(len(hidden), bool)

@@ -11,7 +11,7 @@ from massprops.views import Views
 SIZE = (320, 240)
 
 
-def cameras(directions: np.ndarray, distance: float, focal: float) -> Views:
+def cameras(directions: np.ndarray, distance: float, focal: float, size: tuple[int, int] = SIZE) -> Views:
     """Cameras that look at the origin from `directions` (n, 3)."""
     n = len(directions)
     z = -directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -19,11 +19,11 @@ def cameras(directions: np.ndarray, distance: float, focal: float) -> Views:
     x = np.cross(helper, z)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     R = np.stack([x, np.cross(z, x), z], axis=1)
-    K = np.array([[focal, 0, SIZE[0] / 2], [0, focal, SIZE[1] / 2], [0, 0, 1]])
+    K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
     return Views(
         tuple(f"cam0/{i:06d}.png" for i in range(n)),
         np.arange(n) * 10**9,
-        np.tile(SIZE, (n, 1)),
+        np.tile(size, (n, 1)),
         np.tile(K, (n, 1, 1)),
         np.zeros((n, 4)),
         R,
@@ -49,7 +49,7 @@ def observe(
 ) -> tuple[Cloud, list[np.ndarray]]:
     """What ideal stereo would measure of a body: points where a pixel's ray meets it, with noise, and silhouettes."""
     rng = np.random.default_rng(seed)
-    w, h = SIZE
+    w, h = (int(k) for k in views.size[0])
     u, v = np.meshgrid(np.arange(w), np.arange(h))
     pixels = np.column_stack([u.ravel(), v.ravel(), np.ones(w * h)])
     masks, depths, hits = [], [], []

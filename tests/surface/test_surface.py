@@ -1,0 +1,159 @@
+"""The surface from points and silhouettes of bodies whose volume is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from synthetic_dense import boxes, cameras, observe, sphere_directions
+
+from massprops.errors import NotPossible
+from massprops.mass.integrals import greatest_length, mesh_integrals
+from massprops.mass.intervals import intervals
+from massprops.mass.properties import mass_properties, properties_of_integrals
+from massprops.surface.cloud import Cloud
+from massprops.surface.cut import one_body, surface_faces
+from massprops.surface.reconstruct import Surface, reconstruct_surface
+from massprops.surface.spread import deform, replicates, unseen_bounds
+from massprops.surface.tetra import tetrahedralise
+
+POINTS = 6000
+SIZE, FOCAL = (180, 135), 345.0
+
+
+def build(
+    mesh: trimesh.Trimesh, above: float = -2.0, seed: int = 1, noise: float = 0.001
+) -> tuple[Surface, int]:
+    """Surface of a body seen from every direction whose height is over `above`."""
+    directions = sphere_directions(36)
+    views = cameras(directions[directions[:, 2] > above], 3.0, FOCAL, SIZE)
+    cloud, masks = observe(mesh, views, noise, seed)
+    return reconstruct_surface(views, masks, cloud, points=POINTS, seed=seed), len(views)
+
+
+@pytest.fixture(scope="module")
+def seen_all_round() -> tuple[Surface, int]:
+    return build(trimesh.creation.icosphere(5, radius=0.5))
+
+
+@pytest.fixture(scope="module")
+def seen_from_above() -> tuple[Surface, int]:
+    return build(trimesh.creation.icosphere(5, radius=0.5), above=0.5)
+
+
+def solid(surface: Surface) -> trimesh.Trimesh:
+    return trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+
+
+def observed_fraction(surface: Surface) -> float:
+    area = solid(surface).area_faces
+    return float(area[surface.observed].sum() / area.sum())
+
+
+def test_sphere_is_closed_one_body_and_unbiased(seen_all_round):
+    surface, _ = seen_all_round
+    mesh = solid(surface)
+    assert mesh.is_volume and mesh.body_count == 1
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi / 8, rel=0.004)
+    assert abs(np.median(np.linalg.norm(surface.vertices, axis=1)) - 0.5) < 0.0005
+    assert observed_fraction(surface) > 0.98
+
+
+def test_a_plate_of_one_percent_is_kept():
+    plate = boxes(((0.9, 0.45, 0.01), (0, 0, 0)))
+    surface, _ = build(plate, noise=0.0007)
+    mesh = solid(surface)
+    assert mesh.is_volume and mesh.body_count == 1
+    assert mesh.volume == pytest.approx(plate.volume, rel=0.06)
+    assert np.ptp(mesh.vertices, axis=0)[:2] == pytest.approx([0.9, 0.45], abs=0.012)
+
+
+def test_unseen_side_is_filled_and_flagged(seen_from_above):
+    surface, _ = seen_from_above
+    mesh = solid(surface)
+    assert mesh.is_volume and mesh.body_count == 1
+    assert 0.45 < observed_fraction(surface) < 0.92
+    height = mesh.triangles_center[:, 2]
+    assert surface.observed[height > 0.0].mean() > 0.97
+    assert not surface.observed[height < -0.42].any()
+
+
+def test_interval_holds_truth_and_widens_with_the_unseen_part(seen_all_round, seen_from_above):
+    truth = 4 / 3 * np.pi / 8
+    widths = []
+    for surface, views in (seen_all_round, seen_from_above):
+        rows, lengths = replicates(surface, views, 0.002, seed=3)
+        assert (lengths > 0).all()
+        estimate = properties_of_integrals(mesh_integrals(surface.vertices, surface.faces), 1.0)
+        low, high = intervals(rows, estimate)["volume"]
+        assert low <= truth <= high
+        widths.append(high - low)
+    assert widths[1] > 1.5 * widths[0]
+    assert widths[0] < 0.16 * truth
+
+
+def test_replicates_follow_the_seed(seen_all_round):
+    surface, views = seen_all_round
+    one, two, other = (replicates(surface, views, 0.002, count=20, seed=s)[0] for s in (1, 1, 2))
+    np.testing.assert_array_equal(one, two)
+    assert not np.allclose(one, other, rtol=1e-6)
+
+
+def test_same_seed_gives_the_same_mesh():
+    mesh = boxes(((0.6, 0.4, 0.3), (0, 0, 0)))
+    (a, _), (b, _) = build(mesh), build(mesh)
+    np.testing.assert_array_equal(a.faces, b.faces)
+    np.testing.assert_array_equal(a.vertices, b.vertices)
+
+
+def test_one_wrong_silhouette_does_not_carve():
+    mesh = boxes(((0.6, 0.4, 0.3), (0, 0, 0)))
+    views = cameras(sphere_directions(36), 3.0, FOCAL, SIZE)
+    cloud, masks = observe(mesh, views, 0.001, 1)
+    for i in (3, 20):
+        masks[i] = masks[i].copy()
+        masks[i][:, : masks[i].shape[1] // 2] = 0
+    surface = reconstruct_surface(views, masks, cloud, points=POINTS)
+    assert solid(surface).volume == pytest.approx(mesh.volume, rel=0.01)
+
+
+def test_unseen_bounds_have_the_right_signs(seen_from_above):
+    surface, _ = seen_from_above
+    inward, outward = unseen_bounds(surface)
+    assert (inward[~surface.observed] < 0).all() and (outward[~surface.observed] > 0).all()
+    assert not inward[surface.observed].any() and not outward[surface.observed].any()
+
+
+def test_deform_is_the_deformed_mesh():
+    mesh = trimesh.creation.icosphere(2)
+    mesh.vertices = mesh.vertices * [1, 2, 3] + [5, 0, 1]
+    strain = np.array([[0.01, 0.004, 0], [0.004, -0.02, 0.003], [0, 0.003, 0.005]])
+    middle = mass_properties(mesh).center_of_mass
+    moved = middle + (mesh.vertices - middle) @ (np.eye(3) + strain)
+    row = deform(mesh_integrals(mesh.vertices, mesh.faces)[None], strain[None])[0]
+    np.testing.assert_allclose(row, mesh_integrals(moved, mesh.faces), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_border_of_any_labels_is_closed(seed):
+    rng = np.random.default_rng(seed)
+    tetra = tetrahedralise(rng.random((300, 3)))
+    inner = (np.abs(tetra.points[tetra.corners].mean(1) - 0.5) < 0.35).all(1)
+    label = one_body(tetra, inner & (rng.random(len(inner)) < 0.7))
+    mesh = trimesh.Trimesh(tetra.points, surface_faces(tetra, label), process=False)
+    mesh.remove_unreferenced_vertices()
+    assert mesh.is_volume and mesh.volume == pytest.approx(tetra.volume[label].sum())
+
+
+@pytest.mark.parametrize("count", [0, 50])
+def test_too_few_points_say_so(count):
+    views = cameras(sphere_directions(6), 3.0, 600)
+    start = np.arange(count + 1)
+    normal = np.tile([0.0, 0, 1], (count, 1))
+    cloud = Cloud(np.zeros((count, 3)), normal, np.full(count, 0.01), start, np.zeros(count, int))
+    with pytest.raises(NotPossible, match="dense points"):
+        reconstruct_surface(views, [np.full((240, 320), 255, np.uint8)] * 6, cloud)
+
+
+def test_greatest_length_of_the_surface(seen_all_round):
+    assert greatest_length(seen_all_round[0].vertices)[0] == pytest.approx(1.0, abs=0.006)
