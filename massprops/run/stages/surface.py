@@ -43,15 +43,11 @@ def run(job: Job) -> dict:
     rows, lengths = replicates(surface, len(views), focal, seed=job.seed)
 
     corners = surface.vertices[surface.faces]
-    area = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     observed = float(area[surface.observed].sum() / area.sum())
     warnings = []
     if observed < 0.9:
-        warnings.append(
-            f"{100 * (1 - observed):.0f} % of the surface was not measured but filled from the silhouettes"
-        )
+        warnings.append(f"{100 * (1 - observed):.0f} % of the surface was not measured but filled from the silhouettes")
     partial = None
     if observed < LEAST_OBSERVED:
         partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"

@@ -1,0 +1,26 @@
+"""`massprops doctor`: what is installed, what is missing, and what to type."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def command(json_output: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False) -> int:
+    """Check the installation; exit code 0 when everything is there, 2 otherwise.
+
+    Example: massprops doctor
+    """
+    import json
+    from dataclasses import asdict
+
+    from massprops.run.doctor import examine
+
+    findings = examine()
+    if json_output:
+        typer.echo(json.dumps([asdict(f) for f in findings]))
+    else:
+        for f in findings:
+            typer.echo(f"  {'ok     ' if f.ok else 'MISSING'}  {f.name:<12} {f.detail}")
+    return 0 if all(f.ok for f in findings) else 2

@@ -1,0 +1,36 @@
+"""`massprops mass`: mass properties of a finished mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Closed mesh: STL, OBJ, PLY, GLB or OFF.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")],
+    density: Annotated[float, typer.Option(help="Constant density [kg/m^3].")] = 1000.0,
+    scale: Annotated[float, typer.Option(help="Metres per unit of the file; 0.001 for millimetres.")] = 1.0,
+    scale_sigma: Annotated[float, typer.Option(help="Relative 1-sigma of the scale.")] = 0.0,
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
+    ] = False,
+) -> None:
+    """Volume, centre of mass and inertia of a mesh, with the same report and exports as a reconstruction.
+
+    Example: massprops mass part.stl -o runs/part --density 2700 --scale 0.001
+    """
+    import json
+
+    from massprops_cli.table import mass_table
+
+    from massprops.run.from_mesh import mass
+
+    run = mass(mesh, out, density, scale, scale_sigma)
+    for warning in run.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    typer.echo(json.dumps(run.properties) if json_output else mass_table(run.properties))
+    if not json_output:
+        typer.echo(f"report: {run.folder / 'report.html'}")

@@ -1,0 +1,27 @@
+"""`massprops view`: the report in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprops.errors import InputError
+
+
+def command(run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")]) -> None:
+    """Open a run's report in the browser; where there is none, print its path.
+
+    Example: massprops view runs/demo
+    """
+    import webbrowser
+
+    page = run / "report.html"
+    if not page.is_file():
+        raise InputError(f"{run}: no report.html in this folder: make the run first with 'massprops reconstruct'")
+    try:
+        opened = webbrowser.open(page.resolve().as_uri())
+    except webbrowser.Error:
+        opened = False
+    typer.echo(f"{'opened' if opened else 'open this in a browser:'} {page.resolve()}")
