@@ -65,9 +65,7 @@ def offset_response(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     points.
     """
     corners = np.asarray(vertices, float)[faces]
-    area = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
     out = np.empty((len(faces), 10))
     out[:, 0] = area

@@ -108,9 +108,7 @@ def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
     mass, centre, inertia = central_inertia(row, density)
     moments, axes = principal_frame(inertia)
     if not is_physical(moments):
-        raise InputError(
-            f"moments {moments.tolist()} belong to no body: the mesh intersects itself or is inside out"
-        )
+        raise InputError(f"moments {moments.tolist()} belong to no body: the mesh intersects itself or is inside out")
     k1, k2 = inertia_ratios(moments)
     return MassProperties(
         float(density), float(row[0]), float(mass), centre, inertia, moments, axes, float(k1), float(k2)

@@ -53,9 +53,7 @@ def repair(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
         if mesh.is_watertight and mesh.is_winding_consistent:
             notes.append("mesh: was inside out, turned")
     if not fixed.is_volume:
-        raise InputError(
-            "mesh is not closed and could not be closed: export it as a solid, or close it in MeshLab"
-        )
+        raise InputError("mesh is not closed and could not be closed: export it as a solid, or close it in MeshLab")
     return fixed, tuple(notes)
 
 
@@ -70,9 +68,7 @@ def _fill(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
     ordered = np.sort(edges, axis=1)
     _, inverse, count = np.unique(ordered, axis=0, return_inverse=True, return_counts=True)
     if (count > 2).any():
-        raise InputError(
-            "mesh has edges shared by more than two faces: export it as a solid, or repair it in MeshLab"
-        )
+        raise InputError("mesh has edges shared by more than two faces: export it as a solid, or repair it in MeshLab")
     following: dict[int, list[int]] = {}
     for a, b in edges[count[inverse] == 1].tolist():
         following.setdefault(b, []).append(a)
@@ -93,9 +89,7 @@ def _fill(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
         middle = mesh.vertices[ring].mean(0)
         fan = np.column_stack([ring, np.roll(ring, -1), np.full(len(ring), size)])
         corners = mesh.vertices[ring]
-        added += (
-            0.5 * np.linalg.norm(np.cross(corners - middle, np.roll(corners, -1, 0) - middle), axis=1).sum()
-        )
+        added += 0.5 * np.linalg.norm(np.cross(corners - middle, np.roll(corners, -1, 0) - middle), axis=1).sum()
         vertices.append(middle[None])
         faces.append(fan)
         size, loops = size + 1, loops + 1

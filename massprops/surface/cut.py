@@ -79,9 +79,7 @@ def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
 def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     """(t,) tetrahedra about edges that more than two surface triangles share."""
     faces = surface_faces(tetra, inside)
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(
-        np.int64
-    )
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     size = len(tetra.points)
     code, count = np.unique(edges[:, 0] * size + edges[:, 1], return_counts=True)
     bad = code[count > 2]

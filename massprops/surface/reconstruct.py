@@ -82,9 +82,7 @@ def reconstruct_surface(
         NotPossible: too few points, or no closed body in them.
     """
     if len(cloud) < 200:
-        raise NotPossible(
-            f"surface: only {len(cloud)} dense points; take more overlapping or better lit images"
-        )
+        raise NotPossible(f"surface: only {len(cloud)} dense points; take more overlapping or better lit images")
     cloud = without_outliers(cloud)
     if len(cloud) < 200:
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
@@ -95,9 +93,7 @@ def reconstruct_surface(
     progress(2, 6, "tetrahedra")
     evidence = _evidence(tetra, thinned, hull, views)
     progress(3, 6, "lines of sight")
-    largest = one_body(
-        tetra, minimum_cut(tetra, evidence.outside, evidence.inside, evidence.into, evidence.both)
-    )
+    largest = one_body(tetra, minimum_cut(tetra, evidence.outside, evidence.inside, evidence.into, evidence.both))
     if largest.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
     progress(4, 6, "cut")
@@ -133,9 +129,7 @@ def _hollow(vertices: np.ndarray, measured: np.ndarray, smallest: np.ndarray) ->
     return out
 
 
-def _mesh(
-    tetra: Tetrahedra, kind: np.ndarray, label: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _mesh(tetra: Tetrahedra, kind: np.ndarray, label: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices, faces and which vertices were measured."""
     used, faces = np.unique(surface_faces(tetra, label), return_inverse=True)
     return tetra.points[used].copy(), faces.reshape(-1, 3), kind[used] == 0
@@ -152,9 +146,7 @@ def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[
     rng = np.random.default_rng([seed, 13])
 
     step = max(1, len(thinned.xyz) // 8_000)
-    silhouette, begin = hull_points(
-        hull, thinned.xyz[::step], thinned.normal[::step], h, 1.2 * extent, 5, seed
-    )
+    silhouette, begin = hull_points(hull, thinned.xyz[::step], thinned.normal[::step], h, 1.2 * extent, 5, seed)
     between = silhouette[:0]
     if len(silhouette):
         away = tree.query(silhouette)[0]
@@ -187,9 +179,7 @@ def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[
     try:
         return tetrahedralise(everything), kind
     except QhullError as error:
-        raise NotPossible(
-            "surface: the dense points lie in one plane; take images from more sides"
-        ) from error
+        raise NotPossible("surface: the dense points lie in one plane; take images from more sides") from error
 
 
 def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:

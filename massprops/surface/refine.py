@@ -62,9 +62,7 @@ def residuals(
     return point[close], face[close], distance[close]
 
 
-def remove_bias(
-    vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: float, free: np.ndarray
-) -> np.ndarray:
+def remove_bias(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: float, free: np.ndarray) -> np.ndarray:
     """Moves the measured vertices by the mean residual about them, so that the surface halves the points.
 
     A cut runs along the points it finds cheapest, which need not be those in the middle of the noise.

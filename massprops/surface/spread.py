@@ -161,9 +161,7 @@ def _patches(surface: Surface, rng: np.random.Generator) -> np.ndarray:
     if len(seen):
         middle = surface.vertices[surface.faces[seen]].mean(1)
         # Position and direction together, so that the two sides of a plate are different patches.
-        feature = np.column_stack(
-            [middle, 10 * surface.spacing * face_normals(surface.vertices, surface.faces)[seen]]
-        )
+        feature = np.column_stack([middle, 10 * surface.spacing * face_normals(surface.vertices, surface.faces)[seen]])
         seeds = feature[rng.permutation(len(seen))[:PATCHES]]
         out[seen] = cKDTree(seeds).query(feature)[1]
     return out

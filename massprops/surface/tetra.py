@@ -48,9 +48,7 @@ def tetrahedralise(points: np.ndarray) -> Tetrahedra:
     from scipy.spatial import Delaunay
 
     found = Delaunay(points)
-    return Tetrahedra(
-        np.ascontiguousarray(points), found.simplices.astype(np.int32), found.neighbors.astype(np.int32)
-    )
+    return Tetrahedra(np.ascontiguousarray(points), found.simplices.astype(np.int32), found.neighbors.astype(np.int32))
 
 
 def sight_evidence(
@@ -72,9 +70,7 @@ def sight_evidence(
     start, tets = _incidence(tetra)
     into = np.zeros(tetra.corners.shape)
     free = np.zeros(len(tetra.corners))
-    _trace(
-        tetra.points, tetra.corners, tetra.neighbours, start, tets, point, centre, sigma, weight, into, free
-    )
+    _trace(tetra.points, tetra.corners, tetra.neighbours, start, tets, point, centre, sigma, weight, into, free)
     return into, free
 
 

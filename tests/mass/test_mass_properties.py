@@ -104,9 +104,7 @@ def test_inertia_grows_with_the_fifth_power():
     row = mesh_integrals(mesh.vertices, mesh.faces)
     mesh.vertices *= 1.7
     np.testing.assert_allclose(mass_properties(mesh).inertia, 1.7**5 * p.inertia, rtol=1e-11)
-    np.testing.assert_allclose(
-        scale_integrals(row, 1.7), mesh_integrals(mesh.vertices, mesh.faces), rtol=1e-10
-    )
+    np.testing.assert_allclose(scale_integrals(row, 1.7), mesh_integrals(mesh.vertices, mesh.faces), rtol=1e-10)
 
 
 @pytest.mark.parametrize("moments", [(1, 1, 1), (1, 1, 2), (1, 2, 2)])
@@ -137,9 +135,7 @@ def test_inside_out_and_large_holes_and_no_faces():
     box.invert()
     fixed, notes = repair(box)
     assert mass_properties(fixed).volume == pytest.approx(1) and notes
-    open_box = trimesh.Trimesh(
-        *[getattr(trimesh.creation.box(), k) for k in ("vertices", "faces")], process=False
-    )
+    open_box = trimesh.Trimesh(*[getattr(trimesh.creation.box(), k) for k in ("vertices", "faces")], process=False)
     open_box.update_faces(np.arange(len(open_box.faces)) > 1)
     with pytest.raises(InputError, match="%"):
         repair(open_box)
