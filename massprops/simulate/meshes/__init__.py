@@ -1,0 +1,1 @@
+"""Meshes of the bodies that come with the package; closed, in metres."""

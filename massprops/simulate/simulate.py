@@ -1,0 +1,166 @@
+"""`massprops simulate`: a sequence folder with images and truth."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.sequence import Camera, Environment, RangeSeries, Sequence, write_sequence
+from massprops.simulate.scenario import Scenario, load_scenario
+
+
+def simulate(
+    scenario: str | Path,
+    out: str | Path,
+    video: bool = False,
+    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    **changes: Any,
+) -> Path:
+    """Renders a scenario into a sequence folder.
+
+    Args:
+        scenario: name, YAML file, or mesh file.
+        out: folder; made, or refused when it holds something else.
+        video: also write `cam0/video.mp4`.
+        progress: told of each frame.
+        changes: fields of `Scenario`.
+
+    Returns:
+        the folder.
+
+    Raises:
+        InputError: an unknown scenario, a value out of range, a mesh that is no closed body, or no place to write.
+    """
+    from massprops.exchange.mesh_files import read_solid
+    from massprops.mass.integrals import greatest_length
+    from massprops.mass.properties import mass_properties
+    from massprops.simulate.motion import tumbling, walk_round, with_hidden_mass
+    from massprops.simulate.render import Renderer, lens_of
+
+    chosen = load_scenario(scenario, **changes)
+    mesh, _ = read_solid(chosen.mesh)
+    mesh = mesh.copy()
+    mesh.apply_translation(-mass_properties(mesh, 1.0).center_of_mass)
+    body = mass_properties(mesh, chosen.density)
+    length = greatest_length(np.asarray(mesh.vertices))[0]
+    inertia = (
+        body.inertia if chosen.hidden_mass is None else with_hidden_mass(body.inertia, body.mass, chosen.hidden_mass)
+    )
+    path = (tumbling if chosen.motion == "tumbling" else walk_round)(chosen, inertia, length)
+    folder = Path(out)
+    if (folder / "run.yaml").exists():
+        raise InputError(f"{folder}: holds a run: choose another -o")
+    lens = lens_of(chosen)
+    renderer = Renderer(mesh, chosen, lens)
+    rng = np.random.default_rng([chosen.seed, 3])
+    baselines = [0.0] + ([chosen.stereo_m] if chosen.stereo_m > 0 else [])
+    seen = np.zeros(len(mesh.faces), int)
+    images: dict[int, list[tuple[int, Path]]] = {k: [] for k in range(len(baselines))}
+    try:
+        for k in range(len(baselines)):
+            shutil.rmtree(folder / f"cam{k}", ignore_errors=True)
+            (folder / f"cam{k}" / "data").mkdir(parents=True)
+        for i, stamp in enumerate(path.timestamp_ns.tolist()):
+            for k, baseline in enumerate(baselines):
+                image, lit = renderer.frame(path.q[i], path.position[i] - [baseline, 0, 0], path.sun[i], rng)
+                if k == 0:
+                    seen[lit] += 1
+                images[k].append((stamp, _save(folder / f"cam{k}" / "data" / f"{stamp:019d}.png", image)))
+            progress(i + 1, chosen.frames, "frames")
+        cameras = {k: _camera(chosen, lens, baseline, tuple(images[k])) for k, baseline in enumerate(baselines)}
+        sequence = Sequence(cameras=cameras, range=_ranges(chosen, path, rng), environment=Environment())
+        truth = _truth(chosen, body, path, length, float(mesh.area_faces[seen >= 3].sum() / mesh.area))
+        write_sequence(folder, sequence, truth)
+        mesh.export(folder / "truth" / "mesh.ply")
+        if video:
+            write_video(folder / "cam0" / "video.mp4", [p for _, p in images[0]], chosen.rate_hz)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
+    return folder
+
+
+def _save(path: Path, image: np.ndarray) -> Path:
+    import cv2
+
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 3]):
+        raise OSError(28, "an image could not be written", str(path))
+    return path
+
+
+def _camera(scenario: Scenario, lens: Any, baseline: float, images: tuple[tuple[int, Path], ...]) -> Camera:
+    pose = np.eye(4)
+    pose[0, 3] = baseline
+    return Camera(
+        resolution=scenario.size,
+        intrinsics=np.array([lens.K[0, 0], lens.K[1, 1], lens.K[0, 2], lens.K[1, 2]]),
+        distortion=lens.distortion,
+        T_BS=pose,
+        rate_hz=scenario.rate_hz,
+        images=images,
+    )
+
+
+def _ranges(scenario: Scenario, path: Any, rng: np.random.Generator) -> RangeSeries | None:
+    if scenario.range_sigma_m <= 0:
+        return None
+    distance = np.linalg.norm(path.position, axis=1)
+    return RangeSeries(
+        path.timestamp_ns,
+        distance + scenario.range_sigma_m * rng.standard_normal(len(distance)),
+        scenario.range_sigma_m,
+    )
+
+
+def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float) -> dict[str, Any]:
+    motion = np.linalg.eigvalsh(path.inertia)
+    sun = path.sun[0]
+    return {
+        "timestamp_ns": path.timestamp_ns,
+        "position": path.position,
+        "q": path.q,
+        "w": path.w,
+        "mesh": "mesh.ply",
+        "density": body.density,
+        "volume": body.volume,
+        "mass": body.mass,
+        "centre_of_mass_m": [0.0, 0.0, 0.0],
+        "inertia": body.inertia.tolist(),
+        "principal_moments": body.principal_moments.tolist(),
+        "principal_axes": body.principal_axes.tolist(),
+        "k1": body.k1,
+        "k2": body.k2,
+        "motion_inertia": path.inertia.tolist(),
+        "motion_k1": float(np.log(motion[0] / motion[1])),
+        "motion_k2": float(np.log(motion[1] / motion[2])),
+        "greatest_length_m": length,
+        "seen_lit_share": seen,
+        "sun_body_first_frame": sun.tolist(),
+        "seed": scenario.seed,
+        "motion": scenario.motion,
+    }
+
+
+def write_video(path: Path, images: list[Path], rate_hz: float, crf: int = 15) -> None:
+    """H.264 of grey images through PyAV."""
+    from fractions import Fraction
+
+    import av
+    import cv2
+
+    with av.open(str(path), "w") as container:
+        rate = Fraction(rate_hz).limit_denominator(1000)
+        first = cv2.imread(str(images[0]), cv2.IMREAD_GRAYSCALE)
+        stream = container.add_stream("libx264", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = first.shape[1], first.shape[0], "yuv420p"
+        stream.options = {"crf": str(crf), "preset": "slow"}
+        for file in images:
+            grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(grey, format="gray")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
