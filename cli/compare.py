@@ -10,14 +10,16 @@ import typer
 
 def command(
     source: Annotated[Path, typer.Argument(metavar="RUN_OR_MESH", help="Run folder, or a mesh file.")],
-    cad: Annotated[Path, typer.Argument(metavar="CAD", help="Closed mesh in metres: STL, OBJ, PLY, GLB or OFF.")],
+    cad: Annotated[Path, typer.Argument(metavar="CAD", help="Closed mesh: STL, OBJ, PLY, GLB or OFF.")],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder for compare.json and the coloured mesh.")
+        Path | None,
+        typer.Option("-o", "--out", help="Folder for compare.json and the coloured mesh; a run's report shows them."),
     ] = None,
     free_scale: Annotated[
         bool | None,
         typer.Option("--free-scale/--fixed-scale", help="Fit the scale too; default: when the run has none."),
     ] = None,
+    cad_unit: Annotated[str, typer.Option("--cad-unit", help="Unit of the CAD file: m, cm, mm, in, or auto.")] = "auto",
     json_output: Annotated[bool, typer.Option("--json", help="Print compare.json on stdout and nothing else.")] = False,
 ) -> None:
     """Align with a CAD mesh, then measure surface distances and the errors of every mass property.
@@ -26,32 +28,34 @@ def command(
     """
     import json
 
-    from massprops.exchange.compare import compare, write_comparison
+    from massprops.exchange.compare import compare
 
-    found = compare(source, cad, free_scale=free_scale)
-    if out is not None:
-        write_comparison(found, out)
-        if (out / "run.yaml").is_file():
-            from massprops.report import write_report
+    found = compare(source, cad, out=out, free_scale=free_scale, cad_unit=cad_unit)
+    if out is not None and (out / "run.yaml").is_file():
+        from massprops.report import write_report
 
-            write_report(out)
+        write_report(out)
     for warning in found.warnings:
         typer.echo(f"warning: {warning}", err=True)
-    typer.echo(json.dumps(found.document()) if json_output else _table(found.document()))
+    typer.echo(json.dumps(found.document()) if json_output else comparison_table(found.document()))
 
 
-def _table(document: dict[str, Any]) -> str:
-    lines = [f"  {'quantity':<18}{'CAD':>14}{'ours':>14}  {'error':>12}  unit     90 % holds"]
+def comparison_table(document: dict[str, Any]) -> str:
+    """Quantities, then surface distances, for the terminal."""
+    lines = [f"  {'quantity':<18}{'CAD':>13}{'ours':>13}{'error':>13}  {'unit':<8}{'90 % interval':<24}holds CAD"]
     for row in document["rows"]:
-        holds = {True: "yes", False: "NO", None: ""}[row["holds"]]
+        bounds, holds = row["interval_90"], {True: "yes", False: "NO", None: ""}[row["holds"]]
+        between = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
         lines.append(
-            f"  {row['quantity']:<18}{row['cad']:>14.6g}{row['ours']:>14.6g}  {row['error_text']:>12}  {row['unit']:<8} {holds}"
+            f"  {row['quantity']:<18}{row['cad']:>13.6g}{row['ours']:>13.6g}{row['error_text']:>13}"
+            f"  {row['unit']:<8}{between:<24}{holds}".rstrip()
         )
     d = document["distances"]
-    for name, title in (("ours", "ours to CAD"), ("cad", "CAD to ours")):
-        v = {k: f"{1000 * x:.3g} mm ({100 * x / d['length']:.3f} %)" for k, x in d[name].items()}
-        lines.append(
-            f"  {title}: median {v['median']}, mean signed {v['mean_signed']}, rms {v['rms']}, 95 % {v['p95']}, Hausdorff {v['hausdorff']}"
-        )
+    lines += ["", f"  {'surface distance [mm]':<24}{'ours to CAD':>13}{'':>11}{'CAD to ours':>13}   (% of the length)"]
+    names = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
+    for key, name in names.items():
+        cells = "".join(f"{1000 * d[s][key]:>13.4g}{100 * d[s][key] / d['length']:>9.3f} %" for s in ("ours", "cad"))
+        lines.append(f"  {name:<24}{cells}")
+    lines.append(f"  greatest length of the CAD {d['length']:.6g} m; positive: ours lies outside")
     lines.append(f"  scale {'fitted' if document['free_scale'] else 'kept'}: {document['scale']:.6g}")
     return "\n".join(lines)

@@ -1,15 +1,30 @@
-"""Lays one closed body on another: every plausible start, then iterative closest points to the planes of the target."""
+"""Lays one closed body on another: every plausible start, then iterative closest points to the planes of the target.
+
+Bodies that are nearly symmetric (a bus between two arrays) have several poses that fit almost as well. So many starts
+are refined, the survivors exactly, and the pose is chosen by the mean distance in both directions without trimming:
+a small part that breaks the symmetry is what tells the poses apart, and trimming would throw just that away.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
+from massprops.exchange.distances import Surface, surface_samples
+
 if TYPE_CHECKING:
     import trimesh
+
+Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Points (n, 3) -> closest points (n, 3) of the target and its unit normals (n, 3) there."""
+
+ROUGH, FINAL = 48, 6
+"""Starts that are refined on samples, and those of them that are refined exactly."""
 
 
 @dataclass(frozen=True)
@@ -24,24 +39,16 @@ class Similarity:
         """Points (n, 3) in the target's frame."""
         return self.scale * points @ self.R.T + self.t
 
+    def back(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) of the target's frame in the source's."""
+        return (points - self.t) @ self.R / self.scale
+
     @property
     def matrix(self) -> np.ndarray:
         """(4, 4)."""
         out = np.eye(4)
         out[:3, :3], out[:3, 3] = self.scale * self.R, self.t
         return out
-
-
-def surface_samples(mesh: trimesh.Trimesh, count: int, seed: int, faces: np.ndarray | None = None) -> np.ndarray:
-    """(count, 3) points spread over the surface by area; `faces` (f,) bool keeps to some of them."""
-    rng = np.random.default_rng(seed)
-    triangles = np.asarray(mesh.triangles)
-    area = np.asarray(mesh.area_faces) * (1.0 if faces is None else faces)
-    pick = np.searchsorted(np.cumsum(area), rng.random(count) * area.sum())
-    pick = np.minimum(pick, len(area) - 1)
-    a, b = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
-    p = triangles[pick]
-    return (1 - a) * p[:, 0] + a * (1 - b) * p[:, 1] + a * b * p[:, 2]
 
 
 def starts(source_axes: np.ndarray, target_axes: np.ndarray) -> np.ndarray:
@@ -59,46 +66,32 @@ def starts(source_axes: np.ndarray, target_axes: np.ndarray) -> np.ndarray:
                 cube.append(m)
     out = [target_axes @ m @ source_axes.T for m in cube]
     flips = [m for m in cube if np.count_nonzero(np.diag(m)) == 3]
-    for axis in range(3):
+    for axis in np.eye(3):
         for step in range(1, 24):
-            turn = _turn(np.eye(3)[axis], np.radians(15 * step))
+            turn = rotation_matrix(from_rotation_vector(axis * np.radians(15 * step)))
             out += [target_axes @ turn @ m @ source_axes.T for m in flips]
-    # super-Fibonacci spiral over the quaternions (Alexa 2022)
-    n, phi, psi = 400, np.sqrt(2.0), 1.533751168755204288118041
-    s = np.arange(n) + 0.5
-    r, R = np.sqrt(s / n), np.sqrt(1 - s / n)
+    return np.concatenate([np.stack(out), rotation_net(400)])
+
+
+def rotation_net(count: int) -> np.ndarray:
+    """(count, 3, 3) rotations spread evenly: the super-Fibonacci spiral of Alexa (CVPR 2022), algorithm 1."""
+    phi, psi = np.sqrt(2.0), 1.533751168755204288118041
+    s = np.arange(count) + 0.5
+    r, R = np.sqrt(s / count), np.sqrt(1 - s / count)
     a, b = 2 * np.pi * s / phi, 2 * np.pi * s / psi
-    from massprops.dynamics.quaternion import rotation_matrix
-
-    net = rotation_matrix(np.column_stack([r * np.sin(a), r * np.cos(a), R * np.sin(b), R * np.cos(b)]))
-    return np.concatenate([np.stack(out), net])
+    return rotation_matrix(np.column_stack([r * np.sin(a), r * np.cos(a), R * np.sin(b), R * np.cos(b)]))
 
 
-def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
-    from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
-
-    return rotation_matrix(from_rotation_vector(axis * angle))
-
-
-def closest(scene: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Closest points (n, 3) on the scene's mesh and the normals (n, 3) of their faces."""
-    from massprops.native import load_open3d
-
-    o3d = load_open3d()
-    hit = scene.compute_closest_points(o3d.core.Tensor(np.ascontiguousarray(points, dtype=np.float32)))
-    return hit["points"].numpy().astype(float), hit["primitive_normals"].numpy().astype(float)
-
-
-def scene_of(mesh: trimesh.Trimesh) -> Any:
-    """An open3d ray-casting scene of one mesh."""
-    from massprops.native import load_open3d
-
-    o3d = load_open3d()
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor(np.asarray(mesh.vertices, np.float32)), o3d.core.Tensor(np.asarray(mesh.faces, np.uint32))
-    )
-    return scene
+def distinct(rotations: np.ndarray, order: np.ndarray, count: int, apart_deg: float = 10.0) -> list[int]:
+    """The first `count` of `order` that are at least `apart_deg` from those taken before."""
+    least = 1 + 2 * np.cos(np.radians(apart_deg))
+    taken: list[int] = []
+    for k in order:
+        if all(np.sum(rotations[k] * rotations[j]) < least for j in taken):
+            taken.append(int(k))
+            if len(taken) == count:
+                break
+    return taken
 
 
 def align(
@@ -122,63 +115,77 @@ def align(
 
     a, b = mass_properties(source, 1.0), mass_properties(target, 1.0)
     scale = (b.volume / a.volume) ** (1 / 3) if free_scale else 1.0
-    few = scale * (surface_samples(source, 250, seed, measured) - a.center_of_mass)
-    goal = surface_samples(target, 6000, seed + 1)
-    tree = cKDTree(goal)
-    normals = closest_normals(target, goal)
+    own, goal = surface_samples(source, 6000, seed, measured), surface_samples(target, 6000, seed + 1)
+    own_tree, goal_tree = cKDTree(own), cKDTree(goal)
+    target_surface, source_surface = Surface(target), Surface(source)
+    normals = target_surface.closest(goal)[1]
     rotations = starts(a.principal_axes, b.principal_axes)
-    moved = np.einsum("rij,nj->rni", rotations, few) + b.center_of_mass
-    distance = tree.query(moved.reshape(-1, 3))[0].reshape(len(rotations), -1)
-    score = np.sort(distance, axis=1)[:, : int(0.9 * distance.shape[1])].mean(axis=1)
-    best: tuple[float, Similarity] | None = None
-    own = surface_samples(source, 1500, seed + 2, measured)
-    for k in np.argsort(score, kind="stable")[:24]:
+
+    few = scale * (own[:250] - a.center_of_mass)
+    there = np.einsum("rij,nj->rni", rotations, few) + b.center_of_mass
+    back = np.einsum("rji,nj->rni", rotations, goal[:250] - b.center_of_mass) / scale + a.center_of_mass
+    score = goal_tree.query(there.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
+    score += scale * own_tree.query(back.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
+
+    def sampled(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        at = goal_tree.query(points)[1]
+        return goal[at], normals[at]
+
+    rough = []
+    for k in distinct(rotations, np.argsort(score, kind="stable"), ROUGH):
         start = Similarity(scale, rotations[k], b.center_of_mass - scale * rotations[k] @ a.center_of_mass)
-
-        def nearest(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            at = tree.query(points)[1]
-            return goal[at], normals[at]
-
-        rough = _iterate(start, own, nearest, free_scale, steps=12)
-        left = np.sort(np.linalg.norm(nearest(rough.apply(own))[0] - rough.apply(own), axis=1))
-        value = float(left[: int(0.9 * len(left))].mean())
-        if best is None or value < best[0] - 1e-12:
-            best = (value, rough)
+        found = iterate(start, own[:1500], sampled, free_scale, steps=12)
+        value = goal_tree.query(found.apply(own[:1500]))[0].mean()
+        value += found.scale * own_tree.query(found.back(goal[:1500]))[0].mean()
+        rough.append((float(value), found))
+    rough.sort(key=lambda pair: pair[0])
+    turned = np.stack([found.R for _, found in rough])
+    many, many_goal = surface_samples(source, 8000, seed + 2, measured), surface_samples(target, 8000, seed + 3)
+    best: tuple[float, Similarity] | None = None
+    for k in distinct(turned, np.arange(len(rough)), FINAL, apart_deg=3.0):
+        fine = iterate(rough[k][1], many, target_surface.closest, free_scale, steps=40)
+        value = float(target_surface.distance(fine.apply(many)).mean())
+        value += fine.scale * float(source_surface.distance(fine.back(many_goal)).mean())
+        if best is None or value < best[0]:
+            best = (value, fine)
     assert best is not None
-    scene = scene_of(target)
-    many = surface_samples(source, 8000, seed + 3, measured)
-    return _iterate(best[1], many, lambda p: closest(scene, p), free_scale, steps=40)
+    return best[1]
 
 
-def closest_normals(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
-    """Face normals (n, 3) at the closest points of a mesh."""
-    return closest(scene_of(mesh), points)[1]
+def iterate(start: Similarity, points: np.ndarray, nearest: Nearest, free_scale: bool, steps: int) -> Similarity:
+    """Point-to-plane iterations (Chen and Medioni 1992) with Cauchy weights at the usual residual.
 
-
-def _iterate(start: Similarity, points: np.ndarray, nearest: Any, free_scale: bool, steps: int) -> Similarity:
-    """Point-to-plane iterations with weights that fade beyond the usual residual."""
-    from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
-
+    Args:
+        start: where to begin.
+        points: (n, 3) of the source.
+        nearest: the target.
+        free_scale: whether the scale moves too.
+        steps: at most so many.
+    """
     now = start
     for _ in range(steps):
         p = now.apply(points)
         q, n = nearest(p)
         residual = np.einsum("ni,ni->n", p - q, n)
+        apart = np.linalg.norm(p - q, axis=1)
         width = 2.5 * max(1.4826 * float(np.median(np.abs(residual))), 1e-12)
         weight = 1.0 / (1.0 + (residual / width) ** 2)
-        weight *= np.linalg.norm(p - q, axis=1) < 6.0 * width + 3.0 * float(np.median(np.linalg.norm(p - q, axis=1)))
+        weight *= apart < 6.0 * width + 3.0 * float(np.median(apart))
         middle = p.mean(axis=0)
         arm = p - middle
-        columns = [np.cross(arm, n), n]
+        reach = float(np.sqrt(np.mean(np.sum(arm**2, axis=1))))
+        # turns are counted in lengths at the body's reach, so that the cut-off below does not depend on the unit
+        columns = [np.cross(arm, n) / reach, n]
         if free_scale:
-            columns.append(np.einsum("ni,ni->n", arm, n)[:, None])
+            columns.append(np.einsum("ni,ni->n", arm, n)[:, None] / reach)
         J = np.concatenate(columns, axis=1)
-        normal = J.T @ (weight[:, None] * J)
         # a body of revolution leaves a direction open: do not move along it
-        step = -np.linalg.lstsq(normal, J.T @ (weight * residual), rcond=1e-9)[0]
-        turn = rotation_matrix(from_rotation_vector(step[:3]))
-        grow = 1.0 + (float(step[6]) if free_scale else 0.0)
+        step = -np.linalg.lstsq(J.T @ (weight[:, None] * J), J.T @ (weight * residual), rcond=1e-9)[0]
+        turn = rotation_matrix(from_rotation_vector(step[:3] / reach))
+        grow = 1.0 + (float(step[6]) / reach if free_scale else 0.0)
+        if not 0.5 < grow < 2.0:
+            break
         now = Similarity(now.scale * grow, turn @ now.R, grow * turn @ (now.t - middle) + middle + step[3:6])
-        if np.linalg.norm(step[:3]) < 1e-9 and np.linalg.norm(step[3:6]) < 1e-9 * max(1.0, float(np.abs(p).max())):
+        if np.linalg.norm(step) < 1e-9 * reach:
             break
     return now

@@ -76,17 +76,11 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
         run: Path | None = source
         name = identifier(source.resolve().name)
     elif source.is_file():
+        from massprops.exchange.mesh_files import read_solid
         from massprops.mass.document import document as make_document
         from massprops.mass.properties import mass_properties
-        from massprops.mass.repair import repair
 
-        try:
-            mesh = trimesh.load(source, force="mesh")
-        except Exception as error:
-            raise InputError(
-                f"{source}: not a mesh that can be read ({error}): give STL, OBJ, PLY, GLB or OFF"
-            ) from None
-        mesh, notes = repair(mesh)
+        mesh, notes = read_solid(source)
         surface = {"watertight": True, "area": float(mesh.area), "observed_fraction": 1.0}
         scale = {"source": "given", "metres_per_unit": 1.0, "relative_sigma": 0.0}
         document = make_document(mass_properties(mesh, density), {}, scale, surface, list(notes))

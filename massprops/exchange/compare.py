@@ -2,34 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.errors import InputError
-from massprops.exchange.alignment import Similarity, align, scene_of, surface_samples
-from massprops.exchange.mesh_files import read_solid
+from massprops.exchange.mesh_files import in_metres, read_solid
 
 if TYPE_CHECKING:
     import trimesh
 
-SAMPLES = 40_000
+    from massprops.exchange.alignment import Similarity
+    from massprops.exchange.body import Body
+    from massprops.mass.properties import MassProperties
+
+LIKE_MOMENTS = 0.005
+"""Relative difference of two of the CAD's moments below which their axes are compared as a plane only."""
+
+LEAST_MEASURED = 0.2
+"""Share of measured faces below which the alignment takes the filled ones too."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A body against its CAD.
+    """A body against its CAD, in the CAD's axes and metres.
 
     Attributes:
-        transform: from our mesh to the CAD's axes.
+        transform: from our mesh to the CAD.
         free_scale: whether the scale was fitted.
-        distances: surface distances in the CAD's unit: `median`, `mean_signed` (positive: we are outside), `rms`,
-            `p95`, `hausdorff`, of ours to CAD (`ours`) and of CAD to ours (`cad`), and `length`, the CAD's greatest.
-        rows: one dict a quantity: quantity, cad, ours, error, error_text, unit, holds (None without an interval).
+        distances: of `massprops.exchange.distances.surface_distances`.
+        rows: one dict a quantity: `quantity`, `cad`, `ours`, `error` (ours - cad), `relative_error` (None where a
+            share means nothing), `error_text`, `unit`, `interval_90` of ours and whether it `holds` the CAD's value
+            (None without an interval).
         warnings: one line each.
-        mesh: our mesh in the CAD's axes; vertex_distance: (v,) signed.
+        mesh: our mesh in the CAD's axes.
+        vertex_distance: (v,) signed distance of its vertices to the CAD, positive outside [m].
     """
 
     transform: Similarity
@@ -38,7 +47,7 @@ class Comparison:
     rows: list[dict[str, Any]]
     warnings: tuple[str, ...]
     mesh: trimesh.Trimesh
-    vertex_distance: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    vertex_distance: np.ndarray
 
     def row(self, quantity: str) -> dict[str, Any]:
         """The row of one quantity."""
@@ -48,76 +57,73 @@ class Comparison:
         """`compare.json`."""
         return {
             "format": "massprops-compare/1",
+            "units": {"length": "m", "mass": "kg"},
+            "frame": "the CAD's axes and origin; inertia about each body's own centre of mass, tensor signs",
             "free_scale": self.free_scale,
             "scale": self.transform.scale,
             "transform": self.transform.matrix.tolist(),
             "distances": self.distances,
             "rows": self.rows,
             "warnings": list(self.warnings),
-            "note": "the scale was fitted to the CAD: volume and moments then test the shape alone"
-            if self.free_scale
-            else "",
         }
 
 
 def compare(
-    source: str | Path, cad: str | Path, out: str | Path | None = None, free_scale: bool | None = None, seed: int = 0
+    run_or_mesh: str | Path,
+    cad: str | Path,
+    out: str | Path | None = None,
+    free_scale: bool | None = None,
+    cad_unit: str = "auto",
+    seed: int = 0,
 ) -> Comparison:
     """Aligns a run's mesh (or a mesh file) with a CAD mesh and measures what differs.
 
     Args:
-        source: run folder or mesh file.
-        cad: closed mesh, taken to be in metres.
-        out: folder for `compare.json`, `compare.ply` and `compare_legend.png`.
+        run_or_mesh: run folder, or mesh file in metres.
+        cad: closed mesh, as STL, OBJ, PLY, GLB or OFF; small defects are repaired with a warning.
+        out: folder for `compare.json`, `compare.ply` (signed distance as colour and as the property `distance`) and
+            `compare_legend.png`; nothing is written when None.
         free_scale: fit the scale too; by default when the run has none.
+        cad_unit: of the CAD's coordinates, one of `mesh_files.UNITS`, or `auto`: metres, unless the lengths of the
+            bodies say millimetres, centimetres or inches.
         seed: of the surface samples.
 
     Raises:
-        InputError: a file is missing or is no closed body.
+        InputError: a file is missing or is no closed body, or `out` cannot be written.
     """
+    from massprops.exchange.alignment import align
     from massprops.exchange.body import read_body
+    from massprops.exchange.distances import Surface, surface_distances
     from massprops.mass.integrals import greatest_length
     from massprops.mass.properties import mass_properties
 
-    body = read_body(source)
-    target, notes = read_solid(cad)
+    body = read_body(run_or_mesh)
+    if not body.mesh.is_volume:
+        raise InputError(f"{run_or_mesh}: its mesh is not watertight: make the run again, or repair the mesh")
     free = (not body.metric) if free_scale is None else free_scale
-    measured = _measured_faces(body.mesh)
-    transform = align(body.mesh, target, free, measured, seed)
+    target, notes = read_solid(cad)
+    ours_length = None if free or not body.metric else greatest_length(np.asarray(body.mesh.vertices))[0]
+    target, unit_notes = in_metres(target, cad_unit, ours_length)
+    transform = align(body.mesh, target, free, _measured_faces(body.mesh), seed)
     ours = body.mesh.copy()
     ours.apply_transform(transform.matrix)
     density = float(body.document["density"])
     a, b = mass_properties(ours, density), mass_properties(target, density)
     length = greatest_length(np.asarray(target.vertices))[0]
-    distances = _distances(ours, target, seed, length)
-    interval = {} if free else body.document.get("interval_90", {})
-    return Comparison(
+    found = Comparison(
         transform,
         free,
-        distances,
-        _rows(a, b, interval, length),
-        (*notes, *_hints(transform, free, a.volume / b.volume)),
+        surface_distances(ours, target, length, seed + 5),
+        _rows(a, b, _usable_intervals(body, free), length),
+        (*notes, *unit_notes, *_scale_notes(body, free)),
         ours,
-        _signed(scene_of(target), np.asarray(ours.vertices)),
+        Surface(target).signed(np.asarray(ours.vertices)),
     )
+    if out is not None:
+        from massprops.exchange.compare_files import write_comparison
 
-
-def write_comparison(comparison: Comparison, out: str | Path) -> Path:
-    """Writes `compare.json`, the coloured mesh and its legend into a folder; gives the JSON's path."""
-    from massprops.run.files import write_json, write_whole
-
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "compare.json", comparison.document())
-        colours, legend = _colours(comparison)
-        mesh = comparison.mesh.copy()
-        mesh.visual.vertex_colors = colours
-        write_whole(folder / "compare.ply", mesh.export(file_type="ply"))
-        write_whole(folder / "compare_legend.png", legend)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
-    return folder / "compare.json"
+        write_comparison(found, out)
+    return found
 
 
 def _measured_faces(mesh: trimesh.Trimesh) -> np.ndarray | None:
@@ -127,96 +133,78 @@ def _measured_faces(mesh: trimesh.Trimesh) -> np.ndarray | None:
         flag = np.asarray(raw["observed"]).ravel().astype(bool)  # type: ignore[index]
     except (KeyError, TypeError, ValueError, IndexError):
         return None
-    return flag if len(flag) == len(mesh.faces) and flag.mean() > 0.2 else None
+    return flag if len(flag) == len(mesh.faces) and flag.mean() > LEAST_MEASURED else None
 
 
-def _signed(scene: Any, points: np.ndarray) -> np.ndarray:
-    """Signed distance (n,), positive outside."""
-    from massprops.native import load_open3d
-
-    o3d = load_open3d()
-    return (
-        scene.compute_signed_distance(o3d.core.Tensor(np.ascontiguousarray(points, dtype=np.float32)))
-        .numpy()
-        .astype(float)
-    )
+def _usable_intervals(body: Body, free: bool) -> dict[str, Any]:
+    """Intervals of quantities that a turn leaves as they are; with a fitted scale, the ratios alone."""
+    keys = ("k1", "k2") if free or not body.metric else ("volume", "principal_moments", "k1", "k2")
+    interval = body.document.get("interval_90") or {}
+    return {key: interval[key] for key in keys if interval.get(key)}
 
 
-def _distances(ours: trimesh.Trimesh, target: trimesh.Trimesh, seed: int, length: float) -> dict[str, Any]:
-    out: dict[str, Any] = {"length": length}
-    pairs = {"ours": (ours, scene_of(target), 1.0), "cad": (target, scene_of(ours), -1.0)}
-    for name, (mesh, scene, sign) in pairs.items():
-        points = np.concatenate([surface_samples(mesh, SAMPLES, seed + 5), np.asarray(mesh.vertices)[:200_000]])
-        d = sign * _signed(scene, points)
-        even, size = d[:SAMPLES], np.abs(d)
-        out[name] = {
-            "median": float(np.median(size[:SAMPLES])),
-            "mean_signed": float(even.mean()),
-            "rms": float(np.sqrt(np.mean(even**2))),
-            "p95": float(np.percentile(size[:SAMPLES], 95)),
-            "hausdorff": float(size.max()),
-        }
-    out["hausdorff"] = max(out["ours"]["hausdorff"], out["cad"]["hausdorff"])
-    return out
-
-
-def _rows(a: Any, b: Any, interval: dict[str, Any], length: float) -> list[dict[str, Any]]:
-    """Quantity by quantity: CAD (b), ours (a) in the CAD's axes."""
-    rows = []
-
-    def add(name: str, cad: float, ours: float, unit: str, relative_to: float | None, bounds: Any = None) -> None:
-        error = ours - cad
-        shown = f"{100 * error / relative_to:+.3f} %" if relative_to else f"{error:+.5f}"
-        holds = None if not bounds else bool(bounds[0] <= cad <= bounds[1])
-        rows.append(
-            {"quantity": name, "cad": float(cad), "ours": float(ours), "error": float(error), "error_text": shown, "unit": unit,
-             "relative_error": float(error / relative_to) if relative_to else None, "holds": holds}
-        )  # fmt: skip
-
-    add("volume", b.volume, a.volume, "m^3", b.volume, interval.get("volume"))
-    for i, axis in enumerate("xyz"):
-        add(f"center_of_mass_{axis}", b.center_of_mass[i], a.center_of_mass[i], "m", length)
-    trace = float(np.trace(b.inertia)) / 3
-    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
-        reference = b.inertia[i, j] if i == j else trace
-        add(f"I_{'xyz'[i]}{'xyz'[j]}", b.inertia[i, j], a.inertia[i, j], "kg m^2", reference)
-    for i in range(3):
-        bounds = (interval.get("principal_moments") or [None] * 3)[i]
-        add(f"I{i + 1}", b.principal_moments[i], a.principal_moments[i], "kg m^2", b.principal_moments[i], bounds)
-    for i in range(3):
-        cosine = abs(float(a.principal_axes[:, i] @ b.principal_axes[:, i]))
-        angle = float(np.degrees(np.arccos(min(1.0, cosine))))
-        rows.append({"quantity": f"axis_{i + 1}", "cad": 0.0, "ours": angle, "error": angle, "error_text": f"{angle:.3f} deg",
-                     "unit": "deg", "relative_error": None, "holds": None})  # fmt: skip
-    add("k1", b.k1, a.k1, "1", None, interval.get("k1"))
-    add("k2", b.k2, a.k2, "1", None, interval.get("k2"))
-    return rows
-
-
-def _hints(transform: Similarity, free: bool, ratio: float) -> tuple[str, ...]:
-    for factor, name in ((1e9, "millimetres"), (1e-9, "kilometres"), (1e6, "centimetres")):
-        if not free and 0.5 < ratio * factor < 2.0:
-            return (
-                f"volumes differ by a factor of {1 / ratio:.3g}: is the CAD in {name}? Use --free-scale or convert it",
-            )
+def _scale_notes(body: Body, free: bool) -> tuple[str, ...]:
+    if free:
+        why = "" if body.metric else "the run has no scale, so "
+        return (f"{why}the scale was fitted to the CAD: volume and moments test the shape alone",)
+    if not body.metric:
+        return ("the run is in model units and the scale was kept: only ratios and axes can be compared",)
     return ()
 
 
-def _colours(comparison: Comparison) -> tuple[np.ndarray, bytes]:
-    """Blue inside, white on, red outside; and a PNG legend with the limits."""
-    import cv2
+def _rows(ours: MassProperties, cad: MassProperties, interval: dict[str, Any], length: float) -> list[dict[str, Any]]:
+    """Quantity by quantity, both in the CAD's axes."""
+    rows: list[dict[str, Any]] = []
 
-    d = comparison.vertex_distance
-    limit = float(np.percentile(np.abs(d), 95)) or 1.0
+    def add(name: str, of_cad: float, of_ours: float, unit: str, share_of: float | None, bounds: Any = None) -> None:
+        error = float(of_ours - of_cad)
+        rows.append(
+            {
+                "quantity": name,
+                "cad": float(of_cad),
+                "ours": float(of_ours),
+                "error": error,
+                "relative_error": error / share_of if share_of else None,
+                "error_text": f"{100 * error / share_of:+.3f} %" if share_of else f"{error:+.5f}",
+                "unit": unit,
+                "interval_90": [float(v) for v in bounds] if bounds else None,
+                "holds": bool(bounds[0] <= of_cad <= bounds[1]) if bounds else None,
+            }
+        )
 
-    def paint(x: np.ndarray) -> np.ndarray:
-        x = np.clip(x, -1, 1)[:, None]
-        white, red, blue = np.array([245, 245, 245]), np.array([190, 30, 45]), np.array([35, 80, 170])
-        return np.where(x > 0, white + x * (red - white), white - x * (blue - white)).astype(np.uint8)
+    add("volume", cad.volume, ours.volume, "m^3", cad.volume, interval.get("volume"))
+    for i, axis in enumerate("xyz"):
+        add(f"center_of_mass_{axis}", cad.center_of_mass[i], ours.center_of_mass[i], "m", length)
+    mean = float(np.trace(cad.inertia)) / 3
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        share_of = cad.inertia[i, j] if i == j else mean
+        add(f"I_{'xyz'[i]}{'xyz'[j]}", cad.inertia[i, j], ours.inertia[i, j], "kg m^2", share_of)
+    for i in range(3):
+        bounds = (interval.get("principal_moments") or [None] * 3)[i]
+        value = cad.principal_moments[i]
+        add(f"I{i + 1}", value, ours.principal_moments[i], "kg m^2", value, bounds)
+    for i, angle in enumerate(axis_angles(ours.principal_axes, cad.principal_axes, cad.principal_moments)):
+        add(f"axis_{i + 1}", 0.0, angle, "deg", None)
+        rows[-1]["error_text"] = f"{angle:.3f} deg"
+    add("k1", cad.k1, ours.k1, "1", None, interval.get("k1"))
+    add("k2", cad.k2, ours.k2, "1", None, interval.get("k2"))
+    return rows
 
-    rgba = np.concatenate([paint(d / limit), np.full((len(d), 1), 255, np.uint8)], axis=1)
-    bar = np.full((90, 640, 3), 255, np.uint8)
-    bar[15:45, 40:600] = paint(np.linspace(-1, 1, 560))[None, :, ::-1]
-    for x, label in ((40, f"-{limit:.3g} m inside"), (290, "0"), (470, f"+{limit:.3g} m outside")):
-        cv2.putText(bar, label, (x, 70), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (40, 40, 40), 1, cv2.LINE_AA)
-    return rgba, cv2.imencode(".png", bar)[1].tobytes()
+
+def axis_angles(ours: np.ndarray, cad: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """(3,) angles [deg] of our principal axes to the CAD's, whatever their sign.
+
+    Axes whose moments differ by less than `LIKE_MOMENTS` may be any in their plane: ours is then measured to that
+    plane, and to nothing (0) when all three are alike.
+
+    Args:
+        ours, cad: (3, 3) axes as columns.
+        moments: (3,) of the CAD, ascending.
+    """
+    out = np.empty(3)
+    for i in range(3):
+        like = np.abs(moments - moments[i]) <= LIKE_MOMENTS * moments[2]
+        inside = np.linalg.norm(cad[:, like].T @ ours[:, i])
+        outside = np.linalg.norm(cad[:, ~like].T @ ours[:, i])
+        out[i] = np.degrees(np.arctan2(outside, inside))
+    return out

@@ -53,3 +53,43 @@ def read_solid(path: str | Path) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
         return repair(mesh)
     except InputError as error:
         raise InputError(f"{path}: not watertight: {error}") from None
+
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+"""Metres per unit of a CAD file."""
+
+
+def in_metres(
+    mesh: trimesh.Trimesh, unit: str = "auto", expected_length: float | None = None
+) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """The mesh with its coordinates in metres, and what was assumed of them.
+
+    STL, OBJ, PLY and OFF carry no unit. `auto` takes metres, unless the body then is as many times longer than
+    `expected_length` (greatest length in metres, from a run with a scale) as a metre is than another unit, to 15 %.
+
+    Raises:
+        InputError: an unknown unit.
+    """
+    from massprops.mass.integrals import greatest_length
+
+    notes: tuple[str, ...] = ()
+    if unit not in (*UNITS, "auto"):
+        raise InputError(f"--cad-unit {unit}: give auto, {', '.join(UNITS)}")
+    if unit == "auto":
+        unit = "m"
+        ratio = greatest_length(np.asarray(mesh.vertices))[0] / expected_length if expected_length else 1.0
+        for name, size in UNITS.items():
+            if name != "m" and abs(np.log(ratio * size)) < 0.14:
+                unit = name
+                notes = (
+                    f"CAD is {ratio:.4g} times longer than the run: taken to be in {name}; --cad-unit says otherwise",
+                )
+        if unit == "m" and abs(np.log(ratio)) > 0.25:
+            notes = (
+                f"CAD is {ratio:.3g} times longer than the run: check the run's scale and --cad-unit, or use --free-scale",
+            )
+    if UNITS[unit] == 1.0:
+        return mesh, notes
+    mesh = mesh.copy()
+    mesh.apply_scale(UNITS[unit])
+    return mesh, notes

@@ -1,0 +1,66 @@
+"""What `compare` leaves on disk: the document, our mesh coloured by its distance to the CAD, and the colours' legend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprops.errors import InputError
+
+if TYPE_CHECKING:
+    from massprops.exchange.compare import Comparison
+
+ON, OUTSIDE, INSIDE = (245, 245, 245), (190, 30, 45), (35, 80, 170)
+"""Colours of the surface on, outside and inside the CAD's."""
+
+
+def write_comparison(comparison: Comparison, out: str | Path) -> Path:
+    """Writes `compare.json`, `compare.ply` and `compare_legend.png` into a folder; gives the JSON's path.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    from massprops.run.files import write_json, write_whole
+
+    folder = Path(out)
+    limit = colour_limit(comparison.vertex_distance)
+    mesh = comparison.mesh.copy()
+    mesh.visual.vertex_colors = paint(comparison.vertex_distance / limit)
+    mesh.vertex_attributes["distance"] = comparison.vertex_distance.astype(np.float32)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "compare.json", {**comparison.document(), "colour_limit": limit})
+        write_whole(folder / "compare.ply", mesh.export(file_type="ply"))
+        write_whole(folder / "compare_legend.png", legend(limit))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
+    return folder / "compare.json"
+
+
+def colour_limit(distance: np.ndarray) -> float:
+    """Distance [m] of the full colours: 95 % of the vertices lie below it; two digits, so that the legend is exact."""
+    limit = float(np.percentile(np.abs(distance), 95))
+    return float(f"{limit:.2g}") if limit > 0 else 1.0
+
+
+def paint(x: np.ndarray) -> np.ndarray:
+    """(n, 4) uint8 colours of -1 (inside) to 1 (outside)."""
+    x = np.clip(np.nan_to_num(x), -1, 1)[:, None]
+    on, outside, inside = (np.array(c, float) for c in (ON, OUTSIDE, INSIDE))
+    rgb = np.where(x > 0, on + x * (outside - on), on - x * (inside - on))
+    return np.concatenate([np.round(rgb), np.full((len(rgb), 1), 255)], axis=1).astype(np.uint8)
+
+
+def legend(limit: float) -> bytes:
+    """A PNG of the colours with their distances."""
+    import cv2
+
+    bar = np.full((90, 640, 3), 255, np.uint8)
+    bar[15:45, 40:600] = paint(np.linspace(-1, 1, 560))[None, :, 2::-1]
+    scale, unit = (1000.0, "mm") if limit < 1 else (1.0, "m")
+    ends = (f"-{limit * scale:.3g} {unit} (inside CAD)", "0", f"+{limit * scale:.3g} {unit} (outside)")
+    for x, label in zip((40, 315, 440), ends, strict=True):
+        cv2.putText(bar, label, (x, 70), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (40, 40, 40), 1, cv2.LINE_AA)
+    return cv2.imencode(".png", bar)[1].tobytes()
