@@ -64,7 +64,9 @@ def choose(motion: np.ndarray, sharp: np.ndarray, most: int) -> np.ndarray:
     path = np.cumsum(np.concatenate([[0.0], motion[1:]]))
     if path[-1] <= 0:
         return np.array([int(np.argmax(sharp))])
-    parts = int(min(most, n, max(2, np.floor(path[-1] / LEAST_MOTION) + 1)))
+    parts = int(min(most, max(2, np.floor(path[-1] / LEAST_MOTION) + 1)))
+    if parts >= n:
+        return _clear(np.arange(n), sharp)
     chosen: list[int] = []
     spacing = path[-1] / max(parts - 1, 1)
     for target in np.linspace(0.0, path[-1], parts):
@@ -76,7 +78,11 @@ def choose(motion: np.ndarray, sharp: np.ndarray, most: int) -> np.ndarray:
             continue
         distance = np.abs(path[window] - target) / spacing
         chosen.append(int(window[np.argmax(sharp[window] * (1.0 - 0.5 * distance))]))
-    kept = np.array(chosen)
+    return _clear(np.array(chosen), sharp)
+
+
+def _clear(kept: np.ndarray, sharp: np.ndarray) -> np.ndarray:
+    """Without the frames that are clearly blurrier than their neighbours."""
     local = np.array([np.median(sharp[kept[max(0, i - 4) : i + 5]]) for i in range(len(kept))])
-    clear = sharp[kept] > 0.5 * local
+    clear = sharp[kept] > 0.4 * local
     return kept[clear] if clear.sum() >= 3 else kept

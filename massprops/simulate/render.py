@@ -154,10 +154,10 @@ class Renderer:
         half = view + sun
         half /= np.linalg.norm(half, axis=1, keepdims=True) + 1e-12
         albedo = np.empty(len(point), np.float32)
-        albedo[body] = np.clip(0.55 + 0.20 * self.noise(point[body]), 0.06, 1.0)
-        albedo[body] *= 1.0 - 0.6 * panel_lines(point[body], self.scenario.grid_m)
+        albedo[body] = np.clip(self.scenario.albedo * (1 + 0.5 * self.noise(point[body])), 0.05, 1.0)
+        albedo[body] *= 1.0 - 0.3 * panel_lines(point[body], self.scenario.grid_m)
         if (~body).any():
-            albedo[~body] = np.clip(0.5 + 0.22 * self.ground(point[~body]), 0.06, 1.0)
+            albedo[~body] = np.clip(0.35 + 0.15 * self.ground(point[~body]), 0.05, 1.0)
         shine = self.scenario.specular * body * direct * np.clip(np.einsum("ni,ni->n", normal, half), 0, 1) ** 40
         out = np.full(shape[0] * shape[1], np.nan, np.float32)
         out[hit] = albedo * (self.scenario.ambient + (1 - self.scenario.ambient) * direct) + shine

@@ -28,6 +28,7 @@ class Scenario:
         sun_phase_deg: angle at the body between camera and Sun; its direction round the line of sight is drawn.
         background: black or still.
         ambient: share of light without direction; specular: strength of the highlight.
+        albedo: mean reflectance of the body; the table's is 0.35.
         texture_m: size of the largest texture; grid_m: spacing of panel lines, 0 for none; smooth: shade over edges.
         noise: 1-sigma of the darkest pixels [grey levels]; exposure: grey level of a white face in full sun.
         stereo_m: baseline of a second camera to the right, 0 for none; range_sigma_m: noise of a range sensor, 0 for none.
@@ -49,6 +50,7 @@ class Scenario:
     background: str = "black"
     ambient: float = 0.03
     specular: float = 0.15
+    albedo: float = 0.55
     texture_m: float = 0.5
     grid_m: float = 0.0
     smooth: bool = False
@@ -70,6 +72,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "sun_phase_deg": (0.0, 150.0),
     "ambient": (0.0, 1.0),
     "specular": (0.0, 2.0),
+    "albedo": (0.02, 1.0),
     "texture_m": (1e-6, 1e6),
     "grid_m": (0.0, 1e6),
     "noise": (0.0, 60.0),

@@ -10,7 +10,7 @@ LATTICE = 48
 class Noise:
     """Several octaves of smooth random values, -1 to 1 or so, periodic far outside any body."""
 
-    def __init__(self, seed: int, size: float, octaves: int = 6, falloff: float = 0.72) -> None:
+    def __init__(self, seed: int, size: float, octaves: int = 6, falloff: float = 0.8) -> None:
         """Args: seed; size of the largest texture [m]; octaves; amplitude from one octave to the next."""
         rng = np.random.default_rng([seed, 2])
         self.lattice = rng.uniform(-1, 1, (LATTICE, LATTICE, LATTICE)).astype(np.float32)
