@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Points (n, 3) -> closest points (n, 3) of the target and its unit normals (n, 3) there."""
 
-ROUGH, FINAL = 48, 6
-"""Starts that are refined on samples, and those of them that are refined exactly."""
+ROUNDS = ((48, 700, 5, 12), (12, 1500, 10, 4))
+"""Rounds on sampled surfaces: starts taken, points, steps, and how many distinct poses go on to the next."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,11 @@ def align(
     own_tree, goal_tree = cKDTree(own), cKDTree(goal)
     target_surface, source_surface = Surface(target), Surface(source)
     normals = target_surface.closest(goal)[1]
+
+    def sampled(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        at = goal_tree.query(points)[1]
+        return goal[at], normals[at]
+
     rotations = starts(a.principal_axes, b.principal_axes)
 
     few = scale * (own[:250] - a.center_of_mass)
@@ -127,29 +132,28 @@ def align(
     score = goal_tree.query(there.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
     score += scale * own_tree.query(back.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
 
-    def sampled(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        at = goal_tree.query(points)[1]
-        return goal[at], normals[at]
+    def both_ways(found: Similarity, count: int) -> float:
+        value = goal_tree.query(found.apply(own[:count]))[0].mean()
+        return float(value + found.scale * own_tree.query(found.back(goal[:count]))[0].mean())
 
-    rough = []
-    for k in distinct(rotations, np.argsort(score, kind="stable"), ROUGH):
-        start = Similarity(scale, rotations[k], b.center_of_mass - scale * rotations[k] @ a.center_of_mass)
-        found = iterate(start, own[:1500], sampled, free_scale, steps=12)
-        value = goal_tree.query(found.apply(own[:1500]))[0].mean()
-        value += found.scale * own_tree.query(found.back(goal[:1500]))[0].mean()
-        rough.append((float(value), found))
-    rough.sort(key=lambda pair: pair[0])
-    turned = np.stack([found.R for _, found in rough])
-    many, many_goal = surface_samples(source, 8000, seed + 2, measured), surface_samples(target, 8000, seed + 3)
-    best: tuple[float, Similarity] | None = None
-    for k in distinct(turned, np.arange(len(rough)), FINAL, apart_deg=3.0):
-        fine = iterate(rough[k][1], many, target_surface.closest, free_scale, steps=40)
-        value = float(target_surface.distance(fine.apply(many)).mean())
-        value += fine.scale * float(source_surface.distance(fine.back(many_goal)).mean())
-        if best is None or value < best[0]:
-            best = (value, fine)
-    assert best is not None
-    return best[1]
+    kept = [
+        Similarity(scale, rotations[k], b.center_of_mass - scale * rotations[k] @ a.center_of_mass)
+        for k in distinct(rotations, np.argsort(score, kind="stable"), ROUNDS[0][0])
+    ]
+    for count, points, steps, left in ROUNDS:
+        moved = [iterate(start, own[:points], sampled, free_scale, steps) for start in kept[:count]]
+        values = np.array([both_ways(found, points) for found in moved])
+        order = distinct(np.stack([m.R for m in moved]), np.argsort(values, kind="stable"), left, apart_deg=3.0)
+        kept = [moved[k] for k in order]
+
+    exact: list[tuple[float, Similarity]] = []
+    for start in kept:
+        fine = iterate(start, own[:3000], target_surface.closest, free_scale, steps=10)
+        value = float(target_surface.distance(fine.apply(own)).mean())
+        exact.append((value + fine.scale * float(source_surface.distance(fine.back(goal)).mean()), fine))
+    best = min(exact, key=lambda pair: pair[0])[1]
+    many = surface_samples(source, 10_000, seed + 2, measured)
+    return iterate(best, many, target_surface.closest, free_scale, steps=30)
 
 
 def iterate(start: Similarity, points: np.ndarray, nearest: Nearest, free_scale: bool, steps: int) -> Similarity:
@@ -186,6 +190,6 @@ def iterate(start: Similarity, points: np.ndarray, nearest: Nearest, free_scale:
         if not 0.5 < grow < 2.0:
             break
         now = Similarity(now.scale * grow, turn @ now.R, grow * turn @ (now.t - middle) + middle + step[3:6])
-        if np.linalg.norm(step) < 1e-9 * reach:
+        if np.linalg.norm(step) < 1e-7 * reach:
             break
     return now

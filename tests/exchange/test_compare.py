@@ -16,7 +16,8 @@ from massprops.exchange.alignment import align
 from massprops.exchange.body import read_body
 from massprops.exchange.compare import axis_angles, compare
 from massprops.exchange.distances import surface_distances
-from massprops.exchange.mesh_files import read_mesh
+from massprops.exchange.mesh_files import in_metres, read_mesh
+from massprops.mass.integrals import greatest_length
 from massprops.run.stages.publish import mesh_ply
 
 
@@ -46,7 +47,7 @@ def drum() -> trimesh.Trimesh:
 
 
 def lump() -> trimesh.Trimesh:
-    mesh = trimesh.creation.icosphere(subdivisions=4)
+    mesh = trimesh.creation.icosphere(subdivisions=3)
     v = np.array(mesh.vertices)
     v[:, 0] *= 1 + 0.3 * v[:, 1] + 0.2 * np.sin(2 * v[:, 2])
     return trimesh.Trimesh(v @ np.diag([1.0, 0.7, 0.5]), mesh.faces, process=False)
@@ -54,7 +55,7 @@ def lump() -> trimesh.Trimesh:
 
 def measured_copy(mesh: trimesh.Trimesh, seed: int, noise: float = 0.002) -> trimesh.Trimesh:
     """The mesh as a reconstruction would give it: fine faces, waves and noise of a share of the length."""
-    while len(mesh.faces) < 12_000:
+    while len(mesh.faces) < 8_000:
         mesh = mesh.subdivide()
     rng = np.random.default_rng(seed)
     v, length = np.array(mesh.vertices), float(np.ptp(mesh.vertices, axis=0).max())
@@ -176,21 +177,23 @@ def test_a_run_in_model_units_gets_a_free_scale_and_says_so(tmp_path: Path) -> N
 
 
 def test_millimetres_are_recognised_or_given(tmp_path: Path) -> None:
-    cad = lump()
-    cad.export(tmp_path / "m.stl")
-    large = cad.copy()
+    cad, large, odd = lump(), lump(), lump()
+    length = greatest_length(np.asarray(cad.vertices))[0]
     large.apply_scale(1000)
+    same, notes = in_metres(large, "auto", 1.05 * length)
+    assert "mm" in notes[0] and np.allclose(same.vertices, cad.vertices)
+    same, notes = in_metres(large, "mm", length)
+    assert not notes and np.allclose(same.vertices, cad.vertices)
+    odd.apply_scale(3)
+    same, notes = in_metres(odd, "auto", length)
+    assert "3 times longer" in notes[0] and same is odd
+    assert in_metres(large) == (large, ())  # nothing to compare with: metres
+    with pytest.raises(InputError, match="cad-unit"):
+        in_metres(cad, "furlong")
+    cad.export(tmp_path / "m.stl")
     large.export(tmp_path / "mm.stl")
     found = compare(tmp_path / "m.stl", tmp_path / "mm.stl")
-    assert any("mm" in w for w in found.warnings)
-    assert abs(found.row("volume")["relative_error"]) < 1e-4
-    assert not compare(tmp_path / "m.stl", tmp_path / "mm.stl", cad_unit="mm").warnings
-    odd = cad.copy()
-    odd.apply_scale(3)
-    odd.export(tmp_path / "odd.stl")
-    assert any("3 times longer" in w for w in compare(tmp_path / "m.stl", tmp_path / "odd.stl").warnings)
-    with pytest.raises(InputError, match="cad-unit"):
-        compare(tmp_path / "m.stl", tmp_path / "mm.stl", cad_unit="furlong")
+    assert "mm" in found.warnings[0] and abs(found.row("volume")["relative_error"]) < 1e-4
 
 
 def test_the_same_call_gives_the_same_numbers(tmp_path: Path) -> None:
@@ -247,14 +250,18 @@ def test_what_is_no_closed_body_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from massprops_cli.compare import comparison_table
     from massprops_cli.main import run as massprops
 
     lump().export(tmp_path / "a.stl")
-    assert massprops(["compare", str(tmp_path / "a.stl"), str(tmp_path / "a.stl"), "-o", str(tmp_path / "o")]) == 0
-    table = capsys.readouterr().out
+    assert (
+        massprops(["compare", str(tmp_path / "a.stl"), str(tmp_path / "a.stl"), "-o", str(tmp_path / "o"), "--json"])
+        == 0
+    )
+    document = json.loads(capsys.readouterr().out)
+    assert document["format"] == "massprops-compare/1"
+    table = comparison_table(document)
     assert "I_xy" in table and "kg m^2" in table and "Hausdorff" in table and "k2" in table
-    assert massprops(["compare", str(tmp_path / "a.stl"), str(tmp_path / "a.stl"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["format"] == "massprops-compare/1"
     assert massprops(["compare", str(tmp_path / "a.stl"), str(tmp_path / "b.stl")]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "b.stl" in said
