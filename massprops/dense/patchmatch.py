@@ -1,7 +1,7 @@
 """PatchMatch multi-view stereo with slanted planes, on the object's pixels only.
 
 Each pixel of the reference holds a plane (depth, normal in the reference's camera). Planes are judged by a
-bilaterally weighted normalised cross-correlation of an 11x11 window (every second pixel) with up to five sources, of
+bilaterally weighted normalised cross-correlation of an 9x9 window (every second pixel) with up to four sources, of
 which the best three count; they spread to neighbours in a red-black order and are refined by shrinking random steps
 (Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). Random numbers are a hash of pixel, iteration and
 seed, so the result does not depend on the number of threads.
@@ -14,7 +14,7 @@ import math
 import numba as nb
 import numpy as np
 
-RADIUS, STEP = 5, 2
+RADIUS, STEP = 4, 2
 SIDE = 2 * RADIUS // STEP + 1
 SAMPLES = SIDE * SIDE
 _GRID = np.arange(-RADIUS, RADIUS + 1, STEP)

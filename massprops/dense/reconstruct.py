@@ -11,7 +11,7 @@ from massprops.dense.select import select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
 
-MOST_PIXELS = 60_000
+MOST_PIXELS = 40_000
 """Pixels of the object per reference view; larger images are reduced. Bounds time and memory."""
 
 PARTNERS = 8

@@ -11,7 +11,7 @@ from massprops.views import Views
 MOST_REFERENCES = 40
 """Depth maps by default: beyond it the sphere of directions around a body is seen every few degrees already."""
 
-SOURCES = 5
+SOURCES = 4
 BEST_ANGLE, NARROW, WIDE = 10.0, 3.0, 26.0
 """Angle between two lines of sight [deg]: below NARROW depth is not told, above WIDE surfaces look too different."""
 
