@@ -9,14 +9,7 @@ from typing import Any
 
 import numpy as np
 
-
-@dataclass(frozen=True)
-class Shape:
-    """Mesh for the page: vertices (v, 3) final units, faces (f, 3), observed (f,) bool."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    observed: np.ndarray
+from massprops.report.meshes import Shape, read_compared, read_shape
 
 
 @dataclass(frozen=True)
@@ -28,10 +21,12 @@ class RunData:
         document: `massprops.json`, or {}.
         manifest: `run.yaml`, or {}.
         verdict: `report.json`, or {}.
-        crosscheck, comparison, diagnosis, estimates: their JSON files where they exist, else {}.
+        crosscheck, comparison: their JSON files where they exist, else {}.
         facts: per stage, its small JSON document.
         shape: the mesh, reduced for the page, or None.
-        views: registered cameras in final units, or None.
+        compared: the mesh in the CAD's axes with its distances, or None.
+        views: registered cameras in SfM units, or None.
+        factor: final units per SfM unit.
     """
 
     folder: Path
@@ -42,6 +37,7 @@ class RunData:
     comparison: dict[str, Any]
     facts: dict[str, dict[str, Any]] = field(default_factory=dict)
     shape: Shape | None = None
+    compared: Shape | None = None
     views: Any = None
     factor: float = 1.0
 
@@ -57,6 +53,19 @@ class RunData:
     @property
     def mass_unit(self) -> str:
         return "kg" if self.metric else "model mass"
+
+    @property
+    def centre(self) -> np.ndarray | None:
+        """(3,) centre of mass, or the mesh's middle where the run did not come so far."""
+        centre = self.document.get("center_of_mass")
+        if centre is not None:
+            return np.array(centre, float)
+        return None if self.shape is None else 0.5 * (self.shape.vertices.min(0) + self.shape.vertices.max(0))
+
+    @property
+    def camera_centres(self) -> np.ndarray:
+        """(n, 3) camera centres in the mesh's axes and units."""
+        return np.zeros((0, 3)) if self.views is None else self.views.centres * self.factor
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -89,7 +98,10 @@ def read_run(folder: Path) -> RunData:
     }
     scale = facts["scale"]
     factor = float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)
-    views = Views.load(work / "sfm" / "views.npz") if (work / "sfm" / "views.npz").is_file() else None
+    try:
+        views = Views.load(work / "sfm" / "views.npz")
+    except (OSError, ValueError, KeyError):
+        views = None
     return RunData(
         folder=folder,
         document=read_json(folder / "massprops.json"),
@@ -98,39 +110,8 @@ def read_run(folder: Path) -> RunData:
         crosscheck=read_json(folder / "crosscheck.json"),
         comparison=read_json(folder / "compare.json"),
         facts=facts,
-        shape=_shape(folder, work, factor),
+        shape=read_shape(folder, factor),
+        compared=read_compared(folder),
         views=views,
         factor=factor,
     )
-
-
-def _shape(folder: Path, work: Path, factor: float) -> Shape | None:
-    path = work / "surface" / "surface.npz"
-    if path.is_file():
-        with np.load(path, allow_pickle=False) as z:
-            return lighten(Shape(z["vertices"] * factor, z["faces"], z["observed"].astype(bool)))
-    if (folder / "mesh.ply").is_file():
-        import trimesh
-
-        mesh = trimesh.load(folder / "mesh.ply", force="mesh", process=False)
-        return lighten(Shape(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.ones(len(mesh.faces), bool)))
-    return None
-
-
-MOST_FACES = 50_000
-
-
-def lighten(shape: Shape) -> Shape:
-    """The shape with at most `MOST_FACES` faces; each takes the flag of the nearest original face."""
-    if len(shape.faces) <= MOST_FACES:
-        return shape
-    import pymeshlab
-    from scipy.spatial import cKDTree
-
-    work = pymeshlab.MeshSet(verbose=False)
-    work.add_mesh(pymeshlab.Mesh(np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int32)))
-    work.meshing_decimation_quadric_edge_collapse(targetfacenum=MOST_FACES, preservenormal=True)
-    mesh = work.current_mesh()
-    vertices, faces = mesh.vertex_matrix(), mesh.face_matrix()
-    nearest = cKDTree(shape.vertices[shape.faces].mean(1)).query(vertices[faces].mean(1))[1]
-    return Shape(vertices, faces, shape.observed[nearest])

@@ -14,15 +14,15 @@ def text(value: object) -> str:
     return html.escape(str(value))
 
 
-def table(rows: Iterable[Sequence[object]], head: Sequence[object] = (), numeric_from: int = 1) -> str:
-    """A table of already safe or plain cells; cells from `numeric_from` on are set right."""
+def table(rows: Iterable[Sequence[object]], head: Sequence[object] = (), numeric: Sequence[int] | None = None) -> str:
+    """A table of plain or `Safe` cells; columns in `numeric` are set right, all but the first when None."""
 
     def line(cells: Sequence[object], tag: str) -> str:
         parts = []
         for i, cell in enumerate(cells):
-            kind = ' class="n"' if i >= numeric_from else ""
+            right = i > 0 if numeric is None else i in numeric
             content = cell.content if isinstance(cell, Safe) else text(cell)
-            parts.append(f"<{tag}{kind}>{content}</{tag}>")
+            parts.append(f"<{tag}{' class=n' if right else ''}>{content}</{tag}>")
         return f"<tr>{''.join(parts)}</tr>"
 
     top = f"<thead>{line(head, 'th')}</thead>" if head else ""
@@ -36,16 +36,31 @@ class Safe:
         self.content = content
 
 
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
 def number(value: float | None, digits: int = 5) -> str:
-    """A number for people: significant digits, no exponent where it can be helped."""
+    """A number for people: significant digits, a true minus sign, powers of ten only where zeros would hide it."""
     if value is None or not np.isfinite(value):
         return "–"
-    return f"{value:.{digits}g}"
+    if value == 0:
+        return "0"
+    power = int(np.floor(np.log10(abs(value))))
+    if -4 <= power < max(digits, 6):
+        rounded = f"{value:.{max(0, digits - 1 - power)}f}" if power < digits else f"{value:.0f}"
+        return rounded.replace("-", "−")
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}×10{str(int(exponent)).translate(RAISED)}".replace("-", "−")
 
 
 def between(bounds: Sequence[float] | None, digits: int = 5) -> str:
     """An interval."""
     return "–" if not bounds else f"{number(bounds[0], digits)} … {number(bounds[1], digits)}"
+
+
+def swatch(colour: str, name: str) -> str:
+    """A square of a colour with its name, for legends."""
+    return f'<span class="key-item"><span class="swatch" style="background:{text(colour)}"></span>{text(name)}</span>'
 
 
 def data_uri(image: np.ndarray, quality: int = 72) -> str:

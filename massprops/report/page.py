@@ -11,7 +11,10 @@ from types import ModuleType
 from massprops.report import sections
 from massprops.report.data import RunData, read_run
 from massprops.report.html import text
+from massprops.report.viewer import MARK, script
 from massprops.run.files import write_whole
+
+UNREADABLE = "This section could not be made from the run's files"
 
 
 def all_sections() -> list[ModuleType]:
@@ -39,23 +42,32 @@ def page(data: RunData) -> str:
     """The whole page as text."""
     parts, links = [], []
     for module in all_sections():
-        body = module.render(data)
+        name = module.__name__.rsplit(".", 1)[-1]
+        try:
+            body = module.render(data)
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            # files of a run that stopped, or that were edited by hand, must not cost the user the rest of the page
+            body = f'<div class="warning">{UNREADABLE} ({text(type(error).__name__)}: {text(error)})</div>'
         if not body:
             continue
-        name = module.__name__.rsplit(".", 1)[-1]
         parts.append(f'<section id="{name}"><h2>{text(module.TITLE)}</h2>{body}</section>')
         links.append(f'<a href="#{name}">{text(module.TITLE)}</a>')
-    return document(f"massprops · {data.folder.resolve().name}", "".join(parts), "".join(links))
+    if not parts:
+        parts.append("<section><p>This folder holds no results yet.</p></section>")
+    source = (data.manifest.get("inputs") or {}).get("source")
+    return document(f"massprops · {data.folder.resolve().name}", "".join(parts), "".join(links), str(source or ""))
 
 
-def document(title: str, body: str, links: str = "") -> str:
-    """A page with the house's style; no address outside the file."""
+def document(title: str, body: str, links: str = "", subtitle: str = "") -> str:
+    """A page with the house's style; no address outside the file, and a policy that forbids any."""
     style = files(__package__).joinpath("style.css").read_text()
     policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+    below = f'<p class="soft breaks">{text(subtitle)}</p>' if subtitle else ""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{text(title)}</title><style>{style}</style></head><body>"
-        f"<header><h1>{text(title)}</h1><nav>{links}</nav></header><main>{body}</main></body></html>"
+        f'<link rel="icon" href="data:,"><title>{text(title)}</title><style>{style}</style></head><body>'
+        f"<header><h1>{text(title)}</h1>{below}<nav>{links}</nav></header><main>{body}</main>"
+        f"{script() if MARK in body else ''}</body></html>"
     )

@@ -1,61 +1,136 @@
-// Turns a mesh with the pointer; wheel or pinch to come closer. Flat shading, principal axes as lines.
+// Meshes to turn: drag, wheel or pinch, arrow keys. One viewer for every element of class "viewer"; its data is the
+// JSON beside it (massprops/report/viewer.py). Orthographic, flat shading, no library.
 "use strict";
-(() => {
-  const host = document.getElementById("viewer"), canvas = host.querySelector("canvas");
-  const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
-  if (!gl) { host.textContent = "This browser shows no 3D (WebGL is off)."; return; }
-  const bytes = (s) => Uint8Array.from(atob(s), (c) => c.charCodeAt(0));
-  const m = JSON.parse(document.getElementById("mesh").textContent);
-  const q = new Int16Array(bytes(m.vertices).buffer), faces = new Uint32Array(bytes(m.faces).buffer), seen = bytes(m.observed);
-  const n = faces.length, position = new Float32Array(3 * n), normal = new Float32Array(3 * n), colour = new Float32Array(3 * n);
-  for (let f = 0; f < n; f += 3) {
-    const p = [0, 1, 2].map((k) => [0, 1, 2].map((c) => q[3 * faces[f + k] + c] / 32767));
-    const a = [0, 1, 2].map((c) => p[1][c] - p[0][c]), b = [0, 1, 2].map((c) => p[2][c] - p[0][c]);
-    const g = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-    const l = Math.hypot(...g) || 1, paint = seen[f / 3] ? [0.73, 0.76, 0.79] : [0.86, 0.22, 0.18];
-    for (let k = 0; k < 3; k++) for (let c = 0; c < 3; c++) {
-      position[3 * (f + k) + c] = p[k][c]; normal[3 * (f + k) + c] = g[c] / l; colour[3 * (f + k) + c] = paint[c];
+document.querySelectorAll(".viewer").forEach((host) => {
+  const canvas = host.querySelector("canvas");
+  const gl = canvas.getContext("webgl", { antialias: true, alpha: true, preserveDrawingBuffer: true });
+  if (!gl) { host.querySelector(".note").hidden = false; return; }
+  const data = JSON.parse(host.querySelector("script").textContent);
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+
+  // ---- geometry: lists of position (3), normal (3), colour (3) for each corner
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const unit = (a) => { const l = Math.hypot(...a) || 1; return a.map((x) => x / l); };
+  const add = (a, b, s) => a.map((x, i) => x + s * b[i]);
+  const MEASURED = [0.74, 0.77, 0.80], FILLED = [0.86, 0.20, 0.16], CENTRE = [0.98, 0.78, 0.18];
+  const AXES = [[0.95, 0.45, 0.15], [0.25, 0.70, 0.35], [0.30, 0.55, 0.98]];
+
+  function meshCorners(showFilled) {
+    const q = new Int16Array(bytes(data.vertices).buffer), raw = bytes(data.faces).buffer;
+    const faces = data.wide ? new Uint32Array(raw) : new Uint16Array(raw);
+    const flags = data.filled ? bytes(data.filled) : null, distance = data.distance ? new Int8Array(bytes(data.distance).buffer) : null;
+    const out = new Float32Array(9 * faces.length);
+    const mix = (x) => [0, 1, 2].map((c) => { const on = 0.96, end = x > 0 ? [0.745, 0.118, 0.176] : [0.137, 0.314, 0.667]; return on + Math.abs(x) * (end[c] - on); });
+    for (let f = 0; f < faces.length; f += 3) {
+      const p = [0, 1, 2].map((k) => [0, 1, 2].map((c) => q[3 * faces[f + k] + c] / 32767));
+      const n = unit(cross(add(p[1], p[0], -1), add(p[2], p[0], -1))), face = f / 3;
+      const red = flags && showFilled && (flags[face >> 3] >> (face & 7)) & 1;
+      for (let k = 0; k < 3; k++) out.set([...p[k], ...n, ...(distance ? mix(distance[faces[f + k]] / 127) : red ? FILLED : MEASURED)], 9 * (f + k));
+    }
+    return out;
+  }
+  function rod(a, b, radius, colour, out) {
+    const along = unit(add(b, a, -1)), side = unit(cross(along, Math.abs(along[0]) < 0.8 ? [1, 0, 0] : [0, 1, 0])), up = cross(along, side), sides = 10;
+    const rim = (i) => { const t = (2 * Math.PI * i) / sides; return add(side.map((x) => x * Math.cos(t)), up, Math.sin(t)); };
+    for (let i = 0; i < sides; i++) {
+      const m = rim(i), n = rim(i + 1), corner = (at, r) => [...add(at, r, radius), ...r, ...colour];
+      out.push(...corner(a, m), ...corner(b, m), ...corner(b, n), ...corner(a, m), ...corner(b, n), ...corner(a, n));
     }
   }
-  const line = [], lineColour = [], ink = [[0.95, 0.45, 0.3], [0.45, 0.85, 0.45], [0.45, 0.65, 1.0]];
-  m.axes.forEach((axis, i) => { [-1, 1].forEach((s) => { line.push(...axis.map((v, c) => m.centre[c] + s * v)); lineColour.push(...ink[i]); }); });
+  function ball(at, radius, colour, out) {
+    const on = (i, j) => { const u = (Math.PI * i) / 8, v = (Math.PI * j) / 8, n = [Math.sin(u) * Math.cos(v), Math.sin(u) * Math.sin(v), Math.cos(u)]; return [...add(at, n, radius), ...n, ...colour]; };
+    for (let i = 0; i < 8; i++) for (let j = 0; j < 16; j++) out.push(...on(i, j), ...on(i + 1, j), ...on(i + 1, j + 1), ...on(i, j), ...on(i + 1, j + 1), ...on(i, j + 1));
+  }
+  const frame = [];
+  data.axes.forEach((axis, i) => rod(add(data.centre, axis, -1.05), add(data.centre, axis, 1.05), 0.007, AXES[i], frame));
+  if (data.centre) ball(data.centre, 0.028, CENTRE, frame);
+  const path = [], dots = [];
+  data.cameras.forEach((c, i) => {
+    const t = i / Math.max(1, data.cameras.length - 1), colour = [0.15 + 0.75 * t, 0.45, 0.85 - 0.7 * t];
+    ball(c, 0.012 * data.reach, colour, dots);
+    path.push(...c, 0, 0, 0, ...colour);
+  });
+
+  // ---- WebGL
   const shader = (kind, source) => { const s = gl.createShader(kind); gl.shaderSource(s, source); gl.compileShader(s); return s; };
   const program = gl.createProgram();
   gl.attachShader(program, shader(gl.VERTEX_SHADER, "attribute vec3 p,n,c;uniform mat4 M;uniform mat3 R;varying vec3 v,k;void main(){gl_Position=M*vec4(p,1.);v=R*n;k=c;}"));
-  gl.attachShader(program, shader(gl.FRAGMENT_SHADER, "precision mediump float;varying vec3 v,k;uniform float lit;void main(){vec3 d=normalize(v+vec3(1e-6));float s=.30+.62*max(dot(d,normalize(vec3(.4,.6,.9))),0.)+.18*max(dot(d,normalize(vec3(-.7,-.2,.4))),0.);gl_FragColor=vec4(k*mix(1.,s,lit),1.);}"));
+  gl.attachShader(program, shader(gl.FRAGMENT_SHADER, "precision mediump float;varying vec3 v,k;uniform float lit,alpha;void main(){vec3 d=normalize(v+vec3(0.,0.,1e-5));float s=.36+.60*max(dot(d,normalize(vec3(.35,.55,.9))),0.)+.16*max(dot(d,normalize(vec3(-.8,-.1,.4))),0.);gl_FragColor=vec4(k*mix(1.,s,lit)*alpha,alpha);}"));
   gl.linkProgram(program); gl.useProgram(program);
-  const at = (name) => gl.getAttribLocation(program, name), uniform = (name) => gl.getUniformLocation(program, name);
-  const buffer = (data) => { const b = gl.createBuffer(); gl.bindBuffer(gl.ARRAY_BUFFER, b); gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(data), gl.STATIC_DRAW); return b; };
-  const body = [position, normal, colour].map(buffer), lines = [line, line, lineColour].map(buffer);
-  const bind = (set) => ["p", "n", "c"].forEach((name, i) => { gl.bindBuffer(gl.ARRAY_BUFFER, set[i]); gl.enableVertexAttribArray(at(name)); gl.vertexAttribPointer(at(name), 3, gl.FLOAT, false, 0, 0); });
-  let R = [[0.80, 0.0, -0.60], [-0.21, 0.94, -0.28], [0.56, 0.35, 0.75]], zoom = 1;
-  const mul = (A, B) => A.map((r) => [0, 1, 2].map((j) => r[0] * B[0][j] + r[1] * B[1][j] + r[2] * B[2][j]));
-  const labels = m.axes.map((_, i) => { const e = document.createElement("span"); e.className = "label"; e.textContent = "I" + (i + 1); host.appendChild(e); return e; });
-  const draw = () => {
-    const w = host.clientWidth, h = host.clientHeight, ratio = window.devicePixelRatio || 1;
-    if (canvas.width !== Math.round(w * ratio)) { canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio); }
-    gl.viewport(0, 0, canvas.width, canvas.height); gl.clearColor(0.125, 0.149, 0.169, 1); gl.enable(gl.DEPTH_TEST); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    const s = zoom * 0.62 * Math.min(1, w / h), sx = s * Math.min(1, h / w) / Math.min(1, w / h), sy = s * Math.max(1, Math.min(w / h, 1)), o = m.middle;
-    const rows = [R[0].map((v) => v * sx), R[1].map((v) => v * sy), R[2].map((v) => -v * 0.25)];
-    const shift = rows.map((r) => -(r[0] * o[0] + r[1] * o[1] + r[2] * o[2]));
-    const M = [rows[0][0], rows[1][0], rows[2][0], 0, rows[0][1], rows[1][1], rows[2][1], 0, rows[0][2], rows[1][2], rows[2][2], 0, shift[0], shift[1], shift[2], 1];
-    gl.uniformMatrix4fv(uniform("M"), false, M); gl.uniformMatrix3fv(uniform("R"), false, [R[0][0], R[1][0], R[2][0], R[0][1], R[1][1], R[2][1], R[0][2], R[1][2], R[2][2]]);
-    bind(body); gl.uniform1f(uniform("lit"), 1); gl.drawArrays(gl.TRIANGLES, 0, n);
-    bind(lines); gl.uniform1f(uniform("lit"), 0); gl.drawArrays(gl.LINES, 0, line.length / 3);
-    gl.disable(gl.DEPTH_TEST); gl.drawArrays(gl.LINES, 0, line.length / 3);
-    labels.forEach((e, i) => { const p = [0, 1, 2].map((c) => m.centre[c] + m.axes[i][c] - o[c]); e.style.left = (0.5 + 0.5 * (rows[0][0] * p[0] + rows[0][1] * p[1] + rows[0][2] * p[2])) * w + "px"; e.style.top = (0.5 - 0.5 * (rows[1][0] * p[0] + rows[1][1] * p[1] + rows[1][2] * p[2])) * h + "px"; });
+  gl.enable(gl.BLEND); gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  const uniform = {}; ["M", "R", "lit", "alpha"].forEach((name) => { uniform[name] = gl.getUniformLocation(program, name); });
+  const place = ["p", "n", "c"].map((name) => gl.getAttribLocation(program, name));
+  const upload = (list) => { const b = gl.createBuffer(); gl.bindBuffer(gl.ARRAY_BUFFER, b); gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(list), gl.STATIC_DRAW); return { b, count: list.length / 9 }; };
+  const paint = (set, mode, lit, alpha) => {
+    if (!set.count) return;
+    gl.bindBuffer(gl.ARRAY_BUFFER, set.b);
+    place.forEach((at, i) => { gl.enableVertexAttribArray(at); gl.vertexAttribPointer(at, 3, gl.FLOAT, false, 36, 12 * i); });
+    gl.uniform1f(uniform.lit, lit); gl.uniform1f(uniform.alpha, alpha); gl.drawArrays(mode, 0, set.count);
   };
+  let body = upload(meshCorners(true));
+  const frameSet = upload(frame), pathSet = upload(path), dotSet = upload(dots);
+
+  // ---- view
+  const VIEWS = {
+    reset: [[0.80, 0.0, -0.60], [-0.21, 0.94, -0.28], [0.56, 0.35, 0.75]],
+    front: [[1, 0, 0], [0, 0, 1], [0, -1, 0]], side: [[0, 1, 0], [0, 0, 1], [1, 0, 0]], top: [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+  };
+  const multiply = (A, B) => A.map((r) => [0, 1, 2].map((j) => r[0] * B[0][j] + r[1] * B[1][j] + r[2] * B[2][j]));
+  let R = VIEWS.reset, zoom = 1;
+  const show = { filled: true, axes: true, cameras: false };
+  const labels = data.axes.map((_, i) => { const e = document.createElement("span"); e.className = "label"; e.textContent = "I" + (i + 1); e.style.color = `rgb(${AXES[i].map((x) => Math.round(220 * x))})`; host.querySelector(".stage").appendChild(e); return e; });
+  let waiting = false;
+  const draw = () => { if (!waiting) { waiting = true; requestAnimationFrame(() => { waiting = false; drawNow(); }); } };
+  function drawNow() {
+    const w = canvas.clientWidth, h = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
+    if (!w || !h) return;
+    if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) { canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio); }
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.clearColor(0, 0, 0, 0); gl.enable(gl.DEPTH_TEST); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    const reach = show.cameras ? data.reach : 1.0, s = zoom / (1.08 * reach);
+    const rows = [R[0].map((x) => x * s * Math.min(1, h / w)), R[1].map((x) => x * s * Math.min(1, w / h)), R[2].map((x) => (-x * 0.5) / data.reach)];
+    gl.uniformMatrix4fv(uniform.M, false, [rows[0][0], rows[1][0], rows[2][0], 0, rows[0][1], rows[1][1], rows[2][1], 0, rows[0][2], rows[1][2], rows[2][2], 0, 0, 0, 0, 1]);
+    gl.uniformMatrix3fv(uniform.R, false, [0, 1, 2].flatMap((j) => R.map((r) => r[j])));
+    paint(body, gl.TRIANGLES, 1, 1);
+    if (show.axes) { paint(frameSet, gl.TRIANGLES, 1, 1); gl.disable(gl.DEPTH_TEST); paint(frameSet, gl.TRIANGLES, 0, 0.22); gl.enable(gl.DEPTH_TEST); }
+    if (show.cameras) { paint(pathSet, gl.LINE_STRIP, 0, 0.7); paint(dotSet, gl.TRIANGLES, 1, 1); }
+    labels.forEach((e, i) => {
+      const p = add(data.centre, data.axes[i], 1.1);
+      e.hidden = !show.axes;
+      e.style.left = `${(0.5 + 0.5 * rows[0].reduce((t, x, c) => t + x * p[c], 0)) * w}px`;
+      e.style.top = `${(0.5 - 0.5 * rows[1].reduce((t, x, c) => t + x * p[c], 0)) * h}px`;
+    });
+    host.dataset.drawn = "yes";
+  }
+
+  // ---- hands
+  const turn = (dx, dy) => {
+    const [cx, sx, cy, sy] = [Math.cos(dy), Math.sin(dy), Math.cos(dx), Math.sin(dx)];
+    R = multiply([[1, 0, 0], [0, cx, -sx], [0, sx, cx]], multiply([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]], R));
+    const z = unit(R[2]), x = unit(add(R[0], z, -(R[0][0] * z[0] + R[0][1] * z[1] + R[0][2] * z[2])));
+    R = [x, cross(z, x), z]; draw();
+  };
+  const come = (factor) => { zoom = Math.min(40, Math.max(0.2, zoom * factor)); draw(); };
   const fingers = new Map(); let apart = 0;
-  host.addEventListener("pointerdown", (e) => { fingers.set(e.pointerId, [e.clientX, e.clientY]); host.setPointerCapture(e.pointerId); });
-  host.addEventListener("pointerup", (e) => { fingers.delete(e.pointerId); apart = 0; });
-  host.addEventListener("pointercancel", (e) => { fingers.delete(e.pointerId); apart = 0; });
-  host.addEventListener("pointermove", (e) => {
+  canvas.addEventListener("pointerdown", (e) => { fingers.set(e.pointerId, [e.clientX, e.clientY]); canvas.setPointerCapture(e.pointerId); });
+  ["pointerup", "pointercancel"].forEach((kind) => canvas.addEventListener(kind, (e) => { fingers.delete(e.pointerId); apart = 0; }));
+  canvas.addEventListener("pointermove", (e) => {
     const before = fingers.get(e.pointerId); if (!before) return;
     fingers.set(e.pointerId, [e.clientX, e.clientY]);
-    if (fingers.size === 2) { const [a, b] = [...fingers.values()], d = Math.hypot(a[0] - b[0], a[1] - b[1]); if (apart) zoom *= d / apart; apart = d; }
-    else { const y = (e.clientX - before[0]) * 0.008, x = (e.clientY - before[1]) * 0.008; R = mul([[1, 0, 0], [0, Math.cos(x), -Math.sin(x)], [0, Math.sin(x), Math.cos(x)]], mul([[Math.cos(y), 0, Math.sin(y)], [0, 1, 0], [-Math.sin(y), 0, Math.cos(y)]], R)); }
-    draw();
+    if (fingers.size === 2) { const [a, b] = [...fingers.values()], d = Math.hypot(a[0] - b[0], a[1] - b[1]); if (apart) come(d / apart); apart = d; }
+    else if (fingers.size === 1) turn((e.clientX - before[0]) * 0.008, (e.clientY - before[1]) * 0.008);
   });
-  host.addEventListener("wheel", (e) => { e.preventDefault(); zoom *= Math.exp(-e.deltaY * 0.001); zoom = Math.min(40, Math.max(0.2, zoom)); draw(); }, { passive: false });
-  new ResizeObserver(draw).observe(host); draw();
-})();
+  canvas.addEventListener("wheel", (e) => { e.preventDefault(); come(Math.exp(-e.deltaY * 0.0012)); }, { passive: false });
+  const KEYS = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.12], ArrowDown: [0, 0.12] };
+  canvas.addEventListener("keydown", (e) => {
+    if (KEYS[e.key]) { turn(...KEYS[e.key]); e.preventDefault(); } else if (e.key === "+") come(1.15); else if (e.key === "-") come(1 / 1.15);
+  });
+  host.querySelectorAll("[data-view]").forEach((b) => b.addEventListener("click", () => { R = VIEWS[b.dataset.view]; zoom = 1; draw(); }));
+  host.querySelectorAll("[data-show]").forEach((box) => box.addEventListener("change", () => {
+    show[box.dataset.show] = box.checked;
+    if (box.dataset.show === "filled") body = upload(meshCorners(box.checked));
+    draw();
+  }));
+  new ResizeObserver(draw).observe(canvas);
+  drawNow();
+});

@@ -2,88 +2,136 @@
 
 from __future__ import annotations
 
+import base64
+
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import text
+from massprops.report.html import number, swatch, text
 
 TITLE, ORDER = "Camera path and coverage", 4
 SEEN_WITHIN = 35.0
+SEEN, BARELY, UNSEEN = (0.05, 0.35, 0.52), (0.66, 0.85, 0.90), (0.93, 0.55, 0.40)
+WIDE, HIGH = 640, 320
 
 
-def coverage(
-    directions: np.ndarray, within_deg: float = SEEN_WITHIN, count: int = 4000
-) -> tuple[np.ndarray, np.ndarray]:
-    """Which directions of the sphere lie within an angle of a view.
+def coverage(directions: np.ndarray, within_deg: float = SEEN_WITHIN, count: int = 4000) -> float:
+    """Share of the sphere of directions that lies within an angle of a view.
 
     Args:
         directions: (n, 3) unit vectors from the object to the cameras.
         within_deg: [deg].
         count: points on the sphere, spread evenly.
-
-    Returns:
-        sphere (count, 3) unit, seen (count,) bool.
     """
     i = np.arange(count) + 0.5
     z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
     ring = np.sqrt(1 - z**2)
     sphere = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
-    return sphere, (sphere @ directions.T).max(axis=1) > np.cos(np.radians(within_deg))
+    return float(((sphere @ directions.T).max(axis=1) > np.cos(np.radians(within_deg))).mean())
 
 
 def render(data: RunData) -> str:
-    """Top and side views of the path, and the map of directions."""
-    if data.views is None or len(data.views) == 0:
+    """Three views of the path, and the map of directions."""
+    centres = data.camera_centres
+    if len(centres) == 0:
         return ""
-    centres = data.views.centres * data.factor
-    com = data.document.get("center_of_mass")
-    middle = (
-        np.array(com) if com else (data.shape.vertices.mean(0) if data.shape is not None else np.median(centres, 0))
-    )
+    middle = data.centre if data.centre is not None else np.median(centres, axis=0)
     offset = centres - middle
-    direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
-    sphere, seen = coverage(direction)
+    distance = np.linalg.norm(offset, axis=1)
+    direction = offset / np.where(distance > 0, distance, 1.0)[:, None]
+    tumbling = data.facts["footage"].get("motion") == "tumbling"
+    whose = "The camera as the turning object sees it" if tumbling else "The camera round the object"
+    unit = data.length_unit if data.document else "units of the reconstruction"
     return (
-        f'<div class="two"><div>{_path(offset, data, middle)}<p class="soft">Camera path in the mesh\'s axes: from above '
-        f"(x, y) and from the side (x, z); the object in the middle. Distances in {text(data.length_unit)}.</p></div>"
-        f"<div>{_map(sphere, seen, direction)}<p>{100 * seen.mean():.0f} % of all directions were seen within "
-        f"{SEEN_WITHIN:.0f}°.</p><p class='soft'>Longitude and latitude in the mesh's axes; dots are the views.</p></div></div>"
+        f'<div class="two"><div><h3>Path</h3>{_path(offset, data, middle)}<p class="soft">{whose}, in the mesh\'s axes; '
+        f"from first (blue) to last (orange). Distance {number(distance.min(), 3)} to {number(distance.max(), 3)} {text(unit)}; "
+        "in 3D under “Shape”, with “camera path” on.</p></div>"
+        f"<div><h3>Directions seen: {100 * coverage(direction):.0f} %</h3>{_map(direction)}"
+        f'<p class="soft keys">{swatch("#0d5985", "a view is here")}{swatch("#a8d9e6", f"{SEEN_WITHIN:.0f}° from a view")}'
+        f"{swatch('#ed8c66', 'farther: seen at a slant or not at all')}</p><p class='soft'>All directions from the centre of "
+        "mass, equal areas (Mollweide); the middle is +x, the top +z, dots are the views.</p></div></div>"
     )
 
 
 def _path(offset: np.ndarray, data: RunData, middle: np.ndarray) -> str:
-    reach = float(np.abs(offset).max()) * 1.08 or 1.0
-    parts = ['<svg viewBox="0 0 640 320" role="img" aria-label="camera path">']
-    for k, (a, b) in enumerate(((0, 1), (0, 2))):
-        cx = 160 + 320 * k
+    reach = float(np.abs(offset).max()) * 1.1 or 1.0
+    some = np.zeros((0, 3))
+    if data.shape is not None:
+        some = data.shape.vertices[:: max(1, len(data.shape.vertices) // 900)] - middle
+    parts = [f'<svg viewBox="0 0 {WIDE} 236" role="img" aria-label="camera path from three sides">']
+    for k, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        cx = 106 + 214 * k
 
-        def at(p: np.ndarray, a: int = a, b: int = b, cx: int = cx) -> str:
-            return f"{cx + 150 * p[a] / reach:.1f},{160 - 150 * p[b] / reach:.1f}"
+        def at(points: np.ndarray, a: int = a, b: int = b, cx: int = cx) -> np.ndarray:
+            return np.column_stack([cx + 98 * points[:, a] / reach, 106 - 98 * points[:, b] / reach])
 
-        if data.shape is not None:
-            some = data.shape.vertices[:: max(1, len(data.shape.vertices) // 1500)] - middle
-            parts += [
-                f'<circle cx="{at(p).split(",")[0]}" cy="{at(p).split(",")[1]}" r="0.8" fill="currentColor" opacity="0.35"/>'
-                for p in some
-            ]
-        parts.append(f'<polyline class="s0" opacity="0.5" points="{" ".join(at(p) for p in offset)}"/>')
-        parts += [
-            f'<circle cx="{at(p).split(",")[0]}" cy="{at(p).split(",")[1]}" r="2.2" fill="#d6622b"/>' for p in offset
-        ]
+        parts.append(f'<rect class="pane" x="{cx - 104}" y="2" width="208" height="208" rx="6"/>')
+        parts.append('<g fill="currentColor" opacity="0.4">')
+        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="0.7"/>' for x, y in at(some)]
+        places = at(offset)
+        line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+        parts.append(f'</g><polyline class="s5" opacity="0.6" points="{line}"/>')
+        for i, (x, y) in enumerate(places):
+            t = i / max(1, len(places) - 1)
+            colour = f"rgb({38 + 191 * t:.0f},{115:.0f},{217 - 178 * t:.0f})"
+            parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}"/>')
+        parts.append(f'<text x="{cx}" y="226" text-anchor="middle">{"xyz"[a]} to the right, {"xyz"[b]} up</text>')
     return "".join(parts) + "</svg>"
 
 
-def _map(sphere: np.ndarray, seen: np.ndarray, direction: np.ndarray) -> str:
-    def at(p: np.ndarray) -> tuple[float, float]:
-        return 320 + 300 * np.arctan2(p[1], p[0]) / np.pi, 160 - 150 * np.arcsin(np.clip(p[2], -1, 1)) / (np.pi / 2)
+def mollweide(direction: np.ndarray) -> np.ndarray:
+    """(n, 2) places of unit vectors (n, 3) on the map: x in [-2, 2], y in [-1, 1] (Snyder 1987, section 31)."""
+    longitude = np.arctan2(direction[:, 1], direction[:, 0])
+    latitude = np.arcsin(np.clip(direction[:, 2], -1, 1))
+    theta = latitude.copy()
+    for _ in range(30):
+        slope = 2 + 2 * np.cos(2 * theta)
+        theta -= (2 * theta + np.sin(2 * theta) - np.pi * np.sin(latitude)) / np.where(slope > 1e-9, slope, 1e9)
+    return np.column_stack([2 * longitude / np.pi * np.cos(theta), np.sin(theta)])
 
+
+def _from_mollweide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(n, 3) unit vectors of places on the map."""
+    theta = np.arcsin(y)
+    latitude = np.arcsin(np.clip((2 * theta + np.sin(2 * theta)) / np.pi, -1, 1))
+    longitude = np.pi * x / (2 * np.maximum(np.cos(theta), 1e-9))
+    return np.column_stack(
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
+    )
+
+
+def _map(direction: np.ndarray) -> str:
+    import cv2
+
+    x, y = np.meshgrid((np.arange(WIDE) + 0.5) / WIDE * 4 - 2, 1 - (np.arange(HIGH) + 0.5) / HIGH * 2)
+    inside = (x / 2) ** 2 + y**2 <= 1
+    unit = _from_mollweide(x[inside], y[inside])
+    nearest = np.degrees(np.arccos(np.clip((unit @ direction.T).max(axis=1), -1, 1)))
+    share = np.clip(nearest / SEEN_WITHIN, 0, 1)[:, None]
+    seen = (1 - share) * np.array(SEEN) + share * np.array(BARELY)
+    image = np.zeros((HIGH, WIDE, 4), np.uint8)
+    rgb = np.where(nearest[:, None] <= SEEN_WITHIN, seen, np.array(UNSEEN))
+    image[inside] = np.concatenate([255 * rgb[:, ::-1], np.full((len(rgb), 1), 255)], axis=1)
+    png = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
     parts = [
-        '<svg viewBox="0 0 640 320" role="img" aria-label="directions seen"><rect x="20" y="10" width="600" height="300" fill="none" class="grid"/>'
+        f'<svg viewBox="-8 -14 {WIDE + 16} {HIGH + 28}" role="img" aria-label="map of the directions seen">',
+        f'<image width="{WIDE}" height="{HIGH}" href="data:image/png;base64,{png}"/>',
     ]
-    for p, s in zip(sphere[::2], seen[::2], strict=True):
-        x, y = at(p)
-        parts.append(
-            f'<rect x="{x - 4:.0f}" y="{y - 4:.0f}" width="8" height="8" fill="{"#2c9a57" if s else "#db382e"}" opacity="0.45"/>'
-        )
-    parts += ['<circle cx="{:.0f}" cy="{:.0f}" r="2.5" fill="currentColor"/>'.format(*at(p)) for p in direction]
+
+    def points(unit: np.ndarray) -> np.ndarray:
+        return (mollweide(unit) * [1, -1] + [2, 1]) * [WIDE / 4, HIGH / 2]
+
+    arc = np.radians(np.linspace(-90, 90, 37))
+    for longitude in np.radians([-179.99, -120, -60, 0, 60, 120, 179.99]):
+        line = np.column_stack([np.cos(arc) * np.cos(longitude), np.cos(arc) * np.sin(longitude), np.sin(arc)])
+        parts.append(f'<polyline class="graticule" points="{" ".join(f"{a:.1f},{b:.1f}" for a, b in points(line))}"/>')
+    for latitude in np.radians([-60, -30, 0, 30, 60]):
+        ends = np.array([[-np.cos(latitude), s * 1e-9, np.sin(latitude)] for s in (-1, 1)])
+        (x0, y0), (x1, _) = points(ends)
+        parts.append(f'<polyline class="graticule" points="{x0:.1f},{y0:.1f} {x1:.1f},{y0:.1f}"/>')
+    parts += [f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.6" class="view"/>' for a, b in points(direction)]
+    for name, axis in (("+x", (1, 0, 0)), ("+y", (0, 1, 0)), ("−y", (0, -1, 0)), ("+z", (0, 0, 1)), ("−z", (0, 0, -1))):
+        (a, b) = points(np.array([axis], float))[0]
+        shift = {"+z": -4, "−z": 13}.get(name, 4)
+        parts.append(f'<text class="axis" x="{a:.0f}" y="{b + shift:.0f}" text-anchor="middle">{name}</text>')
     return "".join(parts) + "</svg>"

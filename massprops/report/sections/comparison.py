@@ -2,22 +2,85 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from massprops.report.data import RunData
-from massprops.report.html import number, table, text
+from massprops.report.html import Safe, between, number, swatch, table, text
+from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Against CAD", 6
+NAMES = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
 
 
 def render(data: RunData) -> str:
-    """The rows of `compare.json`."""
-    rows = data.comparison.get("rows")
-    if not rows:
+    """Distances, the coloured mesh, and the rows of `compare.json`."""
+    document = data.comparison
+    if not document.get("rows"):
         return ""
-    body = [
-        (r["quantity"], number(r.get("cad")), number(r.get("ours")), r.get("error_text", ""), r.get("unit", ""))
-        for r in rows
-    ]
+    parts = [f'<div class="warning">{text(w)}</div>' for w in document.get("warnings") or []]
+    parts.append(_sentence(document))
+    limit = document.get("colour_limit")
+    if data.compared is not None and data.compared.distance is not None and limit:
+        parts.append(viewer(data.compared.vertices, data.compared.faces, distance=data.compared.distance / limit))
+        end = f"{1000 * limit:g} mm" if limit < 1 else f"{limit:g} m"
+        parts.append(
+            f'<p class="soft keys">{swatch("#2350aa", f"{end} or more inside the CAD")}{swatch("#f5f5f5", "on it")}'
+            f"{swatch('#be1e2d', f'{end} or more outside')}</p>"
+        )
+    parts.append(f"<h3>Surface distances</h3>{_distances(document.get('distances') or {})}")
+    parts.append(f"<h3>Quantities</h3>{_quantities(document['rows'])}")
+    parts.append(
+        "<p class='soft'>After alignment, in the CAD's axes. Products of inertia: error as a share of the mean diagonal element; "
+        "centre of mass: of the CAD's length. Axes: angle, whatever the sign.</p>"
+    )
+    return "".join(parts)
+
+
+def _sentence(document: dict[str, Any]) -> str:
+    held = [r for r in document["rows"] if r.get("holds") is not None]
+    volume = next((r for r in document["rows"] if r["quantity"] == "volume"), None)
+    said = []
+    if volume:
+        said.append(f"The volume differs from the CAD's by {volume['error_text'].replace('-', '−')}.")
+    if held:
+        yes = sum(bool(r["holds"]) for r in held)
+        said.append(f"{yes} of {len(held)} intervals hold the CAD's value.")
+    said.append("The scale was fitted to the CAD." if document.get("free_scale") else "The run's own scale was kept.")
+    return f"<p>{text(' '.join(said))}</p>"
+
+
+def _quantities(rows: Sequence[dict[str, Any]]) -> str:
+    marks = {True: '<b class="good">yes</b>', False: '<b class="bad">no</b>'}
+    return table(
+        [
+            (
+                r["quantity"].replace("center_of_mass_", "centre of mass ").replace("axis_", "axis of I"),
+                "" if r.get("unit") == "deg" else number(r.get("cad")),
+                "" if r.get("unit") == "deg" else number(r.get("ours")),
+                str(r.get("error_text", "")).replace("-", "−"),
+                str(r.get("unit", "")).replace("^2", "²").replace("^3", "³").replace("1", "").replace("deg", ""),
+                between(r["interval_90"]) if r.get("interval_90") else "",
+                Safe(marks.get(r.get("holds"), "")),  # type: ignore[call-overload]
+            )
+            for r in rows
+        ],
+        ("quantity", "CAD", "this run", "error", "unit", "90 % interval", "holds CAD"),
+        numeric=(1, 2, 3, 5),
+    )
+
+
+def _distances(distances: dict[str, Any]) -> str:
+    length = distances.get("length")
+    if not length:
+        return ""
+
+    def cell(value: float) -> str:
+        size = f"{number(1000 * value, 3)} mm" if length < 100 else f"{number(value, 3)} m"
+        return f"{size} ({number(100 * value / length, 2)} %)"
+
+    rows = [(name, cell(distances["ours"][key]), cell(distances["cad"][key])) for key, name in NAMES.items()]
     return (
-        table(body, ("quantity", "CAD", "this run", "error", "unit"))
-        + f"<p class='soft'>{text(data.comparison.get('note', ''))}</p>"
+        table(rows, ("", "this run to CAD", "CAD to this run"))
+        + f"<p class='soft'>Percent of the CAD's greatest length, {number(length)} m. Positive: this run lies outside.</p>"
     )

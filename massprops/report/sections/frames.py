@@ -5,47 +5,71 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import data_uri, text
+from massprops.report.html import data_uri, swatch, text
 
 TITLE, ORDER = "Frames and silhouettes", 3
-MOST, WIDTH = 24, 220
+MOST, WIDTH = 24, 280
+OBJECT, DOUBT = (96, 220, 110), (40, 60, 230)  # BGR
+SPECK = 12
+"""Area [px] of outlines that are noise at the size of a thumbnail."""
 
 
 def render(data: RunData) -> str:
     """Up to `MOST` frames, object outlined, doubt tinted."""
-    import cv2
-
-    capture = data.folder / "work" / "capture"
-    frames = data.facts["footage"].get("frames", [])
+    footage = data.facts["footage"]
+    frames = footage.get("frames") or []
     if not frames:
         return ""
     registered = set(data.views.names) if data.views is not None else set()
     chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, MOST).astype(int))]
     figures = []
     for frame in chosen:
-        image = cv2.imread(str(capture / "frames" / frame["name"]))
+        image = _thumbnail(data, str(frame["name"]))
         if image is None:
             continue
-        factor = WIDTH / image.shape[1]
-        image = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-        for folder in (data.folder / "work" / "silhouettes" / "masks", data.folder / "masks", capture / "masks"):
-            mask = cv2.imread(str(folder / f"{frame['name']}.png"), cv2.IMREAD_GRAYSCALE)
-            if mask is not None:
-                _outline(cv2, image, cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST))
-                break
-        note = frame["name"].split("/")[-1] + (
-            "" if frame["name"] in registered or not registered else " · not registered"
-        )
+        lost = bool(registered) and frame["name"] not in registered
+        stamp = frame.get("timestamp_ns", -1)
+        note = _short(str(frame["name"])) + (f" · {stamp / 1e9:.2f} s" if stamp >= 0 else "")
         figures.append(
-            f'<figure><img alt="{text(note)}" src="{data_uri(image)}"><figcaption>{text(note)}</figcaption></figure>'
+            f'<figure{" class=lost" if lost else ""}><img loading="lazy" alt="{text(note)}" src="{data_uri(image)}">'
+            f'<figcaption title="{text(note)}">{"not placed · " if lost else ""}{text(note)}</figcaption></figure>'
         )
-    kind = data.facts["footage"]
-    said = f"{kind.get('used', '?')} of {kind.get('given', '?')} frames used; taken as {kind.get('motion')}: {kind.get('motion_reason')}."
-    return f'<p class="soft">{text(said)}</p><div class="sheet">{"".join(figures)}</div>'
+    said = f"{footage.get('used', len(frames))} of {footage.get('given', len(frames))} frames used"
+    if footage.get("motion"):
+        means = {
+            "tumbling": "the object turns before a still camera",
+            "static": "the camera moves round a still object",
+        }
+        said += f"; taken as {footage['motion']}: {means.get(footage['motion'], '')}"
+    if footage.get("motion_reason"):
+        said += f" ({footage['motion_reason']})"
+    keys = swatch("#6edc60", "silhouette") + swatch("#e63c28", "cannot tell: may be the object, unlit")
+    return f'<p>{text(said)}.</p><p class="soft keys">{keys}</p><div class="sheet">{"".join(figures)}</div>'
 
 
-def _outline(cv2, image: np.ndarray, mask: np.ndarray) -> None:  # type: ignore[no-untyped-def]
-    doubt = mask == 128
-    image[doubt] = (0.6 * image[doubt] + 0.4 * np.array([60, 60, 200])).astype(np.uint8)
-    lines, _ = cv2.findContours((mask == 255).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(image, lines, -1, (90, 220, 90), 1)
+def _short(name: str) -> str:
+    """The file's name; long runs of leading zeros, as of nanoseconds, left out."""
+    name = name.rsplit("/", 1)[-1]
+    return name if len(name) <= 16 else name.lstrip("0") if name.startswith("000") else f"…{name[-15:]}"
+
+
+def _thumbnail(data: RunData, name: str) -> np.ndarray | None:
+    import cv2
+
+    capture = data.folder / "work" / "capture"
+    image = cv2.imread(str(capture / "frames" / name))
+    if image is None:
+        return None
+    small = (WIDTH, max(1, round(WIDTH * image.shape[0] / image.shape[1])))
+    image = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+    for folder in (data.folder / "masks", data.folder / "work" / "silhouettes" / "masks", capture / "masks"):
+        path = folder / f"{name}.png"
+        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+        if mask is not None:
+            mask = cv2.resize(mask, small, interpolation=cv2.INTER_NEAREST)
+            doubt = mask == 128
+            image[doubt] = (0.6 * image[doubt] + 0.4 * np.array(DOUBT)).astype(np.uint8)
+            lines, _ = cv2.findContours((mask > 0).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+            cv2.drawContours(image, [c for c in lines if cv2.contourArea(c) > SPECK], -1, OBJECT, 1)
+            break
+    return image

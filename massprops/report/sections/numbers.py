@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from massprops.report.data import RunData
-from massprops.report.html import between, number, table, text
+from massprops.report.html import Safe, between, number, table, text
 
 TITLE, ORDER = "Mass properties", 2
 
@@ -14,49 +16,70 @@ def render(data: RunData) -> str:
     if not d:
         return ""
     length, mass = data.length_unit, data.mass_unit
-    interval = d.get("interval_90", {})
-    rows = [
-        ("volume", number(d["volume"]), between(interval.get("volume")), f"{length}³", "what the closed surface holds"),
-        (
-            "mass",
-            number(d["mass"]),
-            between(interval.get("mass")),
-            mass,
-            f"volume at {number(d['density'])} kg/m³ throughout",
-        ),
+    interval = d.get("interval_90") or {}
+    inertia_unit = f"{mass} {length}²" if data.metric else "model"
+    entries = [
+        ("volume", d["volume"], interval.get("volume"), f"{length}³", "Space inside the closed surface."),
+        ("mass", d["mass"], interval.get("mass"), mass, f"Volume at a density of {d['density']:g} throughout."),
     ]
     centre = interval.get("center_of_mass") or [None] * 3
     for axis, value, bounds in zip("xyz", d["center_of_mass"], centre, strict=True):
-        rows.append((f"centre of mass {axis}", number(value), between(bounds), length, "in the mesh's axes"))
+        entries.append((f"centre of mass {axis}", value, bounds, length, "In the mesh's axes."))
+    told = (
+        "Resistance to a turn about the axis that is easiest to turn about.",
+        "About the middle axis, where a free turn is unstable.",
+        "About the axis that is hardest to turn about, where a free turn settles.",
+    )
+    moments = interval.get("principal_moments") or [None] * 3
     for i, value in enumerate(d["principal_moments"]):
-        bounds = (interval.get("principal_moments") or [None] * 3)[i]
-        rows.append(
-            (
-                f"I{i + 1}",
-                number(value),
-                between(bounds),
-                f"{mass} {length}²",
-                "principal moment about the centre of mass",
-            )
+        entries.append((f"I{i + 1}", value, moments[i], inertia_unit, told[i]))
+    for key, meaning in (("k1", "ln(I1/I2)"), ("k2", "ln(I2/I3)")):
+        said = f"{meaning}. Free of scale and density: what a free motion shows too."
+        entries.append((key, d["inertia_ratios"][key], interval.get(key), "", said))
+    absolute = ("k1", "k2", "centre of mass x", "centre of mass y", "centre of mass z")
+    rows = [
+        (
+            name,
+            number(value),
+            Safe(f'<span class="nowrap">{text(between(bounds))}</span>'),
+            Safe("" if name in absolute else bar(value, bounds)),
+            unit,
+            Safe(f'<span class="meaning">{text(meaning)}</span>'),
         )
-    for k, meaning in (("k1", "ln(I1/I2): free of scale and density"), ("k2", "ln(I2/I3): free of scale and density")):
-        rows.append((k, number(d["inertia_ratios"][k]), between(interval.get(k)), "", meaning))
-    scale = d.get("scale", {})
-    source = scale.get("source", "none")
-    said = (
-        "no scale"
-        if source == "none"
-        else f"scale from {source}, one sigma {100 * (scale.get('relative_sigma') or 0):.2g} %"
+        for name, value, bounds, unit, meaning in entries
+    ]
+    tensor = table(
+        [[axis, *(number(value, 6) for value in row)] for axis, row in zip("xyz", d["inertia"], strict=True)],
+        ("", "x", "y", "z"),
     )
-    tensor = table([[number(value, 6) for value in row] for row in d["inertia"]], numeric_from=0)
     axes = table(
-        [[number(v, 4) for v in row] for row in d["principal_axes"]], ("axis of I1", "I2", "I3"), numeric_from=0
+        [[axis, *(number(v, 4) for v in row)] for axis, row in zip("xyz", d["principal_axes"], strict=True)],
+        ("", "axis of I1", "I2", "I3"),
     )
+    absent = "" if interval else "<p>No intervals: the surface was given, not measured.</p>"
     return (
-        table(rows, ("quantity", "value", "90 % interval", "unit", "meaning"), 1)
-        + f'<div class="two"><div><h3>Inertia tensor [{text(mass)} {text(length)}²]</h3>{tensor}'
-        + "<p class='soft'>About the centre of mass, mesh axes, products as tensor elements (I_xy = −∫ x y dm).</p></div>"
-        + f"<div><h3>Principal axes (columns)</h3>{axes}<p class='soft'>Of columns 1 and 3 the largest component is positive; "
-        + "column 2 = column 3 × column 1.</p></div></div>"
-        + f"<p class='soft'>{text(said)}. {text(d.get('frame', ''))}</p>"
+        table(rows, ("quantity", "value", "90 % interval", "", "unit", "what it is"), numeric=(1, 2))
+        + absent
+        + f'<div class="two"><div><h3>Inertia tensor [{text(inertia_unit)}]</h3>{tensor}'
+        + "<p class='soft'>About the centre of mass, in the mesh's axes; products as tensor elements, I_xy = −∫ x y dm.</p></div>"
+        + f"<div><h3>Principal axes</h3>{axes}<p class='soft'>Columns, in the mesh's axes. The largest component of the first "
+        + "and the third is positive; the second is the third × the first.</p></div></div>"
+        + (f"<p class='soft'>Frame: {text(d['frame'])}.</p>" if d.get("frame") else "")
+    )
+
+
+def bar(value: float, bounds: Sequence[float] | None, reach: float = 0.10) -> str:
+    """The interval drawn about the value, on a ruler of ±10 %, with the relative ends as its title."""
+    if not bounds or not value:
+        return ""
+    low, high = (100 * (b / value - 1) for b in sorted(bounds, key=lambda b: b / value))
+    at = [60 + 56 * max(-1.0, min(1.0, v / (100 * reach))) for v in (low, high)]
+    return (
+        f'<svg class="bar" viewBox="0 0 120 14" role="img" aria-label="{low:+.1f} to {high:+.1f} %">'
+        f"<title>{low:+.2f} % to {high:+.2f} %, on a ruler of ±10 %</title>"
+        '<line class="grid" x1="4" x2="116" y1="7" y2="7"/><line class="grid" x1="4" x2="4" y1="3" y2="11"/>'
+        '<line class="grid" x1="116" x2="116" y1="3" y2="11"/>'
+        f'<rect class="fill" x="{at[0]:.1f}" width="{max(1.5, at[1] - at[0]):.1f}" y="4" height="6" rx="2"/>'
+        '<line class="mark" x1="60" x2="60" y1="1" y2="13"/></svg>'
+        f'<span class="soft rel">{low:+.1f} / {high:+.1f} %</span>'
     )

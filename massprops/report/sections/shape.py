@@ -1,14 +1,12 @@
-"""The mesh, to turn: measured grey, filled in red, principal axes drawn."""
+"""The mesh, to turn: measured grey, filled in red, principal axes and camera path drawn."""
 
 from __future__ import annotations
-
-import json
-from importlib.resources import files
 
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import packed
+from massprops.report.html import number, swatch, text
+from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Shape", 1
 
@@ -17,25 +15,26 @@ def render(data: RunData) -> str:
     """The viewer with its mesh inside."""
     if data.shape is None:
         return ""
-    v = data.shape.vertices
-    middle = 0.5 * (v.min(0) + v.max(0))
-    size = float(np.linalg.norm(v - middle, axis=1).max())
-    small = np.round(np.clip((v - middle) / size, -1, 1) * 32767).astype("<i2")
-    axes, centre = np.array(data.document.get("principal_axes", [])), data.document.get("center_of_mass")
-    mesh = {
-        "vertices": packed(small),
-        "faces": packed(data.shape.faces.astype("<u4")),
-        "observed": packed(data.shape.observed.astype(np.uint8)),
-        "middle": [0.0, 0.0, 0.0],
-        "centre": ((np.array(centre) - middle) / size).tolist() if centre else [0.0, 0.0, 0.0],
-        "axes": axes.T.tolist() if axes.size == 9 else [],
-    }
-    script = files("massprops.report").joinpath("viewer.js").read_text()
+    axes = data.document.get("principal_axes")
+    keys = [swatch("#bdc4cc", "measured")]
+    if not data.shape.observed.all():
+        keys.append(swatch("#db332a", "filled in, not measured"))
+    if axes:
+        keys += [swatch("#f27326", "axis of I1"), swatch("#40b359", "I2"), swatch("#4d8cfa", "I3")]
+        keys.append(swatch("#fac72e", "centre of mass"))
+    size = np.ptp(data.shape.vertices, axis=0)
+    extent = " × ".join(number(float(v), 4) for v in size)
+    unit = "m" if data.metric else "model units" if data.document else "arbitrary units"
     return (
-        '<div class="viewer" id="viewer"><canvas></canvas></div>'
-        '<p class="soft"><span class="swatch" style="background:#bac2c9"></span>measured'
-        '<span class="swatch" style="background:#db382e"></span>filled in'
-        '<span class="swatch" style="background:#f2734d"></span>axis of I1<span class="swatch" style="background:#73d973">'
-        '</span>I2<span class="swatch" style="background:#73a6ff"></span>I3 · drag to turn, wheel or pinch to come closer</p>'
-        f'<script type="application/json" id="mesh">{json.dumps(mesh)}</script><script>{script}</script>'
+        viewer(
+            data.shape.vertices,
+            data.shape.faces,
+            observed=data.shape.observed,
+            centre=data.centre if axes else None,
+            axes=np.array(axes) if axes else None,
+            cameras=data.camera_centres,
+        )
+        + f'<p class="soft keys">{"".join(keys)}</p>'
+        + f'<p class="soft">Extent along the mesh\'s own axes: {text(extent)} {unit}. '
+        + "Drag to turn, wheel or two fingers to come closer, arrow keys when it has the focus.</p>"
     )

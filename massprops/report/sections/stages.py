@@ -2,48 +2,77 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from massprops.report.data import RunData
-from massprops.report.html import number, table, text
+from massprops.report.html import Safe, number, table, text
 
 TITLE, ORDER = "How it was made", 9
 
 
 def render(data: RunData) -> str:
-    """Stage table, key facts, versions."""
-    stages = data.manifest.get("stages") or {}
-    rows = [
-        (
-            name,
-            entry.get("status", ""),
-            number(entry.get("seconds"), 4),
-            number(entry.get("cpu_seconds"), 4),
-            number(entry.get("peak_memory_mb"), 4),
-        )
-        for name, entry in stages.items()
-    ]
-    parts = [table(rows, ("stage", "state", "seconds", "CPU seconds", "peak MB"), 2)] if rows else []
-    sfm, dense, footage = data.facts["sfm"], data.facts["dense"], data.facts["footage"]
-    facts = [
-        (
-            "frames given / used / registered",
-            f"{footage.get('given', '–')} / {footage.get('used', '–')} / {sfm.get('registered', '–')}",
-        ),
-        ("models found (images)", ", ".join(str(m.get("images")) for m in sfm.get("models", [])) or "–"),
-        ("mean reprojection error", f"{number(sfm.get('reprojection_error_px'), 3)} px"),
-        (
-            "focal length",
-            f"{number(sfm.get('focal_px'), 6)} px ± {number(100 * (sfm.get('focal_sigma_relative') or 0), 2)} %",
-        ),
-        ("silhouettes", data.facts["silhouettes"].get("method", "–")),
-        ("depth maps, dense points", f"{dense.get('references', '–')}, {dense.get('points', '–')}"),
-    ]
-    parts.append("<h3>Measured on the way</h3>" + table(facts))
+    """Stage table, key facts, inputs, options, versions."""
+    parts = [_stages(data.manifest.get("stages") or {})]
+    facts = _facts(data)
+    if facts:
+        parts.append("<h3>Measured on the way</h3>" + table(facts, numeric=()))
+    source = (data.manifest.get("inputs") or {}).get("source")
+    options = {k: v for k, v in (data.manifest.get("options") or {}).items() if v not in (None, "") and k != "source"}
     versions = data.manifest.get("versions") or {}
-    options = data.manifest.get("options") or {}
-    if versions:
-        parts.append(f"<p class='soft'>{text(', '.join(f'{k} {v}' for k, v in versions.items()))}</p>")
-    if options:
-        parts.append(
-            f"<p class='soft'>options: {text(', '.join(f'{k}={v}' for k, v in options.items() if v not in (None, '')))}</p>"
-        )
+    for name, said in (
+        ("Input", source or ""),
+        ("Options", ", ".join(f"{k} = {v}" for k, v in options.items())),
+        ("Versions", ", ".join(f"{k} {v}" for k, v in versions.items())),
+    ):
+        if said:
+            parts.append(f'<p class="soft breaks"><b>{name}</b> {text(said)}</p>')
     return "".join(parts)
+
+
+def _stages(stages: dict[str, Any]) -> str:
+    if not stages:
+        return ""
+    longest = max((entry.get("seconds") or 0.0 for entry in stages.values()), default=0.0) or 1.0
+    rows: list[tuple[object, ...]] = []
+    for name, entry in stages.items():
+        share = 100 * (entry.get("seconds") or 0.0) / longest
+        bar = Safe(f'<span class="time" style="width:{share:.1f}%"></span>')
+        state = entry.get("status", "")
+        shown = Safe(f'<span class="{"good" if state == "done" else "bad"}">{text(state)}</span>')
+        rows.append(
+            (name, shown, *(number(entry.get(k), 3) for k in ("seconds", "cpu_seconds", "peak_memory_mb")), bar)
+        )
+    total = [sum(e.get(k) or 0.0 for e in stages.values()) for k in ("seconds", "cpu_seconds")]
+    peak = max((e.get("peak_memory_mb") or 0.0 for e in stages.values()), default=0.0)
+    rows.append(("all", "", number(total[0], 4), number(total[1], 4), number(peak, 4), ""))
+    return table(rows, ("stage", "state", "seconds", "CPU seconds", "peak MB", ""), numeric=(2, 3, 4))
+
+
+def _facts(data: RunData) -> list[tuple[str, str]]:
+    sfm, dense, footage = data.facts["sfm"], data.facts["dense"], data.facts["footage"]
+    surface, silhouettes = data.facts["surface"], data.facts["silhouettes"]
+    models = ", ".join(f"{m.get('images')} images, {m.get('points')} points" for m in sfm.get("models") or [])
+    focal = sfm.get("focal_px")
+    sigma = sfm.get("focal_sigma_relative")
+    found = [
+        (
+            "frames given / used / placed",
+            f"{footage.get('given')} / {footage.get('used')} / {sfm.get('registered', '–')}",
+        )
+        if footage.get("given")
+        else None,
+        ("models found", models) if models else None,
+        ("mean reprojection error", f"{number(sfm['reprojection_error_px'], 3)} px")
+        if sfm.get("reprojection_error_px") is not None
+        else None,
+        ("focal length", f"{number(focal, 6)} px" + (f" ± {number(100 * sigma, 2)} %" if sigma else ""))
+        if isinstance(focal, int | float)
+        else None,
+        ("silhouettes by", str(silhouettes["method"])) if silhouettes.get("method") else None,
+        ("depth maps", str(dense["references"])) if dense.get("references") is not None else None,
+        ("dense points", f"{dense['points']:,}".replace(",", " ")) if isinstance(dense.get("points"), int) else None,
+        ("surface measured", f"{100 * surface['observed_fraction']:.1f} % of its area")
+        if surface.get("observed_fraction") is not None
+        else None,
+    ]
+    return [row for row in found if row is not None]

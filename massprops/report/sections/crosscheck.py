@@ -1,0 +1,102 @@
+"""Shape against motion, when `massprops crosscheck` was run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from massprops.report.data import RunData
+from massprops.report.html import number, table, text
+
+TITLE, ORDER = "Shape against motion", 5
+NINETY = 2.1460
+"""Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
+MEANING = {
+    "consistent": "Mesh and motion agree within their uncertainties.",
+    "inconsistent": "Mesh and motion disagree: the mass is not spread evenly, or one of the two is wrong.",
+    "unobservable": "The motion does not show the inertia ratios: nothing can be said.",
+}
+
+
+def render(data: RunData) -> str:
+    """Verdict, the plane of k1 and k2, and the table of estimators."""
+    document = data.crosscheck
+    mesh, estimators = document.get("mesh") or {}, document.get("estimators") or []
+    if not document.get("verdict"):
+        return ""
+    verdict = str(document["verdict"])
+    kind = "done" if verdict == "consistent" else "warning"
+    p = document.get("p_value")
+    said = f"<b>{text(verdict)}</b>. {text(document.get('reason') or MEANING.get(verdict, ''))}"
+    parts = [f'<div class="{kind}">{said}{f" (p = {number(p, 2)})" if p is not None else ""}</div>']
+    rows = [("mesh", *_pair(mesh, "k1"), *_pair(mesh, "k2"), "", "", "")]
+    for e in estimators:
+        angle, sigma = e.get("axis_misalignment_deg"), e.get("sigma_axis_deg")
+        shown = f"{number(angle, 3)}°" + (f" ± {number(sigma, 2)}°" if sigma is not None else "")
+        yes = {True: "yes", False: "no"}
+        rows.append(
+            (
+                str(e.get("name", "")),
+                *_pair(e, "k1"),
+                *_pair(e, "k2"),
+                shown,
+                yes.get(e.get("converged"), "–"),  # type: ignore[call-overload]
+                yes.get(e.get("observable"), "–"),  # type: ignore[call-overload]
+            )
+        )
+    head = ("method", "k1", "± (1σ)", "k2", "± (1σ)", "axes off the mesh's", "converged", "observable")
+    parts.append(f'<div class="two"><div>{_plane(mesh, estimators)}</div><div>{table(rows, head)}</div></div>')
+    return "".join(parts)
+
+
+def _pair(entry: dict[str, Any], key: str) -> tuple[str, str]:
+    return number(entry.get(key), 4), number(entry.get(f"sigma_{key}"), 2)
+
+
+def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
+    """Every method as a point with its 90 % ellipse in the plane of k1 and k2."""
+    named = [("mesh", mesh), *((str(e.get("name", "")), e) for e in estimators)]
+    marks = []
+    for name, entry in named:
+        values = [entry.get(key) for key in ("k1", "k2", "sigma_k1", "sigma_k2")]
+        if values[0] is not None and values[1] is not None and np.isfinite(values[:2]).all():
+            spread = [float(v) if v is not None and np.isfinite(v) else 0.0 for v in values[2:]]
+            marks.append((name, float(values[0]), float(values[1]), NINETY * spread[0], NINETY * spread[1]))
+    if not marks:
+        return ""
+    place = np.array([m[1:3] for m in marks])
+    half = np.array([m[3:5] for m in marks])
+    typical = 3 * np.median(half, axis=0)  # one hopeless ellipse must not shrink all the others
+    low, high = (place - np.minimum(half, typical)).min(0), (place + np.minimum(half, typical)).max(0)
+    pad = 0.15 * np.maximum(high - low, 1e-4)
+    low, high = low - pad, high + pad
+    wide, tall, left, bottom = 480, 360, 62, 40
+
+    def at(k: np.ndarray) -> np.ndarray:
+        share = (k - low) / (high - low)
+        return np.array([left + share[0] * (wide - left - 10), tall - bottom - share[1] * (tall - bottom - 10)])
+
+    unit = np.array([(wide - left - 10), (tall - bottom - 10)]) / (high - low)
+    parts = [
+        f'<svg viewBox="0 0 {wide} {tall}" role="img" aria-label="k1 and k2 of every method"><clipPath id="plane">'
+        f'<rect x="{left}" y="10" width="{wide - left - 10}" height="{tall - bottom - 10}"/></clipPath>'
+        f'<rect class="pane" x="{left}" y="10" width="{wide - left - 10}" height="{tall - bottom - 10}"/>'
+    ]
+    for share in (0.0, 0.5, 1.0):
+        k = low + share * (high - low)
+        x, y = at(k)
+        parts.append(f'<text x="{x:.0f}" y="{tall - bottom + 15}" text-anchor="middle">{number(float(k[0]), 3)}</text>')
+        parts.append(f'<text x="{left - 5}" y="{y + 4:.0f}" text-anchor="end">{number(float(k[1]), 3)}</text>')
+    parts.append(
+        f'<text x="{(left + wide) / 2:.0f}" y="{tall - 6}" text-anchor="middle">k1</text><text x="12" y="{tall / 2:.0f}">k2</text>'
+    )
+    for i, (_, k1, k2, a, b) in enumerate(marks):
+        x, y = at(np.array([k1, k2]))
+        style = f"s{i % 6}"
+        parts.append(
+            f'<g clip-path="url(#plane)"><ellipse class="ring {style}" cx="{x:.1f}" cy="{y:.1f}" rx="{a * unit[0]:.1f}" '
+            f'ry="{b * unit[1]:.1f}"/><circle class="dot {style}" cx="{x:.1f}" cy="{y:.1f}" r="{5 if i == 0 else 3}"/></g>'
+        )
+    legend = "".join(f'<span class="key s{i % 6}">{text(m[0])}</span>' for i, m in enumerate(marks))
+    return "".join(parts) + f'</svg><div class="legend">{legend}</div><p class="soft">Ellipses hold 90 %.</p>'
