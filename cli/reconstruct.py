@@ -84,7 +84,7 @@ def command(
         typer.echo(f"warning: {warning}", err=True)
     if run.exit_code:
         typer.echo(f"massprops: {' '.join(run.reason.split())}", err=True)
-    if (run.folder / "massprops.json").is_file() and not run.exit_code:
+    if (run.folder / "massprops.json").is_file() and "mass" in run.stages and run.stages["mass"]["status"] == "done":
         if json_output:
             typer.echo(json.dumps(run.properties))
         else:

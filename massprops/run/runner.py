@@ -31,12 +31,14 @@ class Outcome:
     Attributes:
         exit_code: 0 done, 2 wrong input, 3 in part.
         reason: why it is not 0, one line.
+        partial: why the result is only part of one, though every stage ran.
         warnings: of all stages.
         stages: the entries of `run.yaml`.
     """
 
     exit_code: int = 0
     reason: str = ""
+    partial: str = ""
     warnings: list[str] = field(default_factory=list)
     stages: dict[str, Any] = field(default_factory=dict)
 
@@ -92,11 +94,18 @@ def run_stages(
                     run / "work" / "stopped.json",
                     {"exit_code": outcome.exit_code, "reason": outcome.reason, "stage": name},
                 )
+        partial = (outcome.stages[name].get("facts") or {}).get("partial")
+        if partial and not outcome.exit_code and not outcome.partial:
+            outcome.partial = str(partial)
+            write_json(run / "work" / "stopped.json", {"exit_code": 3, "reason": outcome.partial, "stage": name})
         if watch:
             watch(name, number, len(order), 1, 1, "")
         outcome.warnings += [w for w in outcome.stages[name].get("warnings", []) if w not in outcome.warnings]
-        if not outcome.exit_code:
+        if not outcome.exit_code and not outcome.partial:
             (run / "work" / "stopped.json").unlink(missing_ok=True)
+        _write_manifest(run, options, inputs, outcome, manifest, order)
+    if outcome.partial and not outcome.exit_code:
+        outcome.exit_code, outcome.reason = 3, outcome.partial
         _write_manifest(run, options, inputs, outcome, manifest, order)
     return outcome
 

@@ -19,13 +19,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.mass.integrals import PAIRS, greatest_length, mesh_integrals, offset_response
+from massprops.mass.integrals import PAIRS, mesh_integrals, model_length, offset_response
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 
 BIAS_PIXELS = 0.1
 PATCHES = 400
 MARGIN_PIXELS = 0.5
+BULGE = 0.7
+"""Farthest that an unmeasured face may lie off, over its distance from measured surface."""
 
 
 def replicates(
@@ -48,7 +50,7 @@ def replicates(
     vertices, faces = surface.vertices, surface.faces
     own = mesh_integrals(vertices, faces)
     response = offset_response(vertices, faces)
-    length, end_a, end_b = greatest_length(vertices)
+    length, end_a, end_b = model_length(vertices, faces, surface.observed)
     ends = np.array([end_a, end_b])
     direction = (vertices[end_b] - vertices[end_a]) / length
     pull = np.einsum("ij,j->i", vertex_normals(vertices, faces)[ends], direction) * [-1, 1]
@@ -81,6 +83,9 @@ def replicates(
             if end_face[e] in part:
                 bound = np.where(draw[:, 0] < 0, inward[end_face[e]], outward[end_face[e]])
                 lengths += np.abs(draw[:, 0]) * bound * pull[e]
+
+    # each end is one vertex, as uncertain as the points about it
+    lengths += float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
 
     strain = focal_sigma * rng.standard_normal((count, 3, 3))
     strain = 0.5 * (strain + strain.transpose(0, 2, 1))
@@ -121,7 +126,12 @@ def unseen_bounds(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     depth = cKDTree(surface.smallest).query(middle)[0]
     # A nearest distance counts vertices of the same surface as far as half a spacing.
     # The smallest body has the least area, and need not have the least volume.
-    inward[hidden] = -np.maximum(1.25 * depth - 0.25 * surface.spacing, floor)
+    # A gap in measured surface cannot bulge by more than a part of its own width.
+    seen = np.flatnonzero(surface.observed)
+    bulge = np.full(len(hidden), np.inf)
+    if len(seen):
+        bulge = BULGE * cKDTree(surface.vertices[surface.faces[seen]].mean(1)).query(middle)[0]
+    inward[hidden] = -np.maximum(np.minimum(1.25 * depth - 0.25 * surface.spacing, bulge), floor)
     reach = np.linalg.norm(np.ptp(surface.vertices, axis=0))
     height = np.zeros(len(hidden))
     going = np.ones(len(hidden), bool)
@@ -132,7 +142,7 @@ def unseen_bounds(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
         height[index[ok]] += step
         going[index[~ok]] = False
         step *= 1.3
-    outward[hidden] = np.maximum(height, floor)
+    outward[hidden] = np.maximum(np.minimum(height, bulge), floor)
     return inward, outward
 
 

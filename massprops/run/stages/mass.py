@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from massprops.mass.document import document
-from massprops.mass.integrals import greatest_length, mesh_integrals
+from massprops.mass.integrals import mesh_integrals, model_length
 from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates
 from massprops.mass.properties import properties_of_integrals
 from massprops.run.job import Job
@@ -24,7 +24,7 @@ def run(job: Job) -> dict:
         vertices, faces, observed = z["vertices"], z["faces"], z["observed"]
         rows, lengths = z["replicate_integrals"], z["replicate_length"]
 
-    length = greatest_length(vertices)[0]
+    length = model_length(vertices, faces, observed.astype(bool))[0]
     metric = scale.get("metres_per_unit") is not None and scale.get("source", "none") != "none"
     factor = float(scale.get("unit_per_sfm") or 1.0 / length) * (float(scale["metres_per_unit"]) if metric else 1.0)
     warnings = list(surface.get("warnings", []))

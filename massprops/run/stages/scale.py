@@ -15,7 +15,7 @@ OPTIONS = ("scale", "scale_sigma", "distance", "marker")
 
 def run(job: Job) -> dict:
     """Writes scale.json."""
-    from massprops.mass.integrals import greatest_length
+    from massprops.mass.integrals import model_length
     from massprops.sfm.footage import read_footage
     from massprops.sfm.points import SparsePoints
     from massprops.sfm.scale import ScaleInputs, find_scale
@@ -23,12 +23,12 @@ def run(job: Job) -> dict:
 
     job.progress(0, 1, "scale")
     with np.load(job.work("surface") / "surface.npz", allow_pickle=False) as z:
-        vertices, faces = z["vertices"], z["faces"]
+        vertices, faces, observed = z["vertices"], z["faces"], z["observed"].astype(bool)
     sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
     footage = read_footage(job.work("capture"))
     o = job.options
     inputs = ScaleInputs(
-        length=greatest_length(vertices)[0],
+        length=model_length(vertices, faces, observed)[0],
         views=Views.load(job.work("sfm") / "views.npz"),
         points=SparsePoints.load(job.work("sfm") / "points.npz"),
         centre_of_mass=_centre(vertices, faces),
