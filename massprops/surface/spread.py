@@ -9,7 +9,7 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
    err alike everywhere;
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
-4. unmeasured faces, coherent over each connected patch: a uniform draw of where the patch lies between the smallest body
+4. unmeasured faces, coherent over each connected patch and half so between patches: a draw of where the patch lies between the smallest body
    that the measurements allow and the hull of the silhouettes.
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
@@ -23,7 +23,7 @@ from massprops.mass.integrals import PAIRS, mesh_integrals, model_length, offset
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 
-BIAS_PIXELS = 0.1
+BIAS_PIXELS = 0.15
 PATCHES = 400
 MARGIN_PIXELS = 0.5
 BULGE = 0.7
@@ -72,8 +72,10 @@ def replicates(
             lengths += offset[:, patch[end_face[e]]] * pull[e]
 
     inward, outward = unseen_bounds(surface)
+    # the same habits of filling err the same way everywhere: half of the variance is common to all parts
+    shared = rng.uniform(-1, 1, count)
     for part in _unseen_parts(surface):
-        draw = rng.uniform(-1, 1, count)[:, None]
+        draw = np.clip((shared + rng.uniform(-1, 1, count)) / np.sqrt(2.0), -1, 1)[:, None]
         low, high = (
             (response[part] * inward[part, None]).sum(0),
             (response[part] * outward[part, None]).sum(0),
