@@ -133,5 +133,6 @@ def _map(direction: np.ndarray) -> str:
     for name, axis in (("+x", (1, 0, 0)), ("+y", (0, 1, 0)), ("−y", (0, -1, 0)), ("+z", (0, 0, 1)), ("−z", (0, 0, -1))):
         (a, b) = points(np.array([axis], float))[0]
         shift = {"+z": -4, "−z": 13}.get(name, 4)
-        parts.append(f'<text class="axis" x="{a:.0f}" y="{b + shift:.0f}" text-anchor="middle">{name}</text>')
+        kind = "pole" if name[1] == "z" else "axis"
+        parts.append(f'<text class="{kind}" x="{a:.0f}" y="{b + shift:.0f}" text-anchor="middle">{name}</text>')
     return "".join(parts) + "</svg>"

@@ -30,7 +30,7 @@ def render(data: RunData) -> str:
     p = document.get("p_value")
     said = f"<b>{text(verdict)}</b>. {text(document.get('reason') or MEANING.get(verdict, ''))}"
     parts = [f'<div class="{kind}">{said}{f" (p = {number(p, 2)})" if p is not None else ""}</div>']
-    rows = [("mesh", *_pair(mesh, "k1"), *_pair(mesh, "k2"), "", "", "")]
+    rows = [("mesh", _value(mesh, "k1"), _value(mesh, "k2"), "", "", "")]
     for e in estimators:
         angle, sigma = e.get("axis_misalignment_deg"), e.get("sigma_axis_deg")
         shown = f"{number(angle, 3)}°" + (f" ± {number(sigma, 2)}°" if sigma is not None else "")
@@ -38,25 +38,28 @@ def render(data: RunData) -> str:
         rows.append(
             (
                 str(e.get("name", "")),
-                *_pair(e, "k1"),
-                *_pair(e, "k2"),
+                _value(e, "k1"),
+                _value(e, "k2"),
                 shown,
                 yes.get(e.get("converged"), "–"),  # type: ignore[call-overload]
                 yes.get(e.get("observable"), "–"),  # type: ignore[call-overload]
             )
         )
-    head = ("method", "k1", "± (1σ)", "k2", "± (1σ)", "axes off the mesh's", "converged", "observable")
+    head = ("method", "k1 (± 1σ)", "k2 (± 1σ)", "axes turned by", "converged", "observable")
     parts.append(f'<div class="two"><div>{_plane(mesh, estimators)}</div><div>{table(rows, head)}</div></div>')
     return "".join(parts)
 
 
-def _pair(entry: dict[str, Any], key: str) -> tuple[str, str]:
-    return number(entry.get(key), 4), number(entry.get(f"sigma_{key}"), 2)
+def _value(entry: dict[str, Any], key: str) -> str:
+    sigma = entry.get(f"sigma_{key}")
+    return number(entry.get(key), 4) + (f" ± {number(sigma, 2)}" if sigma is not None else "")
 
 
 def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
     """Every method as a point with its 90 % ellipse in the plane of k1 and k2."""
-    named = [("mesh", mesh), *((str(e.get("name", "")), e) for e in estimators)]
+    # one that did not converge would shrink all the others
+    sound = [e for e in estimators if e.get("converged") is not False]
+    named = [("mesh", mesh), *((str(e.get("name", "")), e) for e in sound)]
     marks = []
     for name, entry in named:
         values = [entry.get(key) for key in ("k1", "k2", "sigma_k1", "sigma_k2")]
@@ -67,7 +70,7 @@ def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
         return ""
     place = np.array([m[1:3] for m in marks])
     half = np.array([m[3:5] for m in marks])
-    typical = 3 * np.median(half, axis=0)  # one hopeless ellipse must not shrink all the others
+    typical = 3 * np.median(half, axis=0)
     low, high = (place - np.minimum(half, typical)).min(0), (place + np.minimum(half, typical)).max(0)
     pad = 0.15 * np.maximum(high - low, 1e-4)
     low, high = low - pad, high + pad
@@ -86,7 +89,9 @@ def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
     for share in (0.0, 0.5, 1.0):
         k = low + share * (high - low)
         x, y = at(k)
-        parts.append(f'<text x="{x:.0f}" y="{tall - bottom + 15}" text-anchor="middle">{number(float(k[0]), 3)}</text>')
+        parts.append(
+            f'<text x="{x:.0f}" y="{tall - bottom + 15}" text-anchor="{"end" if share == 1 else "middle"}">{number(float(k[0]), 3)}</text>'
+        )
         parts.append(f'<text x="{left - 5}" y="{y + 4:.0f}" text-anchor="end">{number(float(k[1]), 3)}</text>')
     parts.append(
         f'<text x="{(left + wide) / 2:.0f}" y="{tall - 6}" text-anchor="middle">k1</text><text x="12" y="{tall / 2:.0f}">k2</text>'
@@ -99,4 +104,7 @@ def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
             f'ry="{b * unit[1]:.1f}"/><circle class="dot {style}" cx="{x:.1f}" cy="{y:.1f}" r="{5 if i == 0 else 3}"/></g>'
         )
     legend = "".join(f'<span class="key s{i % 6}">{text(m[0])}</span>' for i, m in enumerate(marks))
-    return "".join(parts) + f'</svg><div class="legend">{legend}</div><p class="soft">Ellipses hold 90 %.</p>'
+    return (
+        "".join(parts)
+        + f'</svg><div class="legend">{legend}</div><p class="soft">Ellipses hold 90 %; methods that did not converge are left out.</p>'
+    )

@@ -48,9 +48,11 @@ def render(data: RunData) -> str:
 
 
 def _short(name: str) -> str:
-    """The file's name; long runs of leading zeros, as of nanoseconds, left out."""
-    name = name.rsplit("/", 1)[-1]
-    return name if len(name) <= 16 else name.lstrip("0") if name.startswith("000") else f"…{name[-15:]}"
+    """The file's name; of long ones, such as nanoseconds, the leading zeros or the beginning left out."""
+    stem, dot, suffix = name.rsplit("/", 1)[-1].rpartition(".")
+    if len(stem) > 12:
+        stem = stem.lstrip("0") or "0" if stem.isdigit() else f"…{stem[-11:]}"
+    return stem + dot + suffix
 
 
 def _thumbnail(data: RunData, name: str) -> np.ndarray | None:

@@ -20,7 +20,13 @@ def render(data: RunData) -> str:
     inertia_unit = f"{mass} {length}²" if data.metric else "model"
     entries = [
         ("volume", d["volume"], interval.get("volume"), f"{length}³", "Space inside the closed surface."),
-        ("mass", d["mass"], interval.get("mass"), mass, f"Volume at a density of {d['density']:g} throughout."),
+        (
+            "mass",
+            d["mass"],
+            interval.get("mass"),
+            mass,
+            f"Volume at a density of {d['density']:g}{' kg/m³' if data.metric else ''} throughout.",
+        ),
     ]
     centre = interval.get("center_of_mass") or [None] * 3
     for axis, value, bounds in zip("xyz", d["center_of_mass"], centre, strict=True):
@@ -39,12 +45,9 @@ def render(data: RunData) -> str:
     absolute = ("k1", "k2", "centre of mass x", "centre of mass y", "centre of mass z")
     rows = [
         (
-            name,
-            number(value),
-            Safe(f'<span class="nowrap">{text(between(bounds))}</span>'),
+            Safe(f'{text(name)}<span class="below">{text(meaning)}</span>'),
+            Safe(f'<b>{number(value)}</b> {text(unit)}<span class="below">{_interval(bounds)}</span>'),
             Safe("" if name in absolute else bar(value, bounds)),
-            unit,
-            Safe(f'<span class="meaning">{text(meaning)}</span>'),
         )
         for name, value, bounds, unit, meaning in entries
     ]
@@ -58,7 +61,7 @@ def render(data: RunData) -> str:
     )
     absent = "" if interval else "<p>No intervals: the surface was given, not measured.</p>"
     return (
-        table(rows, ("quantity", "value", "90 % interval", "", "unit", "what it is"), numeric=(1, 2))
+        f'<div class="props">{table(rows, ("quantity", "value and 90 % interval", "relative, on a ruler of ±10 %"), numeric=(1,))}</div>'
         + absent
         + f'<div class="two"><div><h3>Inertia tensor [{text(inertia_unit)}]</h3>{tensor}'
         + "<p class='soft'>About the centre of mass, in the mesh's axes; products as tensor elements, I_xy = −∫ x y dm.</p></div>"
@@ -66,6 +69,10 @@ def render(data: RunData) -> str:
         + "and the third is positive; the second is the third × the first.</p></div></div>"
         + (f"<p class='soft'>Frame: {text(d['frame'])}.</p>" if d.get("frame") else "")
     )
+
+
+def _interval(bounds: Sequence[float] | None) -> str:
+    return f"{between(bounds)}" if bounds else ""
 
 
 def bar(value: float, bounds: Sequence[float] | None, reach: float = 0.10) -> str:
