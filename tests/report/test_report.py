@@ -1,0 +1,258 @@
+"""The page: whole and in part, safe, small, and asking for nothing from outside."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from fake_run import HOSTILE, add_crosscheck, make_run, spacecraft
+
+from massprops.report import write_report
+from massprops.report.html import between, number, text
+from massprops.report.meshes import Shape, lighten, read_shape
+from massprops.report.page import UNREADABLE, all_sections, page
+from massprops.report.sections.cameras import coverage, mollweide
+from massprops.report.sections.numbers import bar
+from massprops.report.viewer import viewer
+
+
+class Page(HTMLParser):
+    """Tags, addresses, sections and the visible words of a page."""
+
+    VOID = frozenset({"meta", "link", "img", "input", "br", "line", "circle", "rect"})
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.tags: list[tuple[str, dict]] = []
+        self.sections: list[str] = []
+        self.open: list[str] = []
+        self.words = ""
+        self.feed(source)
+
+    def handle_starttag(self, tag: str, attrs: list) -> None:
+        found = dict(attrs)
+        self.tags.append((tag, found))
+        self.addresses += [found[k] for k in ("src", "href", "xlink:href", "data", "action") if k in found]
+        if tag == "section":
+            self.sections.append(found.get("id", ""))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-1:]}"
+        self.open.pop()
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] not in (["script"], ["style"]):
+            self.words += data
+
+
+def parsed(run: Path) -> Page:
+    return Page(write_report(run).read_text())
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = make_run(tmp_path_factory.mktemp("runs") / "probe")
+    add_crosscheck(folder)
+    return folder
+
+
+def test_a_whole_run_has_every_section_and_its_numbers(run: Path) -> None:
+    found = parsed(run)
+    assert found.open == []
+    assert found.sections == ["summary", "shape", "numbers", "frames", "cameras", "crosscheck", "stages"]
+    document = json.loads((run / "massprops.json").read_text())
+    for said in (
+        number(document["volume"]),
+        number(document["principal_moments"][2]),
+        number(document["inertia"][0][0], 6),
+    ):
+        assert said in found.words
+    assert between(document["interval_90"]["volume"]) in found.words
+    assert "stereo baseline" in found.words and "0.40 %" in found.words
+    assert document["warnings"][0] in found.words
+    assert "smoother" in found.words and "consistent" in found.words
+    assert "0.410 px" in found.words and "123 456" in found.words
+    assert UNREADABLE not in found.words
+    assert sum(tag == "figure" for tag, _ in found.tags) == 12
+
+
+def test_nothing_is_asked_from_outside(run: Path) -> None:
+    source = write_report(run).read_text()
+    found = Page(source)
+    assert found.addresses and all(a.startswith(("data:", "#")) for a in found.addresses)
+    assert not re.search(r"https?:|//cdn|@import|url\((?!#)", source)
+    policy = next(a["content"] for t, a in found.tags if t == "meta" and "content" in a and "default" in a["content"])
+    assert policy.startswith("default-src 'none'")
+
+
+def test_what_comes_from_outside_is_escaped(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", hostile=True)
+    add_crosscheck(run, name=HOSTILE)
+    source = write_report(run).read_text()
+    assert "<script>window.hit" not in source and "onerror='window" not in source
+    found = Page(source)
+    assert found.words.count("<script>window.hit=1</script>") >= 4  # warning, reason, input, estimator: as words
+    assert all("onerror" not in attributes for _, attributes in found.tags)
+
+
+def test_model_units_claim_ratios_only(tmp_path: Path) -> None:
+    words = parsed(make_run(tmp_path / "run", metric=False)).words
+    assert "No scale was given" in words and "only ratios are claimed" in words
+    assert "kg m²" not in words
+
+
+def test_a_stopped_run_gets_a_page_with_the_reason(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run")
+    reason = "the body does not turn: film it from more sides"
+    (run / "report.json").write_text(json.dumps({"exit_code": 3, "reason": reason, "stage": "sfm"}))
+    for name in ("massprops.json", "mesh.ply", "work/dense/dense.json", "work/surface/surface.json"):
+        (run / name).unlink()
+    found = parsed(run)
+    assert reason in found.words and "sfm" in found.words and "Done in part" in found.words
+    assert "numbers" not in found.sections and "frames" in found.sections and "cameras" in found.sections
+    assert UNREADABLE not in found.words
+    (run / "work" / "sfm" / "views.npz").write_bytes(b"cut short")
+    assert "cameras" not in parsed(run).sections
+
+
+def test_an_empty_folder_and_broken_files(tmp_path: Path) -> None:
+    assert "no results" in parsed(tmp_path).words
+    run = make_run(tmp_path / "run")
+    (run / "massprops.json").write_text("{")
+    (run / "run.yaml").write_text("a: [")
+    (run / "mesh.ply").write_bytes(b"ply\nno mesh")
+    (run / "masks" / "cam0" / "000003.png.png").write_bytes(b"")
+    (run / "work" / "capture" / "frames" / "cam0" / "000002.png").unlink()
+    found = parsed(run)
+    assert sum(tag == "figure" for tag, _ in found.tags) == 11
+
+
+def test_one_section_that_fails_leaves_the_others(run: Path, tmp_path: Path) -> None:
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    document = json.loads((copy / "massprops.json").read_text())
+    del document["inertia"]
+    (copy / "massprops.json").write_text(json.dumps(document))
+    found = parsed(copy)
+    assert found.words.count(UNREADABLE) == 1 and "frames" in found.sections and "shape" in found.sections
+
+
+def test_sections_are_found_by_name() -> None:
+    modules = all_sections()
+    assert [m.ORDER for m in modules] == sorted({m.ORDER for m in modules})
+    assert all(isinstance(m.TITLE, str) and callable(m.render) for m in modules)
+
+
+def test_many_large_frames_and_faces_stay_small(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", count=40)
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 255, (960, 1280, 3), dtype=np.uint8)
+    for file in (run / "work" / "capture" / "frames" / "cam0").iterdir():
+        cv2.imwrite(str(file), noise)
+    from massprops.run.stages.publish import mesh_ply
+
+    mesh = spacecraft().subdivide().subdivide().subdivide()
+    flags, colours = np.ones(len(mesh.faces), bool), np.zeros((len(mesh.faces), 4), np.uint8)
+    assert len(mesh.faces) > 100_000
+    (run / "mesh.ply").write_bytes(mesh_ply(np.asarray(mesh.vertices), np.asarray(mesh.faces), flags, colours))
+    assert write_report(run).stat().st_size < 6_000_000
+
+
+def test_lightened_mesh_keeps_shape_flags_and_distances() -> None:
+    mesh = spacecraft().subdivide().subdivide()
+    v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    light = lighten(Shape(v, f, mesh.triangles_center[:, 0] > 0, v[:, 2]), most=6000)
+    assert len(light.faces) <= 6000
+    middle = light.vertices[light.faces].mean(1)
+    assert (light.observed == (middle[:, 0] > 0)).mean() > 0.98
+    assert light.distance is not None and np.abs(light.distance - light.vertices[:, 2]).max() < 0.1
+    import trimesh
+
+    assert trimesh.Trimesh(light.vertices, light.faces).volume == pytest.approx(mesh.volume, rel=0.01)
+
+
+def test_measured_faces_come_from_the_mesh_file(run: Path) -> None:
+    shape = read_shape(run, 1.0)
+    assert shape is not None
+    assert np.array_equal(shape.observed, shape.vertices[shape.faces].mean(1)[:, 2] > -0.6)
+
+
+def test_viewer_data_unpacks_to_the_mesh() -> None:
+    mesh = spacecraft()
+    v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    observed = np.arange(len(f)) % 3 > 0
+    axes = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    source = viewer(
+        v, f, observed=observed, centre=np.array([0.1, 0.2, 0.3]), axes=axes, cameras=np.array([[0, 0, 9.0]])
+    )
+    data = json.loads(re.search(r'application/json">(.*)</script>', source).group(1))  # type: ignore[union-attr]
+    middle, size = 0.5 * (v.min(0) + v.max(0)), np.linalg.norm(v - 0.5 * (v.min(0) + v.max(0)), axis=1).max()
+
+    def unpack(name: str, kind: str) -> np.ndarray:
+        return np.frombuffer(base64.b64decode(data[name]), kind)
+
+    assert np.allclose(unpack("vertices", "<i2").reshape(-1, 3) / 32767 * size + middle, v, atol=1e-4)
+    assert np.array_equal(unpack("faces", "<u2").reshape(-1, 3), f)
+    assert np.array_equal(np.unpackbits(unpack("filled", "u1"), bitorder="little")[: len(f)] == 0, observed)
+    assert np.allclose(data["axes"], axes.T)
+    assert np.allclose(np.array(data["centre"]) * size + middle, [0.1, 0.2, 0.3], atol=1e-4)
+    assert data["reach"] > np.linalg.norm(data["cameras"][0])
+
+
+def test_coverage_of_caps() -> None:
+    cap = (1 - np.cos(np.radians(35))) / 2
+    assert coverage(np.array([[0, 0, 1.0]])) == pytest.approx(cap, abs=2e-3)
+    assert coverage(np.array([[0, 0, 1.0], [0, 0, -1.0], [0, 0, 1.0]])) == pytest.approx(2 * cap, abs=2e-3)
+    assert coverage(np.concatenate([np.eye(3), -np.eye(3)]), within_deg=60) == 1.0
+
+
+def test_map_has_equal_areas_and_comes_back() -> None:
+    from massprops.report.sections.cameras import _from_mollweide
+
+    rng = np.random.default_rng(1)
+    unit = rng.normal(size=(4000, 3))
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    place = mollweide(unit)
+    assert np.allclose(_from_mollweide(place[:, 0], place[:, 1]), unit, atol=1e-6)
+    assert ((place[:, 0] / 2) ** 2 + place[:, 1] ** 2).max() <= 1 + 1e-9
+    inner = ((place[:, 0] / 2) ** 2 + place[:, 1] ** 2 < 0.5).mean()
+    assert inner == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "said"),
+    [
+        (3.92719, 4, "3.927"), (-0.018522, 3, "−0.0185"), (0, 5, "0"), (123456.7, 4, "123457"), (2.5e-9, 3, "2.50×10⁻⁹"),
+        (-7.1e12, 2, "−7.1×10¹²"), (float("nan"), 3, "–"), (None, 3, "–"), (1000.4, 4, "1000"), (0.00012345, 3, "0.000123"),
+    ],
+)  # fmt: skip
+def test_numbers_for_people(value: float, digits: int, said: str) -> None:
+    assert number(value, digits) == said
+
+
+def test_interval_bar_says_its_ends() -> None:
+    assert "-3.0 / +2.0 %" in bar(2.0, [1.94, 2.04])
+    assert "-3.0 / +2.0 %" in bar(-2.0, [-2.04, -1.94]).replace("+2.0 / -3.0", "-3.0 / +2.0")
+    assert bar(2.0, None) == "" and text("<") == "&lt;"
+
+
+def test_page_is_pure_text_of_its_data(run: Path) -> None:
+    from massprops.report.data import read_run
+
+    assert page(read_run(run)) == page(read_run(run))
