@@ -71,11 +71,15 @@ document.querySelectorAll(".viewer").forEach((host) => {
   const frameSet = upload(frame), pathSet = upload(path), dotSet = upload(dots);
 
   // ---- view
+  const multiply = (A, B) => A.map((r) => [0, 1, 2].map((j) => r[0] * B[0][j] + r[1] * B[1][j] + r[2] * B[2][j]));
+  // the start looks from 30 degrees to the right and 25 above, z up: of the principal frame where it is known, since the axes of
+  // a reconstruction lie anyhow
+  const [ca, sa, ce, se] = [Math.cos(Math.PI / 6), Math.sin(Math.PI / 6), Math.cos(0.436), Math.sin(0.436)];
+  const right = [ca, sa, 0], toward = [sa * ce, -ca * ce, se], above = [right, cross(toward, right), toward];
   const VIEWS = {
-    reset: [[0.80, 0.0, -0.60], [-0.21, 0.94, -0.28], [0.56, 0.35, 0.75]],
+    reset: data.axes.length === 3 ? multiply(above, data.axes) : above,
     front: [[1, 0, 0], [0, 0, 1], [0, -1, 0]], side: [[0, 1, 0], [0, 0, 1], [1, 0, 0]], top: [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
   };
-  const multiply = (A, B) => A.map((r) => [0, 1, 2].map((j) => r[0] * B[0][j] + r[1] * B[1][j] + r[2] * B[2][j]));
   let R = VIEWS.reset, zoom = 1;
   const show = { filled: true, axes: true, cameras: false };
   const labels = data.axes.map((_, i) => { const e = document.createElement("span"); e.className = "label"; e.textContent = "I" + (i + 1); e.style.color = `rgb(${AXES[i].map((x) => Math.round(220 * x))})`; host.querySelector(".stage").appendChild(e); return e; });

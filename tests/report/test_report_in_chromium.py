@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
@@ -64,12 +66,29 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(run)
 
 
+def asked_by_page(net: dict) -> set[str]:
+    """Addresses that were asked for, less those of the browser's own housekeeping."""
+    found = {e["params"]["url"] for e in net["events"] if isinstance(e.get("params"), dict) and "url" in e["params"]}
+    hosts = {u: urlsplit(u).hostname or "" for u in found if not u.startswith(("file:", "data:", "chrome", "devtools"))}
+    return {u for u, host in hosts.items() if not host.endswith((".google.com", ".googleapis.com", ".gstatic.com"))}
+
+
+def test_without_its_policy_too_nothing_is_fetched(page: Path, tmp_path: Path) -> None:
+    """The policy in the page forbids requests; without it there must be none to forbid. And one would be noticed."""
+    copy = tmp_path / "open.html"
+    copy.write_text(re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page.read_text()))
+    assert "Content-Security" not in copy.read_text()
+    assert asked_by_page(browse(copy, tmp_path, f"--screenshot={tmp_path / 'a.png'}")[2]) == set()
+    control = tmp_path / "control.html"
+    control.write_text('<img src="http://nowhere.invalid/x.png">')
+    assert asked_by_page(browse(control, tmp_path, f"--screenshot={tmp_path / 'b.png'}")[2])
+
+
 def test_page_draws_the_mesh_without_errors_or_requests(page: Path, tmp_path: Path) -> None:
     shot = tmp_path / "shot.png"
     _, console, net = browse(page, tmp_path, f"--screenshot={shot}")
     assert console == ""
-    asked = {e["params"]["url"] for e in net["events"] if isinstance(e.get("params"), dict) and "url" in e["params"]}
-    assert not {u for u in asked if u.startswith(("http:", "https:", "ws:")) and "probe" in u}
+    assert asked_by_page(net) == set()
     image = cv2.imread(str(shot)).astype(int)
     blue, green, red = image[..., 0], image[..., 1], image[..., 2]
     filled = (red > 120) & (red > 2.2 * green) & (red > 2.2 * blue)

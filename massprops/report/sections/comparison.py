@@ -61,7 +61,7 @@ def _quantities(rows: Sequence[dict[str, Any]]) -> str:
                 str(r.get("error_text", "")).replace("-", "−"),
                 str(r.get("unit", "")).replace("^2", "²").replace("^3", "³").replace("1", "").replace("deg", ""),
                 between(r["interval_90"]) if r.get("interval_90") else "",
-                Safe(marks.get(r.get("holds"), "")),  # type: ignore[call-overload]
+                Safe("" if r.get("holds") is None else marks[bool(r["holds"])]),
             )
             for r in rows
         ],

@@ -46,13 +46,17 @@ def render(data: RunData) -> str:
             )
         )
     head = ("method", "k1 (± 1σ)", "k2 (± 1σ)", "axes turned by", "converged", "observable")
-    parts.append(f'<div class="two"><div>{_plane(mesh, estimators)}</div><div>{table(rows, head)}</div></div>')
+    parts.append(f'<div class="narrow">{_plane(mesh, estimators)}</div>{table(rows, head)}')
     return "".join(parts)
 
 
 def _value(entry: dict[str, Any], key: str) -> str:
     sigma = entry.get(f"sigma_{key}")
     return number(entry.get(key), 4) + (f" ± {number(sigma, 2)}" if sigma is not None else "")
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if isinstance(value, int | float) and np.isfinite(value) else None
 
 
 def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
@@ -62,10 +66,9 @@ def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
     named = [("mesh", mesh), *((str(e.get("name", "")), e) for e in sound)]
     marks = []
     for name, entry in named:
-        values = [entry.get(key) for key in ("k1", "k2", "sigma_k1", "sigma_k2")]
-        if values[0] is not None and values[1] is not None and np.isfinite(values[:2]).all():
-            spread = [float(v) if v is not None and np.isfinite(v) else 0.0 for v in values[2:]]
-            marks.append((name, float(values[0]), float(values[1]), NINETY * spread[0], NINETY * spread[1]))
+        k1, k2, a, b = (_finite(entry.get(key)) for key in ("k1", "k2", "sigma_k1", "sigma_k2"))
+        if k1 is not None and k2 is not None:
+            marks.append((name, k1, k2, NINETY * (a or 0.0), NINETY * (b or 0.0)))
     if not marks:
         return ""
     place = np.array([m[1:3] for m in marks])
