@@ -217,7 +217,7 @@ def refuse_useless(judged: Judged, name: str) -> None:
         )
 
 
-BLURRED = 0.75
+BLURRED = 1.12
 """Gradient over the gradient of the image blurred by six pixels: 1 when nothing finer than that is in it."""
 
 

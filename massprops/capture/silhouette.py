@@ -46,7 +46,12 @@ def against_sky(grey: np.ndarray, level: float, sigma: float) -> np.ndarray:
     # a 3x3 Gaussian leaves 3/8 of white noise
     low, high = level + max(5.0 * 0.375 * sigma, 2.0), level + max(12.0 * 0.375 * sigma, 6.0)
     weak = (smooth > low).astype(np.uint8)
-    return _solid(weak, smooth > high)
+    mask = _solid(weak, smooth > high)
+    # a bright edge spills over its neighbours; a pixel far below the brightest beside it is sky, lit by the lens
+    bright = cv2.dilate(smooth, np.ones((5, 5), np.uint8)) - level
+    rim = cv2.erode(mask, np.ones((5, 5), np.uint8)) == 0
+    mask[rim & (smooth - level < 0.4 * bright) & (bright > 12.0 * sigma)] = 0
+    return mask
 
 
 def against_background(image: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
@@ -98,7 +103,7 @@ def against_plain(image: np.ndarray) -> np.ndarray:
     shade = 1.0 - lab[..., 0] / np.maximum(trend[..., 0], 1.0)
     score = np.maximum(chroma / (6.0 * noise[1:].max() + 9.0), shade / 0.38)
     score = cv2.GaussianBlur(score, (5, 5), 0)
-    return _largest(_solid((score > 1.0).astype(np.uint8), score > 1.6))
+    return _largest(_solid((score > 1.0).astype(np.uint8), score > 1.25))
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:

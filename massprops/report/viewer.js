@@ -104,7 +104,7 @@ document.querySelectorAll(".viewer").forEach((host) => {
       e.style.left = `${(0.5 + 0.5 * rows[0].reduce((t, x, c) => t + x * p[c], 0)) * w}px`;
       e.style.top = `${(0.5 - 0.5 * rows[1].reduce((t, x, c) => t + x * p[c], 0)) * h}px`;
     });
-    host.dataset.drawn = "yes";
+    host.dataset.drawn = Number(host.dataset.drawn || 0) + 1;
   }
 
   // ---- hands

@@ -88,6 +88,7 @@ def run_stages(
             outcome.stages[name] = entry
             if code and not outcome.exit_code:
                 outcome.exit_code, outcome.reason = code, reason
+            if outcome.exit_code:
                 entry.pop("key", None)
             if outcome.exit_code and name not in ALWAYS:
                 write_json(

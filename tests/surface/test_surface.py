@@ -21,9 +21,7 @@ POINTS = 6000
 SIZE, FOCAL = (180, 135), 345.0
 
 
-def build(
-    mesh: trimesh.Trimesh, above: float = -2.0, seed: int = 1, noise: float = 0.001
-) -> tuple[Surface, int]:
+def build(mesh: trimesh.Trimesh, above: float = -2.0, seed: int = 1, noise: float = 0.001) -> tuple[Surface, int]:
     """Surface of a body seen from every direction whose height is over `above`."""
     directions = sphere_directions(36)
     views = cameras(directions[directions[:, 2] > above], 3.0, FOCAL, SIZE)

@@ -1,0 +1,146 @@
+"""Silhouettes, doubt, the object of a still scene, and masks that users bring."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from massprops.capture.doubt import UNKNOWN, predicted_silhouette, with_doubt
+from massprops.capture.given import check_masks, find_mask, load_mask
+from massprops.capture.grabcut import cut_out
+from massprops.capture.motion import judge
+from massprops.capture.silhouette import against_background, against_plain, against_sky, main_object, sky_level
+from massprops.capture.still_object import looked_at, split_scene
+from massprops.errors import InputError, NotPossible
+
+
+def disc(shape: tuple[int, int], x: float, y: float, r: float) -> np.ndarray:
+    v, u = np.mgrid[0 : shape[0], 0 : shape[1]]
+    return (u - x) ** 2 + (v - y) ** 2 < r**2
+
+
+def iou(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def noisy(grey: np.ndarray, sigma: float, seed: int = 0) -> np.ndarray:
+    return np.clip(grey + sigma * np.random.default_rng(seed).standard_normal(grey.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 4.0])
+def test_sky_threshold_follows_the_noise(sigma: float) -> None:
+    body = disc((120, 160), 80, 60, 30)
+    frame = noisy(np.where(body, 90.0, 6.0), sigma)
+    frame[10, 10] = frame[100, 140] = 250  # stars
+    level, noise = sky_level(frame[None])
+    mask = against_sky(frame, level, noise) == 255
+    assert iou(mask, body) > 0.93
+    assert not mask[:20, :20].any()
+
+
+def test_still_background_is_subtracted() -> None:
+    rng = np.random.default_rng(1)
+    back = cv2.resize(rng.integers(40, 200, (30, 40, 3), dtype=np.uint8), (160, 120), interpolation=cv2.INTER_CUBIC)
+    frames, bodies = [], []
+    for k in range(9):
+        body = disc((120, 160), 40 + 10 * k, 60, 16)
+        image = back.copy()
+        image[body] = [250, 30, 60]
+        frames.append(noisy(image.astype(float), 1.5, k))
+        bodies.append(body)
+    stack = np.stack(frames)
+    middle = np.median(stack, axis=0).astype(np.uint8)
+    spread = np.median(np.abs(stack.astype(int) - middle), axis=0).astype(np.uint8)
+    assert iou(against_background(frames[0], middle, spread) == 255, bodies[0]) > 0.8
+
+
+def test_shadow_and_small_things_are_not_the_object_before_a_plain_backdrop() -> None:
+    image = np.full((240, 320, 3), 235, np.uint8)
+    image[disc((240, 320), 190, 140, 60)] = 175  # soft shadow, colourless
+    body = disc((240, 320), 150, 120, 55)
+    image[body] = [60, 90, 110]
+    image[205:215, 20:120] = [40, 40, 200]  # a scale bar
+    mask = against_plain(noisy(image.astype(float), 2)) == 255
+    assert iou(mask, body) > 0.85
+
+
+def test_two_bodies_are_said() -> None:
+    two = np.where(disc((120, 160), 40, 60, 15) | disc((120, 160), 120, 60, 14), 255, 0).astype(np.uint8)
+    one = np.where(disc((120, 160), 40, 60, 15), 255, 0).astype(np.uint8)
+    main_object([one] * 10 + [two] * 3, "v")
+    with pytest.raises(InputError, match="several objects"):
+        main_object([two] * 10 + [one] * 2, "v")
+
+
+def test_kinds_of_footage() -> None:
+    rng = np.random.default_rng(0)
+    texture = rng.integers(30, 220, (60, 400), dtype=np.uint8)
+    black = np.stack([np.where(disc((60, 80), 30 + k, 30, 12), 150, 3).astype(np.uint8) for k in range(10)])
+    still = np.stack(
+        [np.where(disc((60, 80), 30 + k, 30, 12), 250, texture[:, :80]).astype(np.uint8) for k in range(10)]
+    )
+    moving = np.stack([texture[:, 9 * k : 9 * k + 80] for k in range(10)])
+    white = np.stack([np.where(disc((60, 80), 30 + k, 30, 12), 90, 240).astype(np.uint8) for k in range(10)])
+    assert [judge(f, True).motion for f in (black, still, moving)] == ["tumbling", "tumbling", "static"]
+    assert [judge(f, True).background for f in (black, still, moving)] == ["black", "still", "moving"]
+    assert judge(white, False).plain and judge(white, False).motion == "static"
+
+
+def test_an_unlit_side_is_doubt_not_emptiness() -> None:
+    lit = np.where(disc((120, 160), 70, 60, 30) & (np.arange(160) < 75), 255, 0).astype(np.uint8)
+    rng = np.random.default_rng(0)
+    uv = rng.uniform([40, 30], [100, 90], (900, 2))
+    uv = uv[np.hypot(uv[:, 0] - 70, uv[:, 1] - 60) < 30]
+    mask = with_doubt(lit, predicted_silhouette(uv, (120, 160)))
+    assert mask[60, 85] == UNKNOWN and mask[60, 60] == 255 and mask[10, 10] == 0
+    assert (mask[disc((120, 160), 70, 60, 27)] > 0).all(), "no pixel of the body may carve"
+
+
+def test_the_object_is_what_rises_where_the_cameras_look() -> None:
+    rng = np.random.default_rng(2)
+    table = np.column_stack([rng.uniform(-2, 2, (1500, 2)), 0.002 * rng.standard_normal(1500)])
+    box = rng.uniform(-0.2, 0.2, (600, 3)) + [0, 0, 0.22]
+    other = rng.uniform(-0.08, 0.08, (100, 3)) + [1.0, 0.4, 0.1]
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    centres = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), np.full(24, 1.5)])
+    axes = np.array([0, 0, 0.2]) - centres
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    assert np.allclose(looked_at(centres, axes), [0, 0, 0.2], atol=1e-6)
+    points = np.concatenate([table, box, other])
+    found = split_scene(points, centres, axes)
+    high = points[:, 2] > 0.03
+    assert found.object[1500:2100][high[1500:2100]].mean() > 0.95
+    assert not found.object[:1500].any() and not found.object[2100:].any()
+    assert found.plane is not None and found.plane[2] > 0.999
+    with pytest.raises(NotPossible):
+        split_scene(table, centres, axes)
+
+
+def test_grabcut_drops_what_has_no_sure_point() -> None:
+    rng = np.random.default_rng(3)
+    image = rng.integers(90, 130, (120, 160, 3), dtype=np.uint8)
+    body = disc((120, 160), 80, 60, 28)
+    image[body] = rng.integers(180, 255, (body.sum(), 3))
+    rough = disc((120, 160), 82, 62, 24)
+    away = ~disc((120, 160), 80, 60, 45)
+    mask = cut_out(image, rough, disc((120, 160), 80, 60, 10), away)
+    assert iou(mask == 255, body) > 0.9
+
+
+def test_given_masks_are_checked(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no mask for 2 of 2"):
+        check_masks(tmp_path, 0, ["a.jpg", "b.jpg"])
+    cv2.imwrite(str(tmp_path / "a.jpg.png"), np.full((120, 160), 255, np.uint8))
+    (tmp_path / "cam0").mkdir()
+    cv2.imwrite(str(tmp_path / "cam0" / "b.jpg.png"), np.zeros((120, 160), np.uint8))
+    check_masks(tmp_path, 0, ["a.jpg", "b.jpg"])
+    a, b = find_mask(tmp_path, 0, "a.jpg"), find_mask(tmp_path, 0, "b.jpg")
+    assert a is not None and b is not None
+    assert load_mask(a, (160, 120), (80, 60)).shape == (60, 80)
+    with pytest.raises(InputError, match="must agree"):
+        load_mask(a, (200, 120), (100, 60))
+    with pytest.raises(InputError, match="none of the object"):
+        load_mask(b, (160, 120), (160, 120))

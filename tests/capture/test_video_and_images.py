@@ -1,0 +1,185 @@
+"""Footage in: clocks, rotation, EXIF, and what bad footage gets."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from massprops.capture.footage import choose_frames, judge_frames, open_sources, refuse_useless
+from massprops.capture.images import inspect, list_images
+from massprops.capture.keyframes import choose, sharpness
+from massprops.capture.video import read_video
+from massprops.errors import InputError, NotPossible
+
+
+def scene(angle: float, size: tuple[int, int] = (160, 120), seed: int = 0) -> np.ndarray:
+    """A textured square that turns before a black sky."""
+    rng = np.random.default_rng(seed)
+    patch = cv2.resize(rng.integers(40, 255, (24, 24, 3), dtype=np.uint8), (70, 70), interpolation=cv2.INTER_NEAREST)
+    out = np.zeros((size[1], size[0], 3), np.uint8)
+    out[25:95, 45:115] = patch
+    turn = cv2.getRotationMatrix2D((80, 60), angle, 1.0)
+    return cv2.warpAffine(out, turn, size)
+
+
+def write_video(path: Path, images: list[np.ndarray], stamps: list[int] | None = None) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = images[0].shape[1], images[0].shape[0], "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        stream.options = {"crf": "10"}
+        for i, image in enumerate(images):
+            frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+            frame.pts, frame.time_base = (stamps[i] if stamps else 40 * i), Fraction(1, 1000)
+            for packet in stream.encode(frame):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return path
+
+
+def turn_header(path: Path) -> None:
+    """Sets the display matrix of an MP4 to a quarter turn clockwise, as a phone held upright does."""
+    data = bytearray(path.read_bytes())
+    at = data.find(b"tkhd")
+    place = at + 4 + 4 + 4 * 5 + 8 + 8
+    matrix = np.array([0, 1 << 16, 0, -(1 << 16), 0, 0, 0, 0, 1 << 30], dtype=">i4")
+    data[place : place + 36] = matrix.tobytes()
+    path.write_bytes(bytes(data))
+
+
+def test_true_timestamps_of_a_variable_rate(tmp_path: Path) -> None:
+    stamps = [0, 40, 95, 300, 310, 1000]
+    video = write_video(tmp_path / "v.mp4", [scene(5 * i) for i in range(6)], stamps)
+    found = [f.timestamp_ns for f in read_video(video)]
+    assert np.allclose(np.diff(found), np.diff(stamps) * 1e6, atol=1e5)
+
+
+def test_rotation_flag_is_honoured(tmp_path: Path) -> None:
+    image = np.zeros((120, 160, 3), np.uint8)
+    image[:40, :40] = 255  # top left as stored
+    video = write_video(tmp_path / "v.mp4", [image] * 3)
+    turn_header(video)
+    shown = next(iter(read_video(video))).image
+    assert shown.shape[:2] == (160, 120)
+    assert shown[:35, 85:].mean() > 200 > 50 > shown[125:, :].mean(), "a clockwise turn brings top left to top right"
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "empty"), (b"just some text\n" * 50, "not a video"), (None, "no such file")],
+)
+def test_files_that_are_no_video(tmp_path: Path, content: bytes | None, says: str) -> None:
+    path = tmp_path / "v.mp4"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=says):
+        list(read_video(path))
+
+
+def test_truncated_video(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "v.mp4", [scene(5 * i) for i in range(30)])
+    path.write_bytes(path.read_bytes()[:900])
+    with pytest.raises(InputError, match=r"v\.mp4"):
+        list(read_video(path))
+
+
+def folder_of(tmp_path: Path, images: list[np.ndarray], suffix: str = ".png") -> Path:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for i, image in enumerate(images):
+        cv2.imwrite(str(folder / f"im{i}{suffix}"), image)
+    return folder
+
+
+def test_exif_focal_and_orientation(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    exif.get_ifd(0x8769)[0xA405] = 28
+    Image.fromarray(np.zeros((120, 160, 3), np.uint8)).save(path, exif=exif)
+    photo = inspect(path)
+    assert photo.size == (120, 160)
+    assert photo.focal_px == pytest.approx(28 / 36 * 160)
+
+
+def test_natural_order_and_mixed_formats(tmp_path: Path) -> None:
+    for name in ("im10.png", "im2.jpg", "im1.PNG", "notes.txt"):
+        cv2.imwrite(str(tmp_path / name), scene(0)) if not name.endswith("txt") else (tmp_path / name).write_text("x")
+    assert [p.name for p in list_images(tmp_path)] == ["im1.PNG", "im2.jpg", "im10.png"]
+
+
+def test_photograph_folders_that_cannot_be_used(tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(InputError, match="no images"):
+        open_sources(empty)
+    folder = folder_of(tmp_path, [scene(0), scene(5)])
+    with pytest.raises(InputError, match="2 images are too few"):
+        open_sources(folder)
+    cv2.imwrite(str(folder / "im2.png"), scene(0)[:100])
+    with pytest.raises(InputError, match="different sizes"):
+        open_sources(folder)
+    (folder / "im2.png").write_text("broken")
+    with pytest.raises(InputError, match="not an image"):
+        open_sources(folder)
+
+
+@pytest.mark.parametrize(
+    ("images", "says"),
+    [
+        ([np.zeros((120, 160, 3), np.uint8)] * 5, "black"),
+        ([np.full((120, 160, 3), 255, np.uint8)] * 5, "white"),
+        ([scene(10)] * 5, "same picture"),
+        ([cv2.GaussianBlur(scene(9 * i), (0, 0), 12) for i in range(6)], "blurred"),
+    ],
+)
+def test_useless_footage_is_named(tmp_path: Path, images: list[np.ndarray], says: str) -> None:
+    source = open_sources(folder_of(tmp_path, images))[0]
+    with pytest.raises(InputError, match=says):
+        refuse_useless(judge_frames(source, lambda *_: None), "photos")
+
+
+def test_good_footage_is_not_refused(tmp_path: Path) -> None:
+    source = open_sources(folder_of(tmp_path, [scene(6 * i) for i in range(8)]))[0]
+    judged = judge_frames(source, lambda *_: None)
+    refuse_useless(judged, "photos")
+    assert len(choose_frames(source, judged, 100).index) == 8
+
+
+def test_video_frames_follow_the_motion_not_the_clock(tmp_path: Path) -> None:
+    slow = [scene(0.2 * i) for i in range(30)]
+    fast = [scene(6 + 4 * i) for i in range(15)]
+    source = open_sources(write_video(tmp_path / "v.mp4", slow + fast))[0]
+    chosen = choose_frames(source, judge_frames(source, lambda *_: None), 12)
+    assert len(chosen.index) <= 12
+    assert np.mean(chosen.index >= 30) > 0.6, "most of the turn happens in the last third"
+
+
+def test_choice_prefers_sharp_frames() -> None:
+    rng = np.random.default_rng(0)
+    motion, sharp = np.full(200, 0.01), rng.uniform(0.8, 1.2, 200)
+    sharp[50:53] = 0.1
+    picked = choose(motion, sharp, 25)
+    assert len(picked) <= 25 and not set(picked) & {50, 51, 52}
+    assert np.all(np.diff(picked) > 0)
+
+
+def test_a_still_video_gives_nothing_to_choose(tmp_path: Path) -> None:
+    source = open_sources(write_video(tmp_path / "v.mp4", [scene(0)] * 8))[0]
+    judged = judge_frames(source, lambda *_: None)
+    with pytest.raises((NotPossible, InputError)):
+        refuse_useless(judged, "v")
+        choose_frames(source, judged, 6)
+
+
+def test_sharpness_orders_blur() -> None:
+    grey = cv2.cvtColor(scene(20), cv2.COLOR_BGR2GRAY)
+    values = [sharpness(cv2.GaussianBlur(grey, (0, 0), s)) for s in (0.5, 2, 5)]
+    assert values[0] > values[1] > values[2]

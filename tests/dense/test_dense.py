@@ -1,0 +1,144 @@
+"""PatchMatch and fusion on a textured sphere that numpy renders exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprops.dense.reconstruct import crop, dense_points, grey_noise
+from massprops.dense.select import select_views
+from massprops.errors import NotPossible
+from massprops.views import Views
+
+SIZE, FOCAL, DISTANCE = 128, 300.0, 5.0
+
+
+def texture(p: np.ndarray) -> np.ndarray:
+    """Smooth pseudo-random grey of a surface point (n, 3)."""
+    rng = np.random.default_rng(7)
+    out = np.full(len(p), 120.0)
+    for scale in (4.0, 9.0, 18.0, 30.0):
+        for _ in range(5):
+            d = rng.standard_normal(3)
+            out += 60 / scale**0.5 * np.sin(scale * p @ d / np.linalg.norm(d) + rng.uniform(0, 6))
+    return out
+
+
+def sphere_views(n: int = 9, step: float = 7.0, noise: float = 1.0, flat: bool = False):  # type: ignore[no-untyped-def]
+    """Views of a unit sphere from a ring, with images, masks and sparse points on the surface."""
+    rng = np.random.default_rng(0)
+    K = np.array([[FOCAL, 0, SIZE / 2 - 0.5], [0, FOCAL, SIZE / 2 - 0.5], [0, 0, 1.0]])
+    Rs, ts, images = [], [], []
+    for a in np.radians(step * (np.arange(n) - n // 2)):
+        centre = DISTANCE * np.array([np.sin(a), 0.15 * np.sin(3 * a), -np.cos(a)])
+        z = -centre / np.linalg.norm(centre)
+        x = np.cross([0, 1.0, 0], z)
+        x /= np.linalg.norm(x)
+        R = np.stack([x, np.cross(z, x), z])
+        v, u = np.mgrid[0:SIZE, 0:SIZE]
+        ray = np.stack([(u - K[0, 2]) / FOCAL, (v - K[1, 2]) / FOCAL, np.ones_like(u, float)], -1) @ R
+        b, c = ray @ centre, centre @ centre - 1
+        q = np.einsum("hwi,hwi->hw", ray, ray)
+        disc = b * b - q * c
+        hit = disc > 0
+        depth = (-b - np.sqrt(np.maximum(disc, 0))) / q
+        point = centre + ray * depth[..., None]
+        grey = np.zeros((SIZE, SIZE))
+        grey[hit] = 120.0 if flat else texture(point[hit])
+        grey = np.clip(grey + noise * rng.standard_normal(grey.shape), 0, 255).astype(np.uint8)
+        images.append((np.repeat(grey[..., None], 3, axis=2), np.where(hit, 255, 0).astype(np.uint8)))
+        Rs.append(R)
+        ts.append(-R @ centre)
+    views = Views(
+        tuple(f"cam0/{i}.png" for i in range(n)), np.full(n, -1), np.full((n, 2), SIZE), np.tile(K, (n, 1, 1)),
+        np.zeros((n, 4)), np.stack(Rs), np.stack(ts),
+    )  # fmt: skip
+    xyz = rng.standard_normal((400, 3))
+    xyz /= np.linalg.norm(xyz, axis=1, keepdims=True)
+    view, point = np.nonzero(np.einsum("nj,mj->nm", views.centres, xyz) > 1.5)
+    return views, images, xyz, view, point
+
+
+@pytest.fixture(scope="module")
+def solved():  # type: ignore[no-untyped-def]
+    views, images, xyz, view, point = sphere_views()
+    points, facts = dense_points(views, lambda i: images[i], xyz, view, point, seed=3, threads=2)
+    return views, points, facts
+
+
+def test_points_lie_on_the_sphere_without_bias(solved) -> None:  # type: ignore[no-untyped-def]
+    _, points, _ = solved
+    radius = np.linalg.norm(points.xyz, axis=1)
+    assert len(points.xyz) > 2000
+    assert np.median(np.abs(radius - 1)) < 0.004
+    # a plane fitted to a window of 0.05 of the radius lies inside by its mean sagitta, about 0.001
+    assert abs(np.median(radius - 1)) < 0.003
+    assert np.mean(np.abs(radius - 1) < 0.02) > 0.97
+
+
+def test_normals_point_out_and_noise_is_stated_fairly(solved) -> None:  # type: ignore[no-untyped-def]
+    _, points, _ = solved
+    direction = points.xyz / np.linalg.norm(points.xyz, axis=1, keepdims=True)
+    angle = np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", direction, points.normal), -1, 1)))
+    assert np.median(angle) < 12
+    z = (np.linalg.norm(points.xyz, axis=1) - 1) / points.sigma
+    assert 0.3 < np.median(np.abs(z)) / 0.6745 < 2.0
+
+
+def test_visibility_lists_are_whole(solved) -> None:  # type: ignore[no-untyped-def]
+    views, points, _ = solved
+    count = np.diff(points.view_start)
+    assert points.view_start[0] == 0 and points.view_start[-1] == len(points.view_index)
+    assert count.min() >= 3 and points.view_index.max() < len(views)
+    i = int(np.argmax(count))
+    seen = points.view_index[points.view_start[i] : points.view_start[i + 1]]
+    assert len(set(seen.tolist())) == len(seen)
+    assert np.all((views.centres[seen] - points.xyz[i]) @ points.normal[i] > 0)
+
+
+def test_one_thread_and_two_give_the_same() -> None:
+    views, images, xyz, view, point = sphere_views(5)
+    one, two = (dense_points(views, lambda i: images[i], xyz, view, point, seed=3, threads=k)[0] for k in (1, 2))
+    assert np.array_equal(one.xyz, two.xyz) and np.array_equal(one.sigma, two.sigma)
+
+
+def test_a_surface_without_texture_is_not_invented() -> None:
+    views, images, xyz, view, point = sphere_views(5, flat=True)
+    with pytest.raises(NotPossible, match="surface points agree"):
+        dense_points(views, lambda i: images[i], xyz, view, point)
+
+
+def test_sources_lie_at_useful_angles() -> None:
+    views, _, xyz, view, point = sphere_views(30, step=3.0)
+    choice = select_views(views, xyz, view, point, most=12)
+    assert len(choice.reference) == 12
+    for i, sources in zip(choice.reference, choice.sources, strict=True):
+        cosine = views.R[sources][:, 2] @ views.R[i][2]
+        angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        assert i not in sources and np.all((angle > 1) & (angle < 30))
+    assert np.all(choice.depths[:, 0] < 4.0) and np.all(choice.depths[:, 1] > 4.2)
+
+
+def test_views_without_partners_are_said() -> None:
+    views, images, xyz, view, point = sphere_views(3, step=60.0)
+    with pytest.raises(NotPossible, match="too few views"):
+        dense_points(views, lambda i: images[i], xyz, view, point)
+
+
+def test_crop_keeps_the_rays() -> None:
+    colour, mask = np.zeros((100, 120, 3), np.uint8), np.zeros((100, 120), np.uint8)
+    mask[30:70, 40:90] = 255
+    K = np.array([[200.0, 0, 60], [0, 200, 50], [0, 0, 1]])
+    cut = crop(colour, mask, K, 0.5)
+    v, u = np.nonzero(cut.mask)
+    ray = ((u.mean() - cut.K[0, 2]) / cut.K[0, 0], (v.mean() - cut.K[1, 2]) / cut.K[1, 1])
+    assert ray == pytest.approx(((64.5 - 60) / 200, (49.5 - 50) / 200), abs=0.006)
+
+
+def test_noise_is_measured_through_texture() -> None:
+    rng = np.random.default_rng(0)
+    smooth = 100 + 40 * np.sin(np.mgrid[0:80, 0:80][0] / 9.0)
+    measured = grey_noise(
+        (smooth + 3.0 * rng.standard_normal((80, 80))).astype(np.float32), np.ones((80, 80), np.uint8)
+    )
+    assert measured == pytest.approx(3.0, rel=0.25)

@@ -1,0 +1,200 @@
+"""The runner on small stages of its own: order, resume, kill -9, crashes, full disks, locks."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from massprops.errors import InputError
+from massprops.run.files import hash_input, locked, write_whole
+from massprops.run.job import ReconstructOptions
+from massprops.run.runner import run_stages
+
+STAGES = {
+    "first": """
+        READS, OPTIONS = (), ("frames",)
+        def run(job):
+            job.progress(1, 2, "half")
+            (job.out / "n").write_text(str(job.options.frames))
+            count(job, "first")
+            return {"n": job.options.frames, "seed": job.seed}
+    """,
+    "second": """
+        READS, OPTIONS = ("first",), ("density",)
+        def run(job):
+            count(job, "second")
+            if (job.run / "die").exists():
+                os.kill(os.getpid(), signal.SIGSEGV)
+            if (job.run / "wait").exists():
+                (job.out / "partial").write_text("x")
+                (job.run / "waiting").write_text("x")
+                time.sleep(600)
+            if (job.run / "refuse").exists():
+                raise NotPossible("nothing to be seen")
+            if (job.run / "wrong").exists():
+                raise InputError("the input is wrong")
+            if (job.run / "full").exists():
+                raise OSError(28, "No space left on device", str(job.out))
+            if (job.run / "bug").exists():
+                raise KeyError("oops")
+            job.warn("careful")
+            value = float((job.work("first") / "n").read_text()) * job.options.density
+            (job.out / "value").write_text(repr(value))
+            return {"value": value}
+    """,
+    "report": """
+        READS, OPTIONS = ("second",), ()
+        def run(job):
+            (job.run / "page").write_text(str((job.run / "work" / "stopped.json").exists()))
+            return {}
+    """,
+}
+HEAD = """
+import os, signal, time
+from massprops.errors import InputError, NotPossible
+def count(job, name):
+    with (job.run / "calls").open("a") as f:
+        f.write(name + " ")
+"""
+ORDER = ("first", "second", "report")
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    name = f"stages_{abs(hash(str(tmp_path))) % 10**8}"
+    folder = tmp_path / name
+    folder.mkdir()
+    (folder / "__init__.py").write_text("")
+    for stage, body in STAGES.items():
+        (folder / f"{stage}.py").write_text(HEAD + textwrap.dedent(body))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return name
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    (folder / "work").mkdir(parents=True)
+    return folder
+
+
+def go(run: Path, package: str, **options):  # type: ignore[no-untyped-def]
+    return run_stages(run, ReconstructOptions(**options), {"a": "1"}, order=ORDER, package=package)
+
+
+def calls(run: Path) -> list[str]:
+    return (run / "calls").read_text().split()
+
+
+def test_finished_stages_are_not_run_again_and_options_reach_their_dependents_only(run: Path, package: str) -> None:
+    first = go(run, package)
+    assert first.exit_code == 0 and first.warnings == ["careful"]
+    manifest = yaml.safe_load((run / "run.yaml").read_text())
+    assert manifest["stages"]["second"]["facts"]["value"] == 120 * 1000.0
+    assert manifest["stages"]["first"]["peak_memory_mb"] > 1 and manifest["versions"]["numpy"]
+    go(run, package)
+    assert calls(run) == ["first", "second"]
+    go(run, package, density=2.0)
+    assert calls(run) == ["first", "second", "second"]
+    go(run, package, density=2.0, frames=10)
+    assert calls(run) == ["first", "second", "second", "first", "second"]
+    assert (run / "work/second/value").read_text() == "20.0"
+
+
+def test_a_changed_input_runs_everything_again(run: Path, package: str) -> None:
+    go(run, package)
+    run_stages(run, ReconstructOptions(), {"a": "2"}, order=ORDER, package=package)
+    assert calls(run) == ["first", "second"] * 2
+
+
+@pytest.mark.parametrize(
+    ("flag", "code", "says"),
+    [
+        ("die", 3, "second died with SIGSEGV"),
+        ("refuse", 3, "nothing to be seen"),
+        ("wrong", 2, "the input is wrong"),
+        ("full", 2, "No space left"),
+        ("bug", 3, "KeyError"),
+    ],
+)
+def test_failures_are_one_line_and_keep_what_was_done(run: Path, package: str, flag: str, code: int, says: str) -> None:
+    (run / flag).touch()
+    outcome = go(run, package)
+    assert outcome.exit_code == code and says in outcome.reason and "\n" not in outcome.reason
+    assert (run / "work/first/n").is_file() and not (run / "work/second").exists()
+    if code == 3:
+        assert (run / "page").read_text() == "True", "the report is still written"
+    (run / flag).unlink()
+    assert go(run, package).exit_code == 0
+    assert calls(run).count("first") == 1
+    assert (run / "page").read_text() == "False"
+
+
+def test_kill_minus_nine_and_the_same_command_again(run: Path, package: str, tmp_path: Path) -> None:
+    (run / "wait").touch()
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from pathlib import Path\n"
+        "from massprops.run.files import locked\n"
+        "from massprops.run.runner import run_stages\n"
+        "from massprops.run.job import ReconstructOptions\n"
+        f"r = Path({str(run)!r})\n"
+        "with locked(r):\n"
+        f"    run_stages(r, ReconstructOptions(), {{'a': '1'}}, order={ORDER!r}, package={package!r})\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code])
+    while not (run / "waiting").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    with pytest.raises(InputError, match="another massprops"), locked(run):
+        pass
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    (run / "wait").unlink()
+    with locked(run):
+        assert not list((run / "work").glob("*.tmp-*")), "what the killed stage left is gone"
+        assert go(run, package).exit_code == 0
+    assert (run / "work/second/value").read_text() == repr(120 * 1000.0)
+    assert not (run / "work/second/partial").exists()
+    assert calls(run) == ["first", "second", "second"]
+
+
+def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="choose another"), locked(tmp_path / "file"):
+        pass
+    if os.getuid() != 0:
+        closed = tmp_path / "closed"
+        closed.mkdir(mode=0o500)
+        with pytest.raises(InputError, match="cannot be written"), locked(closed / "run"):
+            pass
+
+
+def test_truth_is_not_an_input(tmp_path: Path) -> None:
+    (tmp_path / "truth").mkdir()
+    (tmp_path / "truth" / "truth.yaml").write_text("secret")
+    (tmp_path / "a.png").write_text("x")
+    assert list(hash_input(tmp_path)) == ["a.png"]
+
+
+def test_writing_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "x.json"
+    write_whole(path, json.dumps({"a": 1}))
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_whole(path, "half")
+    assert json.loads(path.read_text()) == {"a": 1}
+    assert [p.name for p in tmp_path.iterdir()] == ["x.json"]
