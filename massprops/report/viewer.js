@@ -83,9 +83,7 @@ document.querySelectorAll(".viewer").forEach((host) => {
   let R = VIEWS.reset, zoom = 1;
   const show = { filled: true, axes: true, cameras: false };
   const labels = data.axes.map((_, i) => { const e = document.createElement("span"); e.className = "label"; e.textContent = "I" + (i + 1); e.style.color = `rgb(${AXES[i].map((x) => Math.round(220 * x))})`; host.querySelector(".stage").appendChild(e); return e; });
-  let waiting = false;
-  const draw = () => { if (!waiting) { waiting = true; requestAnimationFrame(() => { waiting = false; drawNow(); }); } };
-  function drawNow() {
+  function draw() {  // pointer events come once a frame: no need to wait for one
     const w = canvas.clientWidth, h = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
     if (!w || !h) return;
     if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) { canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio); }
@@ -104,7 +102,6 @@ document.querySelectorAll(".viewer").forEach((host) => {
       e.style.left = `${(0.5 + 0.5 * rows[0].reduce((t, x, c) => t + x * p[c], 0)) * w}px`;
       e.style.top = `${(0.5 - 0.5 * rows[1].reduce((t, x, c) => t + x * p[c], 0)) * h}px`;
     });
-    host.dataset.drawn = Number(host.dataset.drawn || 0) + 1;
   }
 
   // ---- hands
@@ -136,5 +133,5 @@ document.querySelectorAll(".viewer").forEach((host) => {
     draw();
   }));
   new ResizeObserver(draw).observe(canvas);
-  drawNow();
+  draw();
 });

@@ -97,7 +97,7 @@ def to_sequence(
         own = own[np.argsort(stamps[own], kind="stable")]
         own = own[np.unique(stamps[own], return_index=True)[1]]
         fallback = cameras[0].sigma_px / cameras[0].intrinsics[0] if 0 in cameras else 1e-3
-        sigma = np.full(len(views), fallback)
+        sigma: np.ndarray = np.full(len(views), fallback)
         if attitude_sigma is not None and len(attitude_sigma) == len(views):
             sigma = np.where(np.isfinite(attitude_sigma) & (attitude_sigma > 0), attitude_sigma, fallback)
         attitude = AttitudeSeries(stamps[own], quaternion(views.R[own]), sigma[own])

@@ -154,7 +154,7 @@ def write_video(path: Path, images: list[Path], rate_hz: float, crf: int = 15) -
 
     with av.open(str(path), "w") as container:
         rate = Fraction(rate_hz).limit_denominator(1000)
-        first = cv2.imread(str(images[0]), cv2.IMREAD_GRAYSCALE)
+        first: np.ndarray = cv2.imdecode(np.fromfile(images[0], np.uint8), cv2.IMREAD_GRAYSCALE)  # type: ignore[assignment]
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = first.shape[1], first.shape[0], "yuv420p"
         stream.options = {"crf": str(crf), "preset": "slow"}

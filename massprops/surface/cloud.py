@@ -101,7 +101,7 @@ def thin(cloud: Cloud, target: int, seed: int = 0) -> Thinned:
     _, inverse, count = np.unique(code, return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(inverse, cloud.xyz[:, k]) / count for k in range(3)], axis=1)
     normal = np.stack([np.bincount(inverse, cloud.normal[:, k]) for k in range(3)], axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     sigma = np.bincount(inverse, cloud.sigma) / count
     mean, normal, support = project_to_cloud(cloud, mean, normal, 1.6 * spacing)
     views = _spread_views(cloud, inverse, len(count), seed)

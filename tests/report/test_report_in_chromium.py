@@ -107,11 +107,7 @@ def test_buttons_turn_the_mesh_and_hostile_names_stay_words(page: Path, tmp_path
         let drawn = 0, red = 0, sum = 0;
         for (let i = 0; i < d.length; i += 4) if (d[i + 3]) { drawn++; sum = (sum * 31 + d[i] + i) % 1000003; if (d[i] > 110 && d[i] > 2.2 * d[i + 1] && d[i] > 2.2 * d[i + 2]) red++; }
         return { drawn, red, sum }; };
-      const after = (act, name, next) => {
-        const before = host.dataset.drawn, first = name === "start"; act();
-        let left = 150;
-        const wait = () => { if (first || host.dataset.drawn !== before || !left--) { out[name] = look(); next(); } else setTimeout(wait, 20); };
-        setTimeout(wait, 20); };
+      const after = (act, name, next) => { act(); out[name] = look(); next(); };
       const box = (n) => host.querySelector(`[data-show=${n}]`);
       after(() => {}, "start", () => after(() => host.querySelector("[data-view=top]").click(), "top",
         () => after(() => canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" })), "key",
