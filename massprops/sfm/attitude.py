@@ -97,10 +97,10 @@ def to_sequence(
         own = own[np.argsort(stamps[own], kind="stable")]
         own = own[np.unique(stamps[own], return_index=True)[1]]
         fallback = cameras[0].sigma_px / cameras[0].intrinsics[0] if 0 in cameras else 1e-3
-        sigma: np.ndarray = np.full(len(views), fallback)
+        spread = np.full(len(views), fallback)
         if attitude_sigma is not None and len(attitude_sigma) == len(views):
-            sigma = np.where(np.isfinite(attitude_sigma) & (attitude_sigma > 0), attitude_sigma, fallback)
-        attitude = AttitudeSeries(stamps[own], quaternion(views.R[own]), sigma[own])
+            spread = np.where(np.isfinite(attitude_sigma) & (attitude_sigma > 0), attitude_sigma, fallback)
+        attitude = AttitudeSeries(stamps[own], quaternion(views.R[own]), spread[own])
     else:
         warnings.append("the object is still: no attitude history is written")
     return Sequence(
