@@ -244,6 +244,33 @@ def choose_frames(source: Source, judged: Judged, most: int) -> Chosen:
     return Chosen(judged.index[picked], judged.timestamp_ns[picked], judged.sharp[picked], warnings)
 
 
+def same_instant(
+    index: np.ndarray, timestamp_ns: np.ndarray, other_index: np.ndarray, other_timestamp_ns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frames of two cameras that were taken together.
+
+    By clock to a quarter of the second camera's frame interval; by index where either camera has no clock.
+
+    Args:
+        index, timestamp_ns: (n,) of the first camera, increasing.
+        other_index, other_timestamp_ns: (m,) of the second.
+
+    Returns:
+        positions in the first and in the second list, (k,) each.
+    """
+    clocks = min(timestamp_ns.min(initial=0), other_timestamp_ns.min(initial=0)) >= 0
+    if not clocks or len(other_index) < 2 or np.any(np.diff(other_timestamp_ns) <= 0):
+        _, mine, theirs = np.intersect1d(index, other_index, return_indices=True)
+        return mine, theirs
+    after = np.clip(np.searchsorted(other_timestamp_ns, timestamp_ns), 1, len(other_index) - 1)
+    late = timestamp_ns - other_timestamp_ns[after - 1] > other_timestamp_ns[after] - timestamp_ns
+    nearest = after - 1 + late
+    apart = np.abs(other_timestamp_ns[nearest] - timestamp_ns)
+    mine = np.flatnonzero(apart <= 0.25 * np.median(np.diff(other_timestamp_ns)))
+    theirs, first = np.unique(nearest[mine], return_index=True)
+    return mine[first], theirs
+
+
 def full_frames(source: Source, chosen: Chosen, longest: int) -> Iterator[tuple[int, str, np.ndarray]]:
     """The chosen frames at working size: index, file name, (h, w, 3) BGR."""
     if source.video is not None:

@@ -160,21 +160,27 @@ def main_object(masks: list[np.ndarray], what: str) -> str | None:
     """
     import cv2
 
-    apart = 0
+    apart = second_seen = 0
     lit = [m for m in masks if (m == 255).any()]
     for mask in lit:
         count, label, stats, centre = cv2.connectedComponentsWithStats((mask == 255).astype(np.uint8), connectivity=8)
         if count < 3:
             continue
         first, second = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA])[:2]
-        if stats[second, cv2.CC_STAT_AREA] < 0.2 * stats[first, cv2.CC_STAT_AREA]:
+        share = stats[second, cv2.CC_STAT_AREA] / stats[first, cv2.CC_STAT_AREA]
+        if share < 0.05:
             continue
         distance = cv2.distanceTransform((label != first).astype(np.uint8), cv2.DIST_L2, 3)
         gap = float(distance[label == second].min())
         extent = float(np.hypot(*stats[first, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]))
-        apart += gap > 0.25 * extent
+        # parts of one body are joined by what lies in its shadow, so they are near each other
+        if gap > 0.25 * extent:
+            second_seen += 1
+            apart += share >= 0.2
     if lit and apart > 0.6 * len(lit):
         raise InputError(
             f"{what}: several objects in view ({apart} of {len(lit)} frames looked at); crop to one, or give its silhouettes with --masks"
         )
+    if lit and second_seen > 0.6 * len(lit):
+        return f"a second, smaller thing is in view in {second_seen} of {len(lit)} frames looked at; give --masks to leave it out"
     return None

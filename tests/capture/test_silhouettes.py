@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from massprops.capture.colours import agrees, learn
 from massprops.capture.doubt import UNKNOWN, predicted_silhouette, with_doubt
 from massprops.capture.given import check_masks, find_mask, load_mask
 from massprops.capture.grabcut import cut_out
@@ -144,3 +145,38 @@ def test_given_masks_are_checked(tmp_path: Path) -> None:
         load_mask(a, (200, 120), (100, 60))
     with pytest.raises(InputError, match="none of the object"):
         load_mask(b, (160, 120), (160, 120))
+
+
+def test_colours_of_all_frames_correct_one_silhouette() -> None:
+    rng = np.random.default_rng(4)
+    images, rough, bodies = [], [], []
+    for k in range(8):
+        image = np.full((240, 320, 3), 235.0)
+        body = disc((240, 320), 130 + 6 * k, 110, 50)
+        image[body] = [60, 100, 130]
+        pale = body & disc((240, 320), 130 + 6 * k, 70, 22)
+        image[pale] = [120, 160, 185]
+        bar = np.zeros((240, 320), bool)
+        bar[150:175, 20 + 10 * k : 110 + 10 * k] = True
+        bar &= ~body
+        image[bar] = [40, 40, 210]
+        guess = body & ~pale if k in (2, 5) else body.copy()
+        if k == 4:
+            guess = guess | bar
+        images.append(np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8))
+        rough.append(np.where(guess, 255, 0).astype(np.uint8))
+        bodies.append(body)
+    colours = learn(images, rough)
+    for k in (2, 4, 5):
+        before, after = iou(rough[k] > 0, bodies[k]), iou(colours.separate(images[k]), bodies[k])
+        assert before < 0.9 and after > 0.96, (k, before, after)
+    assert agrees(bodies[0], rough[0] > 0)
+    assert not agrees(~bodies[0], rough[0] > 0)
+
+
+def test_a_small_second_thing_is_a_warning() -> None:
+    body = disc((120, 160), 40, 60, 20)
+    with_small = np.where(body | disc((120, 160), 130, 60, 6), 255, 0).astype(np.uint8)
+    alone = np.where(body, 255, 0).astype(np.uint8)
+    assert "second" in (main_object([with_small] * 10, "v") or "")
+    assert main_object([alone] * 10, "v") is None

@@ -30,10 +30,12 @@ def run(job: Job) -> dict:
         scene = Scene(options.motion, scene.background, "as given by --motion", scene.plain)
     chosen = [choose_frames(s, j, options.frames) for s, j in zip(sources, judged, strict=True)]
     if len(sources) > 1:
-        chosen = _pairs(chosen)
+        chosen = _pairs(judged, chosen)
     cameras, frames = [], []
     for s, c in zip(sources, chosen, strict=True):
-        camera, written = _write_frames(job, s, c)
+        # COLMAP knows the two halves of a stereo pair by their equal names
+        names = [Path(f["name"]).name for f in frames] if len(frames) == len(c.index) else None
+        camera, written = _write_frames(job, s, c, names)
         cameras.append(camera)
         frames += written
         for line in c.warnings:
@@ -61,18 +63,30 @@ def run(job: Job) -> dict:
     return {k: footage[k] for k in ("kind", "motion", "motion_reason", "background", "given", "used")}
 
 
-def _pairs(chosen: list) -> list:
-    """Both cameras use the instants of the first: a stereo pair needs both halves."""
-    from massprops.capture.footage import Chosen
+def _pairs(judged: list, chosen: list) -> list:
+    """The first camera's instants, in both cameras: a stereo pair needs both halves.
+
+    Frames belong together by their clocks where both cameras have one, else by their place in the series.
+
+    Raises:
+        InputError: fewer than three pairs.
+    """
+    from massprops.capture.footage import Chosen, same_instant
 
     first, second = chosen
-    n = min(int(first.index[-1]), int(second.index[-1])) + 1
-    index = first.index[first.index < n]
-    keep = np.isin(first.index, index)
-    return [Chosen(index, first.timestamp_ns[keep], first.sharp[keep], c.warnings) for c in (first, second)]
+    mine, theirs = same_instant(first.index, first.timestamp_ns, judged[1].index, judged[1].timestamp_ns)
+    if len(mine) < 3:
+        raise InputError(f"{len(mine)} frames of cam0 and cam1 were taken together; a stereo pair needs equal timestamps")
+    other = judged[1]
+    return [
+        Chosen(first.index[mine], first.timestamp_ns[mine], first.sharp[mine], first.warnings),
+        Chosen(other.index[theirs], other.timestamp_ns[theirs], other.sharp[theirs], second.warnings),
+    ]
 
 
-def _write_frames(job: Job, source, chosen) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # type: ignore[no-untyped-def]
+def _write_frames(  # type: ignore[no-untyped-def]
+    job: Job, source, chosen, names: list[str] | None = None
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     import cv2
 
     from massprops.capture.footage import full_frames
@@ -85,6 +99,9 @@ def _write_frames(job: Job, source, chosen) -> tuple[dict[str, Any], list[dict[s
     for done, (index, name, image) in enumerate(full_frames(source, chosen, job.options.max_size)):
         job.progress(done + 1, len(chosen.index), f"camera {source.camera}")
         size = (image.shape[1], image.shape[0])
+        original = name
+        if names is not None:
+            name = names[place[index]]
         lossless = [cv2.IMWRITE_PNG_COMPRESSION, 1] if name.lower().endswith(".png") else [cv2.IMWRITE_JPEG_QUALITY, 97]
         ending = Path(name).suffix.lower()
         if ending not in (".png", ".jpg", ".jpeg"):
@@ -97,6 +114,7 @@ def _write_frames(job: Job, source, chosen) -> tuple[dict[str, Any], list[dict[s
                 "camera": source.camera,
                 "timestamp_ns": int(chosen.timestamp_ns[place[index]]),
                 "index": int(index),
+                "source_name": original,
                 "sharpness": round(float(chosen.sharp[place[index]]), 4),
             }
         )
@@ -127,9 +145,9 @@ def _given_masks(job: Job, sources: list, cameras: list[dict], frames: list[dict
     folder = Path(job.options.masks or "")
     for source, camera in zip(sources, cameras, strict=True):
         mine = [f for f in frames if f["camera"] == source.camera]
-        check_masks(folder, source.camera, [Path(f["name"]).name for f in mine])
+        check_masks(folder, source.camera, [f["source_name"] for f in mine])
         for frame in mine:
-            path = find_mask(folder, source.camera, Path(frame["name"]).name)
+            path = find_mask(folder, source.camera, frame["source_name"])
             assert path is not None
             mask = load_mask(path, source.size, (camera["width"], camera["height"]))
             _save(cv2, job.out / "masks" / f"{frame['name']}.png", mask)
@@ -167,10 +185,36 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
         raise InputError(
             f"{name}: no object stands out from the background in {empty} of {len(frames)} frames; give --masks"
         )
+    if scene.plain and scene.motion == "static":
+        _by_colour(job, frames)
     if empty:
         job.warn(f"no object stands out from the background in {empty} of {len(frames)} frames")
-    if scene.motion == "tumbling":
-        s.main_object(masks, name)
+    if scene.motion == "tumbling" and (line := s.main_object(masks, name)) is not None:
+        job.warn(line)
+
+
+def _by_colour(job: Job, frames: list[dict]) -> None:
+    """Silhouettes before a plain backdrop once more, with the colours that all frames agree on."""
+    import cv2
+
+    from massprops.capture.colours import LEARN_AT, agrees, learn
+    from massprops.capture.images import reduce
+
+    def both(frame: dict) -> tuple[np.ndarray, np.ndarray]:
+        mask = _read(str(job.out / "masks" / f"{frame['name']}.png"), 0)
+        return _read(str(job.out / "frames" / frame["name"])), mask
+
+    taught = [both(f) for f in frames[:: max(1, len(frames) // 120)]]
+    taught = [(reduce(image, LEARN_AT), reduce(mask, LEARN_AT)) for image, mask in taught if mask.any()]
+    if len(taught) < 3:
+        return
+    colours = learn([image for image, _ in taught], [mask for _, mask in taught])
+    for done, frame in enumerate(frames):
+        image, mask = both(frame)
+        found = colours.separate(image)
+        if not mask.any() or agrees(found, mask > 127):
+            _save(cv2, job.out / "masks" / f"{frame['name']}.png", np.where(found, 255, 0).astype(np.uint8))
+        job.progress(done + 1, len(frames), "colours")
 
 
 def _save(cv2, path: Path, mask: np.ndarray) -> None:  # type: ignore[no-untyped-def]
