@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import shutil
 from collections.abc import Iterator
@@ -48,7 +49,7 @@ def replace_folder(source: Path, target: Path) -> None:
 
 
 def plain(value: Any) -> Any:
-    """`value` with numpy numbers, arrays, paths and tuples as what JSON and YAML know."""
+    """`value` with numpy numbers, arrays, paths and tuples as what JSON and YAML know; NaN and infinity become None."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -57,6 +58,8 @@ def plain(value: Any) -> Any:
         return str(value)
     if hasattr(value, "tolist"):
         return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     return value
 
 
