@@ -46,12 +46,7 @@ def against_sky(grey: np.ndarray, level: float, sigma: float) -> np.ndarray:
     # a 3x3 Gaussian leaves 3/8 of white noise
     low, high = level + max(5.0 * 0.375 * sigma, 2.0), level + max(12.0 * 0.375 * sigma, 6.0)
     weak = (smooth > low).astype(np.uint8)
-    mask = _solid(weak, smooth > high)
-    # a bright edge spills over its neighbours; a pixel far below the brightest beside it is sky, lit by the lens
-    bright = cv2.dilate(smooth, np.ones((5, 5), np.uint8)) - level
-    rim = cv2.erode(mask, np.ones((5, 5), np.uint8)) == 0
-    mask[rim & (smooth - level < 0.4 * bright) & (bright > 12.0 * sigma)] = 0
-    return mask
+    return _solid(weak, smooth > high)
 
 
 def against_background(image: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:

@@ -145,9 +145,7 @@ def strangeness(
     return np.where(known, difference, 0).astype(np.float32), state
 
 
-def cut(
-    image: np.ndarray, strange: np.ndarray, state: np.ndarray, surely: np.ndarray, away: np.ndarray
-) -> np.ndarray:
+def cut(image: np.ndarray, strange: np.ndarray, state: np.ndarray, surely: np.ndarray, away: np.ndarray) -> np.ndarray:
     """Object against table by one graph cut: unlike the table, edges where the image has them.
 
     Args:

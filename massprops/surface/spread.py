@@ -133,7 +133,11 @@ def unseen_bounds(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     bulge = np.full(len(hidden), np.inf)
     if len(seen):
         bulge = BULGE * cKDTree(surface.vertices[surface.faces[seen]].mean(1)).query(middle)[0]
-    inward[hidden] = -np.maximum(np.minimum(1.25 * depth - 0.25 * surface.spacing, bulge), floor)
+    # Nor is the smallest body the smallest there: lines of sight end at the rim of a crease.
+    least = np.maximum(
+        np.minimum(1.25 * depth - 0.25 * surface.spacing, bulge), 0.5 * np.where(np.isfinite(bulge), bulge, 0)
+    )
+    inward[hidden] = -np.maximum(least, floor)
     reach = np.linalg.norm(np.ptp(surface.vertices, axis=0))
     height = np.zeros(len(hidden))
     going = np.ones(len(hidden), bool)

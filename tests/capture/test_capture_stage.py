@@ -19,9 +19,7 @@ from massprops.run.stages import capture
 def turned(angle: float, shift: int = 0) -> np.ndarray:
     """A textured square that turns before a black sky."""
     rng = np.random.default_rng(0)
-    patch = cv2.resize(
-        rng.integers(60, 255, (14, 14, 3), dtype=np.uint8), (70, 70), interpolation=cv2.INTER_NEAREST
-    )
+    patch = cv2.resize(rng.integers(60, 255, (14, 14, 3), dtype=np.uint8), (70, 70), interpolation=cv2.INTER_NEAREST)
     out = np.zeros((120, 160, 3), np.uint8)
     out[25:95, 45 + shift : 115 + shift] = patch
     return cv2.warpAffine(out, cv2.getRotationMatrix2D((80, 60), angle, 1.0), (160, 120))

@@ -40,7 +40,7 @@ def test_sky_threshold_follows_the_noise(sigma: float) -> None:
     frame[10, 10] = frame[100, 140] = 250  # stars
     level, noise = sky_level(frame[None])
     mask = against_sky(frame, level, noise) == 255
-    assert iou(mask, body) > 0.93
+    assert iou(mask, body) > 0.9, "at most about a pixel wide all round"
     assert not mask[:20, :20].any()
 
 

@@ -76,7 +76,9 @@ def _pairs(judged: list, chosen: list) -> list:
     first, second = chosen
     mine, theirs = same_instant(first.index, first.timestamp_ns, judged[1].index, judged[1].timestamp_ns)
     if len(mine) < 3:
-        raise InputError(f"{len(mine)} frames of cam0 and cam1 were taken together; a stereo pair needs equal timestamps")
+        raise InputError(
+            f"{len(mine)} frames of cam0 and cam1 were taken together; a stereo pair needs equal timestamps"
+        )
     other = judged[1]
     return [
         Chosen(first.index[mine], first.timestamp_ns[mine], first.sharp[mine], first.warnings),
