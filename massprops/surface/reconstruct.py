@@ -70,6 +70,7 @@ def reconstruct_surface(
     points: int = 60_000,
     seed: int = 0,
     progress: Progress = silent,
+    support: np.ndarray | None = None,
 ) -> Surface:
     """One closed surface from dense points and silhouettes.
 
@@ -80,6 +81,7 @@ def reconstruct_surface(
         points: about how many of them carry the surface.
         seed: of every random draw.
         progress: told after each step.
+        support: (4,) plane the object stands on, normal towards the object; None for a free body.
 
     Raises:
         NotPossible: too few points, or no closed body in them.
@@ -91,7 +93,7 @@ def reconstruct_surface(
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
     thinned = thin(cloud, points, seed)
     progress(1, 6, "points thinned")
-    hull = make_hull(views, masks, thinned.xyz)
+    hull = make_hull(views, masks, thinned.xyz, support=support)
     tetra, kind = _tetrahedra(thinned, hull, views, seed)
     progress(2, 6, "tetrahedra")
     evidence = _evidence(tetra, thinned, hull, views)

@@ -28,6 +28,8 @@ class Hull:
         P: (n, 3, 4) world to pixels.
         need: how many views must agree that a point is empty.
         pixel: typical size of a pixel at the object [world units].
+        support: (4,) unit normal and offset of the plane the object stands on, n.x + d = 0, the object on its
+            positive side; None for a free body.
     """
 
     maps: np.ndarray
@@ -35,13 +37,22 @@ class Hull:
     P: np.ndarray
     need: int
     pixel: float
+    support: np.ndarray | None = None
 
     def value(self, xyz: np.ndarray) -> np.ndarray:
-        """(m,) the `need`-th largest distance to an outline [px]: positive where the hull is not."""
-        return _value(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)
+        """(m,) the `need`-th largest distance to an outline [px]: positive where the hull is not.
+
+        What lies below the support is outside, by its depth in pixels: cameras above cannot see that it is empty.
+        """
+        value = _value(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)
+        if self.support is None:
+            return value
+        return np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
 
 
-def make_hull(views: Views, masks: list[np.ndarray], measured: np.ndarray, least: int = 3) -> Hull:
+def make_hull(
+    views: Views, masks: list[np.ndarray], measured: np.ndarray, least: int = 3, support: np.ndarray | None = None
+) -> Hull:
     """Hull of undistorted silhouettes.
 
     Args:
@@ -49,6 +60,7 @@ def make_hull(views: Views, masks: list[np.ndarray], measured: np.ndarray, least
         masks: n arrays (h, w) uint8: 255 object, 0 sky, anything between is no evidence.
         measured: (m, 3) points known to be on the surface, which set `need`.
         least: fewest views that may call a point empty.
+        support: (4,) plane the object stands on, or None.
     """
     import cv2
 
@@ -68,7 +80,7 @@ def make_hull(views: Views, masks: list[np.ndarray], measured: np.ndarray, least
     sample = np.ascontiguousarray(measured[:: max(1, len(measured) // 4000)])
     false = _votes(sample, maps, size, P, 1.5)
     need = max(least, int(np.quantile(false, 0.99)) + 2)
-    return Hull(maps, size, P, need, pixel)
+    return Hull(maps, size, P, need, pixel, support)
 
 
 @njit(cache=True)
@@ -185,4 +197,10 @@ def hull_points(
         hull.P,
         hull.need,
     )
-    return found[hit], begin[hit]
+    found, begin = found[hit], begin[hit]
+    if hull.support is not None:
+        above, below = (x @ hull.support[:3] + hull.support[3] for x in (begin, found))
+        through = (above > 0) & (below < 0)
+        share = above[through] / (above[through] - below[through])
+        found[through] = begin[through] + share[:, None] * (found[through] - begin[through])
+    return found, begin

@@ -24,13 +24,19 @@ def run(job: Job) -> dict:
     views = Views.load(sfm / "views.npz")
     with np.load(sfm / "points.npz", allow_pickle=False) as z:
         points, seen = z["xyz"], np.bincount(z["obs_point"], minlength=len(z["xyz"]))
+    support = None
     have = [(capture / "masks" / f"{name}.png").is_file() for name in views.names]
     if all(have):
         share = _refine(job, cv2, views, points[seen >= 3], footage)
         method = "given" if footage.get("masks_given") else f"before a {footage['background']} background"
     else:
-        share, method = _cut(job, views, points)
-    facts = {"method": method, "views": len(views), "median_object_share": float(np.median(share))}
+        share, method, support = _cut(job, views, points)
+    facts = {
+        "method": method,
+        "support_plane": None if support is None else support.tolist(),
+        "views": len(views),
+        "median_object_share": float(np.median(share)),
+    }
     if np.median(share) < 5e-4:
         raise NotPossible("the object fills less than 0.05 % of the image: film it closer")
     (job.out / "silhouettes.json").write_text(json.dumps(facts, indent=1))
@@ -65,7 +71,7 @@ def _refine(job: Job, cv2, views, points: np.ndarray, footage: dict) -> list[flo
     return share
 
 
-def _cut(job: Job, views, points: np.ndarray) -> tuple[list[float], str]:  # type: ignore[no-untyped-def]
+def _cut(job: Job, views, points: np.ndarray) -> tuple[list[float], str, np.ndarray | None]:  # type: ignore[no-untyped-def]
     """A still object, seeded by its own points: against the table's picture, or by GrabCut where there is no table."""
     from massprops.capture.still_object import split_scene
 
@@ -74,8 +80,8 @@ def _cut(job: Job, views, points: np.ndarray) -> tuple[list[float], str]:  # typ
     if len(own) < 100:
         job.warn(f"only {len(own)} points lie on the object: its silhouettes are rough; give --masks for better ones")
     if scene.plane is not None and len(views) >= 8:
-        return _against_table(job, views, scene, own), "against the table's own picture"
-    return _by_grabcut(job, views, own, other), "grabcut seeded by the reconstruction"
+        return _against_table(job, views, scene, own), "against the table's own picture", scene.plane
+    return _by_grabcut(job, views, own, other), "grabcut seeded by the reconstruction", scene.plane
 
 
 def _against_table(job: Job, views, scene, own: np.ndarray) -> list[float]:  # type: ignore[no-untyped-def]

@@ -1,0 +1,34 @@
+"""A body on a table: what the cameras above cannot see below the plane is not filled in."""
+
+from __future__ import annotations
+
+import numpy as np
+from massprops.surface.silhouette import make_hull
+from massprops.views import Views
+
+
+def test_hull_ends_at_the_support() -> None:
+    n, size, focal = 12, 120, 150.0
+    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    centres = np.column_stack([3 * np.cos(turn), 3 * np.sin(turn), np.full(n, 2.0)])
+    R = []
+    for c in centres:
+        z = -c / np.linalg.norm(c)
+        x = np.cross(z, [0, 0, 1.0])
+        x /= np.linalg.norm(x)
+        R.append(np.stack([x, np.cross(z, x), z]))
+    R = np.stack(R)
+    K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
+    views = Views(
+        tuple(str(i) for i in range(n)), np.full(n, -1), np.full((n, 2), size), np.tile(K, (n, 1, 1)), np.zeros((n, 4)), R,
+        -np.einsum("nij,nj->ni", R, centres),
+    )  # fmt: skip
+    v, u = np.mgrid[0:size, 0:size]
+    masks = [np.where((u - 60) ** 2 + (v - 60) ** 2 < 25**2, 255, 0).astype(np.uint8)] * n
+    measured = np.random.default_rng(0).normal(size=(500, 3))
+    measured *= 0.4 / np.linalg.norm(measured, axis=1, keepdims=True)
+    free = make_hull(views, masks, measured)
+    standing = make_hull(views, masks, measured, support=np.array([0, 0, 1.0, 0.2]))
+    inside, below = np.array([[0, 0, 0.0]]), np.array([[0, 0, -0.35]])
+    assert free.value(inside) < 0 and free.value(below) < 0
+    assert standing.value(inside) < 0 < standing.value(below)
