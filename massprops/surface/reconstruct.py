@@ -35,9 +35,6 @@ PRESS = 5e-4
 """The opposite, for the smallest body: enough to choose the inner one of two films of equal area, no more."""
 HOLLOW = 0.5
 """Where an unmeasured side is put, from 0 on the hull to 1 on the smallest body."""
-DOME = 0.3
-"""Largest height of unmeasured surface over the smallest body, by its distance from measured surface: a sphere's cap
-half as wide as the sphere rises so."""
 
 
 @dataclass(frozen=True)
@@ -124,20 +121,13 @@ def reconstruct_surface(
 
 
 def _hollow(vertices: np.ndarray, measured: np.ndarray, smallest: np.ndarray) -> np.ndarray:
-    """Unmeasured vertices moved `HOLLOW` of the way to the smallest body, or nearer to it where measured surface is near.
-
-    The hull of silhouettes cannot enter a hollow, so in a crease between measured faces it says little: there the
-    surface stands off the smallest body by no more than `DOME` of the distance to measured surface.
-    """
+    """Unmeasured vertices moved `HOLLOW` of the way to the smallest body."""
     from scipy.spatial import cKDTree
 
     out = vertices.copy()
     if not measured.all():
-        gap, nearest = cKDTree(smallest).query(vertices[~measured])
-        base = smallest[nearest]
-        rise = np.inf if not measured.any() else DOME * cKDTree(vertices[measured]).query(base)[0]
-        share = np.minimum(1.0 - HOLLOW, rise / np.maximum(gap, 1e-12))
-        out[~measured] = base + share[:, None] * (vertices[~measured] - base)
+        _, nearest = cKDTree(smallest).query(vertices[~measured])
+        out[~measured] += HOLLOW * (smallest[nearest] - vertices[~measured])
     return out
 
 
