@@ -24,9 +24,8 @@ def command(
     """
     import json
 
-    from massprops_cli.table import mass_table
-
     from massprops.run.from_mesh import mass
+    from massprops_cli.table import mass_table
 
     run = mass(mesh, out, density, scale, scale_sigma)
     for warning in run.warnings:

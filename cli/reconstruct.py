@@ -54,10 +54,9 @@ def command(
     """
     import json
 
+    from massprops.run.reconstruct import reconstruct
     from massprops_cli.progress import StageProgress
     from massprops_cli.table import mass_table
-
-    from massprops.run.reconstruct import reconstruct
 
     with StageProgress(quiet) as watch:
         run = reconstruct(

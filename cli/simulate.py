@@ -38,9 +38,8 @@ def command(
 
     Example: massprops simulate spacecraft -o sequences/one --frames 72 --size 640x480 --video
     """
-    from massprops_cli.progress import StageProgress
-
     from massprops.simulate import simulate
+    from massprops_cli.progress import StageProgress
 
     with StageProgress(quiet) as watch:
         folder = simulate(

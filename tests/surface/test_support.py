@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from massprops.surface.silhouette import make_hull
 from massprops.views import Views
 
