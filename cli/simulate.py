@@ -20,6 +20,10 @@ def command(
     rate: Annotated[float | None, typer.Option(help="Rotation of the body per image [deg].")] = None,
     fill: Annotated[float | None, typer.Option(help="Greatest length of the body over the image's height.")] = None,
     phase: Annotated[float | None, typer.Option(help="Angle at the body between camera and Sun [deg].")] = None,
+    distortion: Annotated[
+        str | None, typer.Option(metavar="K1,K2", help="Radial distortion of the lens, as OpenCV's.")
+    ] = None,
+    noise: Annotated[float | None, typer.Option(help="1-sigma of the darkest pixels [grey levels].")] = None,
     background: Annotated[str | None, typer.Option(help="black or still.")] = None,
     stereo: Annotated[
         float | None, typer.Option(metavar="BASELINE", help="Second camera, this far to the right [m].")
@@ -52,6 +56,8 @@ def command(
             rate_deg=rate,
             fill=fill,
             sun_phase_deg=phase,
+            distortion=_distortion(distortion),
+            noise=noise,
             background=background,
             stereo_m=stereo,
             range_sigma_m=range_sigma,
@@ -69,6 +75,15 @@ def _size(text: str | None) -> tuple[int, int] | None:
     except ValueError:
         raise InputError(f"--size {text}: give it as WIDTHxHEIGHT, for example 640x480") from None
     return width, height
+
+
+def _distortion(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        return tuple(float(v) for v in text.split(","))
+    except ValueError:
+        raise InputError(f"--distortion {text}: give it as K1,K2, for example -0.1,0.02") from None
 
 
 def _hidden(text: str | None) -> tuple[float, ...] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,10 +24,11 @@ class Path:
     Attributes:
         timestamp_ns: (n,) int64.
         q: (n, 4) body to cam0, Hamilton.
-        position: (n, 3) body origin (centre of mass) in cam0 [m].
+        position: (n, 3) body origin (centre of the visible mass) in cam0 [m].
         w: (n, 3) body rates [rad/s]; zero for a still body.
         sun: (n, 3) unit vector to the Sun in body axes.
-        inertia: (3, 3) that moved the body, body axes.
+        inertia: (3, 3) that moved the body, about `centre`, body axes.
+        centre: (3,) point that the body turns about, its whole centre of mass, in body axes [m].
     """
 
     timestamp_ns: np.ndarray
@@ -36,6 +37,12 @@ class Path:
     w: np.ndarray
     sun: np.ndarray
     inertia: np.ndarray
+    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def centre_in_camera(self) -> np.ndarray:
+        """(n, 3) whole centre of mass in cam0 [m]; at rest when the body turns freely."""
+        return self.position + rotation_matrix(self.q) @ self.centre
 
 
 def distance_for(scenario: Scenario, length: float) -> float:
@@ -43,13 +50,14 @@ def distance_for(scenario: Scenario, length: float) -> float:
     return scenario.focal * scenario.size[0] * length / (scenario.fill * scenario.size[1])
 
 
-def tumbling(scenario: Scenario, inertia: np.ndarray, length: float) -> Path:
+def tumbling(scenario: Scenario, inertia: np.ndarray, length: float, centre: np.ndarray) -> Path:
     """Torque-free rotation before a still camera under a still Sun.
 
     Args:
         scenario: what is simulated.
-        inertia: (3, 3) of the motion, about the centre of mass, body axes.
+        inertia: (3, 3) of the motion, about `centre`, body axes.
         length: greatest length [m].
+        centre: (3,) whole centre of mass, body axes [m]: zero without hidden mass. It stays where it is.
     """
     rng = np.random.default_rng([scenario.seed, 1])
     times = np.arange(scenario.frames) / scenario.rate_hz
@@ -67,16 +75,16 @@ def tumbling(scenario: Scenario, inertia: np.ndarray, length: float) -> Path:
     q, w = propagate(q0, w0, inertia, times, largest_turn=0.02)
     distance = distance_for(scenario, length)
     offset = rng.uniform(-0.02, 0.02, 2) * length
-    position = np.tile(np.array([*offset, distance]), (len(times), 1))
+    position = np.array([*offset, distance]) - rotation_matrix(q) @ centre
     turn = rng.uniform(0, 2 * np.pi)
     phase = np.radians(scenario.sun_phase_deg)
     sun = np.array([np.sin(phase) * np.cos(turn), np.sin(phase) * np.sin(turn), -np.cos(phase)])
     sun_body = np.einsum("nji,j->ni", rotation_matrix(q), sun)
-    return Path(np.round(times * 1e9).astype(np.int64), q, position, w, sun_body, inertia)
+    return Path(np.round(times * 1e9).astype(np.int64), q, position, w, sun_body, inertia, centre)
 
 
-def walk_round(scenario: Scenario, inertia: np.ndarray, length: float) -> Path:
-    """A camera on two rings about a still body, looking at it with small errors; z is up."""
+def walk_round(scenario: Scenario, inertia: np.ndarray, length: float, centre: np.ndarray) -> Path:
+    """A camera on two rings about a still body, looking at it with small errors; z is up. Arguments as `tumbling`."""
     rng = np.random.default_rng([scenario.seed, 1])
     n = scenario.frames
     times = np.arange(n) / scenario.rate_hz
@@ -101,11 +109,15 @@ def walk_round(scenario: Scenario, inertia: np.ndarray, length: float) -> Path:
     phase = np.radians(scenario.sun_phase_deg)
     around = rng.uniform(0, 2 * np.pi)
     sun = np.array([np.sin(phase) * np.cos(around), np.sin(phase) * np.sin(around), np.cos(phase)])
-    return Path(np.round(times * 1e9).astype(np.int64), q, position, np.zeros((n, 3)), np.tile(sun, (n, 1)), inertia)
+    stamp = np.round(times * 1e9).astype(np.int64)
+    return Path(stamp, q, position, np.zeros((n, 3)), np.tile(sun, (n, 1)), inertia, centre)
 
 
-def with_hidden_mass(inertia: np.ndarray, mass: float, hidden: tuple[float, float, float, float]) -> np.ndarray:
-    """Inertia about the new centre of mass with a point of `hidden[0] * mass` at `hidden[1:]`, body axes."""
+def with_hidden_mass(
+    inertia: np.ndarray, mass: float, hidden: tuple[float, float, float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inertia (3, 3) and place (3,) of the new centre of mass with a point of `hidden[0] * mass` at `hidden[1:]`."""
     extra, place = hidden[0] * mass, np.array(hidden[1:], float)
     reduced = mass * extra / (mass + extra)
-    return inertia + reduced * (place @ place * np.eye(3) - np.outer(place, place))
+    moved = inertia + reduced * (place @ place * np.eye(3) - np.outer(place, place))
+    return moved, place * extra / (mass + extra)

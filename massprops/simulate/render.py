@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
+from massprops.errors import InputError
 from massprops.simulate.scenario import Scenario
 from massprops.simulate.texture import Noise, panel_lines
 
@@ -36,6 +37,32 @@ def lens_of(scenario: Scenario) -> Lens:
         np.array([*scenario.distortion, 0.0, 0.0]),
         (w, h),
     )
+
+
+def undistorted_radius(seen: np.ndarray, k1: float, k2: float) -> np.ndarray:
+    """Solves seen = r (1 + k1 r^2 + k2 r^4), OpenCV's radial terms, for r on the lens's own branch, by bisection.
+
+    Args:
+        seen: (n,) distance from the principal point over the focal length, as the image shows it.
+        k1, k2: OpenCV's.
+
+    Raises:
+        InputError: the farthest of them is beyond what such a lens shows anywhere.
+    """
+    # the image of r turns back where d/dr = 1 + 3 k1 r^2 + 5 k2 r^4 reaches zero
+    turns = [s.real for s in np.roots([5 * k2, 3 * k1, 1.0]) if abs(s.imag) < 1e-12 and s.real > 0]
+    farthest = np.sqrt(min(turns)) if turns else 1e3
+    low, high = np.zeros_like(seen), np.full_like(seen, farthest)
+    if not np.all(seen <= farthest * (1 + k1 * farthest**2 + k2 * farthest**4)):
+        raise InputError(
+            f"distortion {k1:g}, {k2:g}: such a lens shows nothing in the image's corners; "
+            "give smaller values or a longer focal length"
+        )
+    for _ in range(60):
+        r = 0.5 * (low + high)
+        short = r * (1 + k1 * r**2 + k2 * r**4) < seen
+        low, high = np.where(short, r, low), np.where(short, high, r)
+    return 0.5 * (low + high)
 
 
 class Renderer:
@@ -70,13 +97,11 @@ class Renderer:
         w, h = self.lens.size
         u = (np.arange(w * SUPER) + 0.5) / SUPER - 0.5
         v = (np.arange(h * SUPER) + 0.5) / SUPER - 0.5
-        grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
+        grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        xy = (grid - self.lens.K[:2, 2]) / np.diag(self.lens.K)[:2]
         if np.any(self.lens.distortion):
-            import cv2
-
-            xy = cv2.undistortPoints(grid, self.lens.K, self.lens.distortion.reshape(-1, 1))[:, 0]
-        else:
-            xy = (grid[:, 0] - self.lens.K[:2, 2]) / np.diag(self.lens.K)[:2]
+            seen = np.linalg.norm(xy, axis=1)
+            xy = xy * (undistorted_radius(seen, *self.lens.distortion[:2]) / np.maximum(seen, 1e-12))[:, None]
         return np.column_stack([xy, np.ones(len(xy))]).reshape(h * SUPER, w * SUPER, 3).astype(np.float32)
 
     def _backdrop(self) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from importlib.resources import files
 from pathlib import Path
@@ -133,16 +134,29 @@ def load_scenario(name: str | Path, **changes: Any) -> Scenario:
     return replace(scenario, texture_m=-1.0) if automatic else scenario
 
 
+VECTORS = {"spin": 3, "distortion": 2, "hidden_mass": 4}
+"""Fields that hold several numbers, and how many."""
+
+
 def _check(name: str | Path, s: Scenario) -> None:
     for key, (low, high) in RANGES.items():
         value = getattr(s, key)
         if isinstance(value, bool) or not low <= value <= high:
             raise InputError(f"{name}: {key} {value}: give a value from {low:g} to {high:g}")
+    for key in ("frames", "seed"):
+        if not isinstance(getattr(s, key), int):
+            raise InputError(f"{name}: {key} {getattr(s, key)}: give a whole number")
+    for key, count in VECTORS.items():
+        values = getattr(s, key)
+        if values is not None and not (len(values) == count and all(math.isfinite(v) for v in values)):
+            raise InputError(f"{name}: {key} {values}: give {count} finite numbers")
+    if s.spin is not None and not any(s.spin):
+        raise InputError(f"{name}: spin {s.spin}: give a direction other than zero, or 'rate_deg: 0' for no rotation")
     if s.motion not in ("tumbling", "static"):
         raise InputError(f"{name}: motion {s.motion!r}: give tumbling or static")
     if s.background not in ("black", "still"):
         raise InputError(f"{name}: background {s.background!r}: give black or still")
     if len(s.size) != 2 or not all(isinstance(v, int) and 32 <= v <= 8192 for v in s.size):
         raise InputError(f"{name}: size {s.size}: give width and height from 32 to 8192 pixels")
-    if s.hidden_mass is not None and (len(s.hidden_mass) != 4 or not 0 < s.hidden_mass[0] < 1):
+    if s.hidden_mass is not None and not 0 < s.hidden_mass[0] < 1:
         raise InputError(f"{name}: hidden mass {s.hidden_mass}: give a share between 0 and 1 and a place, SHARE:x,y,z")

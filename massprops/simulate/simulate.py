@@ -48,13 +48,14 @@ def simulate(
     mesh.apply_translation(-mass_properties(mesh, 1.0).center_of_mass)
     body = mass_properties(mesh, chosen.density)
     length = greatest_length(np.asarray(mesh.vertices))[0]
-    inertia = (
-        body.inertia if chosen.hidden_mass is None else with_hidden_mass(body.inertia, body.mass, chosen.hidden_mass)
-    )
-    path = (tumbling if chosen.motion == "tumbling" else walk_round)(chosen, inertia, length)
+    inertia, centre = body.inertia, np.zeros(3)
+    if chosen.hidden_mass is not None:
+        inertia, centre = with_hidden_mass(body.inertia, body.mass, chosen.hidden_mass)
+    path = (tumbling if chosen.motion == "tumbling" else walk_round)(chosen, inertia, length, centre)
+    if video and any(v % 2 for v in chosen.size):
+        raise InputError(f"size {chosen.size[0]}x{chosen.size[1]}: H.264 needs even numbers; give such a --size")
     folder = Path(out)
-    if (folder / "run.yaml").exists():
-        raise InputError(f"{folder}: holds a run: choose another -o")
+    _refuse_others(folder)
     lens = lens_of(chosen)
     renderer = Renderer(mesh, chosen, lens)
     rng = np.random.default_rng([chosen.seed, 3])
@@ -62,8 +63,11 @@ def simulate(
     seen = np.zeros(len(mesh.faces), int)
     images: dict[int, list[tuple[int, Path]]] = {k: [] for k in range(len(baselines))}
     try:
+        for part in ("cam0", "cam1", "range0"):
+            shutil.rmtree(folder / part, ignore_errors=True)
+        (folder / MARK).parent.mkdir(parents=True, exist_ok=True)
+        (folder / MARK).touch()
         for k in range(len(baselines)):
-            shutil.rmtree(folder / f"cam{k}", ignore_errors=True)
             (folder / f"cam{k}" / "data").mkdir(parents=True)
         for i, stamp in enumerate(path.timestamp_ns.tolist()):
             for k, baseline in enumerate(baselines):
@@ -82,6 +86,18 @@ def simulate(
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
     return folder
+
+
+MARK = "truth/truth.yaml"
+"""What tells a simulated sequence, finished or interrupted, from footage."""
+
+
+def _refuse_others(folder: Path) -> None:
+    """Only an earlier simulation is written over."""
+    if (folder / "run.yaml").exists():
+        raise InputError(f"{folder}: holds a run: choose another -o")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
+        raise InputError(f"{folder}: holds files that are no simulation's: choose another -o")
 
 
 def _save(path: Path, image: np.ndarray) -> Path:
@@ -108,7 +124,7 @@ def _camera(scenario: Scenario, lens: Any, baseline: float, images: tuple[tuple[
 def _ranges(scenario: Scenario, path: Any, rng: np.random.Generator) -> RangeSeries | None:
     if scenario.range_sigma_m <= 0:
         return None
-    distance = np.linalg.norm(path.position, axis=1)
+    distance = np.linalg.norm(path.centre_in_camera, axis=1)
     return RangeSeries(
         path.timestamp_ns,
         distance + scenario.range_sigma_m * rng.standard_normal(len(distance)),
@@ -134,6 +150,7 @@ def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float)
         "principal_axes": body.principal_axes.tolist(),
         "k1": body.k1,
         "k2": body.k2,
+        "motion_centre_of_mass_m": path.centre.tolist(),
         "motion_inertia": path.inertia.tolist(),
         "motion_k1": float(np.log(motion[0] / motion[1])),
         "motion_k2": float(np.log(motion[1] / motion[2])),
