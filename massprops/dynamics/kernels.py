@@ -1,0 +1,78 @@
+"""The equations of motion, component by component.
+
+Each function takes and gives single components: Python numbers, complex numbers (for derivatives by the complex
+step), arrays of any one shape (a batch of runs, or all times at once), or values inside a numba kernel. The physics
+is written here once, and every simulator, filter and smoother calls it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+N = Any
+"""A component: number or array."""
+
+
+def quaternion_rate(qw: N, qx: N, qy: N, qz: N, wx: N, wy: N, wz: N) -> tuple[N, N, N, N]:
+    """q_dot = q (0, w) / 2 for Hamilton quaternions, w in body axes [rad/s]."""
+    return (
+        -0.5 * (qx * wx + qy * wy + qz * wz),
+        0.5 * (qw * wx + qy * wz - qz * wy),
+        0.5 * (qw * wy - qx * wz + qz * wx),
+        0.5 * (qw * wz + qx * wy - qy * wx),
+    )
+
+
+def symmetric_times(a: N, b: N, c: N, d: N, e: N, f: N, x: N, y: N, z: N) -> tuple[N, N, N]:
+    """[[a, d, e], [d, b, f], [e, f, c]] (x, y, z)."""
+    return a * x + d * y + e * z, d * x + b * y + f * z, e * x + f * y + c * z
+
+
+def symmetric_solve(a: N, b: N, c: N, d: N, e: N, f: N, x: N, y: N, z: N) -> tuple[N, N, N]:
+    """The solution of [[a, d, e], [d, b, f], [e, f, c]] s = (x, y, z), by cofactors."""
+    A, B, C = b * c - f * f, a * c - e * e, a * b - d * d
+    D, E, F = e * f - d * c, d * f - e * b, d * e - a * f
+    whole = a * A + d * D + e * E
+    return (A * x + D * y + E * z) / whole, (D * x + B * y + F * z) / whole, (E * x + F * y + C * z) / whole
+
+
+def cross(ax: N, ay: N, az: N, bx: N, by: N, bz: N) -> tuple[N, N, N]:
+    """a x b."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+def euler_acceleration(
+    ixx: N, iyy: N, izz: N, ixy: N, ixz: N, iyz: N, wx: N, wy: N, wz: N, tx: N, ty: N, tz: N
+) -> tuple[N, N, N]:
+    """Euler's equations: w_dot = I^-1 (torque - w x I w), body axes; products as tensor elements."""
+    hx, hy, hz = symmetric_times(ixx, iyy, izz, ixy, ixz, iyz, wx, wy, wz)
+    gx, gy, gz = cross(wx, wy, wz, hx, hy, hz)
+    return symmetric_solve(ixx, iyy, izz, ixy, ixz, iyz, tx - gx, ty - gy, tz - gz)
+
+
+def to_body(qw: N, qx: N, qy: N, qz: N, vx: N, vy: N, vz: N) -> tuple[N, N, N]:
+    """A vector of the reference frame in body axes: R(q)^T v."""
+    tx, ty, tz = cross(qx, qy, qz, vx, vy, vz)
+    ux, uy, uz = cross(qx, qy, qz, tx, ty, tz)
+    return vx + 2.0 * (ux - qw * tx), vy + 2.0 * (uy - qw * ty), vz + 2.0 * (uz - qw * tz)
+
+
+def to_reference(qw: N, qx: N, qy: N, qz: N, vx: N, vy: N, vz: N) -> tuple[N, N, N]:
+    """A body vector in the reference frame: R(q) v."""
+    tx, ty, tz = cross(qx, qy, qz, vx, vy, vz)
+    ux, uy, uz = cross(qx, qy, qz, tx, ty, tz)
+    return vx + 2.0 * (ux + qw * tx), vy + 2.0 * (uy + qw * ty), vz + 2.0 * (uz + qw * tz)
+
+
+def differential_gravity(mu: N, lx: N, ly: N, lz: N, rx: N, ry: N, rz: N) -> tuple[N, N, N]:
+    """Acceleration of a body at l + r relative to one at l, inertial axes [m/s^2] (pesce2017 eq 7, sign mended).
+
+    Args:
+        mu: [m^3/s^2]; l: chaser from the Earth's centre; r: target from the chaser [m].
+    """
+    square = lx * lx + ly * ly + lz * lz
+    # Battin's form of the difference of two nearly equal pulls: no cancellation at metres against thousands of km
+    q = (rx * (rx + 2.0 * lx) + ry * (ry + 2.0 * ly) + rz * (rz + 2.0 * lz)) / square
+    factor = q * (3.0 + 3.0 * q + q * q) / (1.0 + (1.0 + q) ** 1.5)
+    scale = -mu / (square**1.5 * (1.0 + q) ** 1.5)
+    return scale * (rx - factor * lx), scale * (ry - factor * ly), scale * (rz - factor * lz)

@@ -1,0 +1,204 @@
+"""A sequence as every estimator takes it: epochs in order, one row of measurements each, NaN where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.sensing.pinhole import Pinhole, pinhole_of
+from massprops.sequence.data import Body, Camera, Environment, Sequence
+
+DEFAULT_SIGMA_PX = 0.5
+FEWEST_EPOCHS = 4
+
+
+@dataclass(frozen=True)
+class Problem:
+    """n epochs, c cameras, m features.
+
+    Attributes:
+        stamp_ns: (n,) int64 timestamps; times: (n,) seconds since the first.
+        cameras: c pinhole cameras in cam0's frame.
+        uv: (n, c, m, 2) pixels without distortion, NaN where a feature is not seen; sigma_px: (c,) 1-sigma.
+        features: (m,) the sequence's numbers of the features.
+        range_m: (n,) distance from cam0 to the centre of mass, NaN where none; sigma_range [m].
+        rates: (n, 3) body rates [rad/s], NaN where none; sigma_rate [rad/s].
+        attitude: (n, 4) body to cam0, NaN where none; sigma_attitude: (n,) [rad].
+        body, environment: what the sequence assumes and knows.
+        warnings: what was left out or assumed.
+    """
+
+    stamp_ns: np.ndarray
+    times: np.ndarray
+    cameras: tuple[Pinhole, ...]
+    uv: np.ndarray
+    sigma_px: np.ndarray
+    features: np.ndarray
+    range_m: np.ndarray
+    sigma_range: float
+    rates: np.ndarray
+    sigma_rate: float
+    attitude: np.ndarray
+    sigma_attitude: np.ndarray
+    body: Body | None = None
+    environment: Environment = field(default_factory=Environment)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(n, c, m) True where a feature was measured."""
+        return np.isfinite(self.uv[..., 0])
+
+    @property
+    def has_tracks(self) -> bool:
+        return bool(self.uv.shape[2]) and bool(self.seen.any())
+
+    @property
+    def stereo(self) -> bool:
+        """Two cameras see common features at the same times."""
+        return len(self.cameras) == 2 and bool((self.seen[:, 0] & self.seen[:, 1]).any())
+
+    @property
+    def has_range(self) -> bool:
+        return bool(np.isfinite(self.range_m).any())
+
+    @property
+    def has_rates(self) -> bool:
+        return bool(np.isfinite(self.rates).any())
+
+    @property
+    def has_attitude(self) -> bool:
+        return bool(np.isfinite(self.attitude).any())
+
+
+def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
+    """The sequence's measurements on common epochs.
+
+    Features seen fewer than three times say nothing about motion and are left out, with a warning that counts them;
+    of more than `most_features` those seen longest are kept.
+
+    Raises:
+        InputError: nothing that moves was measured, too few epochs, tracks without intrinsics, or a baseline of zero.
+    """
+    warnings = list(sequence.warnings)
+    tracks = sequence.tracks
+    if tracks is not None and not len(tracks.feature):
+        tracks = None
+        if sequence.attitude is None and sequence.rates is None:
+            raise InputError(f"{sequence.folder or 'sequence'}: tracks0 is empty, and there is no attitude0 or imu0")
+        warnings.append("tracks0 is empty: ignored")
+    if tracks is not None and 0 not in sequence.cameras:
+        raise InputError(
+            f"{sequence.folder or 'sequence'}: tracks0 needs cam0/sensor.yaml with intrinsics: [fu, fv, cu, cv]"
+        )
+    stamps = [s.timestamp_ns for s in (tracks, sequence.rates, sequence.attitude) if s is not None]
+    if not stamps:
+        raise InputError(f"{sequence.folder or 'sequence'}: no tracks0, attitude0 or imu0: nothing to estimate from")
+    if sequence.range is not None:
+        stamps.append(sequence.range.timestamp_ns)
+    stamp = np.unique(np.concatenate(stamps))
+    if len(stamp) < FEWEST_EPOCHS:
+        raise InputError(
+            f"{sequence.folder or 'sequence'}: {len(stamp)} epochs; motion needs at least {FEWEST_EPOCHS}"
+        )
+    n = len(stamp)
+    numbers = sorted(sequence.cameras) if tracks is not None else []
+    if tracks is not None:
+        numbers = [k for k in numbers if k == 0 or bool((tracks.camera == k).any())]
+    first = sequence.cameras.get(0)
+    cameras = tuple(pinhole_of(sequence.cameras[k], first) for k in numbers) if first is not None else ()
+    if len(cameras) == 2 and np.linalg.norm(cameras[1].t) < 1e-9:
+        raise InputError(
+            f"{sequence.folder or 'sequence'}: the stereo baseline is zero: give T_BS of cam1 in cam1/sensor.yaml"
+        )
+    features = np.zeros(0, np.int64)
+    uv = np.full((n, len(cameras), 0, 2), np.nan)
+    if tracks is not None:
+        features, uv = _tracks(sequence, numbers, stamp, most_features, warnings)
+        if len(cameras) == 2 and not (np.isfinite(uv[:, 0, :, 0]) & np.isfinite(uv[:, 1, :, 0])).any():
+            warnings.append("the two cameras never see a feature at the same time: their clocks differ")
+    sigma_px = np.array([_sigma_px(sequence.cameras[k], k, warnings) for k in numbers])
+    ranges, rates = np.full(n, np.nan), np.full((n, 3), np.nan)
+    attitude, sigma_attitude = np.full((n, 4), np.nan), np.full(n, np.nan)
+    sigma_range = sigma_rate = np.nan
+    if sequence.range is not None and len(sequence.range.range_m):
+        ranges[np.searchsorted(stamp, sequence.range.timestamp_ns)] = sequence.range.range_m
+        sigma_range = sequence.range.sigma_m or _spread(sequence.range.range_m[:, None])
+        if sequence.range.sigma_m is None:
+            warnings.append(f"range0 states no sigma_m: {sigma_range:.3g} m estimated from the data")
+    if sequence.rates is not None and len(sequence.rates.w):
+        rates[np.searchsorted(stamp, sequence.rates.timestamp_ns)] = sequence.rates.w
+        sigma_rate = sequence.rates.sigma or _spread(sequence.rates.w)
+        if sequence.rates.sigma is None:
+            warnings.append(f"imu0 states no noise: {sigma_rate:.3g} rad/s estimated from the data")
+    if sequence.attitude is not None and len(sequence.attitude.q):
+        at = np.searchsorted(stamp, sequence.attitude.timestamp_ns)
+        attitude[at], sigma_attitude[at] = sequence.attitude.q, sequence.attitude.sigma
+    return Problem(
+        stamp,
+        (stamp - stamp[0]) * 1e-9,
+        cameras,
+        uv,
+        sigma_px,
+        features,
+        ranges,
+        float(sigma_range),
+        rates,
+        float(sigma_rate),
+        attitude,
+        sigma_attitude,
+        sequence.body,
+        sequence.environment,
+        tuple(warnings),
+    )
+
+
+def _tracks(
+    sequence: Sequence, numbers: list[int], stamp: np.ndarray, most: int, warnings: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    tracks = sequence.tracks
+    assert tracks is not None
+    known, place, count = np.unique(tracks.feature, return_inverse=True, return_counts=True)
+    good = count >= 3
+    if not good.all():
+        warnings.append(f"tracks0: {int((~good).sum())} features seen fewer than three times left out")
+    if good.sum() > most:
+        warnings.append(f"tracks0: the {most} longest of {int(good.sum())} tracks are used")
+        order = np.lexsort((known, -count))
+        good &= np.isin(np.arange(len(known)), order[:most])
+    column = np.cumsum(good) - 1
+    rows = good[place]
+    uv = np.full((len(stamp), len(numbers), int(good.sum()), 2), np.nan)
+    for c, k in enumerate(numbers):
+        own = rows & (tracks.camera == k)
+        at = np.searchsorted(stamp, tracks.timestamp_ns[own])
+        uv[at, c, column[place[own]]] = _without_distortion(sequence.cameras[k], tracks.uv[own])
+    return known[good], uv
+
+
+def _without_distortion(camera: Camera, uv: np.ndarray) -> np.ndarray:
+    if not len(uv) or not np.any(camera.distortion):
+        return uv
+    import cv2
+
+    fu, fv, cu, cv = camera.intrinsics
+    K = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1.0]])
+    done: np.ndarray = cv2.undistortPoints(uv[:, None].astype(float), K, camera.distortion.astype(float), P=K)
+    return done[:, 0]
+
+
+def _sigma_px(camera: Camera, number: int, warnings: list[str]) -> float:
+    if camera.sigma_px is None:
+        warnings.append(f"cam{number} states no sigma_px: {DEFAULT_SIGMA_PX} px assumed")
+        return DEFAULT_SIGMA_PX
+    return camera.sigma_px
+
+
+def _spread(values: np.ndarray) -> float:
+    """White noise of smooth series (n, k) from third differences, which a smooth motion hardly has."""
+    if len(values) < 8:
+        return float(np.std(values)) or 1.0
+    third = np.diff(values, 3, axis=0) / np.sqrt(20.0)
+    return float(1.4826 * np.median(np.abs(third - np.median(third, axis=0)))) or 1e-12

@@ -1,0 +1,94 @@
+"""What every estimator gives, and what it may be told beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is believed of the target before the first measurement; every field may be None.
+
+    Attributes:
+        inertia: (3, 3) in body axes, any scale, tensor signs; k_sigma: 1-sigma of k1 and k2.
+        axes_sigma: 1-sigma of the principal axes [rad], for small turns about each of them (3,).
+        features: (m, 3) feature points from the centre of mass, body axes [m]; feature_ids (m,); feature_sigma [m].
+        attitude: whether the body axes are those of `attitude0` of the same footage.
+        process_noise: recommended 1-sigma of angular acceleration [rad/s^2 per sqrt(s)].
+    """
+
+    inertia: np.ndarray | None = None
+    k_sigma: np.ndarray | None = None
+    axes_sigma: np.ndarray | None = None
+    features: np.ndarray | None = None
+    feature_ids: np.ndarray | None = None
+    feature_sigma: float | None = None
+    process_noise: float | None = None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Motion and inertia ratios from one estimator; n epochs, m features.
+
+    Attributes:
+        name: the estimator's.
+        converged: it came to rest near an answer that explains the data.
+        observable: the motion shows both ratios; when False `k1`, `k2` and the axes are None and `reason` says why.
+        reason: one line when not converged or not observable.
+        k1, k2: ln(I1/I2), ln(I2/I3) of I1 <= I2 <= I3; k_covariance (2, 2).
+        inertia: (3, 3) in body axes, trace 1.
+        principal_axes: (3, 3) columns in body axes; axes_covariance (3, 3) of a small turn about body axes [rad^2].
+        times: (n,) [s]; q: (n, 4) body to cam0; w: (n, 3) body rates [rad/s]; position, velocity: (n, 3) of the centre
+            of mass in cam0 [m, m/s], or None. sigma_*: (n, 3) 1-sigma of each.
+        k_history, k_sigma_history: (n, 2), or None for batch methods.
+        features: (m, 3) from the centre of mass in body axes [m]; feature_ids: (m,).
+        body_frame: `attitude0` when the body axes are the sequence's, `own` when they are the estimator's.
+        innovation: mean squared innovation or residual in units of its stated covariance, near 1 when the noise is right.
+        gated: measurements rejected as outliers; used: measurements used.
+        cpu_us_per_step: CPU time per epoch [us].
+        truth_errors: errors against truth where a caller with truth filled them in, never by the estimator.
+    """
+
+    name: str
+    converged: bool
+    observable: bool
+    reason: str = ""
+    k1: float | None = None
+    k2: float | None = None
+    k_covariance: np.ndarray | None = None
+    inertia: np.ndarray | None = None
+    principal_axes: np.ndarray | None = None
+    axes_covariance: np.ndarray | None = None
+    times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    q: np.ndarray | None = None
+    w: np.ndarray | None = None
+    position: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    sigma_attitude: np.ndarray | None = None
+    sigma_w: np.ndarray | None = None
+    sigma_position: np.ndarray | None = None
+    sigma_velocity: np.ndarray | None = None
+    k_history: np.ndarray | None = None
+    k_sigma_history: np.ndarray | None = None
+    features: np.ndarray | None = None
+    feature_ids: np.ndarray | None = None
+    body_frame: str = "own"
+    innovation: float | None = None
+    gated: int = 0
+    used: int = 0
+    cpu_us_per_step: float | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def sigma_k(self) -> np.ndarray | None:
+        """(2,) 1-sigma of k1 and k2."""
+        return None if self.k_covariance is None else np.sqrt(np.diag(self.k_covariance))
+
+
+def ratios(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """k1, k2 as (..., 2) and principal axes (..., 3, 3) as columns, of inertias (..., 3, 3), moments ascending."""
+    moments, axes = np.linalg.eigh(inertia)
+    log = np.log(moments)
+    return np.stack([log[..., 0] - log[..., 1], log[..., 1] - log[..., 2]], axis=-1), axes

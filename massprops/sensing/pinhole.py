@@ -1,0 +1,50 @@
+"""Pinhole cameras on the chaser: where a point of the target appears, and how that depends on the point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.sequence.data import Camera
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera without distortion.
+
+    Attributes:
+        intrinsics: (4,) fu, fv, cu, cv [px].
+        R: (3, 3) and t: (3,): a point X of the chaser's frame (cam0 at rest) is R (X - t) in the camera [m].
+        height: image height [px], for what depends on the row.
+    """
+
+    intrinsics: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    height: int = 0
+
+
+def pinhole_of(camera: Camera, first: Camera) -> Pinhole:
+    """`camera` seen from the frame of `first` (cam0)."""
+    pose = np.linalg.inv(first.T_BS) @ camera.T_BS
+    return Pinhole(np.asarray(camera.intrinsics, float), pose[:3, :3].T, pose[:3, 3], camera.resolution[1])
+
+
+def project(camera: Pinhole, X: np.ndarray) -> np.ndarray:
+    """Pixels (..., 2) of points X (..., 3) in the chaser's frame; complex-step safe. NaN behind the camera."""
+    fu, fv, cu, cv = camera.intrinsics
+    Y = (X - camera.t) @ camera.R.T
+    depth = np.where(np.real(Y[..., 2]) > 0, Y[..., 2], np.nan)
+    return np.stack([fu * Y[..., 0] / depth + cu, fv * Y[..., 1] / depth + cv], axis=-1)
+
+
+def project_with_jacobian(camera: Pinhole, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (..., 2) and their derivative by the point (..., 2, 3), of points (..., 3) in the chaser's frame."""
+    fu, fv, cu, cv = camera.intrinsics
+    Y = (X - camera.t) @ camera.R.T
+    depth = np.where(Y[..., 2] > 0, Y[..., 2], np.nan)
+    x, y = Y[..., 0] / depth, Y[..., 1] / depth
+    row_u = (fu / depth)[..., None] * (camera.R[0] - x[..., None] * camera.R[2])
+    row_v = (fv / depth)[..., None] * (camera.R[1] - y[..., None] * camera.R[2])
+    return np.stack([fu * x + cu, fv * y + cv], axis=-1), np.stack([row_u, row_v], axis=-2)
