@@ -2,6 +2,10 @@
 
 Each file has `NAME`, `SENTENCE` (one line for users), `NEEDS` (what the sequence must hold) and
 `estimate(problem, prior, start) -> Estimate`. Adding a file adds the estimator.
+
+`NEEDS` is a tuple of the words tracks, stereo, range, rates, attitude, all of which must be there; alternatives in one
+entry are parted by `|`: ("stereo", "range"), ("attitude|rates",). A file may also have `unmet(problem) -> str`, one
+line of what else is missing, or an empty string. An `estimate` that takes `model` is given the one the user named.
 """
 
 from __future__ import annotations
