@@ -50,6 +50,11 @@ def euler_acceleration(
     return symmetric_solve(ixx, iyy, izz, ixy, ixz, iyz, tx - gx, ty - gy, tz - gz)
 
 
+def principal_acceleration(a: N, b: N, c: N, wx: N, wy: N, wz: N) -> tuple[N, N, N]:
+    """Euler's equations without torque in principal axes: a = (I2 - I3)/I1, b = (I3 - I1)/I2, c = (I1 - I2)/I3."""
+    return a * wy * wz, b * wx * wz, c * wx * wy
+
+
 def to_body(qw: N, qx: N, qy: N, qz: N, vx: N, vy: N, vz: N) -> tuple[N, N, N]:
     """A vector of the reference frame in body axes: R(q)^T v."""
     tx, ty, tz = cross(qx, qy, qz, vx, vy, vz)

@@ -1,1 +1,1 @@
-"""One file per physical effect on the motion of the target, found by its name."""
+"""One file per physical effect on the target's motion; see `massprops.effects`."""

@@ -1,1 +1,1 @@
-"""One file per sensing effect, found by its name."""
+"""One file per effect on what the sensors say; see `massprops.effects`."""

@@ -1,0 +1,32 @@
+"""Something inside the body moves with friction: fuel, a loose part, a damper."""
+
+from massprops.effects import Parameter
+
+NAME = "energy-dissipation"
+SENTENCE = "Something inside moves with friction (fuel, a damper): energy falls, angular momentum stays."
+PARAMETERS = (
+    Parameter("share", "1", 0.05, 1.0),
+    Parameter("coupling", "s^-1", 0.1, 1e3),
+)
+NEEDS = ()
+STATES = 3
+
+
+def internal_start(w, p):
+    """The inner sphere turns with the body at first; its momentum, body axes."""
+    return p[0] * w[0], p[0] * w[1], p[0] * w[2]
+
+
+def internal(t, z, p):
+    """Momentum of a sphere of inertia `share` (of the body's mean moment)."""
+    return z[0], z[1], z[2]
+
+
+def internal_rate(t, w, z, p):
+    """A viscous layer drives the sphere toward the body's rate: I_s (w_s' + w x w_s) = I_s coupling (w - w_s)."""
+    drive = p[1] * p[0]
+    return (
+        drive * w[0] - p[1] * z[0] - (w[1] * z[2] - w[2] * z[1]),
+        drive * w[1] - p[1] * z[1] - (w[2] * z[0] - w[0] * z[2]),
+        drive * w[2] - p[1] * z[2] - (w[0] * z[1] - w[1] * z[0]),
+    )

@@ -1,0 +1,21 @@
+"""The pull of the planet on the near side of the body is stronger than on the far side."""
+
+from massprops.dynamics.kernels import cross, symmetric_times, to_body
+from massprops.effects import Parameter
+
+NAME = "gravity-gradient-torque"
+SENTENCE = "The planet pulls the near side of the body harder than the far side and turns it."
+PARAMETERS = (Parameter("strength", "1", 1.0, 20.0),)
+NEEDS = ("orbit",)
+
+
+def torque(t, q, w, p, inertia, around):
+    """3 mu / r^5 r x I r (volpe2017); `strength` is 1 for the orbit as given."""
+    x, y, z = around.position(t)
+    square = x * x + y * y + z * z
+    factor = 3.0 * around.mu / (square * square**0.5)
+    x, y, z = to_body(*q, x, y, z)
+    ix, iy, iz = symmetric_times(*inertia, x, y, z)
+    tx, ty, tz = cross(x, y, z, ix, iy, iz)
+    factor = factor * p[0] / square
+    return factor * tx, factor * ty, factor * tz

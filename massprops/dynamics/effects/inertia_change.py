@@ -1,0 +1,24 @@
+"""The body changes its mass distribution at one moment: a boom deploys, a part lets go, fuel moves."""
+
+from massprops.effects import Parameter
+
+NAME = "inertia-change"
+SENTENCE = "The mass distribution changes at one moment: something deploys, moves inside or lets go."
+PARAMETERS = (
+    Parameter("time", "s", 1.0, None, "time"),
+    *(Parameter(f"inertia_{n}", "1", 0.05, 3.0) for n in ("xx", "yy", "zz", "xy", "xz", "yz")),
+    *(Parameter(f"centre_{a}", "m", 0.05, 10.0) for a in "xyz"),
+)
+NEEDS = ()
+
+
+def inertia(t, six, p):
+    """After `time` the inertia is larger by the six parameters, over the mean moment before."""
+    after = 1.0 * (t.real > p[0].real)
+    return tuple(i + after * d for i, d in zip(six, p[1:7], strict=True))
+
+
+def shift(t, p):
+    """The centre of mass moves by `centre` in body axes, so feature points move against it."""
+    after = 1.0 * (t.real > p[0].real)
+    return -after * p[7], -after * p[8], -after * p[9]

@@ -1,0 +1,96 @@
+"""What acts from outside, as functions of time: the planet, the Sun, the magnetic field. Inertial axes are cam0's at
+the first timestamp."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from massprops.sequence.data import Environment, Orbit
+
+
+class Surroundings:
+    """The environment of a sequence, ready to be asked at any time.
+
+    Attributes:
+        mu: [m^3/s^2], 0 without an orbit; sun, field: three components each, inertial; zeros when unknown.
+    """
+
+    def __init__(self, environment: Environment):
+        self.orbit = environment.orbit
+        self.lvlh = environment.chaser_attitude == "lvlh" and environment.orbit is not None
+        self.mu = environment.orbit.mu_m3_s2 if environment.orbit else 0.0
+        self.sun = _three(environment.sun_direction)
+        self.field = _three(environment.magnetic_field_T)
+        self.known = {
+            name
+            for name, there in (
+                ("orbit", environment.orbit is not None),
+                ("sun direction", environment.sun_direction is not None),
+                ("magnetic field", environment.magnetic_field_T is not None),
+            )
+            if there
+        }
+        if self.orbit is not None:
+            o = self.orbit
+            self._motion = math.sqrt(o.mu_m3_s2 / o.semi_major_axis_m**3)
+            half = math.tan(o.true_anomaly_rad / 2) * math.sqrt((1 - o.eccentricity) / (1 + o.eccentricity))
+            E = 2 * math.atan(half)
+            self._mean = E - o.eccentricity * math.sin(E)
+            self._rows = [[float(v) for v in row] for row in np.asarray(o.R_inertial_perifocal)]
+
+    def position(self, t: Any) -> tuple[Any, Any, Any]:
+        """Chaser from the planet's centre, inertial axes [m], at time(s) t; by Kepler's equation."""
+        o = self.orbit
+        assert o is not None
+        E = eccentric_anomaly(self._mean + self._motion * t, o.eccentricity)
+        sine, cosine = (math.sin(E), math.cos(E)) if isinstance(E, float) else (np.sin(E), np.cos(E))
+        x = o.semi_major_axis_m * (cosine - o.eccentricity)
+        y = o.semi_major_axis_m * math.sqrt(1 - o.eccentricity**2) * sine
+        (a, b, _), (c, d, _), (e, f, _) = self._rows
+        return a * x + b * y, c * x + d * y, e * x + f * y
+
+    def chaser_turn(self, times: np.ndarray) -> np.ndarray:
+        """(n, 3, 3) from inertial axes to cam0's: the orbital frame's turn since the first time, or none."""
+        if not self.lvlh:
+            return np.broadcast_to(np.eye(3), (len(times), 3, 3))
+        r = np.stack(np.broadcast_arrays(*self.position(np.asarray(times, float))), axis=-1)
+        first = np.array(self.position(0.0))
+        normal = np.asarray(self.orbit.R_inertial_perifocal)[:, 2]  # type: ignore[union-attr]
+
+        def frame(v: np.ndarray) -> np.ndarray:
+            x = v / np.linalg.norm(v, axis=-1, keepdims=True)
+            z = np.broadcast_to(normal, x.shape)
+            return np.stack([x, np.cross(z, x), z], axis=-2)
+
+        # cam0 keeps its orientation against the orbital frame: C(t) = L(0)^T L(t)
+        return frame(first).T @ frame(r)
+
+
+def eccentric_anomaly(mean: Any, eccentricity: float) -> Any:
+    """Solves M = E - e sin E by Newton's method; a float gives a float."""
+    if isinstance(mean, float):
+        E = mean if eccentricity < 0.8 else math.pi
+        for _ in range(30):
+            step = (E - eccentricity * math.sin(E) - mean) / (1 - eccentricity * math.cos(E))
+            E -= step
+            if abs(step) < 1e-14 * max(1.0, abs(E)):
+                break
+        return E
+    M = np.asarray(mean, float)
+    E = M + eccentricity * np.sin(M)
+    for _ in range(30):
+        step = (E - eccentricity * np.sin(E) - M) / (1 - eccentricity * np.cos(E))
+        E = E - step
+        if np.max(np.abs(step), initial=0.0) < 1e-13:
+            break
+    return E
+
+
+def _three(vector: np.ndarray | None) -> tuple[float, float, float]:
+    return (0.0, 0.0, 0.0) if vector is None else tuple(float(v) for v in vector)  # type: ignore[return-value]
+
+
+__all__ = ["Orbit", "Surroundings", "eccentric_anomaly"]

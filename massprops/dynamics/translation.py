@@ -1,0 +1,106 @@
+"""Path of the target's centre of mass relative to the chaser, inertial axes, with its derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.dynamics.kernels import differential_gravity
+from massprops.dynamics.rotation import Acting
+from massprops.dynamics.surroundings import Surroundings
+
+STEP_OF_ORBIT = 0.01
+"""Longest step over the orbit's radian time sqrt(a^3 / mu)."""
+
+
+def path(
+    times: np.ndarray, r0: np.ndarray, v0: np.ndarray, acting: Acting, p: np.ndarray, around: Surroundings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Position and velocity at `times` (n,): straight, or falling beside the chaser about the planet.
+
+    Args:
+        r0, v0: (3,) at times[0], inertial axes [m, m/s].
+        acting, p: effects on the motion; those with `displacement` move the path.
+
+    Returns:
+        r, v (n, 3), and their derivatives dr, dv (n, 3, 6 + len(p)) by r0, v0 and the effects' parameters.
+    """
+    n, count = len(times), len(p)
+    t = times - times[0]
+    dr, dv = np.zeros((n, 3, 6 + count)), np.zeros((n, 3, 6 + count))
+    if around.orbit is None:
+        r, v = r0 + t[:, None] * v0, np.broadcast_to(v0, (n, 3)).copy()
+        dr[:, :, :3] = dv[:, :, 3:6] = np.eye(3)
+        dr[:, :, 3:6] = t[:, None, None] * np.eye(3)
+    else:
+        r, v, Phi = _fall(times, r0, v0, around)
+        dr[:, :, :6], dv[:, :, :6] = Phi[:, :3], Phi[:, 3:]
+    step = 1e-30
+    for effect, place, _ in acting:
+        if not hasattr(effect, "displacement"):
+            continue
+        own = [float(x) for x in p[place]]
+        r = r + _rows(effect.displacement(times, own), n)
+        # the velocity that goes with a displacement is its time derivative
+        v = v + np.imag(_rows(effect.displacement(times + 1j * step, own), n)) / step
+        for k in range(len(own)):
+            moved = [x + (1j * step if i == k else 0) for i, x in enumerate(own)]
+            dr[:, :, 6 + place.start + k] = np.imag(_rows(effect.displacement(times, moved), n)) / step
+    return r, v, dr, dv
+
+
+def _rows(parts: tuple, n: int) -> np.ndarray:
+    return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)
+
+
+def _fall(
+    times: np.ndarray, r0: np.ndarray, v0: np.ndarray, around: Surroundings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Differential gravity by Runge-Kutta, with the transition matrix (n, 6, 6)."""
+    o = around.orbit
+    assert o is not None
+    longest = STEP_OF_ORBIT * float(np.sqrt((o.semi_major_axis_m * (1 - o.eccentricity)) ** 3 / o.mu_m3_s2))
+    gaps = np.diff(times)
+    counts = np.maximum(1, np.ceil(gaps / longest)).astype(int)
+    size = np.repeat(gaps / counts, counts)
+    first = np.concatenate([[0], np.cumsum(counts)])
+    start = np.repeat(times[:-1], counts) + (np.arange(counts.sum()) - np.repeat(first[:-1], counts)) * size
+    leader = [np.stack(around.position(start + c * size), axis=-1).tolist() for c in (0.0, 0.5, 1.0)]
+    y = [*(float(x) for x in r0), *(float(x) for x in v0)]
+    stages = np.empty((len(size), 4, 6))
+    states = np.empty((len(size) + 1, 6))
+    states[0] = y
+
+    def slope(l: list, y: list) -> list:
+        return [y[3], y[4], y[5], *differential_gravity(around.mu, *l, y[0], y[1], y[2])]
+
+    for k, h in enumerate(size.tolist()):
+        f1 = slope(leader[0][k], y)
+        y2 = [a + 0.5 * h * b for a, b in zip(y, f1, strict=True)]
+        f2 = slope(leader[1][k], y2)
+        y3 = [a + 0.5 * h * b for a, b in zip(y, f2, strict=True)]
+        f3 = slope(leader[1][k], y3)
+        y4 = [a + h * b for a, b in zip(y, f3, strict=True)]
+        f4 = slope(leader[2][k], y4)
+        stages[k] = y, y2, y3, y4
+        y = [a + h / 6 * (b + 2 * (c + d) + e) for a, b, c, d, e in zip(y, f1, f2, f3, f4, strict=True)]
+        states[k + 1] = y
+    A = np.zeros((len(size), 4, 6, 6))
+    A[..., :3, 3:] = np.eye(3)
+    grid = np.stack([np.array(leader[0]), np.array(leader[1]), np.array(leader[1]), np.array(leader[2])], axis=1)
+    for j in range(3):
+        # Battin's form holds powers of large numbers: a complex step of a metre's size stays exact
+        moved = [stages[..., i] + (1e-20j if i == j else 0) for i in range(3)]
+        pull = differential_gravity(around.mu, *(grid[..., i] for i in range(3)), *moved)
+        A[..., 3:, j] = np.stack([np.imag(x) for x in pull], axis=-1) / 1e-20
+    h = size[:, None, None]
+    K1 = A[:, 0]
+    K2 = A[:, 1] @ (np.eye(6) + 0.5 * h * K1)
+    K3 = A[:, 2] @ (np.eye(6) + 0.5 * h * K2)
+    K4 = A[:, 3] @ (np.eye(6) + h * K3)
+    M = np.eye(6) + h / 6 * (K1 + 2 * (K2 + K3) + K4)
+    Phi = np.empty((len(size) + 1, 6, 6))
+    Phi[0] = np.eye(6)
+    for k in range(len(size)):
+        Phi[k + 1] = M[k] @ Phi[k]
+    at = np.concatenate([[0], np.cumsum(counts)])
+    return states[at, :3], states[at, 3:], Phi[at]

@@ -1,0 +1,70 @@
+"""What an effect says about itself, and how the catalogue of effects is found.
+
+An effect is one file in `dynamics/effects/` or `sensing/effects/`, named as the effect with underscores. It holds
+`NAME`, `SENTENCE` (for users), `PARAMETERS`, `NEEDS` (names of surroundings or sensors it cannot do without) and the
+functions by which it changes the motion or a measurement. Adding a file adds the effect.
+
+Functions of the motion, component by component (`massprops.dynamics.kernels`), p a sequence of parameters:
+
+- `torque(t, q, w, p, inertia, around)`: external torque, body axes, over the body's mean moment [rad/s^2];
+- `inertia(t, six, p)`: (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) at time t in place of `six`;
+- `internal(t, z, p)`: angular momentum stored inside the body; with `STATES`, `internal_start(w, p)` and
+  `internal_rate(t, w, z, p)` when it has states z of its own;
+- `jump(p)`: momentum added at the time parameter, body axes; `displacement(t, p)`: what is added to the path of the
+  centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes.
+
+Functions of the measurement:
+
+- `delay(camera, row, p)`: when a row is taken, after its timestamp [s]; `turn(t, p)`: rotation vector of cam0 since
+  the start, its own axes; `base(camera, t, p)`: where a camera stands; `lens(x, y, p, focal)`: image coordinates over
+  depth; `range_offset(t, p)` [m].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        name: in `model.yaml`.
+        unit: SI.
+        size: what is common, in that unit; scales the search.
+        limit: largest plausible magnitude; None for no limit.
+        kind: `number`, or `time` for the moment of an event [s since the first timestamp].
+    """
+
+    name: str
+    unit: str
+    size: float
+    limit: float | None = None
+    kind: str = "number"
+
+
+Torque = Callable[..., tuple]
+
+
+@cache
+def effects() -> dict[str, ModuleType]:
+    """Every effect by its name: those of the motion first."""
+    found: dict[str, ModuleType] = {}
+    for room in ("dynamics", "sensing"):
+        folder = Path(__file__).parent / room / "effects"
+        for path in sorted(folder.glob("*.py")):
+            if not path.stem.startswith("_"):
+                module = import_module(f"massprops.{room}.effects.{path.stem}")
+                found[module.NAME] = module
+    return found
+
+
+def changes_motion(effect: ModuleType) -> bool:
+    """Whether the effect acts on the body rather than on the sensors."""
+    return effect.__name__.split(".")[-3] == "dynamics"

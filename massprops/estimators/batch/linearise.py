@@ -1,0 +1,218 @@
+"""Residuals of all measurements at a state, in units of their noise, and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.dynamics import rotation, translation
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, rotation_vector
+from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.batch.measurements import Measurements
+from massprops.estimators.batch.state import BatchState, inertia_directions
+from massprops.estimators.problem import Problem
+from massprops.sensing.predict import Motion, camera_turn, in_chaser, image, pixel_slopes
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A state carried through all epochs: motion, its rotation trajectory, derivatives of the path, feature shifts."""
+
+    state: BatchState
+    motion: Motion
+    q: np.ndarray
+    trajectory: rotation.Trajectory
+    dr: np.ndarray
+    dv: np.ndarray
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Measured less predicted over 1-sigma: tracks (o, 2), range (k,), rates (k, 3), attitude (k, 3)."""
+
+    tracks: np.ndarray
+    range: np.ndarray
+    rates: np.ndarray
+    attitude: np.ndarray
+
+    @property
+    def norms(self) -> np.ndarray:
+        """Length of each residual over the root of its dimension: what robust weights go by."""
+        return np.concatenate(
+            [
+                np.sqrt(np.mean(self.tracks**2, axis=1)),
+                np.abs(self.range),
+                np.sqrt(np.mean(self.rates**2, axis=1)),
+                np.sqrt(np.mean(self.attitude**2, axis=1)),
+            ]
+        )
+
+    @property
+    def squares(self) -> np.ndarray:
+        """Sum of squares of each residual, in the order of `norms`."""
+        return np.concatenate(
+            [
+                np.sum(self.tracks**2, axis=1),
+                self.range**2,
+                np.sum(self.rates**2, axis=1),
+                np.sum(self.attitude**2, axis=1),
+            ]
+        )
+
+
+def predict(problem: Problem, state: BatchState, around: Surroundings) -> Predicted:
+    """The motion of a state at all epochs of the problem."""
+    model = state.model
+    acting, p = model.acting, model.flat(True)
+    path = rotation.trajectory(problem.times, state.q0, state.w0, state.inertia, acting, p, around)
+    r, v, dr, dv = translation.path(problem.times, state.r0, state.v0, acting, p, around)
+    motion = Motion(problem.times, rotation_matrix(path.q), path.w, r, v, around.chaser_turn(problem.times))
+    return Predicted(state, motion, path.q, path, dr, dv)
+
+
+def body_points(at: Predicted, m: Measurements) -> np.ndarray:
+    """(o, 3) feature points of the observations from the centre of mass at that time."""
+    points = at.state.points[m.seen.feature]
+    model = at.state.model
+    p = model.flat(True)
+    for effect, place, _ in model.acting:
+        if hasattr(effect, "shift"):
+            points = points + _columns(effect.shift(at.motion.times, p[place]), len(at.motion.times))[m.seen.epoch]
+    return points
+
+
+def residuals(problem: Problem, m: Measurements, at: Predicted) -> Residuals:
+    """Residuals of the measurements."""
+    model = at.state.model
+    sensed, p = model.sensed, model.flat(False)
+    tracks = np.zeros((0, 2))
+    if len(m.uv):
+        X, _, _ = in_chaser(m.seen, at.motion, body_points(at, m), sensed, p)
+        tracks = (m.uv - image(problem.cameras, m.seen.camera, X, sensed, p)) / m.sigma[:, None]
+    return Residuals(tracks, *_others(problem, m, at))
+
+
+def _others(problem: Problem, m: Measurements, at: Predicted) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    model = at.state.model
+    sensed, p = model.sensed, model.flat(False)
+    ranges = np.zeros(0)
+    if len(m.range_at):
+        said = np.linalg.norm(at.motion.r[m.range_at], axis=1)
+        for effect, place in sensed.having("range_offset"):
+            said = said + effect.range_offset(at.motion.times[m.range_at], p[place])
+        ranges = (problem.range_m[m.range_at] - said) / problem.sigma_range
+    rates = (problem.rates[m.rate_at] - at.motion.w[m.rate_at]) / problem.sigma_rate
+    attitude = np.zeros((0, 3))
+    if len(m.attitude_at):
+        seen = multiply(from_rotation_matrix(camera_turn(at.motion, sensed, p)[m.attitude_at]), at.q[m.attitude_at])
+        off = rotation_vector(multiply(conjugate(seen), problem.attitude[m.attitude_at]))
+        attitude = off / problem.sigma_attitude[m.attitude_at, None]
+    return ranges, rates, attitude
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Residuals and the derivatives of the predictions over 1-sigma.
+
+    Attributes:
+        shared: (N, p) by all parameters but the points, rows in the order tracks (u, v), range, rates, attitude.
+        point: (o, 2, 3) of each observation by its own feature point.
+        value: (N,) residuals in the same order; unit: (N,) which measurement each row belongs to (order of `norms`).
+    """
+
+    residuals: Residuals
+    shared: np.ndarray
+    point: np.ndarray
+    value: np.ndarray
+    unit: np.ndarray
+
+
+def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surroundings) -> Linear:
+    """Residuals and derivatives at a predicted state."""
+    state = at.state
+    model = state.model
+    acting, pm = model.acting, model.flat(True)
+    sensed, ps = model.sensed, model.flat(False)
+    turn, rate = rotation.sensitivities(
+        problem.times, at.trajectory, state.q0, state.w0, state.inertia, inertia_directions(state.inertia), acting, pm, around
+    )
+    nm, ns = len(pm), len(ps)
+    size = 17 + nm + ns
+    # place of each column of the rotation and of the path among all parameters
+    by_turn = np.r_[0:6, 12:17, 17 : 17 + nm]
+    by_path = np.r_[6:12, 17 : 17 + nm]
+    blocks, values = [], []
+    point = np.zeros((0, 2, 3))
+    tracks = np.zeros((0, 2))
+    if len(m.uv):
+        slopes = pixel_slopes(problem.cameras, m.seen, at.motion, body_points(at, m), sensed, ps)
+        tracks = (m.uv - slopes.uv) / m.sigma[:, None]
+        J = np.zeros((len(m.uv), 2, size))
+        e = m.seen.epoch
+        J[:, :, by_turn] = slopes.turn @ turn[e]
+        if slopes.rate is not None:
+            J[:, :, by_turn] += slopes.rate @ rate[e]
+        J[:, :, by_path] += slopes.place @ at.dr[e]
+        if slopes.velocity is not None:
+            J[:, :, by_path] += slopes.velocity @ at.dv[e]
+        for effect, place, _ in acting:
+            if hasattr(effect, "shift"):
+                own = [float(x) for x in pm[place]]
+                for k in range(len(own)):
+                    moved = [x + (1e-30j if i == k else 0) for i, x in enumerate(own)]
+                    way = np.imag(_columns(effect.shift(problem.times, moved), len(problem.times))) / 1e-30
+                    J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
+        J[:, :, 17 + nm :] = slopes.effect
+        J /= m.sigma[:, None, None]
+        point = slopes.point / m.sigma[:, None, None]
+        blocks.append(J.reshape(-1, size))
+        values.append(tracks.reshape(-1))
+    ranges, rates, attitude = _others(problem, m, at)
+    if len(m.range_at):
+        J = np.zeros((len(m.range_at), size))
+        r = at.motion.r[m.range_at]
+        J[:, by_path] = np.einsum("ni,nik->nk", r / np.linalg.norm(r, axis=1, keepdims=True), at.dr[m.range_at])
+        for effect, place in sensed.having("range_offset"):
+            for k in range(place.stop - place.start):
+                moved = ps[place].astype(complex)
+                moved[k] += 1e-30j
+                J[:, 17 + nm + place.start + k] = (
+                    np.imag(effect.range_offset(problem.times[m.range_at], moved)) / 1e-30
+                )
+        blocks.append(J / problem.sigma_range)
+        values.append(ranges)
+    if len(m.rate_at):
+        J = np.zeros((len(m.rate_at), 3, size))
+        J[:, :, by_turn] = rate[m.rate_at]
+        blocks.append(J.reshape(-1, size) / problem.sigma_rate)
+        values.append(rates.reshape(-1))
+    if len(m.attitude_at):
+        J = np.zeros((len(m.attitude_at), 3, size))
+        J[:, :, by_turn] = turn[m.attitude_at]
+        for effect, place in sensed.having("turn"):
+            # the camera's own turn is small: a change of it turns the body the other way in cam0's axes
+            whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
+            own = [float(x) for x in ps[place]]
+            for k in range(len(own)):
+                moved = [x + (1e-30j if i == k else 0) for i, x in enumerate(own)]
+                way = np.imag(_columns(effect.turn(problem.times, moved), len(problem.times))) / 1e-30
+                J[:, :, 17 + nm + place.start + k] = -np.einsum("nji,nj->ni", whole, way)[m.attitude_at]
+        J /= problem.sigma_attitude[m.attitude_at, None, None]
+        blocks.append(J.reshape(-1, size))
+        values.append(attitude.reshape(-1))
+    o, a, b, c = len(m.uv), len(m.range_at), len(m.rate_at), len(m.attitude_at)
+    unit = np.concatenate(
+        [np.repeat(np.arange(o), 2), o + np.arange(a), o + a + np.repeat(np.arange(b), 3), o + a + b + np.repeat(np.arange(c), 3)]
+    ).astype(int)
+    return Linear(
+        Residuals(tracks, ranges, rates, attitude),
+        np.concatenate(blocks) if blocks else np.zeros((0, size)),
+        point,
+        np.concatenate(values) if values else np.zeros(0),
+        unit,
+    )
+
+
+def _columns(parts: tuple, n: int) -> np.ndarray:
+    return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)

@@ -1,0 +1,250 @@
+"""Levenberg-Marquardt over motion, inertia, effects and feature points, the points eliminated (Schur complement)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.batch.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
+from massprops.estimators.batch.measurements import Measurements
+from massprops.estimators.batch.state import BatchState, inertia_directions, moved
+from massprops.estimators.problem import Problem
+
+HUBER = 3.0
+"""Residual, in units of the noise or of the bulk's misfit, beyond which a measurement counts linearly."""
+GATE = 5.0
+"""Beyond this it is an outlier, left out of the result and counted."""
+MOST_ITERATIONS = 40
+LARGEST_DAMPING = 1e8
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is believed beforehand: inertia (3, 3) trace 3 with sigma per element over the mean moment, or None;
+    weak: 1-sigma of the five local parameters about the present inertia, which keeps a blind fit in place."""
+
+    inertia: np.ndarray | None = None
+    sigma: float = 0.05
+    weak: float = 3.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The end of a search.
+
+    Attributes:
+        state: where it came to rest; predicted: its motion.
+        residuals: of the measurements fitted; weights (k,) robust, 0 for outliers, in the order of `Residuals.norms`.
+        information: (f, f) of the free parameters, points eliminated, data only; free: (size,) which those are.
+        cost: half the weighted sum of squares with the belief; chi2: sum of squares of what was not gated out; count:
+            scalars in it; parameters: free parameters and points' coordinates.
+        converged: the last step was negligible; iterations.
+    """
+
+    state: BatchState
+    predicted: Predicted
+    residuals: Residuals
+    weights: np.ndarray
+    information: np.ndarray
+    free: np.ndarray
+    cost: float
+    chi2: float
+    count: int
+    parameters: int
+    converged: bool
+    iterations: int
+
+    @property
+    def freedom(self) -> int:
+        """Measurements less parameters."""
+        return max(1, self.count - self.parameters)
+
+
+def fit(
+    problem: Problem,
+    m: Measurements,
+    start: BatchState,
+    around: Surroundings,
+    free: np.ndarray,
+    belief: Belief = Belief(),
+    most: int = MOST_ITERATIONS,
+    progress: Callable[[int, float], None] = lambda i, cost: None,
+    tolerance: float = 1e-3,
+) -> Fit:
+    """Searches the state that explains the measurements best.
+
+    Args:
+        free: (size,) parameters that may move; the others keep their values.
+        belief: about the inertia.
+        tolerance: of a step, in units of the parameters' 1-sigma, below which the search ends.
+    """
+    state, at = start, predict(problem, start, around)
+    damping = 1e-3
+    weights = robust(residuals(problem, m, at))
+    linear = linearise(problem, m, at, around)
+    cost = _cost(linear.residuals, weights, state, belief)
+    converged, iterations = False, 0
+    for iterations in range(1, most + 1):
+        reduced = _reduce(linear, m, weights, free, state, belief)
+        accepted = False
+        while damping < LARGEST_DAMPING:
+            d, points = _step(reduced, damping, free, state)
+            size = reduced.significance(d[free])
+            trial = moved(state, d, points)
+            with np.errstate(all="ignore"):
+                at_trial = predict(problem, trial, around)
+                left = residuals(problem, m, at_trial)
+                new = _cost(left, weights, trial, belief)
+            if np.isfinite(new) and new <= cost * (1 + 1e-12):
+                accepted = True
+                break
+            if size < tolerance:
+                break
+            damping *= 8.0
+        if not accepted:
+            converged = size < 0.05
+            break
+        gained = cost - new
+        state, at = trial, at_trial
+        progress(iterations, float(np.sqrt(2 * new / max(1, m.count))))
+        weights = robust(left)
+        linear = linearise(problem, m, at, around)
+        cost = _cost(linear.residuals, weights, state, belief)
+        damping = max(damping / 8.0, 1e-9)
+        if size < tolerance or (gained < 1e-7 * cost and damping < 1e-4):
+            converged = True
+            break
+    weights = robust(linear.residuals)
+    reduced = _reduce(linear, m, weights, free, state, None)
+    kept = weights > 0
+    dims = _dimensions(m)
+    placed = len(np.unique(m.seen.feature)) if len(m.uv) else 0
+    return Fit(
+        state,
+        at,
+        linear.residuals,
+        weights,
+        reduced.H,
+        free,
+        cost,
+        float(np.sum(linear.residuals.squares[kept])),
+        int(dims[kept].sum()),
+        int(free.sum()) + 3 * placed,
+        converged,
+        iterations,
+    )
+
+
+def robust(r: Residuals) -> np.ndarray:
+    """Weights: 1 in the bulk, falling beyond HUBER times its spread, 0 beyond GATE times and HUBER + 2 sigma.
+
+    A model that lacks something leaves the whole bulk large: the spread is of the bulk, never below the noise.
+    """
+    norms = r.norms
+    if not len(norms):
+        return norms
+    weights = np.ones_like(norms)
+    at = 0
+    for part, median in ((r.tracks, 0.83), (r.range, 0.674), (r.rates, 0.888), (r.attitude, 0.888)):
+        own = slice(at, at + len(part))
+        at += len(part)
+        if len(part):
+            spread = max(1.0, float(np.median(norms[own])) / median)
+            x = norms[own] / spread
+            weights[own] = np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
+    return weights
+
+
+def _dimensions(m: Measurements) -> np.ndarray:
+    sizes = ((len(m.uv), 2), (len(m.range_at), 1), (len(m.rate_at), 3), (len(m.attitude_at), 3))
+    return np.concatenate([np.full(n, d) for n, d in sizes]).astype(int)
+
+
+def _cost(r: Residuals, weights: np.ndarray, state: BatchState, belief: Belief) -> float:
+    value, _ = _believed(state, belief)
+    # an outlier costs what it would at the gate, so that throwing measurements out never pays
+    return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
+
+
+def _believed(state: BatchState, belief: Belief | None) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals of the belief and their derivatives by the five inertia parameters."""
+    if belief is None:
+        return np.zeros(0), np.zeros((0, 5))
+    if belief.inertia is None:
+        return np.zeros(5), np.eye(5) / belief.weak
+    pick = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    off = state.inertia - belief.inertia
+    ways = inertia_directions(state.inertia)
+    value = np.array([off[i, j] for i, j in pick]) / belief.sigma
+    return -value, np.array([[w[i, j] for w in ways] for i, j in pick]) / belief.sigma
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Normal equations without the points: H (f, f), b (f,); what gives the points back."""
+
+    H: np.ndarray
+    b: np.ndarray
+    V: np.ndarray
+    W: np.ndarray
+    c: np.ndarray
+    full: np.ndarray
+
+    def significance(self, d: np.ndarray) -> float:
+        """Length of a step in units of its own uncertainty."""
+        return float(np.sqrt(max(0.0, d @ self.H @ d)))
+
+
+def _reduce(
+    linear: Linear, m: Measurements, weights: np.ndarray, free: np.ndarray, state: BatchState, belief: Belief | None
+) -> Reduced:
+    w = weights[linear.unit]
+    J = linear.shared[:, free]
+    JW = J * w[:, None]
+    full = JW.T @ J
+    b = JW.T @ linear.value
+    if belief is not None:
+        value, slopes = _believed(state, belief)
+        place = np.flatnonzero(free[12:17])
+        at = free[:12].sum() + np.arange(len(place))
+        full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]
+        b[at] += slopes[:, place].T @ value
+    o, count = len(m.uv), len(state.points)
+    V, W, c = np.zeros((count, 3, 3)), np.zeros((count, int(free.sum()), 3)), np.zeros((count, 3))
+    H = full.copy()
+    if o:
+        F = linear.point
+        Fw = F * weights[:o, None, None]
+        order = np.argsort(m.seen.feature, kind="stable")
+        who, first = np.unique(m.seen.feature[order], return_index=True)
+        V[who] = np.add.reduceat(np.einsum("oki,okj->oij", Fw, F)[order], first, axis=0)
+        c[who] = np.add.reduceat(np.einsum("oki,ok->oi", Fw, linear.residuals.tracks)[order], first, axis=0)
+        cross = np.einsum("okp,oki->opi", JW[: 2 * o].reshape(o, 2, -1), F)
+        W[who] = np.add.reduceat(cross[order], first, axis=0)
+        V += 1e-9 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
+        Vi = np.linalg.inv(V)
+        WV = W @ Vi
+        H = full - np.einsum("fpi,fqi->pq", WV, W)
+        b = b - np.einsum("fpi,fi->p", WV, c)
+    return Reduced(0.5 * (H + H.T), b, V, W, c, full)
+
+
+def _step(reduced: Reduced, damping: float, free: np.ndarray, state: BatchState) -> tuple[np.ndarray, np.ndarray]:
+    scale = np.maximum(np.diag(reduced.full), 1e-12)
+    H = reduced.H + np.diag(damping * scale + 1e-14 * scale.max())
+    root = np.sqrt(scale)
+    try:
+        step = np.linalg.solve(H / root[:, None] / root, reduced.b / root) / root
+    except np.linalg.LinAlgError:
+        step = np.zeros(len(scale))
+    d = np.zeros(len(free))
+    d[free] = step
+    points = state.points
+    if len(points):
+        back = reduced.c - np.einsum("fpi,p->fi", reduced.W, step)
+        V = reduced.V + damping * np.einsum("fii->fi", reduced.V)[:, :, None] * np.eye(3)
+        points = points + np.linalg.solve(V + 1e-300, back[..., None])[..., 0]
+    return d, points

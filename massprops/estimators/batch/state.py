@@ -1,0 +1,125 @@
+"""What the batch fit moves: initial state, inertia, effects, feature points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
+from massprops.estimators.result import ratios
+from massprops.model import Model
+
+
+@dataclass(frozen=True)
+class BatchState:
+    """One point of the search; m features.
+
+    Attributes:
+        q0: (4,) body to inertial (cam0 at the first epoch); w0: (3,) body axes [rad/s].
+        r0, v0: (3,) centre of mass, inertial axes [m, m/s].
+        inertia: (3, 3) body axes, mean moment 1 (trace 3).
+        model: effects and their parameters.
+        points: (m, 3) features from the centre of mass, body axes [m]; NaN for those not placed.
+    """
+
+    q0: np.ndarray
+    w0: np.ndarray
+    r0: np.ndarray
+    v0: np.ndarray
+    inertia: np.ndarray
+    model: Model
+    points: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Parameters besides the feature points: 3 attitude, 3 rate, 3 place, 3 velocity, 5 inertia, effects."""
+        return 17 + sum(len(v) for v in self.model.values)
+
+    @property
+    def motion_count(self) -> int:
+        return len(self.model.flat(True))
+
+
+BASIS = np.array(
+    [
+        [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
+        [[-1, 0, 0], [0, -1, 0], [0, 0, 2]],
+        [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
+        [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
+        [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+    ]
+) / np.sqrt([2, 6, 2, 2, 2])[:, None, None]
+"""Symmetric matrices without trace, orthonormal: the five shapes in which an inertia can differ but for its size."""
+
+
+def second_moment(inertia: np.ndarray) -> np.ndarray:
+    """Sigma = tr(I)/2 - I (3, 3): positive definite exactly when I is the inertia of a solid body."""
+    return 0.5 * np.trace(inertia) * np.eye(3) - inertia
+
+
+def inertia_of(sigma: np.ndarray) -> np.ndarray:
+    """The inertia of a second moment, scaled to a mean moment of 1."""
+    inertia = np.trace(sigma) * np.eye(3) - sigma
+    return 3.0 * inertia / np.trace(inertia)
+
+
+def physical(inertia: np.ndarray, least: float = 1e-4) -> np.ndarray:
+    """The nearest inertia (trace 3) whose second moment has no eigenvalue below `least`."""
+    values, vectors = np.linalg.eigh(second_moment(3.0 * inertia / np.trace(inertia)))
+    return inertia_of((vectors * np.maximum(values, least)) @ vectors.T)
+
+
+def inertia_directions(inertia: np.ndarray) -> np.ndarray:
+    """(5, 3, 3) changes of the inertia by the local parameters of `moved_inertia` at zero."""
+    root = _root(second_moment(inertia))
+    out = []
+    for basis in BASIS:
+        change = root @ basis @ root
+        raw = np.trace(change) * np.eye(3) - change
+        # at mean moment 1 tr(Sigma) is 1.5 and tr(I) is 3: the scaling back to trace 3
+        out.append(raw - inertia * np.trace(raw) / 3.0)
+    return np.array(out)
+
+
+def moved_inertia(inertia: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Sigma^1/2 exp(sum d_k B_k) Sigma^1/2 as an inertia: physical for every d (5,)."""
+    values, vectors = np.linalg.eigh(np.tensordot(d, BASIS, 1))
+    root = _root(second_moment(inertia))
+    return inertia_of(root @ (vectors * np.exp(np.clip(values, -5, 5))) @ vectors.T @ root)
+
+
+def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:
+    """The state after a step d (size,) and new points."""
+    k = 17 + state.motion_count
+    motion, sensing = state.model.flat(True) + d[17:k], state.model.flat(False) + d[k:]
+    return replace(
+        state,
+        q0=normalise(multiply(state.q0, from_rotation_vector(d[:3]))),
+        w0=state.w0 + d[3:6],
+        r0=state.r0 + d[6:9],
+        v0=state.v0 + d[9:12],
+        inertia=moved_inertia(state.inertia, d[12:17]) if np.any(d[12:17]) else state.inertia,
+        model=state.model.with_values(motion, sensing),
+        points=points,
+    )
+
+
+def ratio_slopes(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """k (2,), axes (3, 3), and their derivatives by the five local parameters: (2, 5), and (3, 5) as a small turn in
+    body axes."""
+    k, axes = ratios(inertia)
+    moments = np.linalg.eigvalsh(inertia)
+    changes = np.einsum("ai,nab,bj->nij", axes, inertia_directions(inertia), axes)
+    log = np.stack([changes[:, i, i] / moments[i] for i in range(3)])
+    turn = np.zeros((3, len(changes)))
+    for (i, j), about in (((1, 2), 0), ((2, 0), 1), ((0, 1), 2)):
+        gap = moments[j] - moments[i]
+        turn[about] = changes[:, i, j] / (-gap if abs(gap) > 1e-12 else -1e-12)
+    hand = np.sign(np.linalg.det(axes))
+    return k, axes, np.stack([log[0] - log[1], log[1] - log[2]]), hand * (axes @ turn)
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(matrix)
+    return (vectors * np.sqrt(np.maximum(values, 1e-12))) @ vectors.T

@@ -1,0 +1,162 @@
+"""The model that simulator, estimators and diagnosis share: a rigid body, its sensors, and a list of effects.
+
+`model.yaml` holds it on disk: `format: massprops-model/1`, `effects: [{name, parameters: {...}, sigma: {...}}]`,
+`inertia` (3 x 3, mean moment 1) or null, and what the base model had to be corrected by.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.rotation import Acting
+from massprops.effects import changes_motion, effects
+from massprops.errors import InputError
+from massprops.sensing.predict import Sensed
+
+FORMAT = "massprops-model/1"
+
+
+@dataclass(frozen=True)
+class Model:
+    """Which effects act, and with what parameters.
+
+    Attributes:
+        names: effects by name, those of the motion first; values: their parameters, one array each.
+        inertia: (3, 3) in body axes, mean moment 1, or None when it is to be found.
+    """
+
+    names: tuple[str, ...] = ()
+    values: tuple[np.ndarray, ...] = ()
+    inertia: np.ndarray | None = None
+
+    @property
+    def modules(self) -> tuple[ModuleType, ...]:
+        known = effects()
+        return tuple(known[n] for n in self.names)
+
+    @property
+    def acting(self) -> Acting:
+        """The effects on the motion."""
+        own = [m for m in self.modules if changes_motion(m)]
+        return Acting(tuple(own), _places(own))
+
+    @property
+    def sensed(self) -> Sensed:
+        """The effects on the sensors."""
+        own = [m for m in self.modules if not changes_motion(m)]
+        return Sensed(tuple(own), _places(own))
+
+    def flat(self, motion: bool) -> np.ndarray:
+        """Parameters of the effects on the motion, or on the sensors, in one vector."""
+        own = [v for m, v in zip(self.modules, self.values, strict=True) if changes_motion(m) == motion]
+        return np.concatenate([np.zeros(0), *own])
+
+    def with_values(self, motion: np.ndarray, sensing: np.ndarray) -> Model:
+        """The same effects with parameters from the two flat vectors."""
+        out, at = [], {True: 0, False: 0}
+        for m in self.modules:
+            kind = changes_motion(m)
+            count = len(m.PARAMETERS)
+            out.append((motion if kind else sensing)[at[kind] : at[kind] + count].copy())
+            at[kind] += count
+        return Model(self.names, tuple(out), self.inertia)
+
+
+def model_of(sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = None) -> Model:
+    """A model with effects by name; None starts all of an effect's parameters at zero.
+
+    Raises:
+        InputError: an unknown effect, or the wrong number of parameters.
+    """
+    known = effects()
+    for name in sizes:
+        if name not in known:
+            raise InputError(f"effect {name!r} is not known; there are {', '.join(known)}")
+    names = [n for n in known if n in sizes]
+    values = []
+    for name in names:
+        value, count = sizes[name], len(known[name].PARAMETERS)
+        array = np.zeros(count) if value is None else np.asarray(value, float).reshape(-1)
+        if len(array) != count or not np.isfinite(array).all():
+            wanted = ", ".join(f"{q.name} [{q.unit}]" for q in known[name].PARAMETERS)
+            raise InputError(f"effect {name}: give {count} finite numbers: {wanted}")
+        values.append(array)
+    return Model(tuple(names), tuple(values), inertia)
+
+
+def lacks(effect: ModuleType, there: set[str]) -> str:
+    """What an effect needs that is not there, in words; empty when nothing."""
+    missing = [n for n in effect.NEEDS if n not in there]
+    return f"needs {', '.join(missing)}" if missing else ""
+
+
+def document_of(model: Model, sigma: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
+    """What `model.yaml` holds."""
+    listed = []
+    for name, module, values in zip(model.names, model.modules, model.values, strict=True):
+        entry: dict[str, Any] = {
+            "name": name,
+            "parameters": {q.name: float(v) for q, v in zip(module.PARAMETERS, values, strict=True)},
+            "units": {q.name: q.unit for q in module.PARAMETERS},
+        }
+        if sigma and name in sigma:
+            entry["sigma"] = {q.name: float(s) for q, s in zip(module.PARAMETERS, sigma[name], strict=True)}
+        listed.append(entry)
+    inertia = None if model.inertia is None else np.asarray(model.inertia).tolist()
+    return {"format": FORMAT, "effects": listed, "inertia": inertia}
+
+
+def load_model(path: str | Path) -> Model:
+    """Reads `model.yaml`.
+
+    Raises:
+        InputError: not such a file, an unknown effect, or a parameter missing.
+    """
+    from massprops.sequence.read import load_yaml, numbers
+
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such model file")
+    content = load_yaml(path)
+    if content.get("format") != FORMAT:
+        raise InputError(f"{path}: format {content.get('format')!r}; expected {FORMAT!r}, as 'massprops diagnose' writes")
+    known = effects()
+    sizes: dict[str, np.ndarray | None] = {}
+    entries = content.get("effects") or []
+    if not isinstance(entries, list):
+        raise InputError(f"{path}: effects must be a list")
+    for entry in entries:
+        name = entry.get("name") if isinstance(entry, dict) else entry
+        if name not in known:
+            raise InputError(f"{path}: effect {name!r} is not known; there are {', '.join(known)}")
+        given = entry.get("parameters") if isinstance(entry, dict) else None
+        given = given if isinstance(given, dict) else {}
+        values = []
+        for q in known[name].PARAMETERS:
+            value = given.get(q.name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+                raise InputError(f"{path}: effect {name} has no finite {q.name} [{q.unit}]")
+            values.append(float(value))
+        sizes[name] = np.array(values)
+    inertia = numbers(path, content, "inertia", (3, 3)) if content.get("inertia") is not None else None
+    if inertia is not None:
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):
+            raise InputError(f"{path}: principal moments {moments.tolist()} break the triangle inequality")
+    return model_of(sizes, inertia)
+
+
+def _places(modules: list[ModuleType]) -> tuple[slice, ...]:
+    at, out = 0, []
+    for m in modules:
+        out.append(slice(at, at + len(m.PARAMETERS)))
+        at += len(m.PARAMETERS)
+    return tuple(out)
+
+
+__all__ = ["Model", "document_of", "lacks", "load_model", "model_of"]
