@@ -1,0 +1,117 @@
+"""The rotation and shift between two sets of the same points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
+
+ROUNDS = 6
+LARGEST_MAHALANOBIS = 16.27
+"""Squared Mahalanobis distance of a point in three dimensions that one in a thousand good points exceeds."""
+LEAST_SPREAD = 1e-3
+"""Second singular value of a point set over its first, below which the points lie on a line."""
+
+
+def q_method(body: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Davenport's q-method (Horn): the rotation that best takes body vectors into seen ones.
+
+    Args:
+        body, seen: (..., m, 3) vectors; weight: (..., m), zero leaves one out.
+
+    Returns:
+        (..., 4) Hamilton quaternion, seen = q body q* (feng2018 eq 15; the paper's eigenvector is its conjugate).
+    """
+    B = np.einsum("...m,...mi,...mj->...ij", weight, seen, body)
+    trace = np.einsum("...ii->...", B)
+    K = np.empty((*trace.shape, 4, 4))
+    K[..., 0, 0] = trace
+    z = np.stack([B[..., 2, 1] - B[..., 1, 2], B[..., 0, 2] - B[..., 2, 0], B[..., 1, 0] - B[..., 0, 1]], axis=-1)
+    K[..., 0, 1:] = K[..., 1:, 0] = z
+    K[..., 1:, 1:] = B + np.swapaxes(B, -1, -2) - trace[..., None, None] * np.eye(3)
+    q: np.ndarray = np.linalg.eigh(K)[1][..., :, 3]
+    return q
+
+
+def horn(body: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (..., 4) and shift (..., 3) with seen = shift + q body q*, weights (..., m) equal in all directions."""
+    whole = np.sum(weight, axis=-1)[..., None]
+    centre_body = np.einsum("...m,...mi->...i", weight, body) / whole
+    centre_seen = np.einsum("...m,...mi->...i", weight, seen) / whole
+    q = q_method(body - centre_body[..., None, :], seen - centre_seen[..., None, :], weight)
+    return q, centre_seen - np.einsum("...ij,...j->...i", rotation_matrix(q), centre_body)
+
+
+def spread_out(points: np.ndarray) -> bool:
+    """Whether points (m, 3) fix a rotation: three or more, not on a line."""
+    if len(points) < 3:
+        return False
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(sizes[1] > LEAST_SPREAD * sizes[0])
+
+
+def align(
+    body: np.ndarray, seen: np.ndarray, information: np.ndarray, use: np.ndarray, q: np.ndarray, shift: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Weighted least-squares pose from a near one, with the whole covariance of every point, for many epochs at once.
+
+    Points beyond the one-in-a-thousand Mahalanobis distance are left out as long as three remain.
+
+    Args:
+        body: (m, 3); seen: (n, m, 3), anything where not used; information: (n, m, 3, 3) inverse covariance of seen;
+        use: (n, m) which to take; q: (n, 4), shift: (n, 3) first guess.
+
+    Returns:
+        q (n, 4), shift (n, 3), covariance (n, 6, 6) of a small turn about the reference axes [rad] and of the
+        shift [m], squared Mahalanobis distances (n, m), infinite where not used.
+    """
+    use = use.copy()
+    seen = np.where(use[..., None], seen, 0.0)
+    information = np.where(use[..., None, None], information, 0.0)
+    near = np.zeros(use.shape)
+    normal = np.zeros((len(q), 6, 6))
+    taken = use
+    for turn in range(ROUNDS):
+        arm = np.einsum("nij,mj->nmi", rotation_matrix(q), body)
+        error = seen - shift[:, None] - arm
+        near = np.einsum("nmi,nmij,nmj->nm", error, information, error)
+        if turn:
+            limit = np.maximum(LARGEST_MAHALANOBIS, 2.0 * _third_smallest(np.where(use, near, np.inf)))
+            taken = use & (near <= limit[:, None])
+        weight = np.where(taken[..., None, None], information, 0.0)
+        cross = _cross(arm)
+        wc = weight @ cross
+        normal[:, :3, :3] = np.einsum("nmji,nmjk->nik", cross, wc)
+        normal[:, :3, 3:] = -np.einsum("nmji,nmjk->nik", cross, weight)
+        normal[:, 3:, :3] = np.swapaxes(normal[:, :3, 3:], 1, 2)
+        normal[:, 3:, 3:] = weight.sum(axis=1)
+        we = np.einsum("nmij,nmj->nmi", weight, error)
+        gradient = np.concatenate([-np.einsum("nmji,nmj->ni", cross, we), we.sum(axis=1)], axis=1)
+        step = np.einsum("nij,nj->ni", inverse_of(normal), gradient)
+        size = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
+        step *= np.minimum(1.0, 0.3 / np.maximum(size, 1e-12))
+        q = normalise(multiply(from_rotation_vector(step[:, :3]), q))
+        shift = shift + step[:, 3:]
+    return q, shift, inverse_of(normal), np.where(use, near, np.inf)
+
+
+def inverse_of(normal: np.ndarray) -> np.ndarray:
+    """Inverse of symmetric matrices (..., k, k) of mixed units; a direction without information gets none."""
+    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", normal), 1e-300))
+    both = scale[..., :, None] * scale[..., None, :]
+    done: np.ndarray = np.linalg.pinv(normal / both, rcond=1e-12, hermitian=True) / both
+    return done
+
+
+def _third_smallest(values: np.ndarray) -> np.ndarray:
+    k = min(2, values.shape[1] - 1)
+    third: np.ndarray = np.partition(values, k, axis=1)[:, k]
+    return np.where(np.isfinite(third), third, 0.0)
+
+
+def _cross(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) with _cross(v) a = v x a."""
+    x, y, z = (v[..., i] for i in range(3))
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,194 @@
+"""A body's points and its pose at every epoch, from points measured in space that come and go.
+
+The body axes are the camera's at the first epoch used; the origin is the mean of the points seen then. Epochs join in
+waves: those that share three or more known points are aligned together, what they see new joins the body, and so on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.dynamics.quaternion import rotation_matrix
+from massprops.estimators.alignment import LARGEST_MAHALANOBIS, align, horn, inverse_of, spread_out
+
+MEDIAN_SQUARE = 2.366
+"""Median of chi-square with three degrees of freedom."""
+TRIPLES = 40
+WAVES = 60
+POLISH = 4
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """n epochs, m points.
+
+    Attributes:
+        used: (n,) epochs whose pose was found.
+        q: (n, 4) body to camera; origin: (n, 3) of the body axes in the camera [m]; NaN where not used.
+        covariance: (n, 6, 6) of a small turn about camera axes [rad] and of the origin [m].
+        points: (m, 3) in body axes [m], NaN where unknown; good: (n, m) measurements that fit.
+        scale: factor on the stated variance that the residuals ask for, at least 1.
+        outliers: measurements that do not fit.
+    """
+
+    used: np.ndarray
+    q: np.ndarray
+    origin: np.ndarray
+    covariance: np.ndarray
+    points: np.ndarray
+    good: np.ndarray
+    scale: float
+    outliers: int
+
+
+def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> BodyMotion | None:
+    """Pose at every epoch and the body's points, None when no epoch shows three points off a line.
+
+    Args:
+        points: (n, m, 3) measured in the camera's frame, NaN where not; covariance: (n, m, 3, 3) [m^2].
+        seed: of the random triples that find the pose among outliers.
+    """
+    seen = np.isfinite(points).all(axis=-1)
+    n, m = seen.shape
+    start = next((k for k in range(n) if spread_out(points[k, seen[k]])), None)
+    if start is None:
+        return None
+    rng = np.random.default_rng(seed)
+    information = np.zeros_like(covariance)
+    information[seen] = inverse_of(covariance[seen])
+    size = np.einsum("nmii->nm", np.where(seen[..., None, None], covariance, np.inf))
+    measured = np.where(seen[..., None], points, 0.0)
+    q, shift = np.full((n, 4), np.nan), np.full((n, 3), np.nan)
+    pose_covariance = np.full((n, 6, 6), np.nan)
+    used = np.zeros(n, bool)
+    good = np.zeros((n, m), bool)
+    centre = points[start, seen[start]].mean(axis=0)
+    body = np.where(seen[start][:, None], points[start] - centre, np.nan)
+    used[start], q[start], shift[start] = True, [1.0, 0, 0, 0], centre
+    good[start] = seen[start]
+    scale, least = 1.0, 6
+    for _ in range(WAVES):
+        known = np.isfinite(body).all(axis=-1)
+        common = seen & known & ~used[:, None]
+        rows = np.flatnonzero(common.sum(axis=1) >= least)
+        counts = np.maximum(good.sum(axis=0), 1)
+        joined = 0
+        if len(rows):
+            found = _join(
+                np.where(known[:, None], body, 0.0),
+                measured[rows],
+                information[rows] / (scale * (1.0 + 1.0 / counts))[None, :, None, None],
+                1.0 / size[rows],
+                common[rows],
+                rng,
+            )
+            ok, q_rows, shift_rows, good_rows = found
+            joined = int(ok.sum())
+            used[rows[ok]], q[rows[ok]], shift[rows[ok]] = True, q_rows[ok], shift_rows[ok]
+            good[rows[ok]] = good_rows[ok]
+        if not joined:
+            if least == 3:
+                break
+            least = {6: 5, 5: 4}.get(least, 3)
+            continue
+        least = 6
+        fresh = used[:, None] & seen & ~known
+        body = _points(q, shift, measured, information, good | fresh, used)
+        q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
+        body = _points(q, shift, measured, information, good, used)
+    for _ in range(POLISH):
+        q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
+        body = _points(q, shift, measured, information, good, used)
+    outliers = int((seen & used[:, None] & ~good).sum())
+    return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers)
+
+
+def _join(
+    body: np.ndarray,
+    seen: np.ndarray,
+    information: np.ndarray,
+    weight: np.ndarray,
+    use: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Which epochs fit the body, their poses, and the measurements that fit."""
+    every = np.broadcast_to(body, seen.shape)
+    q, shift = horn(every, seen, np.where(use, weight, 0.0))
+    q, shift, _, near = align(body, seen, information, use, q, shift)
+    good = use & (near <= LARGEST_MAHALANOBIS)
+    ok = _enough(good, use)
+    for k in np.flatnonzero(~ok):
+        tried = _consensus(body, seen[k], information[k], use[k], rng)
+        if tried is None:
+            continue
+        again = align(body, seen[k : k + 1], information[k : k + 1], tried[2][None], tried[0][None], tried[1][None])
+        q[k], shift[k] = again[0][0], again[1][0]
+        good[k] = tried[2] & (again[3][0] <= LARGEST_MAHALANOBIS)
+        ok[k] = _enough(good[k : k + 1], use[k : k + 1])[0]
+    for k in np.flatnonzero(ok):
+        ok[k] = spread_out(body[good[k]])
+    return ok, q, shift, good
+
+
+def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
+    fit, given = good.sum(axis=1), use.sum(axis=1)
+    return (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
+
+
+def _consensus(
+    body: np.ndarray, seen: np.ndarray, information: np.ndarray, use: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """The pose of the three points that most others agree with."""
+    index = np.flatnonzero(use)
+    if len(index) < 4:
+        return None
+    triples = np.stack([rng.choice(index, 3, replace=False) for _ in range(TRIPLES)])
+    q, shift = horn(body[triples], seen[triples], np.ones(triples.shape))
+    error = seen - shift[:, None] - np.einsum("tij,mj->tmi", rotation_matrix(q), body)
+    near = np.einsum("tmi,mij,tmj->tm", error, information, error)
+    # a pose from three noisy points is itself off by a few sigma
+    fits = use & (near < 4 * LARGEST_MAHALANOBIS)
+    best = int(np.argmax(fits.sum(axis=1)))
+    return (q[best], shift[best], fits[best]) if fits[best].sum() >= 3 else None
+
+
+def _refine(
+    q: np.ndarray,
+    shift: np.ndarray,
+    body: np.ndarray,
+    measured: np.ndarray,
+    information: np.ndarray,
+    seen: np.ndarray,
+    used: np.ndarray,
+    scale: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    known = np.isfinite(body).all(axis=-1)
+    use = seen & known & used[:, None]
+    q, shift = q.copy(), shift.copy()
+    solid = np.where(known[:, None], body, 0.0)
+    q[used], shift[used], covariance, near = align(
+        solid, measured[used], information[used] / scale, use[used], q[used], shift[used]
+    )
+    whole, good = np.full((len(q), 6, 6), np.nan), np.zeros_like(use)
+    whole[used], good[used] = covariance, near <= LARGEST_MAHALANOBIS
+    finite = near[np.isfinite(near)]
+    counts = use[used].sum()
+    freedom = max(0.1, 1.0 - (6.0 * used.sum() + 3.0 * known.sum()) / max(3.0 * counts, 1.0))
+    asked = scale * float(np.median(finite)) / (MEDIAN_SQUARE * freedom) if len(finite) else 1.0
+    return q, shift, whole, good, max(1.0, asked)
+
+
+def _points(
+    q: np.ndarray, shift: np.ndarray, measured: np.ndarray, information: np.ndarray, use: np.ndarray, used: np.ndarray
+) -> np.ndarray:
+    """(m, 3) weighted mean of each point over the epochs, in body axes; NaN where none is used."""
+    R = rotation_matrix(q[used])
+    weight = np.where(use[used][..., None, None], information[used], 0.0)
+    arm = measured[used] - shift[used][:, None]
+    turned = np.swapaxes(R, 1, 2)[:, None] @ weight
+    total = (turned @ R[:, None]).sum(axis=0)
+    side = np.einsum("nmij,nmj->mi", turned, arm)
+    points = np.einsum("mij,mj->mi", inverse_of(total), side)
+    return np.where(use[used].any(axis=0)[:, None], points, np.nan)

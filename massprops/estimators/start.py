@@ -1,0 +1,254 @@
+"""A first guess of everything, from the measurements alone: where every filter and the smoother begin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, rotation_matrix
+from massprops.errors import NotPossible
+from massprops.estimators import bodymodel, centre, rates
+from massprops.estimators.momentum import Momentum, momentum_inertia
+from massprops.estimators.onecamera import straight_path
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Prior
+from massprops.sensing.stereo import triangulate
+
+FEWEST = 6
+
+
+@dataclass(frozen=True)
+class Start:
+    """k epochs, m features.
+
+    Attributes:
+        times: (k,) [s]; q: (k, 4) body to cam0; w: (k, 3) body rates against inertial axes [rad/s].
+        position: (k, 3) of the centre of mass in cam0 [m, or model units where the scale is not known], or None.
+        velocity: (3,) at times[0], or None.
+        features: (m, 3) from the centre of mass in body axes, NaN where not seen enough; None without any.
+        inertia: (3, 3) body axes, trace 1, or None.
+        body_frame: 'attitude0', or 'own': cam0's axes at the first epoch used.
+        sigma_w: 1-sigma of the rates [rad/s].
+        covariance: (k, 6, 6) of a small turn about body axes [rad] and of the rates [rad/s].
+        momentum: how the inertia was found, or None. window: epochs that each rate comes from.
+        scaled: whether lengths are in metres.
+        outliers: measurements left out. warnings: what was assumed.
+    """
+
+    times: np.ndarray
+    q: np.ndarray
+    w: np.ndarray
+    position: np.ndarray | None
+    velocity: np.ndarray | None
+    features: np.ndarray | None
+    inertia: np.ndarray | None
+    body_frame: str
+    sigma_w: float
+    warnings: tuple[str, ...]
+    covariance: np.ndarray
+    momentum: Momentum | None = None
+    window: int = 1
+    scaled: bool = True
+    outliers: int = 0
+    index: np.ndarray | None = None
+
+
+def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) -> Start:
+    """Attitude, rates, path, features and inertia from the measurements up to `until_s` seconds.
+
+    In order of preference: attitude0 with the features that it places; two cameras; body rates alone.
+
+    Raises:
+        NotPossible: nothing here shows the attitude, or too few epochs do.
+    """
+    last = np.inf if until_s is None else until_s
+    early = problem.times <= last + 1e-9
+    if np.isfinite(problem.attitude[early]).all(axis=1).sum() >= FEWEST:
+        return _from_attitude(problem, early)
+    if problem.stereo:
+        found = _from_stereo(problem, early)
+        if found is not None:
+            return found
+    if np.isfinite(problem.rates[early]).all(axis=1).sum() >= FEWEST:
+        return _from_rates(problem, early)
+    if problem.has_tracks and not problem.stereo:
+        raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
+    raise NotPossible(f"fewer than {FEWEST} epochs show the attitude: three features off a line in both cameras needed")
+
+
+def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
+    rows = np.flatnonzero(early)
+    points, covariance = triangulate(problem.cameras, np.moveaxis(problem.uv[rows], 1, 2), problem.sigma_px)
+    motion = bodymodel.body_motion(points, covariance)
+    if motion is None or motion.used.sum() < FEWEST:
+        return None
+    warnings = []
+    lost = int((np.isfinite(points).all(axis=-1).sum(axis=1) >= 3).sum() - motion.used.sum())
+    if lost > 0:
+        warnings.append(f"{lost} epochs share too few features with the rest: left out of the first guess")
+    if motion.scale > 2.0:
+        warnings.append(f"triangulated points scatter {np.sqrt(motion.scale):.1f} times more than sigma_px says")
+    used = motion.used
+    rows, times = rows[used], problem.times[rows[used]]
+    q, origin = motion.q[used], motion.origin[used]
+    fit = rates.from_attitude(times, q, motion.covariance[used][:, :3, :3])
+    path = centre.centre_of_mass(times, q, origin, motion.covariance[used][:, 3:, 3:])
+    features = motion.points - path.offset
+    q_inertial, w, found = _inertia(problem, times, fit, None)
+    return Start(
+        times,
+        fit.q,
+        w,
+        path.position,
+        path.velocity[0],
+        features,
+        None if found is None else found.inertia,
+        "own",
+        _sigma_w(fit),
+        tuple(warnings),
+        fit.covariance,
+        found,
+        fit.window,
+        True,
+        motion.outliers + int((~fit.good).sum()),
+        rows,
+    )
+
+
+def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
+    rows = np.flatnonzero(early & np.isfinite(problem.attitude).all(axis=1))
+    times, q = problem.times[rows], problem.attitude[rows]
+    sigma = problem.sigma_attitude[rows]
+    sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, np.nanmedian(np.where(sigma > 0, sigma, np.nan)))
+    sigma = np.where(np.isfinite(sigma), sigma, 1e-3)
+    fit = rates.from_attitude(times, q, sigma[:, None, None] ** 2 * np.eye(3))
+    _, w, found = _inertia(problem, times, fit, None)
+    position = velocity = features = None
+    scaled, warnings = True, []
+    if problem.stereo:
+        points, covariance = triangulate(problem.cameras, np.moveaxis(problem.uv[rows], 1, 2), problem.sigma_px)
+        placed = centre.features_on_path(times, fit.q, points, covariance)
+        if placed is not None:
+            position, velocity, features = placed
+    elif problem.has_tracks:
+        placed_one = straight_path(problem, rows, fit.q)
+        if placed_one is None:
+            warnings.append("the tracks of one camera do not place the features")
+        else:
+            position, velocity, features, scaled = placed_one
+            if not scaled:
+                warnings.append("one camera without range0: lengths are up to scale")
+    return Start(
+        times,
+        fit.q,
+        w,
+        position,
+        velocity,
+        features,
+        None if found is None else found.inertia,
+        "attitude0",
+        _sigma_w(fit),
+        tuple(warnings),
+        fit.covariance,
+        found,
+        fit.window,
+        scaled,
+        int((~fit.good).sum()),
+        rows,
+    )
+
+
+def _from_rates(problem: Problem, early: np.ndarray) -> Start:
+    rows = np.flatnonzero(early & np.isfinite(problem.rates).all(axis=1))
+    times, w = problem.times[rows], problem.rates[rows]
+    fit = rates.from_rates(times, w, problem.sigma_rate)
+    block = _blocks(times, fit)
+    found = momentum_inertia(fit.q, fit.w, _within(fit.covariance, block), block, fit.window)
+    return Start(
+        times,
+        fit.q,
+        fit.w,
+        None,
+        None,
+        None,
+        None if found is None else found.inertia,
+        "own",
+        _sigma_w(fit),
+        ("attitude integrated from body rates, from the body's axes at the first epoch",),
+        fit.covariance,
+        found,
+        fit.window,
+        True,
+        int((~fit.good).sum()),
+        rows,
+    )
+
+
+def _inertia(
+    problem: Problem, times: np.ndarray, fit: rates.LocalFit, block: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, Momentum | None]:
+    """Attitude and rates against inertial axes, and the inertia that keeps the momentum."""
+    chaser = chaser_attitude(problem, times)
+    if chaser is None:
+        q, w = fit.q, fit.w
+    else:
+        turn, spin = chaser
+        q = multiply(turn, fit.q)
+        w = fit.w + np.einsum("nji,nj->ni", rotation_matrix(fit.q), spin)
+    return q, w, momentum_inertia(q, w, fit.covariance, block, fit.window)
+
+
+def chaser_attitude(problem: Problem, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """cam0 to inertial (k, 4) and cam0's rates in its own axes (k, 3); None when the chaser does not turn."""
+    environment = problem.environment
+    orbit = environment.orbit
+    if environment.chaser_attitude != "lvlh" or orbit is None:
+        return None
+    from scipy.optimize import newton
+
+    e, a = orbit.eccentricity, orbit.semi_major_axis_m
+    motion = np.sqrt(orbit.mu_m3_s2 / a**3)
+    half = np.sqrt((1 - e) / (1 + e))
+    first = 2 * np.arctan(half * np.tan(orbit.true_anomaly_rad / 2))
+    mean = first - e * np.sin(first) + motion * times
+    eccentric = newton(lambda E: E - e * np.sin(E) - mean, mean, fprime=lambda E: 1 - e * np.cos(E))
+    nu = 2 * np.arctan2(np.sqrt(1 + e) * np.sin(eccentric / 2), np.sqrt(1 - e) * np.cos(eccentric / 2))
+    start = 2 * np.arctan2(np.sqrt(1 + e) * np.sin(first / 2), np.sqrt(1 - e) * np.cos(first / 2))
+    turned = np.unwrap(nu - start)
+    normal = np.asarray(orbit.R_inertial_perifocal)[:, 2]
+    rate = motion * (1 + e * np.cos(nu)) ** 2 / (1 - e * e) ** 1.5
+    q = from_rotation_vector(turned[:, None] * normal)
+    axis = np.einsum("nji,j->ni", rotation_matrix(q), normal)
+    return q, rate[:, None] * axis
+
+
+def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:
+    """Stretches over which the integrated attitude drifts no more than the noise of the rates tilts the momentum."""
+    speed = max(float(np.median(np.linalg.norm(fit.w, axis=1))), 1e-12)
+    tilt = np.sqrt(np.median(fit.covariance[:, 3, 3])) / speed
+    total = float(fit.covariance[-1, 0, 0])
+    span = float(times[-1] - times[0])
+    longest = span * max(tilt, 1e-9) ** 2 / max(total, 1e-300)
+    shortest = 2 * np.pi / speed
+    count = max(1, int(np.floor(span / max(4.0 * longest, shortest))))
+    return np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
+
+
+def _within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:
+    """The turn's covariance counted from the middle of each block, since each has a momentum of its own."""
+    out = covariance.copy()
+    for b in np.unique(block):
+        rows = np.flatnonzero(block == b)
+        middle = covariance[rows[len(rows) // 2], :3, :3]
+        out[rows, :3, :3] = np.abs(covariance[rows, :3, :3] - middle)
+    return out
+
+
+def _sigma_w(fit: rates.LocalFit) -> float:
+    return float(np.sqrt(np.nanmedian(np.einsum("nii->n", fit.covariance[:, 3:, 3:]) / 3.0)))
+
+
+def relative(q: np.ndarray) -> np.ndarray:
+    """Attitudes (k, 4) from the first of them."""
+    return multiply(conjugate(q[:1]), q)
