@@ -1,0 +1,45 @@
+"""Compiles functions that are written for plain Python, together with the functions they call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+
+@cache
+def compiled(*modules: str, fastmath: bool = True) -> dict[str, Callable[..., Any]]:
+    """Functions of the named modules, compiled by numba when first called and cached on disk.
+
+    The functions of all the modules see each other's compiled form under their own names, so a module may import a
+    function from another by name, but not call it through the module.
+
+    Args:
+        modules: full names, e.g. "massprops.dynamics.kernels".
+        fastmath: lets sums be reordered and fused (infinite and NaN values keep their meaning).
+
+    Raises:
+        ImportError: numba is not installed.
+    """
+    import numba
+
+    loaded = [import_module(name) for name in modules]
+    # numba checks a cached function against its own file only: the name tells apart the states of all the files
+    digest = sha256(b"".join(Path(str(m.__file__)).read_bytes() for m in loaded)).hexdigest()[:8]
+    scope: dict[str, Any] = {"__name__": modules[-1]}
+    for module in loaded:
+        scope |= {k: v for k, v in vars(module).items() if not k.startswith("__")}
+    flags: Any = {"contract", "reassoc", "nsz"} if fastmath else False
+    made: dict[str, Callable[..., Any]] = {}
+    for module in loaded:
+        for name, function in list(vars(module).items()):
+            if isinstance(function, FunctionType) and function.__module__ == module.__name__:
+                copy = FunctionType(function.__code__, scope, name, function.__defaults__)
+                copy.__qualname__ = f"{name}_{digest}"
+                copy.__module__ = module.__name__
+                made[name] = scope[name] = numba.njit(copy, cache=True, fastmath=flags, error_model="numpy")
+    return made

@@ -1,0 +1,110 @@
+"""What the filter needs of motion and sight, component by component: numbers (also inside numba) or arrays alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.kernels import cross, principal_acceleration, quaternion_rate, to_reference
+
+N = Any
+"""A component: number or array."""
+
+TINY = 1e-300
+"""Keeps a length off zero without a branch; its root is far below anything measured."""
+
+
+def product(pw: N, px: N, py: N, pz: N, qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
+    """Quaternion p q."""
+    return (
+        pw * qw - px * qx - py * qy - pz * qz,
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+    )
+
+
+def unit(qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
+    """The unit quaternion of the same direction."""
+    size = 1.0 / np.sqrt(qw * qw + qx * qx + qy * qy + qz * qz + TINY)
+    return qw * size, qx * size, qy * size, qz * size
+
+
+def turned(qw: N, qx: N, qy: N, qz: N, ax: N, ay: N, az: N) -> tuple[N, N, N, N]:
+    """q exp(a): q turned by the rotation vector a [rad] in body axes."""
+    angle = np.sqrt(ax * ax + ay * ay + az * az + TINY)
+    s = np.sin(0.5 * angle) / angle
+    return product(qw, qx, qy, qz, np.cos(0.5 * angle), s * ax, s * ay, s * az)
+
+
+def turn_between(qw: N, qx: N, qy: N, qz: N, pw: N, px: N, py: N, pz: N) -> tuple[N, N, N]:
+    """Rotation vector a [rad] with q exp(a) = p."""
+    w, x, y, z = product(qw, -qx, -qy, -qz, pw, px, py, pz)
+    sine = np.sqrt(x * x + y * y + z * z + TINY)
+    sign = np.copysign(1.0, w)
+    factor = 2.0 * np.arctan2(sine, sign * w) / sine * sign
+    return factor * x, factor * y, factor * z
+
+
+def torque_free(
+    wx: N, wy: N, wz: N, qw: N, qx: N, qy: N, qz: N, k1: N, k2: N, dt: float, steps: int
+) -> tuple[N, N, N, N, N, N, N]:
+    """Rates and attitude after dt of torque-free motion, principal axes: `steps` Runge-Kutta steps of fourth order."""
+    i1, i3 = np.exp(k1), np.exp(-k2)
+    a, b, c = (1.0 - i3) / i1, i3 - i1, (i1 - 1.0) / i3
+    h = dt / steps
+    for _ in range(steps):
+        ax, ay, az = principal_acceleration(a, b, c, wx, wy, wz)
+        aw, ai, aj, ak = quaternion_rate(qw, qx, qy, qz, wx, wy, wz)
+        ux, uy, uz = wx + 0.5 * h * ax, wy + 0.5 * h * ay, wz + 0.5 * h * az
+        bx, by, bz = principal_acceleration(a, b, c, ux, uy, uz)
+        bw, bi, bj, bk = quaternion_rate(
+            qw + 0.5 * h * aw, qx + 0.5 * h * ai, qy + 0.5 * h * aj, qz + 0.5 * h * ak, ux, uy, uz
+        )
+        ux, uy, uz = wx + 0.5 * h * bx, wy + 0.5 * h * by, wz + 0.5 * h * bz
+        cx, cy, cz = principal_acceleration(a, b, c, ux, uy, uz)
+        cw, ci, cj, ck = quaternion_rate(
+            qw + 0.5 * h * bw, qx + 0.5 * h * bi, qy + 0.5 * h * bj, qz + 0.5 * h * bk, ux, uy, uz
+        )
+        ux, uy, uz = wx + h * cx, wy + h * cy, wz + h * cz
+        dx, dy, dz = principal_acceleration(a, b, c, ux, uy, uz)
+        dw, di, dj, dk = quaternion_rate(qw + h * cw, qx + h * ci, qy + h * cj, qz + h * ck, ux, uy, uz)
+        sixth = h / 6.0
+        wx = wx + sixth * (ax + 2.0 * (bx + cx) + dx)
+        wy = wy + sixth * (ay + 2.0 * (by + cy) + dy)
+        wz = wz + sixth * (az + 2.0 * (bz + cz) + dz)
+        qw = qw + sixth * (aw + 2.0 * (bw + cw) + dw)
+        qx = qx + sixth * (ai + 2.0 * (bi + ci) + di)
+        qy = qy + sixth * (aj + 2.0 * (bj + cj) + dj)
+        qz = qz + sixth * (ak + 2.0 * (bk + ck) + dk)
+    qw, qx, qy, qz = unit(qw, qx, qy, qz)
+    return wx, wy, wz, qw, qx, qy, qz
+
+
+def image(
+    fu: N, fv: N, cu: N, cv: N, R: N, tx: N, ty: N, tz: N, x: N, y: N, z: N, vx: N, vy: N, vz: N
+) -> tuple[N, N, N, N]:
+    """Image position and its rate of a point (x, y, z) moving at (vx, vy, vz) in the chaser's frame.
+
+    A point at or behind the camera's plane is held at a small positive depth, so that a stray sigma point stays finite.
+    """
+    dx, dy, dz = x - tx, y - ty, z - tz
+    depth = np.maximum(R[2, 0] * dx + R[2, 1] * dy + R[2, 2] * dz, 1e-3)
+    inverse = 1.0 / depth
+    u = (R[0, 0] * dx + R[0, 1] * dy + R[0, 2] * dz) * inverse
+    v = (R[1, 0] * dx + R[1, 1] * dy + R[1, 2] * dz) * inverse
+    receding = (R[2, 0] * vx + R[2, 1] * vy + R[2, 2] * vz) * inverse
+    du = (R[0, 0] * vx + R[0, 1] * vy + R[0, 2] * vz) * inverse - u * receding
+    dv = (R[1, 0] * vx + R[1, 1] * vy + R[1, 2] * vz) * inverse - v * receding
+    return fu * u + cu, fv * v + cv, fu * du, fv * dv
+
+
+def feature_motion(
+    qw: N, qx: N, qy: N, qz: N, wx: N, wy: N, wz: N, px: N, py: N, pz: N
+) -> tuple[N, N, N, N, N, N]:
+    """A body point seen from the centre of mass in the reference frame, and its velocity."""
+    ax, ay, az = to_reference(qw, qx, qy, qz, px, py, pz)
+    bx, by, bz = cross(wx, wy, wz, px, py, pz)
+    bx, by, bz = to_reference(qw, qx, qy, qz, bx, by, bz)
+    return ax, ay, az, bx, by, bz

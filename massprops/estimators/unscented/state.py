@@ -1,0 +1,260 @@
+"""Data of the unscented filter, and the call that runs it compiled or with numpy alone."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from massprops.sensing.pinhole import Pinhole as Camera
+
+KERNEL = (
+    "massprops.dynamics.kernels",
+    "massprops.estimators.unscented.components",
+    "massprops.estimators.unscented.loops",
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the filter works.
+
+    Attributes:
+        alpha, beta, kappa: of the scaled sigma points (kabir2025 section 3.2: 0.1, 2, 0).
+        gate: innovations beyond this many sigma are rejected with all measurements of their group; 0 for none.
+        largest_turn: rotation per Runge-Kutta step [rad].
+        additive: the paper's additive quaternion, four components, in place of the three of a multiplicative error.
+        backend: `numba`, `numpy`, or `auto` (numba where it is installed).
+    """
+
+    alpha: float = 0.1
+    beta: float = 2.0
+    kappa: float = 0.0
+    gate: float = 5.0
+    largest_turn: float = 0.1
+    additive: bool = False
+    backend: str = "auto"
+
+
+@dataclass(frozen=True)
+class State:
+    """Mean and covariance. Rotation is of the principal frame, I = diag(exp(k1), 1, exp(-k2)).
+
+    The error's order: rates 3, attitude 3 (body axes [rad]; or 4, additive), k1, k2, then, where they are estimated,
+    axes 3 (turn of `axes` on its right), position 3, velocity 3, and 3 for each feature.
+
+    Attributes:
+        w: (3,) [rad/s], principal axes. q: (4,) principal frame to cam0. k: (2,).
+        axes: (4,) turns vectors of the measured body frame (attitude0, imu0) into the principal frame.
+        position: (3,) [m], velocity: (3,) inertial velocity in cam0's axes [m/s], of the centre of mass.
+        features: (m, 3) principal axes [m].
+        P: (N, N) covariance of the error.
+        axes_free, moving: whether axes, and position and velocity, are in the error.
+    """
+
+    w: np.ndarray
+    q: np.ndarray
+    k: np.ndarray
+    features: np.ndarray
+    P: np.ndarray
+    axes: np.ndarray = field(default_factory=lambda: np.array([1.0, 0, 0, 0]))
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    axes_free: bool = False
+    moving: bool = False
+
+    def places(self, additive: bool = False) -> dict[str, slice]:
+        """Rows of P by name."""
+        na = 4 if additive else 3
+        out = {"w": slice(0, 3), "attitude": slice(3, 3 + na), "k": slice(3 + na, 5 + na)}
+        at = 5 + na
+        if self.axes_free:
+            out["axes"], at = slice(at, at + 3), at + 3
+        if self.moving:
+            out["position"], out["velocity"], at = slice(at, at + 3), slice(at + 3, at + 6), at + 6
+        out["features"] = slice(at, at + 3 * len(self.features))
+        return out
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Process noise, variance per second of each error component."""
+
+    w: float = 1e-14
+    attitude: float = 1e-14
+    k: float = 1e-14
+    axes: float = 0.0
+    position: float = 0.0
+    velocity: float = 1e-12
+    features: float = 0.0
+
+    def diagonal(self, state: State, additive: bool = False) -> np.ndarray:
+        """(N,) in the order of the error."""
+        Q = np.zeros(len(state.P))
+        for name, rows in state.places(additive).items():
+            Q[rows] = getattr(self, name)
+        return Q
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Epochs of measurements; NaN where there is none. n epochs, m features, c cameras.
+
+    Channels: attitude 3, rates 3, range 1 (those in use), then per feature u, v per camera, the disparity u1 - u0,
+    and the rates of u, v per camera.
+
+    Attributes:
+        dt: (n,) [s] since the epoch before; 0 at the first.
+        z, variance: (n, ny) in the channels' order; of an attitude any finite z marks it as measured.
+        cameras: c pinhole cameras.
+        attitude: (n, 4) or None.
+        rates, range: whether these channels are in z.
+        disparity, flow: likewise.
+        pinned: (n,) True where features are measured as if the centre of mass were at `reference` and at rest.
+        reference: (3,) [m].
+        transition: (n, 6, 6) of position and velocity over dt, or None for uniform motion.
+        spin: (n, 4) turn of the chaser over dt as a factor on the left of q, or None.
+    """
+
+    dt: np.ndarray
+    z: np.ndarray
+    variance: np.ndarray
+    cameras: tuple[Camera, ...] = ()
+    attitude: np.ndarray | None = None
+    rates: bool = False
+    range: bool = False
+    disparity: bool = False
+    flow: bool = False
+    pinned: np.ndarray | None = None
+    reference: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    transition: np.ndarray | None = None
+    spin: np.ndarray | None = None
+
+    @property
+    def extras(self) -> tuple[int, int, int]:
+        """Channels of attitude, rates and range."""
+        return (3 if self.attitude is not None else 0, 3 if self.rates else 0, 1 if self.range else 0)
+
+    @property
+    def per_feature(self) -> int:
+        """Channels of one feature."""
+        c = len(self.cameras)
+        return 2 * c * (2 if self.flow else 1) + int(self.disparity)
+
+    def groups(self, features: int) -> np.ndarray:
+        """(ny,) measurements that stand or fall together: one sensor's, or one feature's in one camera."""
+        c = len(self.cameras)
+        one = [i for i in range(c) for _ in range(2)] + [c] * self.disparity
+        one += [c + 1 + i for i in range(c) for _ in range(2)] * self.flow
+        kinds = 2 * c + 2
+        head = [0] * self.extras[0] + [1] * self.extras[1] + [2] * self.extras[2]
+        return np.array(head + [3 + kinds * i + g for i in range(features) for g in one], np.int64)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the filter saw and said; n epochs.
+
+    Attributes:
+        w, q, k, axes, position, velocity: (n, ...) means after each epoch.
+        sigma: (n, N) of each error component.
+        block: (n, b, b) covariance of the leading errors: rates, attitude and k.
+        nis: (n,) normalised innovation squared; used, gated: (n,) measurements.
+        last: state at the end.
+        cpu_s: CPU time of the filter alone.
+    """
+
+    w: np.ndarray
+    q: np.ndarray
+    k: np.ndarray
+    axes: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    sigma: np.ndarray
+    block: np.ndarray
+    nis: np.ndarray
+    used: np.ndarray
+    gated: np.ndarray
+    last: State
+    cpu_s: float
+
+
+def _kernel(backend: str):  # type: ignore[no-untyped-def]
+    if backend != "numpy":
+        try:
+            from massprops.estimators.compiling import compiled
+
+            return compiled(*KERNEL)["run_loop"]
+        except ImportError:
+            if backend == "numba":
+                raise
+    from massprops.estimators.unscented.arrays import run_loop
+
+    return run_loop
+
+
+def filter_epochs(state: State, seen: Measurements, noise: Noise, settings: Settings | None = None) -> Run:
+    """Runs the filter over all epochs from `state`, the belief before the first epoch's measurements."""
+    settings = settings or Settings()
+    n, ny = seen.z.shape
+    size, m = len(state.P), len(state.features)
+    assert ny == sum(seen.extras) + m * seen.per_feature, "channels and features disagree"
+    gamma = settings.alpha * np.sqrt(size + settings.kappa)
+    excess = settings.beta - settings.alpha**2
+    c = len(seen.cameras)
+    z = np.array(seen.z, float)
+    attitude = np.zeros((n, 4)) if seen.attitude is None else np.ascontiguousarray(seen.attitude, float)
+    F = seen.transition
+    if F is None:
+        F = np.broadcast_to(np.eye(6), (n, 6, 6)).copy()
+        F[:, :3, 3:] = seen.dt[:, None, None] * np.eye(3)
+    spin = np.tile([1.0, 0, 0, 0], (n, 1)) if seen.spin is None else np.ascontiguousarray(seen.spin, float)
+    pinned = np.zeros(n, bool) if seen.pinned is None else np.ascontiguousarray(seen.pinned)
+    parts = [np.array(x, float) for x in (state.w, state.q, state.k, state.axes, state.position, state.velocity)]
+    features, P = np.array(state.features, float).reshape(m, 3), np.array(state.P, float)
+    leading = state.places(settings.additive)["k"].stop
+    mean, sigma = np.zeros((n, 19)), np.zeros((n, size))
+    block, tally = np.zeros((n, leading, leading)), np.zeros((n, 3))
+    run_loop = _kernel(settings.backend)
+    arguments = (
+        *parts,
+        features,
+        P,
+        np.ascontiguousarray(seen.dt, float),
+        np.ascontiguousarray(F, float),
+        spin,
+        z,
+        np.ascontiguousarray(seen.variance, float),
+        attitude,
+        pinned,
+        np.ascontiguousarray(seen.reference, float),
+        np.array([x.intrinsics for x in seen.cameras], float).reshape(c, 4),
+        np.array([x.R for x in seen.cameras], float).reshape(c, 3, 3),
+        np.array([x.t for x in seen.cameras], float).reshape(c, 3),
+        seen.groups(m),
+        noise.diagonal(state, settings.additive),
+        seen.disparity,
+        seen.flow,
+        seen.extras,
+        float(gamma),
+        float(excess),
+        float(settings.gate),
+        float(settings.largest_turn),
+        settings.additive,
+        state.axes_free,
+        state.moving,
+        mean,
+        sigma,
+        block,
+        tally,
+    )
+    begin = time.process_time()
+    run_loop(*arguments)
+    spent = time.process_time() - begin
+    w, q, k, axes, position, velocity = parts
+    last = replace(
+        state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features, P=P
+    )
+    columns = np.split(mean, [3, 7, 9, 13, 16], axis=1)
+    return Run(*columns, sigma, block, tally[:, 0], tally[:, 1].astype(int), tally[:, 2].astype(int), last, spent)
