@@ -1,0 +1,226 @@
+"""The filters' state, its error coordinates, and how one leads to the other. Leading axis: runs (B).
+
+State: angular velocity W, attitude q, centre of mass r, features X and velocity U of the body-fixed point that is at
+the chaser just now (v = U + W x r), all in inertial axes from the chaser; inertia parameters. The paper's state
+(rho, rho_dot, omega, q, P, k1, k2) in other coordinates: in these an image and its velocity depend on X, U and W
+alone and almost linearly, never on where the centre of mass is or how the body axes lie, as neither can be seen in
+one epoch. A filter in the paper's coordinates gains false certainty there, because its linearisation moves.
+
+Errors are additive, but for the attitude: q_true = q exp(theta), theta a small turn in body axes (multiplicative), or
+the four components as in the paper (additive).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprops.dynamics.quaternion import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    normalise,
+    rotate,
+    rotation_matrix,
+    rotation_vector,
+)
+from massprops.estimators.inertia_parameters import within
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each part of an error vector is.
+
+    Attributes:
+        features: m; inertia: 2 (principal frame) or 5 (any); additive: the attitude's four components are added.
+    """
+
+    features: int
+    inertia: int = 2
+    additive: bool = False
+
+    @property
+    def w(self) -> slice:
+        return slice(0, 3)
+
+    @property
+    def u(self) -> slice:
+        return slice(3, 6)
+
+    @property
+    def r(self) -> slice:
+        return slice(6, 9)
+
+    @property
+    def theta(self) -> slice:
+        return slice(9, 13 if self.additive else 12)
+
+    @property
+    def k(self) -> slice:
+        return slice(self.theta.stop, self.theta.stop + self.inertia)
+
+    @property
+    def x(self) -> slice:
+        return slice(self.k.stop, self.size)
+
+    @property
+    def size(self) -> int:
+        return self.k.stop + 3 * self.features
+
+
+@dataclass(frozen=True)
+class State:
+    """B runs: W (B, 3) [rad/s], U (B, 3) [m/s], r (B, 3) [m], q (B, 4) body to inertial, k (B, p), X (B, m, 3) [m]."""
+
+    W: np.ndarray
+    U: np.ndarray
+    r: np.ndarray
+    q: np.ndarray
+    k: np.ndarray
+    X: np.ndarray
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(B, 3) of the centre of mass [m/s], inertial axes."""
+        return self.U + np.cross(self.W, self.r)
+
+    @property
+    def body_rate(self) -> np.ndarray:
+        """(B, 3) angular velocity in body axes [rad/s]."""
+        return rotate(conjugate(self.q), self.W)
+
+    @property
+    def body_features(self) -> np.ndarray:
+        """(B, m, 3) features from the centre of mass in body axes [m]."""
+        return rotate(conjugate(self.q)[:, None], self.X - self.r[:, None])
+
+    def take(self, which: np.ndarray) -> State:
+        """The runs `which` (mask or numbers)."""
+        return State(*(part[which] for part in (self.W, self.U, self.r, self.q, self.k, self.X)))
+
+    def put(self, which: np.ndarray, other: State) -> State:
+        """A copy in which the runs `which` are those of `other`."""
+        parts = {}
+        for name in ("W", "U", "r", "q", "k", "X"):
+            parts[name] = getattr(self, name).copy()
+            parts[name][which] = getattr(other, name)
+        return State(**parts)
+
+
+def state_of(
+    position: np.ndarray, velocity: np.ndarray, w: np.ndarray, q: np.ndarray, features: np.ndarray, k: np.ndarray
+) -> State:
+    """From centre of mass and its velocity (B, 3), body rates (B, 3), attitude (B, 4), body features (B, m, 3)."""
+    W = rotate(q, w)
+    return State(W, velocity - np.cross(W, position), position, q, k, position[:, None] + rotate(q[:, None], features))
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) with skew(a) b = a x b."""
+    out = np.zeros((*v.shape, 3), v.dtype)
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def xi(q: np.ndarray) -> np.ndarray:
+    """(..., 4, 3): d(q exp(theta))/d(theta) = xi(q) / 2; orthonormal columns."""
+    w, x, y, z = (q[..., i] for i in range(4))
+    rows = [[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def retract(layout: Layout, state: State, error: np.ndarray) -> State:
+    """The state moved by an error (B, size)."""
+    if layout.additive:
+        q = normalise(state.q + error[:, layout.theta])
+    else:
+        q = normalise(multiply(state.q, from_rotation_vector(error[:, layout.theta])))
+    return State(
+        state.W + error[:, layout.w],
+        state.U + error[:, layout.u],
+        state.r + error[:, layout.r],
+        q,
+        within(state.k + error[:, layout.k]),
+        state.X + error[:, layout.x].reshape(state.X.shape),
+    )
+
+
+def difference(layout: Layout, ahead: State, state: State) -> np.ndarray:
+    """The error (B, size) that leads from `state` to `ahead`."""
+    out = np.zeros((len(state.W), layout.size))
+    out[:, layout.w] = ahead.W - state.W
+    out[:, layout.u] = ahead.U - state.U
+    out[:, layout.r] = ahead.r - state.r
+    if layout.additive:
+        same = np.sign(np.sum(ahead.q * state.q, axis=-1, keepdims=True))
+        out[:, layout.theta] = same * ahead.q - state.q
+    else:
+        out[:, layout.theta] = rotation_vector(multiply(conjugate(state.q), ahead.q))
+    out[:, layout.k] = ahead.k - state.k
+    out[:, layout.x] = (ahead.X - state.X).reshape(len(state.W), -1)
+    return out
+
+
+def covariance_of(
+    layout: Layout,
+    state: State,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    rate: np.ndarray,
+    attitude: np.ndarray,
+    k: np.ndarray,
+    features: np.ndarray,
+) -> np.ndarray:
+    """Error covariance (B, size, size) of independent beliefs in everyday coordinates.
+
+    Args:
+        position, velocity: covariances (..., 3, 3) of the centre of mass, inertial axes.
+        rate: (..., 3, 3) of W, inertial axes; attitude: (..., 3, 3) of a small turn, body axes [rad^2].
+        k: (..., p, p) of the inertia parameters.
+        features: (..., m, 3, 3), each from the centre of mass in body axes [m^2].
+    """
+    B, m = state.X.shape[:2]
+    free = replace(layout, additive=False)
+    noise = np.zeros((B, free.size, free.size))
+    for part, block in ((free.w, rate), (free.u, velocity), (free.r, position), (free.theta, attitude), (free.k, k)):
+        noise[:, part, part] = block
+    for i in range(m):
+        own = slice(free.x.start + 3 * i, free.x.start + 3 * i + 3)
+        noise[:, own, own] = features[..., i, :, :]
+    # columns: everyday errors (W, v, r, theta, k, p); rows: this file's
+    J = np.zeros((B, free.size, free.size))
+    J[:, np.arange(free.size), np.arange(free.size)] = 1.0
+    J[:, free.u, free.w] = skew(state.r)
+    J[:, free.u, free.r] = -skew(state.W)
+    R = rotation_matrix(state.q)
+    points = state.body_features
+    for i in range(m):
+        own = slice(free.x.start + 3 * i, free.x.start + 3 * i + 3)
+        J[:, own, free.r] = np.eye(3)
+        J[:, own, free.theta] = -R @ skew(points[:, i])
+        J[:, own, own] = R
+    P = J @ noise @ np.swapaxes(J, -1, -2)
+    return to_additive(layout, state.q, P) if layout.additive else P
+
+
+def to_additive(layout: Layout, q: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """A covariance with the attitude's turn as one with its four components; along q the mean of the others."""
+    free = replace(layout, additive=False)
+    J = additive_columns(layout, q)
+    out = J @ P @ np.swapaxes(J, -1, -2)
+    mean = np.trace(P[:, free.theta, free.theta], axis1=1, axis2=2) / 12.0
+    out[:, layout.theta, layout.theta] += mean[:, None, None] * q[:, :, None] * q[:, None, :]
+    return out
+
+
+def additive_columns(layout: Layout, q: np.ndarray) -> np.ndarray:
+    """(B, size, size - 1) from errors with a turn to errors with four components."""
+    n = layout.size
+    J = np.zeros((len(q), n, n - 1))
+    J[:, np.arange(9), np.arange(9)] = 1.0
+    J[:, np.arange(13, n), np.arange(12, n - 1)] = 1.0
+    J[:, 9:13, 9:12] = 0.5 * xi(q)
+    return J

@@ -1,0 +1,155 @@
+"""What the sensors should read for a state, and how that depends on the error. Leading axis: runs.
+
+Every function gives predicted values (B, rows) and their derivatives by the error with a multiplicative attitude
+(B, rows, n); `stack` joins channels and turns the derivatives into those of the layout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
+from massprops.estimators.error_state import Layout, State, skew, xi
+from massprops.estimators.inertia_parameters import components
+from massprops.sensing.pinhole import Pinhole
+
+NEAREST = 1e-3
+"""Depth [m] under which a point counts as at the camera: keeps every prediction finite."""
+
+
+def images(
+    layout: Layout,
+    state: State,
+    cameras: Sequence[Pinhole],
+    frame: np.ndarray,
+    spin: np.ndarray,
+    flow: bool = False,
+    disparity: bool = False,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Image positions, and image velocities with `flow`, of every feature in every camera.
+
+    u_dot = (vx - u vy) / y in the paper's axes, v the feature's velocity in the camera's (pesce2017 eq 24-27, mended:
+    the whole velocity of the point, depth along the camera's third axis).
+
+    Args:
+        frame: (3, 3) cam0 axes into inertial axes; spin: (3,) their angular velocity, inertial axes [rad/s].
+        disparity: adds u of the second camera less u of the first (eq 28).
+
+    Returns:
+        values (B, c m g + m d) with g = 2 or 4 numbers (u, v, u_dot, v_dot) of each feature, camera by camera, then
+        the disparities; derivatives (B, rows, n); and True (B, rows) where the feature is in front of the camera.
+    """
+    free = replace(layout, additive=False)
+    B, m = state.X.shape[:2]
+    count = 4 if flow else 2
+    cross_x = skew(state.X)
+    velocity = state.U[:, None] + np.cross(state.W[:, None], state.X)
+    values, slopes, fronts = [], [], []
+    for camera in cameras:
+        focal = camera.intrinsics[:2]
+        rows = camera.R @ frame.T
+        Y = state.X @ rows.T - camera.R @ camera.t
+        front = Y[..., 2] > NEAREST
+        depth = np.where(front, Y[..., 2], NEAREST)[..., None]
+        uv = Y[..., :2] / depth
+        # d(u, v)/dX and, the same, d(u_dot, v_dot)/dV: (B, m, 2, 3)
+        g = (rows[:2] - uv[..., None] * rows[2]) / depth[..., None] * focal[:, None]
+        H = np.zeros((B, m, count, free.size))
+        value = np.empty((B, m, count))
+        value[..., :2] = uv * focal + camera.intrinsics[2:]
+        by_point = np.empty((B, m, count, 3))
+        by_point[:, :, :2] = g
+        if flow:
+            seen = (velocity - np.cross(spin, state.X)) @ rows.T
+            moving = (seen[..., :2] - uv * seen[..., 2:]) / depth * focal
+            value[..., 2:] = moving
+            H[:, :, 2:, free.u] = g
+            H[:, :, 2:, free.w] = -g @ cross_x
+            turning = g @ skew(state.W - spin)[:, None]
+            by_point[:, :, 2:] = (
+                turning - g * (seen[..., 2:] / depth)[..., None] - moving[..., None] * rows[2] / depth[..., None]
+            )
+        for i in range(m):
+            at = free.x.start + 3 * i
+            H[:, i, :, at : at + 3] = by_point[:, i]
+        values.append(value)
+        slopes.append(H)
+        fronts.append(np.repeat(front[..., None], count, axis=-1))
+    out = [a.reshape(B, m * count) for a in values]
+    outH = [a.reshape(B, m * count, free.size) for a in slopes]
+    ok = [a.reshape(B, m * count) for a in fronts]
+    if disparity:
+        out.append(values[1][..., 0] - values[0][..., 0])
+        outH.append(slopes[1][:, :, 0] - slopes[0][:, :, 0])
+        ok.append(fronts[1][..., 0] & fronts[0][..., 0])
+    return np.concatenate(out, axis=1), np.concatenate(outH, axis=1), np.concatenate(ok, axis=1)
+
+
+def distance(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Range from cam0 to the centre of mass: (B, 1) [m] and derivatives (B, 1, n)."""
+    free = replace(layout, additive=False)
+    H = np.zeros((len(state.r), 1, free.size))
+    length = np.linalg.norm(state.r, axis=-1, keepdims=True)
+    H[:, 0, free.r] = state.r / length
+    return length, H
+
+
+def body_rate(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Gyroscope on the target: (B, 3) [rad/s] and derivatives (B, 3, n)."""
+    free = replace(layout, additive=False)
+    w = state.body_rate
+    H = np.zeros((len(w), 3, free.size))
+    H[:, :, free.w] = np.swapaxes(rotation_matrix(state.q), -1, -2)
+    H[:, :, free.theta] = skew(w)
+    return w, H
+
+
+def attitude(layout: Layout, state: State, frame: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residual (B, 3): turn in body axes from the state's attitude to the `measured` (B, 4) body to cam0 [rad].
+
+    Args:
+        frame: (4,) cam0 into inertial axes.
+    """
+    free = replace(layout, additive=False)
+    residual = rotation_vector(multiply(conjugate(state.q), multiply(frame, measured)))
+    H = np.zeros((len(residual), 3, free.size))
+    H[:, :, free.theta] = np.eye(3)
+    return residual, H
+
+
+def euler_constraint(layout: Layout, state: State, acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residual (B, 3) of the pseudo-measurement 0 = w_dot + I^-1 (w x I w) (pesce2017 eq 37), inertial axes.
+
+    Args:
+        acceleration: (B, 3) of the target, inertial axes [rad/s^2], from a differentiator of rates.
+    """
+    from massprops.dynamics.kernels import euler_acceleration, to_body, to_reference
+
+    free = replace(layout, additive=False)
+    step = 1e-150
+    columns = np.r_[free.w, free.theta, free.k]
+    W = np.repeat(state.W[:, :, None].astype(complex), len(columns), axis=2)
+    q = np.repeat(state.q[:, :, None].astype(complex), len(columns), axis=2)
+    k = np.repeat(state.k[:, :, None].astype(complex), len(columns), axis=2)
+    for i in range(3):
+        W[:, i, i] += 1j * step
+    q[:, :, 3:6] += 0.5j * step * xi(state.q)
+    for i in range(free.inertia):
+        k[:, i, 6 + i] += 1j * step
+    qs = tuple(q[:, i] for i in range(4))
+    w = to_body(*qs, *(W[:, i] for i in range(3)))
+    rate = euler_acceleration(*components(np.moveaxis(k, 1, -1)), *w, 0.0, 0.0, 0.0)
+    there = np.stack(to_reference(*qs, *rate), axis=1)
+    H = np.zeros((len(state.W), 3, free.size))
+    H[:, :, columns] = there.imag / step
+    return acceleration - there[:, :, 0].real, H
+
+
+def for_layout(layout: Layout, state: State, H: np.ndarray) -> np.ndarray:
+    """Derivatives by the layout's error: as they are, or by the attitude's four components (paper, additive)."""
+    if not layout.additive:
+        return H
+    return np.concatenate([H[..., :9], 2.0 * H[..., 9:12] @ np.swapaxes(xi(state.q), -1, -2), H[..., 12:]], axis=-1)

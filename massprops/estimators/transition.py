@@ -1,0 +1,208 @@
+"""From one epoch to the next: the state, and its error's transition matrix. Leading axis: runs.
+
+The rotation's derivatives are taken through its Runge-Kutta steps by the complex step, exact to rounding; the rest is
+closed form. The transition is that of the whole step, not the paper's I + F dt (eq 46), which at 1.7 deg/s and 1 s
+misplaces a feature 1.5 m out by 0.7 mm, more than an image does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprops.dynamics.kernels import (
+    differential_gravity,
+    euler_acceleration,
+    quaternion_rate,
+    to_body,
+    to_reference,
+)
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
+from massprops.estimators.error_state import Layout, State, additive_columns, skew, xi
+from massprops.estimators.inertia_parameters import components
+from massprops.estimators.surroundings import Surroundings
+
+LARGEST_TURN = 0.05
+"""Rotation [rad] per integration step (see `dynamics.rigid_body`)."""
+
+TINY = 1e-150
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """White noise, 1-sigma per sqrt(s).
+
+    Attributes:
+        rotation: angular acceleration [rad/s^2]; translation: acceleration [m/s^2]; inertia: drift of parameters [1/s].
+    """
+
+    rotation: float = 0.0
+    translation: float = 0.0
+    inertia: float = 0.0
+
+
+def predict(
+    layout: Layout,
+    state: State,
+    P: np.ndarray,
+    t0: float,
+    t1: float,
+    surroundings: Surroundings,
+    noise: ProcessNoise,
+    largest_rate: float,
+) -> tuple[State, np.ndarray]:
+    """State and error covariance (B, n, n) at t1 [s] from those at t0.
+
+    Args:
+        largest_rate: [rad/s] that sets the number of integration steps; the same for every run, so that no run's
+            result depends on which others are with it.
+    """
+    ahead, F = transition(layout, state, t0, t1, surroundings, largest_rate)
+    P = F @ P @ np.swapaxes(F, -1, -2) + _process_noise(layout, ahead, t1 - t0, noise)
+    return ahead, 0.5 * (P + np.swapaxes(P, -1, -2))
+
+
+def transition(
+    layout: Layout, state: State, t0: float, t1: float, surroundings: Surroundings, largest_rate: float
+) -> tuple[State, np.ndarray]:
+    """State at t1 and the error's transition (B, n, n) from t0."""
+    dt = t1 - t0
+    free = replace(layout, additive=False)
+    steps = max(1, int(np.ceil(largest_rate * abs(dt) / LARGEST_TURN)))
+    q1, W1, core = _rotation(free, state, dt, steps)
+    r1, v1, G = _translation(state, t0, dt, surroundings)
+    R0, R1 = rotation_matrix(state.q), rotation_matrix(q1)
+    turn = R1 @ np.swapaxes(R0, -1, -2)
+    lever = np.einsum("bij,bmj->bmi", turn, state.X - state.r[:, None])
+    ahead = State(W1, v1 - np.cross(W1, r1), r1, q1, state.k, r1[:, None] + lever)
+
+    B, n, m = len(W1), free.size, free.features
+    F = np.zeros((B, n, n))
+    rows_w, rows_theta = core[:, :3], core[:, 3:]
+    F[:, free.w], F[:, free.theta] = rows_w, rows_theta
+    F[:, free.k, free.k] = np.eye(free.inertia)
+    # the centre of mass: v = U + W x r, so dv = dU - [r] dW + [W] dr
+    dv = np.zeros((B, 3, n))
+    dv[:, :, free.u] = np.eye(3)
+    dv[:, :, free.w] = -skew(state.r)
+    dv[:, :, free.r] = skew(state.W)
+    dr1 = (dt * np.eye(3) + dt**3 / 6 * G) @ dv
+    dr1[:, :, free.r] += np.eye(3) + dt**2 / 2 * G
+    dv1 = (np.eye(3) + dt**2 / 2 * G) @ dv
+    dv1[:, :, free.r] += dt * G
+    F[:, free.r] = dr1
+    F[:, free.u] = dv1 + skew(r1) @ rows_w - skew(W1) @ dr1
+    # features turn with the body: X1 = r1 + R1 R0^T (X0 - r0)
+    gained = rows_theta.copy()
+    gained[:, :, free.theta] -= np.eye(3)
+    swing = R1 @ gained
+    fixed = dr1
+    fixed[:, :, free.r] -= turn
+    own = -skew(lever) @ swing[:, None] + fixed[:, None]
+    for i in range(m):
+        at = free.x.start + 3 * i
+        own[:, i, :, at : at + 3] += turn
+    F[:, free.x] = own.reshape(B, 3 * m, n)
+    return (ahead, _additive(layout, F, state.q, q1)) if layout.additive else (ahead, F)
+
+
+def _rotation(free: Layout, state: State, dt: float, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q and W after dt, and the rows of W and theta (B, 6, n) of the transition."""
+    B, count = len(state.W), 6 + free.inertia
+    q = np.repeat(state.q[:, :, None].astype(complex), count, axis=2)
+    W = np.repeat(state.W[:, :, None].astype(complex), count, axis=2)
+    k = np.repeat(state.k[:, :, None].astype(complex), count, axis=2)
+    for i in range(3):
+        W[:, i, i] += 1j * TINY
+    q[:, :, 3:6] += 0.5j * TINY * xi(state.q)
+    for i in range(free.inertia):
+        k[:, i, 6 + i] += 1j * TINY
+    inertia = components(np.moveaxis(k, 1, -1))
+    y = (*(q[:, i] for i in range(4)), *to_body(*(q[:, i] for i in range(4)), *(W[:, i] for i in range(3))))
+
+    def slope(y: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        return (*quaternion_rate(*y), *euler_acceleration(*inertia, *y[4:], 0.0, 0.0, 0.0))
+
+    h = dt / steps
+    for _ in range(steps):
+        s1 = slope(y)
+        s2 = slope(tuple(a + h / 2 * b for a, b in zip(y, s1, strict=True)))
+        s3 = slope(tuple(a + h / 2 * b for a, b in zip(y, s2, strict=True)))
+        s4 = slope(tuple(a + h * b for a, b in zip(y, s3, strict=True)))
+        y = tuple(a + h / 6 * (b + 2 * c + 2 * d + e) for a, b, c, d, e in zip(y, s1, s2, s3, s4, strict=True))
+        length = np.sqrt(y[0] ** 2 + y[1] ** 2 + y[2] ** 2 + y[3] ** 2)
+        y = (*(a / length for a in y[:4]), *y[4:])
+    q1 = np.stack([a[:, 0].real for a in y[:4]], axis=-1)
+    W1 = np.stack(to_reference(*y), axis=1)
+    turned = np.stack([a.imag for a in y[:4]], axis=1) / TINY
+    core = np.zeros((B, 6, free.size))
+    columns = np.r_[free.w, free.theta, free.k]
+    core[:, :3, columns] = W1.imag / TINY
+    core[:, 3:, columns] = 2.0 * np.swapaxes(xi(q1), -1, -2) @ turned
+    return q1, W1[:, :, 0].real, core
+
+
+def _translation(
+    state: State, t0: float, dt: float, surroundings: Surroundings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """r and v after dt, and the gravity gradient (3, 3) [1/s^2] amid."""
+    r, v = state.r, state.velocity
+    if surroundings.orbit is None:
+        return r + dt * v, v, np.zeros((3, 3))
+    mu = surroundings.orbit.mu_m3_s2
+    leaders = [surroundings.leader(t) for t in (t0, t0 + dt / 2, t0 + dt)]
+
+    def pull(leader: np.ndarray, r: np.ndarray) -> np.ndarray:
+        return np.stack(differential_gravity(mu, *leader, r[:, 0], r[:, 1], r[:, 2]), axis=-1)
+
+    a1 = pull(leaders[0], r)
+    v2 = v + dt / 2 * a1
+    a2 = pull(leaders[1], r + dt / 2 * v)
+    v3 = v + dt / 2 * a2
+    a3 = pull(leaders[1], r + dt / 2 * v2)
+    a4 = pull(leaders[2], r + dt * v3)
+    r1 = r + dt / 6 * (v + 2 * v2 + 2 * v3 + (v + dt * a3))
+    v1 = v + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    far = np.linalg.norm(leaders[1])
+    up = leaders[1] / far
+    return r1, v1, mu / far**3 * (3.0 * np.outer(up, up) - np.eye(3))
+
+
+def _process_noise(layout: Layout, state: State, dt: float, noise: ProcessNoise) -> np.ndarray:
+    n = layout.size
+    Q = np.zeros((len(state.W), n, n))
+    lever = skew(state.r)
+    eye = np.eye(3)
+    size = abs(dt) * noise.rotation**2
+    Q[:, layout.w, layout.w] = size * eye
+    Q[:, layout.u, layout.w] = size * lever
+    Q[:, layout.w, layout.u] = size * np.swapaxes(lever, -1, -2)
+    Q[:, layout.u, layout.u] = size * lever @ np.swapaxes(lever, -1, -2) + abs(dt) * noise.translation**2 * eye
+    Q[:, layout.k, layout.k] = abs(dt) * noise.inertia**2 * np.eye(layout.inertia)
+    return Q
+
+
+def _additive(layout: Layout, F: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+    """The transition for errors with four attitude components; the component along q is carried along."""
+    into, out = additive_columns(layout, q1), additive_columns(layout, q0)
+    back = np.swapaxes(out, -1, -2).copy()
+    back[:, 9:12] *= 4.0
+    whole = into @ F @ back
+    whole[:, layout.theta, layout.theta] += q1[:, :, None] * q0[:, None, :]
+    return whole
+
+
+def relative_rate(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
+    """The paper's omega (B, 3): target's less leader's angular velocity, in the leader's axes (eq 1) [rad/s]."""
+    return (state.W - camera_rate) @ camera_axes
+
+
+def relative_attitude(state: State, camera_quaternion: np.ndarray) -> np.ndarray:
+    """(B, 4) body to the chaser's axes."""
+    return multiply(conjugate(camera_quaternion)[None], state.q)
+
+
+def relative_velocity(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
+    """The paper's rho_dot (B, 3): velocity of the centre of mass as seen in the leader's turning axes [m/s]."""
+    return (state.velocity - np.cross(camera_rate, state.r)) @ camera_axes
