@@ -79,7 +79,7 @@ def align(
             limit = np.maximum(LARGEST_MAHALANOBIS, 2.0 * _third_smallest(np.where(use, near, np.inf)))
             taken = use & (near <= limit[:, None])
         weight = np.where(taken[..., None, None], information, 0.0)
-        cross = _cross(arm)
+        cross = cross_matrix(arm)
         wc = weight @ cross
         normal[:, :3, :3] = np.einsum("nmji,nmjk->nik", cross, wc)
         normal[:, :3, 3:] = -np.einsum("nmji,nmjk->nik", cross, weight)
@@ -109,8 +109,8 @@ def _third_smallest(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(third), third, 0.0)
 
 
-def _cross(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with _cross(v) a = v x a."""
+def cross_matrix(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) with cross_matrix(v) a = v x a."""
     x, y, z = (v[..., i] for i in range(3))
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]

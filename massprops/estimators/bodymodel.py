@@ -12,12 +12,14 @@ import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.alignment import LARGEST_MAHALANOBIS, align, horn, inverse_of, spread_out
+from massprops.estimators.jointfit import joint_step
 
 MEDIAN_SQUARE = 2.366
 """Median of chi-square with three degrees of freedom."""
 TRIPLES = 40
 WAVES = 60
-POLISH = 4
+STEPS = 2
+POLISH = 3
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
     good = np.zeros((n, m), bool)
     centre = points[start, seen[start]].mean(axis=0)
     body = np.where(seen[start][:, None], points[start] - centre, np.nan)
+    vague = np.where(seen[start][:, None, None], covariance[start], np.nan)
     used[start], q[start], shift[start] = True, [1.0, 0, 0, 0], centre
     good[start] = seen[start]
     scale, least = 1.0, 6
@@ -73,13 +76,13 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
         known = np.isfinite(body).all(axis=-1)
         common = seen & known & ~used[:, None]
         rows = np.flatnonzero(common.sum(axis=1) >= least)
-        counts = np.maximum(good.sum(axis=0), 1)
         joined = 0
         if len(rows):
             found = _join(
                 np.where(known[:, None], body, 0.0),
+                np.where(known[:, None, None], vague, 0.0),
                 measured[rows],
-                information[rows] / (scale * (1.0 + 1.0 / counts))[None, :, None, None],
+                covariance[rows] * scale,
                 1.0 / size[rows],
                 common[rows],
                 rng,
@@ -95,20 +98,24 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
             continue
         least = 6
         fresh = used[:, None] & seen & ~known
-        body = _points(q, shift, measured, information, good | fresh, used)
+        body = np.where(known[:, None], body, _points(q, shift, measured, information, fresh, used)[0])
+        for _ in range(STEPS):
+            q, shift, body = _together(q, shift, body, measured, information, good | fresh, used)
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
-        body = _points(q, shift, measured, information, good, used)
+        body, vague = _points(q, shift, measured, information, good, used)
+        vague = vague * scale
     for _ in range(POLISH):
+        q, shift, body = _together(q, shift, body, measured, information, good, used)
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
-        body = _points(q, shift, measured, information, good, used)
     outliers = int((seen & used[:, None] & ~good).sum())
     return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers)
 
 
 def _join(
     body: np.ndarray,
+    vague: np.ndarray,
     seen: np.ndarray,
-    information: np.ndarray,
+    covariance: np.ndarray,
     weight: np.ndarray,
     use: np.ndarray,
     rng: np.random.Generator,
@@ -116,14 +123,15 @@ def _join(
     """Which epochs fit the body, their poses, and the measurements that fit."""
     every = np.broadcast_to(body, seen.shape)
     q, shift = horn(every, seen, np.where(use, weight, 0.0))
+    information = _with_body(q, vague, covariance, use)
     q, shift, _, near = align(body, seen, information, use, q, shift)
     good = use & (near <= LARGEST_MAHALANOBIS)
     ok = _enough(good, use)
     for k in np.flatnonzero(~ok):
-        tried = _consensus(body, seen[k], information[k], use[k], rng)
+        tried = _consensus(body, vague, seen[k], covariance[k], use[k], rng)
         if tried is None:
             continue
-        again = align(body, seen[k : k + 1], information[k : k + 1], tried[2][None], tried[0][None], tried[1][None])
+        again = align(body, seen[k : k + 1], tried[3][None], tried[2][None], tried[0][None], tried[1][None])
         q[k], shift[k] = again[0][0], again[1][0]
         good[k] = tried[2] & (again[3][0] <= LARGEST_MAHALANOBIS)
         ok[k] = _enough(good[k : k + 1], use[k : k + 1])[0]
@@ -137,9 +145,21 @@ def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
     return (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
 
 
+def _with_body(q: np.ndarray, vague: np.ndarray, covariance: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """Information of measurements (..., m, 3, 3) when the body's points are uncertain too."""
+    R = rotation_matrix(q)[..., None, :, :]
+    whole = np.where(use[..., None, None], covariance, np.eye(3)) + R @ vague @ np.swapaxes(R, -1, -2)
+    return inverse_of(whole)
+
+
 def _consensus(
-    body: np.ndarray, seen: np.ndarray, information: np.ndarray, use: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    body: np.ndarray,
+    vague: np.ndarray,
+    seen: np.ndarray,
+    covariance: np.ndarray,
+    use: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """The pose of the three points that most others agree with."""
     index = np.flatnonzero(use)
     if len(index) < 4:
@@ -147,11 +167,12 @@ def _consensus(
     triples = np.stack([rng.choice(index, 3, replace=False) for _ in range(TRIPLES)])
     q, shift = horn(body[triples], seen[triples], np.ones(triples.shape))
     error = seen - shift[:, None] - np.einsum("tij,mj->tmi", rotation_matrix(q), body)
-    near = np.einsum("tmi,mij,tmj->tm", error, information, error)
+    information = _with_body(q, vague, covariance, use)
+    near = np.einsum("tmi,tmij,tmj->tm", error, information, error)
     # a pose from three noisy points is itself off by a few sigma
     fits = use & (near < 4 * LARGEST_MAHALANOBIS)
     best = int(np.argmax(fits.sum(axis=1)))
-    return (q[best], shift[best], fits[best]) if fits[best].sum() >= 3 else None
+    return (q[best], shift[best], fits[best], information[best]) if fits[best].sum() >= 3 else None
 
 
 def _refine(
@@ -182,13 +203,33 @@ def _refine(
 
 def _points(
     q: np.ndarray, shift: np.ndarray, measured: np.ndarray, information: np.ndarray, use: np.ndarray, used: np.ndarray
-) -> np.ndarray:
-    """(m, 3) weighted mean of each point over the epochs, in body axes; NaN where none is used."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted mean of each point over the epochs in body axes (m, 3), covariance (m, 3, 3); NaN where none is used."""
     R = rotation_matrix(q[used])
     weight = np.where(use[used][..., None, None], information[used], 0.0)
     arm = measured[used] - shift[used][:, None]
     turned = np.swapaxes(R, 1, 2)[:, None] @ weight
     total = (turned @ R[:, None]).sum(axis=0)
     side = np.einsum("nmij,nmj->mi", turned, arm)
-    points = np.einsum("mij,mj->mi", inverse_of(total), side)
-    return np.where(use[used].any(axis=0)[:, None], points, np.nan)
+    spread = inverse_of(total)
+    some = use[used].any(axis=0)
+    points = np.einsum("mij,mj->mi", spread, side)
+    return np.where(some[:, None], points, np.nan), np.where(some[:, None, None], spread, np.nan)
+
+
+def _together(
+    q: np.ndarray,
+    shift: np.ndarray,
+    body: np.ndarray,
+    measured: np.ndarray,
+    information: np.ndarray,
+    use: np.ndarray,
+    used: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    q, shift, body = q.copy(), shift.copy(), body.copy()
+    column = np.flatnonzero(use[used].any(axis=0))
+    one = np.ix_(used, column)
+    q[used], shift[used], body[column] = joint_step(
+        q[used], shift[used], body[column], measured[one], information[one], use[one]
+    )
+    return q, shift, body

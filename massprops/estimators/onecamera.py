@@ -93,11 +93,9 @@ def _solve(
         path = vectors[:, 0] / scale
         path = path / np.linalg.norm(path[:3]) * (1.0 if path[2] >= 0 else -1.0)
         points = -np.einsum("mij,mpj,p->mi", inner, B, path)
-        depth = by_path[:, 0, 2] / np.where(x[:, 0] == 0, 1, x[:, 0])
         depth = _depth(R, points[j], path, tau[k])
-        if np.mean(depth > 0) < 0.9:
-            if turn:
-                return None
+        if np.mean(depth > 0) < 0.9 and turn:
+            return None
         depth = np.maximum(depth, 1e-3)
         error = (by_path @ path + np.einsum("nij,nj->ni", by_point, points[j])) / depth[:, None]
         size = np.linalg.norm(error, axis=1)

@@ -1,0 +1,54 @@
+"""All poses and all points of a body at once: one Gauss-Newton step, the poses eliminated first.
+
+Taking turns (poses, then points, then poses again) creeps when a camera measures depth a hundred times worse than
+direction, as a short baseline does; the joint step does not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
+from massprops.estimators.alignment import cross_matrix, inverse_of
+
+LARGEST_TURN = 0.3
+
+
+def joint_step(
+    q: np.ndarray, shift: np.ndarray, body: np.ndarray, seen: np.ndarray, information: np.ndarray, use: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Better q (n, 4), shift (n, 3) and body (m, 3); the first epoch's pose is kept, as it defines the body axes.
+
+    Args:
+        seen: (n, m, 3) measured in the camera; information: (n, m, 3, 3); use: (n, m) which to take.
+    """
+    n, m = use.shape
+    R = rotation_matrix(q)
+    arm = np.einsum("nij,mj->nmi", R, body)
+    error = np.where(use[..., None], seen - shift[:, None] - arm, 0.0)
+    W = np.where(use[..., None, None], information, 0.0)
+    by_pose = np.zeros((n, m, 3, 6))
+    by_pose[..., :3] = -cross_matrix(arm)
+    by_pose[..., 3:] = np.eye(3)
+    WP, WR = W @ by_pose, W @ R[:, None]
+    A = np.einsum("nmia,nmib->nab", by_pose, WP)
+    B = np.einsum("nmia,nmij->namj", WP, np.broadcast_to(R[:, None], WR.shape)).reshape(n, 6, 3 * m)
+    C = np.einsum("nij,nmik->mjk", R, WR)
+    g = np.einsum("nmia,nmi->na", WP, error)
+    h = np.einsum("nmij,nmi->mj", WR, error).reshape(-1)
+    inverse = inverse_of(A)
+    inverse[0] = 0.0
+    AB = inverse @ B
+    S = -B.reshape(6 * n, 3 * m).T @ AB.reshape(6 * n, 3 * m)
+    for i in range(m):
+        S[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += C[i]
+    rest = h - np.einsum("nap,na->p", AB, g)
+    scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
+    known = np.diag(S) > 1e-200
+    S = np.where(known[:, None] & known, S / np.outer(scale, scale), np.eye(3 * m))
+    move = np.linalg.solve(S + 1e-12 * np.eye(3 * m), np.where(known, rest / scale, 0.0)) / scale
+    step = np.einsum("nab,nb->na", inverse, g) - AB @ move
+    size = float(np.abs(step[:, :3]).max(initial=0.0))
+    damp = min(1.0, LARGEST_TURN / max(size, 1e-12))
+    q = normalise(multiply(from_rotation_vector(damp * step[:, :3]), q))
+    return q, shift + damp * step[:, 3:], body + damp * move.reshape(m, 3)
