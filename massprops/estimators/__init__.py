@@ -1,1 +1,5 @@
 """One file per method, one interface."""
+
+from massprops.estimators.estimate import estimate
+
+__all__ = ["estimate"]

@@ -1,0 +1,317 @@
+"""`massprops estimate`: every estimator that a sequence allows, on one problem, from one start and one prior."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from massprops.errors import InputError, MasspropsError, NotPossible
+
+if TYPE_CHECKING:
+    from massprops.estimators.prior import FilterPrior, PriorTest
+    from massprops.estimators.problem import Problem
+    from massprops.estimators.result import Estimate, Prior
+    from massprops.sequence.data import Sequence
+
+Progress = Callable[[int, int, str], None]
+"""`progress(done, total, what)`."""
+
+REFERENCE = "smoother"
+"""The method that the others are measured against, and that judges a prior."""
+
+
+def silent(done: int, total: int, what: str = "") -> None:
+    """Progress that says nothing."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a set of methods made of one sequence.
+
+    Attributes:
+        problem: what they were given.
+        estimates: one per method that ran, in the registry's order.
+        skipped: method to one line: what the sequence lacks, or why the method gave up.
+        cpu_seconds: by method.
+        prior: judgement of the prior, None when there was none to judge.
+        warnings: of reading, of the start, of the prior.
+    """
+
+    problem: Problem
+    estimates: list[Estimate] = field(default_factory=list)
+    skipped: dict[str, str] = field(default_factory=dict)
+    cpu_seconds: dict[str, float] = field(default_factory=dict)
+    prior: PriorTest | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def sound(self) -> list[Estimate]:
+        """Those that converged on observable ratios."""
+        return [e for e in self.estimates if e.converged and e.observable]
+
+    @property
+    def reason(self) -> str:
+        """Why there is no sound estimate; empty when there is one."""
+        if self.sound:
+            return ""
+        said = [f"{e.name}: {e.reason or 'did not converge'}" for e in self.estimates]
+        said += [f"{name}: {why}" for name, why in self.skipped.items()]
+        return "no estimator gives the inertia ratios from this data; " + "; ".join(said)
+
+
+def estimate(
+    source: str | Path | Sequence,
+    methods: Iterable[str] = ("all",),
+    prior: str | Path | Prior | None = None,
+    out: str | Path | None = None,
+    progress: Progress = silent,
+    model: str | Path | None = None,
+) -> list[Estimate]:
+    """Motion and inertia ratios of a sequence by several estimators.
+
+    Args:
+        source: sequence folder, run folder, or a `Sequence`.
+        methods: names of estimators, or `all`.
+        prior: file of `massprops export --to filter`, or a `Prior`.
+        out: folder for `estimates.json`, one CSV of the state history per estimator, and `report.html`.
+        progress: told of each method.
+        model: `model.yaml` of `massprops diagnose`, for the methods that take one.
+
+    Returns:
+        one estimate per method that could run.
+
+    Raises:
+        InputError: unknown method, unreadable sequence or prior.
+        NotPossible: a method asked for by name needs what the sequence lacks.
+
+    Example:
+        >>> [(e.name, e.k1, e.k2) for e in massprops.estimate("runs/demo")]  # doctest: +SKIP
+    """
+    outcome = estimate_all(source, methods, prior, progress, model)
+    if out is not None:
+        write_outcome(outcome, out, source)
+    return outcome.estimates
+
+
+def estimate_all(
+    source: str | Path | Sequence,
+    methods: Iterable[str] = ("all",),
+    prior: str | Path | Prior | None = None,
+    progress: Progress = silent,
+    model: str | Path | None = None,
+    body_known: bool = True,
+) -> Outcome:
+    """As `estimate`, with what was skipped, the judgement of the prior and the problem itself.
+
+    Args:
+        body_known: False hides `body.yaml` from the estimators, for a comparison with the mesh that wrote it.
+    """
+    from massprops.estimators.problem import problem_of
+    from massprops.sequence.read import read_sequence
+
+    chosen, named = chosen_methods(methods)
+    given = _read_prior(prior)
+    effects = _read_model(model)
+    sequence = read_sequence(source) if isinstance(source, str | Path) else source
+    problem = problem_of(sequence)
+    if not body_known:
+        problem = replace(problem, body=None)
+    return run_methods(problem, chosen, given, progress, effects, named)
+
+
+def run_methods(
+    problem: Problem,
+    chosen: list[ModuleType],
+    prior: FilterPrior | None = None,
+    progress: Progress = silent,
+    model: Any = None,
+    named: bool = False,
+) -> Outcome:
+    """Runs the methods one after the other; one that gives up does not cost the others.
+
+    Args:
+        problem: the measurements.
+        chosen: modules of `massprops.estimators.methods`.
+        prior: what is believed of the body beforehand; judged by the data first, and left out when they contradict it.
+        progress: told of each method.
+        model: what `massprops.dynamics.model.load_model` gave, or None.
+        named: the user named the methods: one that cannot run is an error.
+
+    Raises:
+        NotPossible: a named method lacks what it needs.
+    """
+    from massprops.estimators.needs import unmet
+
+    skipped, able = {}, []
+    for method in chosen:
+        lack = unmet(method, problem)
+        if lack and named:
+            raise NotPossible(f"{method.NAME} {lack}")
+        if lack:
+            skipped[method.NAME] = lack
+        else:
+            able.append(method)
+    if not able:
+        return Outcome(problem, skipped=skipped, warnings=problem.warnings)
+    bench = _Bench(problem, model)
+    warnings = list(problem.warnings)
+    total = len(able) + 1
+    progress(0, total, "start")
+    verdict = None
+    if prior is not None:
+        from massprops.estimators.prior import judge
+
+        reference, plain = None, bench.start(None)
+        judges = [m for m in _all_methods().values() if m.NAME == REFERENCE and not unmet(m, problem)] or able[:1]
+        try:
+            reference = bench.run(judges[0], None, plain)
+        except NotPossible as stop:
+            warnings.append(f"the prior could not be checked: {judges[0].NAME}: {stop}")
+        verdict = judge(prior, reference, plain, problem)
+        warnings += verdict.warnings
+    belief = None if verdict is None else verdict.prior
+    start = bench.start(belief)
+    warnings += [line for line in getattr(start, "warnings", ()) if line not in warnings]
+    estimates, cpu = [], {}
+    for number, method in enumerate(able, 1):
+        progress(number, total, method.NAME)
+        begun = time.process_time()
+        try:
+            found = bench.run(method, belief, start)
+        except NotPossible as stop:
+            skipped[method.NAME] = str(stop)
+            continue
+        finally:
+            cpu[method.NAME] = time.process_time() - begun
+        if found.cpu_us_per_step is None:
+            found = replace(found, cpu_us_per_step=1e6 * cpu[method.NAME] / len(problem.times))
+        estimates.append(found)
+    progress(total, total, "")
+    return Outcome(problem, estimates, skipped, cpu, verdict, tuple(dict.fromkeys(warnings)))
+
+
+def chosen_methods(names: Iterable[str]) -> tuple[list[ModuleType], bool]:
+    """The modules of the named methods, and whether the user named them one by one.
+
+    Raises:
+        InputError: no such method.
+    """
+    known = _all_methods()
+    wanted = [names] if isinstance(names, str) else list(names)
+    wanted = [part for name in wanted for part in name.replace(",", " ").split()] or ["all"]
+    for name in wanted:
+        if name != "all" and name not in known:
+            raise InputError(f"--method {name}: no such estimator; there are {', '.join(known)} and all")
+    if "all" in wanted:
+        return list(known.values()), False
+    return [module for name, module in known.items() if name in wanted], True
+
+
+def _all_methods() -> dict[str, ModuleType]:
+    from massprops.estimators import methods
+
+    return methods.methods()
+
+
+class _Bench:
+    """One problem on which methods run; a method's failure in its arithmetic is a reason, not a crash."""
+
+    def __init__(self, problem: Problem, model: Any) -> None:
+        self.problem, self.model = problem, model
+
+    def start(self, prior: Prior | None) -> Any:
+        """`first_guess` of the problem; None when it cannot be had, for methods that need none."""
+        from massprops.estimators.result import Prior
+        from massprops.estimators.start import first_guess
+
+        try:
+            return first_guess(self.problem, prior or Prior())
+        except NotPossible as stop:
+            return _NoStart(str(stop))
+
+    def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
+        """One estimate, checked.
+
+        Raises:
+            NotPossible: the method gives up, with the reason.
+        """
+        import inspect
+
+        from massprops.estimators.result import Prior
+
+        if isinstance(start, _NoStart) and getattr(method, "NEEDS_START", True):
+            raise NotPossible(f"no start: {start.reason}")
+        takes_model = "model" in inspect.signature(method.estimate).parameters
+        extra = {"model": self.model} if self.model is not None and takes_model else {}
+        try:
+            return checked(method.estimate(self.problem, prior or Prior(), start, **extra))
+        except MasspropsError as error:
+            raise NotPossible(str(error)) from None
+        except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError, OverflowError) as error:
+            raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {error})") from None
+
+
+@dataclass(frozen=True)
+class _NoStart:
+    reason: str
+    warnings: tuple[str, ...] = ()
+
+
+def checked(found: Estimate) -> Estimate:
+    """An estimate that claims no more than it has: numbers that are not finite, or no body's, make it unconverged."""
+    from massprops.estimators.result import ratios
+
+    if not found.observable:
+        return replace(found, k1=None, k2=None, k_covariance=None, principal_axes=None, axes_covariance=None)
+    if not found.converged:
+        return found
+    values = [v for v in (found.k1, found.k2, found.inertia, found.k_covariance, found.w) if v is not None]
+    if found.k1 is None or found.k2 is None or not all(np.isfinite(np.asarray(v, float)).all() for v in values):
+        return replace(found, converged=False, reason=found.reason or "its result is not finite")
+    if found.inertia is not None:
+        moments = np.linalg.eigvalsh(found.inertia)
+        if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+            return replace(found, converged=False, reason=found.reason or "its inertia breaks the triangle inequality")
+        if found.principal_axes is None:
+            found = replace(found, principal_axes=ratios(found.inertia)[1])
+    return found
+
+
+def _read_prior(prior: str | Path | Prior | None) -> FilterPrior | None:
+    if prior is None:
+        return None
+    from massprops.estimators.prior import FilterPrior, read_filter
+    from massprops.estimators.result import Prior
+
+    if isinstance(prior, FilterPrior):
+        return prior
+    if isinstance(prior, Prior):
+        return FilterPrior(prior)
+    return read_filter(prior)
+
+
+def _read_model(path: str | Path | None) -> Any:
+    if path is None:
+        return None
+    if not Path(path).is_file():
+        raise InputError(f"--model {path}: no such file; massprops diagnose writes one")
+    from massprops.dynamics.model import load_model
+
+    return load_model(path)
+
+
+def write_outcome(outcome: Outcome, out: str | Path, source: Any = None) -> Path:
+    """`estimates.json`, one CSV per estimator and `report.html`, all of them or none.
+
+    Raises:
+        InputError: the folder holds a run or a sequence, or cannot be written.
+    """
+    from massprops.report.estimates import write_estimates
+
+    return write_estimates(outcome, Path(out), None if source is None or not isinstance(source, str | Path) else source)

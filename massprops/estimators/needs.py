@@ -1,0 +1,44 @@
+"""What an estimator needs of a sequence, and one line that says what is missing."""
+
+from __future__ import annotations
+
+import re
+from types import ModuleType
+
+from massprops.estimators.problem import Problem
+
+SAID = {
+    "tracks": "tracks of features (tracks0)",
+    "stereo": "two cameras that see the same features at the same times (tracks0, cam0, cam1)",
+    "range": "ranges (range0)",
+    "rates": "body rates (imu0)",
+    "attitude": "an attitude history (attitude0)",
+}
+
+
+def has(problem: Problem, word: str) -> bool:
+    """Whether the sequence holds what one word of `NEEDS` asks for."""
+    return bool(
+        {
+            "tracks": problem.has_tracks,
+            "stereo": problem.stereo,
+            "range": problem.has_range,
+            "rates": problem.has_rates,
+            "attitude": problem.has_attitude,
+        }[word]
+    )
+
+
+def unmet(method: ModuleType, problem: Problem) -> str:
+    """What the sequence lacks for a method, in one line; empty when it lacks nothing."""
+    needs = getattr(method, "NEEDS", ())
+    entries = [needs] if isinstance(needs, str) else list(needs)
+    missing = []
+    for entry in entries:
+        words = [word for word in re.split(r"[^a-z]+", entry) if word in SAID]
+        if words and not any(has(problem, word) for word in words):
+            missing.append(" or ".join(SAID[word] for word in words))
+    if missing:
+        return "needs " + ", and ".join(missing)
+    own = getattr(method, "unmet", None)
+    return str(own(problem) or "") if own is not None else ""

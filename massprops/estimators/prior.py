@@ -1,0 +1,361 @@
+"""A prior from a file: read, checked, turned into the estimators' body frame, and judged by the data before its use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.estimators.result import Prior, ratios
+from massprops.mass.ratio_space import (
+    chi_square,
+    covariance,
+    inertia_of,
+    log_components,
+    p_value,
+    turn_jacobian,
+)
+
+if TYPE_CHECKING:
+    from massprops.estimators.problem import Problem
+    from massprops.estimators.result import Estimate
+
+FORMAT = "massprops-filter/1"
+REJECT_BELOW = 1e-3
+"""A prior that the data would contradict so by chance less often than this is left out."""
+AXES_UNKNOWN = 1.0
+"""1-sigma [rad] of axes that the data of the sequence do not tie to those of the prior."""
+SAME_BODY = 0.1
+"""Largest median residual of common features, over their spread, at which they are the same points."""
+
+
+@dataclass(frozen=True)
+class FilterPrior:
+    """A prior with what ties its frame to footage.
+
+    Attributes:
+        prior: in the frame of the file.
+        k_covariance: (2, 2) of k1, k2; axes_covariance: (3, 3) of small turns about the principal axes [rad^2].
+        mark_ns: (f,) timestamps and mark_q: (f, 4) attitudes of the footage whose attitude0 frame the file is in.
+        metric: features are in metres, not in model units.
+        source: where it came from.
+    """
+
+    prior: Prior
+    k_covariance: np.ndarray | None = None
+    axes_covariance: np.ndarray | None = None
+    mark_ns: np.ndarray | None = None
+    mark_q: np.ndarray | None = None
+    metric: bool = True
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class PriorTest:
+    """What the data say of a prior.
+
+    Attributes:
+        verdict: `used`, `rejected` (contradicted and left out) or `unchecked` (nothing to hold it against).
+        prior: what the estimators are given, in their frame; its inertia is None when rejected.
+        chi2, degrees, p_value: of the prior against the reference, None when unchecked.
+        frame: how the frames were tied: `attitude0`, `features` or `none`.
+        reference: name of the estimator that judged.
+        warnings: one line each.
+    """
+
+    verdict: str
+    prior: Prior
+    chi2: float | None = None
+    degrees: int = 0
+    p_value: float | None = None
+    frame: str = "none"
+    reference: str = ""
+    warnings: tuple[str, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """For `estimates.json`."""
+        return {k: getattr(self, k) for k in ("verdict", "chi2", "degrees", "p_value", "frame", "reference")}
+
+
+def read_prior(path: str | Path) -> Prior:
+    """The prior of a filter file, in that file's frame.
+
+    Raises:
+        InputError: no such file, not a filter file, or numbers that no body has.
+    """
+    return read_filter(path).prior
+
+
+def read_filter(path: str | Path) -> FilterPrior:
+    """As `read_prior`, with the covariances and the frame's mark."""
+    from massprops.sequence.read import load_yaml
+
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"--prior {path}: no such file; massprops export RUN --to filter writes one")
+    content = load_yaml(path)
+    if content.get("format", FORMAT) != FORMAT:
+        raise InputError(
+            f"{path}: format {content.get('format')!r} is not {FORMAT!r}; write it with export --to filter"
+        )
+    inertia = _inertia(path, content)
+    noise = _number(path, content, "process_noise")
+    k_cov = _covariance(path, content, "k_covariance", 2)
+    axes_cov = _covariance(path, content, "axes_covariance_rad2", 3)
+    ids, points, sigma, metric = _features(path, content.get("features"))
+    mark_ns, mark_q = _mark(path, content.get("frame"))
+    prior = Prior(
+        inertia=inertia,
+        k_sigma=None if k_cov is None else np.sqrt(np.diag(k_cov)),
+        axes_sigma=None if axes_cov is None else np.sqrt(np.diag(axes_cov)),
+        features=points,
+        feature_ids=ids,
+        feature_sigma=sigma,
+        process_noise=noise,
+    )
+    if inertia is None and points is None and noise is None:
+        raise InputError(f"{path}: says nothing of the body: give inertia, or k1 and k2, or features")
+    return FilterPrior(prior, k_cov, axes_cov, mark_ns, mark_q, metric, str(content.get("source") or path))
+
+
+def _inertia(path: Path, content: dict[str, Any]) -> np.ndarray | None:
+    from massprops.sequence.read import numbers
+
+    axes = np.eye(3)
+    if content.get("principal_axes") is not None:
+        axes = numbers(path, content, "principal_axes", (3, 3))
+        if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-3):
+            raise InputError(f"{path}: principal_axes must be three unit columns at right angles")
+        axes = np.linalg.svd(axes)[0] @ np.linalg.svd(axes)[2]
+    given = content.get("inertia_ratios")
+    k = None
+    if given is not None:
+        if not isinstance(given, dict):
+            raise InputError(f"{path}: inertia_ratios must hold k1 and k2")
+        k = np.array([_number(path, given, name, required=True) for name in ("k1", "k2")], float)
+        if (k > 1e-9).any():
+            raise InputError(f"{path}: k1 = ln(I1/I2) and k2 = ln(I2/I3) of ascending moments are not above 0")
+    if content.get("inertia") is None:
+        if k is None:
+            return None
+        inertia = inertia_of(np.minimum(k, 0.0), axes)
+    else:
+        inertia = numbers(path, content, "inertia", (3, 3))
+        if not np.allclose(inertia, inertia.T, rtol=1e-6, atol=1e-9 * float(np.abs(inertia).max())):
+            raise InputError(f"{path}: inertia is not symmetric")
+    inertia = 0.5 * (inertia + inertia.T)
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] <= 0:
+        raise InputError(f"{path}: inertia has a principal moment of {moments[0]:.4g}; all three must be above 0")
+    if moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+        said = ", ".join(f"{m:.4g}" for m in moments / moments.sum())
+        raise InputError(
+            f"{path}: principal moments in the ratio {said} break the triangle inequality: no body has them"
+        )
+    if k is not None and not np.allclose(ratios(inertia)[0], k, atol=1e-3):
+        found = ratios(inertia)[0]
+        raise InputError(
+            f"{path}: inertia gives k1 = {found[0]:.4f}, k2 = {found[1]:.4f}, but inertia_ratios says "
+            f"{k[0]:.4f}, {k[1]:.4f}: correct one of them"
+        )
+    whole: np.ndarray = inertia / np.trace(inertia)
+    return whole
+
+
+def _number(path: Path, content: dict[str, Any], key: str, required: bool = False) -> float | None:
+    value = content.get(key)
+    if value is None and not required:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(f"{path}: {key} must be a finite number, not {value!r}")
+    if key in ("process_noise", "sigma") and value < 0:
+        raise InputError(f"{path}: {key} must not be below 0")
+    return float(value)
+
+
+def _covariance(path: Path, content: dict[str, Any], key: str, size: int) -> np.ndarray | None:
+    from massprops.sequence.read import numbers
+
+    if content.get(key) is None:
+        return None
+    matrix = numbers(path, content, key, (size, size))
+    if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-12 * float(np.abs(matrix).max() or 1.0)):
+        raise InputError(f"{path}: {key} is not symmetric")
+    matrix = 0.5 * (matrix + matrix.T)
+    if np.linalg.eigvalsh(matrix)[0] < -1e-9 * max(float(np.trace(matrix)), 0.0) or (np.diag(matrix) <= 0).any():
+        raise InputError(f"{path}: {key} is not a covariance: its variances must be above 0")
+    return matrix
+
+
+def _features(path: Path, content: Any) -> tuple[np.ndarray | None, np.ndarray | None, float | None, bool]:
+    from massprops.sequence.read import numbers
+
+    if content is None:
+        return None, None, None, True
+    if not isinstance(content, dict) or not isinstance(content.get("ids"), list):
+        raise InputError(f"{path}: features must hold ids and xyz")
+    try:
+        ids = np.array(content["ids"], np.int64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{path}: features: ids must be whole numbers") from None
+    if ids.ndim != 1 or len(np.unique(ids)) != len(ids):
+        raise InputError(f"{path}: features: ids must be a list of different whole numbers")
+    if not len(ids):
+        return None, None, None, True
+    xyz = numbers(path, content, "xyz", (len(ids), 3))
+    unit = content.get("units", "m")
+    if unit not in ("m", "model"):
+        raise InputError(f"{path}: features: units {unit!r}; give m or model")
+    return ids, xyz, _number(path, content, "sigma"), unit == "m"
+
+
+def _mark(path: Path, content: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
+    if not isinstance(content, dict) or not content.get("mark"):
+        return None, None
+    try:
+        rows = [(int(row[0]), [float(v) for v in row[1:5]]) for row in content["mark"]]
+        q = np.array([r[1] for r in rows]).reshape(-1, 4)
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
+        raise InputError(f"{path}: frame: mark must be rows of timestamp, q_w, q_x, q_y, q_z") from None
+    if not np.isfinite(q).all() or any(abs(r[0]) > 2**62 for r in rows):
+        raise InputError(f"{path}: frame: mark holds numbers that are not finite")
+    return np.array([r[0] for r in rows], np.int64), q
+
+
+def judge(given: FilterPrior, reference: Estimate | None, start: Any, problem: Problem) -> PriorTest:
+    """Turns a prior into the start's frame and holds it against an estimate made without it.
+
+    Args:
+        given: the prior.
+        reference: an estimate that knows nothing of it, or None.
+        start: of the same problem, without the prior.
+        problem: the measurements.
+    """
+    prior, frame = into_frame(given, start, reference, problem)
+    if prior.inertia is None:
+        return PriorTest("used", prior, frame=frame)
+    sound = reference is not None and reference.converged and reference.observable and reference.inertia is not None
+    if not sound or reference is None or reference.k_covariance is None:
+        why = "no estimate without it to hold it against"
+        return PriorTest("unchecked", prior, frame=frame, warnings=(f"the prior was used unchecked: {why}",))
+    k_cov = np.diag(np.square(prior.k_sigma)) if prior.k_sigma is not None else np.zeros((2, 2))
+    if given.k_covariance is not None:
+        k_cov = given.k_covariance
+    k, axes = ratios(prior.inertia)
+    difference = log_components(reference.inertia, axes) - log_components(prior.inertia, axes)
+    spread = covariance(reference.inertia, _inflated(reference), reference.axes_covariance, axes)
+    spread[:2, :2] += k_cov
+    both = frame != "none" and reference.axes_covariance is not None and given.axes_covariance is not None
+    if both:
+        # the file's turns are about the principal axes, the Jacobian's about body axes
+        by_turn = turn_jacobian(prior.inertia, axes) @ axes
+        spread += by_turn @ given.axes_covariance @ by_turn.T
+        chi2, degrees = chi_square(difference, spread)
+    else:
+        apart = np.array([reference.k1, reference.k2]) - k
+        chi2, degrees = chi_square(apart, _inflated(reference) + k_cov)
+    p = p_value(chi2, degrees)
+    test = PriorTest("used", prior, chi2, degrees, p, frame, reference.name)
+    if p >= REJECT_BELOW:
+        return test
+    line = (
+        f"the data contradict the prior (k1 = {k[0]:.4f}, k2 = {k[1]:.4f} against {reference.k1:.4f}, "
+        f"{reference.k2:.4f} from {reference.name} without it; chi-square {chi2:.1f} of {degrees}, p = {p:.1g}): "
+        "its inertia and features were left out"
+    )
+    bare = Prior(process_noise=prior.process_noise)
+    return replace(test, verdict="rejected", prior=bare, warnings=(line,))
+
+
+def _inflated(estimate: Estimate) -> np.ndarray:
+    """Covariance of k; residuals that are larger than their noise widen it."""
+    assert estimate.k_covariance is not None
+    widened: np.ndarray = estimate.k_covariance * max(1.0, estimate.innovation or 1.0)
+    return widened
+
+
+def into_frame(given: FilterPrior, start: Any, reference: Estimate | None, problem: Problem) -> tuple[Prior, str]:
+    """The prior in the estimators' body frame, and what tied the frames: `attitude0`, `features` or `none`."""
+    prior = given.prior
+    if getattr(start, "body_frame", "own") == "attitude0" and _same_footage(given, problem):
+        return (prior if given.metric else _in_metres(prior, start, problem)), "attitude0"
+    found = _common(prior, problem, getattr(start, "features", None))
+    if found is None and reference is not None and reference.features is not None and reference.feature_ids is not None:
+        found = _common(prior, replace(problem, features=reference.feature_ids), reference.features)
+    if found is not None:
+        scale, R = found
+        turned = None if prior.inertia is None else R @ prior.inertia @ R.T
+        points = None if prior.features is None else scale * prior.features @ R.T
+        sigma = None if prior.feature_sigma is None else scale * prior.feature_sigma
+        return replace(prior, inertia=turned, features=points, feature_sigma=sigma), "features"
+    # the ratios stand without the axes
+    inertia = prior.inertia
+    known = getattr(start, "inertia", None)
+    if reference is not None and reference.inertia is not None:
+        known = reference.inertia
+    if inertia is not None and known is not None:
+        inertia = inertia_of(ratios(inertia)[0], ratios(known)[1])
+    unknown = np.full(3, AXES_UNKNOWN)
+    return replace(prior, inertia=inertia, axes_sigma=unknown, features=None, feature_ids=None), "none"
+
+
+def _same_footage(given: FilterPrior, problem: Problem) -> bool:
+    if given.mark_ns is None or given.mark_q is None or not len(given.mark_ns):
+        return False
+    at = np.searchsorted(problem.stamp_ns, given.mark_ns)
+    at = np.minimum(at, len(problem.stamp_ns) - 1)
+    same = problem.stamp_ns[at] == given.mark_ns
+    cosine = np.abs(np.einsum("ij,ij->i", np.nan_to_num(problem.attitude[at]), given.mark_q))
+    return bool(same.all() and (cosine > 1 - 1e-6).all())
+
+
+def _in_metres(prior: Prior, start: Any, problem: Problem) -> Prior:
+    """Features in model units, in the scale of the start; left out where that cannot be told."""
+    found = _common(prior, problem, getattr(start, "features", None))
+    if found is None or prior.features is None:
+        return replace(prior, features=None, feature_ids=None, feature_sigma=None)
+    sigma = None if prior.feature_sigma is None else found[0] * prior.feature_sigma
+    return replace(prior, features=found[0] * prior.features, feature_sigma=sigma)
+
+
+def _common(prior: Prior, problem: Problem, features: np.ndarray | None) -> tuple[float, np.ndarray] | None:
+    """Scale and rotation that lay the prior's features on the sequence's of the same numbers, when they are the same."""
+    if prior.features is None or prior.feature_ids is None or features is None:
+        return None
+    _, a, b = np.intersect1d(prior.feature_ids, problem.features, return_indices=True)
+    if len(a) < 4 or len(features) != len(problem.features):
+        return None
+    good = np.isfinite(features[b]).all(axis=1)
+    if good.sum() < 4:
+        return None
+    return similarity(prior.features[a[good]], features[b[good]])
+
+
+def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray] | None:
+    """Scale and rotation (3, 3) of target = scale R source + t by least squares (Umeyama 1991), twice, the second time
+    without the worst; None when the points are not the same body's.
+
+    Args:
+        source, target: (n, 3), n >= 4.
+    """
+    keep = np.ones(len(source), bool)
+    for _ in range(3):
+        a, b = source[keep] - source[keep].mean(0), target[keep] - target[keep].mean(0)
+        u, d, vt = np.linalg.svd(b.T @ a)
+        sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+        R = u @ np.diag(sign) @ vt
+        scale = float((d * sign).sum() / max((a * a).sum(), 1e-300))
+        shift = target[keep].mean(0) - scale * R @ source[keep].mean(0)
+        apart = np.linalg.norm(target - scale * source @ R.T - shift, axis=1)
+        middle = float(np.median(apart[keep]))
+        keep = apart <= max(3.0 * middle, 1e-12)
+        if keep.sum() < 4:
+            return None
+    spread = float(np.sqrt(np.mean(np.sum((target[keep] - target[keep].mean(0)) ** 2, axis=1))))
+    flat = d[1] < 1e-6 * d[0] if d[0] > 0 else True
+    if flat or scale <= 0 or middle > SAME_BODY * max(spread, 1e-300):
+        return None
+    return scale, R

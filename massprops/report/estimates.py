@@ -1,0 +1,244 @@
+"""The page of `massprops estimate`, and its files: all of them or none."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.estimators.documents import document, history_csv
+from massprops.estimators.estimate import Outcome
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate
+from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
+from massprops.report.html import Safe, number, plot, table, text
+from massprops.report.page import document as page
+from massprops.sequence.truth import Truth
+
+MOST_POINTS = 400
+"""Points of a curve: more than a screen shows would only make the page heavy."""
+AXES = "xyz"
+
+
+def write_estimates(outcome: Outcome, folder: Path, source: str | Path | None) -> Path:
+    """Writes `estimates.json`, one CSV per estimator and `report.html`.
+
+    Raises:
+        InputError: the folder holds a run or a sequence, or cannot be written.
+    """
+    from massprops.run.files import write_json, write_whole
+
+    for mark, what in (("run.yaml", "a run"), ("tracks0", "a sequence"), ("cam0", "a sequence")):
+        if (folder / mark).exists():
+            raise InputError(f"{folder}: holds {what}: choose another -o")
+    truth = None if source is None else truth_of(source)
+    found = {e.name: errors(e, outcome.problem, truth) for e in outcome.estimates} if truth is not None else {}
+    content = document(outcome, "" if source is None else str(source))
+    content["against_truth"] = None if truth is None else {n: v.summary() for n, v in found.items() if v is not None}
+    fresh = folder / ".writing"
+    try:
+        fresh.mkdir(parents=True, exist_ok=True)
+        for e in outcome.estimates:
+            if len(e.times):
+                write_whole(fresh / f"{e.name}.csv", history_csv(e, outcome.problem))
+        write_whole(fresh / "report.html", render(outcome, content, found, truth))
+        write_json(fresh / "estimates.json", content)
+        _forget(folder)
+        for path in sorted(fresh.iterdir(), key=lambda p: p.name == "estimates.json"):
+            path.replace(folder / path.name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another -o") from None
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+    return folder / "report.html"
+
+
+def _forget(folder: Path) -> None:
+    """Removes the histories of an earlier estimate, so that none stands beside another's document."""
+    import json
+
+    try:
+        before = json.loads((folder / "estimates.json").read_text())
+        names = [Path(str(e["history"])).name for e in before["estimators"] if e.get("history")]
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    (folder / "estimates.json").unlink()
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+
+
+def render(
+    outcome: Outcome, content: dict[str, Any], found: dict[str, Errors | None], truth: Truth | None = None
+) -> str:
+    """The page as text."""
+    parts = [("Estimators", "summary", _summary(outcome, content, truth))]
+    parts += [
+        (e.name, f"e{i}", _method(e, outcome.problem, found.get(e.name))) for i, e in enumerate(outcome.estimates)
+    ]
+    body = "".join(f'<section id="{key}"><h2>{text(title)}</h2>{inner}</section>' for title, key, inner in parts)
+    links = "".join(f'<a href="#{key}">{text(title)}</a>' for title, key, _ in parts)
+    return page("massprops · estimates", body, links, content["source"])
+
+
+def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> str:
+    from massprops.report.sections.crosscheck import _plane
+
+    parts = [f'<div class="warning">{text(line)}</div>' for line in content["warnings"]]
+    if content["reason"]:
+        parts.insert(0, f'<div class="stopped">{text(content["reason"])}</div>')
+    measured = content["measured"]
+    said = ", ".join(f"{count} {name}" for name, count in measured.items() if count)
+    parts.append(f"<p>{content['epochs']} epochs over {number(content['seconds'], 4)} s: {text(said)}.</p>")
+    if (prior := content["prior"]) is not None:
+        p = f", p = {number(prior['p_value'], 2)}" if prior["p_value"] is not None else ""
+        judge = f" by {prior['reference']}" if prior["reference"] else ""
+        parts.append(f"<p>Prior: <b>{text(prior['verdict'])}</b>{text(judge)}{p}.</p>")
+    rows, own = [], content["against_truth"] or {}
+    for e in content["estimators"]:
+        error = own.get(e["name"]) or {}
+        row = [
+            e["name"],
+            _with_sigma(e["k1"], e["sigma_k1"]),
+            _with_sigma(e["k2"], e["sigma_k2"]),
+            number(np.degrees(e["rate"]["speed_rad_s"]), 4) if e["rate"] else "–",
+            "yes" if e["converged"] else "no",
+            "yes" if e["observable"] else "no",
+            number(e["innovation"], 3),
+            number(e["cpu_us_per_step"], 3),
+        ]
+        if truth is not None:
+            row += [
+                number(error.get("k1_error"), 2),
+                number(error.get("k2_error"), 2),
+                number(_deg(error.get("attitude_rms_rad")), 2),
+                number(_deg(error.get("rate_rms_rad_s")), 2),
+                number(error.get("axes_error_deg"), 2),
+            ]
+        note = f'<span class="below">{text(e["reason"])}</span>' if e["reason"] else ""
+        rows.append([Safe(text(row[0]) + note), *row[1:]])
+    head = ["method", "k1 (± 1σ)", "k2 (± 1σ)", "rate [°/s]", "converged", "observable", "innovation", "µs a step"]
+    if truth is not None:
+        head += ["k1 error", "k2 error", "attitude rms [°]", "rate rms [°/s]", "axes off [°]"]
+    parts.append(table(rows, head))
+    if truth is not None:
+        k = true_ratios(truth)
+        if k is not None:
+            parts.append(
+                f'<p class="soft">Truth: k1 = {number(k[0], 5)}, k2 = {number(k[1], 5)}. Errors are over the second half.</p>'
+            )
+    if outcome.skipped:
+        lines = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in outcome.skipped.items())
+        parts.append(f"<h3>Not run</h3><ul>{lines}</ul>")
+    sound = [e for e in content["estimators"] if e["converged"] and e["observable"]]
+    if sound:
+        true = None if truth is None else true_ratios(truth)
+        centre = {} if true is None else {"k1": float(true[0]), "k2": float(true[1]), "name": "truth"}
+        parts.append(f'<div class="narrow">{_plane(centre, sound)}</div>')
+    return "".join(parts)
+
+
+def _deg(value: float | None) -> float | None:
+    return None if value is None else float(np.degrees(value))
+
+
+def _with_sigma(value: float | None, sigma: float | None) -> str:
+    return "–" if value is None else number(value, 5) + (f" ± {number(sigma, 2)}" if sigma is not None else "")
+
+
+def _method(e: Estimate, problem: Problem, error: Errors | None) -> str:
+    """Plots of one estimator: errors with 3-sigma bounds where truth exists, else states with theirs."""
+    parts = [f'<div class="warning">{text(line)}</div>' for line in e.warnings]
+    if e.reason:
+        parts.append(f'<div class="warning">{text(e.reason)}</div>')
+    facts = [f"{e.used} measurements used, {e.gated} left out as outliers"] if e.used else []
+    facts += [f"residuals {number(e.innovation, 3)} of their stated variance"] if e.innovation is not None else []
+    if facts:
+        parts.append(f'<p class="soft">{text("; ".join(facts))}.</p>')
+    if error is not None:
+        parts.append(_error_plots(e, error))
+    elif len(e.times):
+        parts.append(_state_plots(e))
+    return "".join(parts)
+
+
+def thin(n: int) -> np.ndarray:
+    """Indices of at most `MOST_POINTS` of n points, ends kept."""
+    return np.unique(np.linspace(0, n - 1, min(n, MOST_POINTS)).round().astype(int))
+
+
+def _error_plots(e: Estimate, error: Errors) -> str:
+    degrees = np.degrees(1.0)
+
+    def turned(sigma: np.ndarray | None) -> np.ndarray | None:
+        """Sigmas along the truth's axes, as far as sigmas without correlation can be turned."""
+        return None if sigma is None else np.sqrt(np.maximum(sigma[error.at] ** 2 @ (error.turn**2).T, 0.0))
+
+    parts = [
+        _bounded(
+            "attitude error", "°", error.times, error.attitude * degrees, _scaled(turned(e.sigma_attitude), degrees)
+        ),
+        _bounded("rate error", "°/s", error.times, error.w * degrees, _scaled(turned(e.sigma_w), degrees)),
+    ]
+    if error.position is not None:
+        sigma = None if e.sigma_position is None else e.sigma_position[error.at]
+        parts.append(_bounded("position error", "m", error.times, error.position, sigma))
+    if error.k_history is not None:
+        sigma = None if e.k_sigma_history is None else e.k_sigma_history[error.at]
+        parts.append(_bounded("error of", "", error.times, error.k_history, sigma, ("k1", "k2")))
+    return "".join(parts)
+
+
+def _state_plots(e: Estimate) -> str:
+    degrees = np.degrees(1.0)
+    parts, times = [], np.asarray(e.times)
+    if e.w is not None:
+        parts.append(_bounded("rate", "°/s", times, e.w * degrees, _scaled(e.sigma_w, degrees), about=True))
+    if e.position is not None:
+        parts.append(_bounded("position", "m", times, e.position, e.sigma_position, about=True))
+    if e.k_history is not None:
+        parts.append(_bounded("", "", times, e.k_history, e.k_sigma_history, ("k1", "k2"), about=True))
+    return "".join(parts)
+
+
+def _scaled(values: np.ndarray | None, factor: float) -> np.ndarray | None:
+    return None if values is None else factor * values
+
+
+def _bounded(
+    what: str,
+    unit: str,
+    times: np.ndarray,
+    values: np.ndarray,
+    sigma: np.ndarray | None,
+    names: tuple[str, ...] = tuple(AXES),
+    about: bool = False,
+) -> str:
+    """One plot per column with its 3-sigma band, about zero for errors, about the value for states.
+
+    The plot's height is that of the second half: what a filter does before it settles would hide all else.
+    """
+    parts, keep = [], thin(len(times))
+    for j, name in enumerate(names[: values.shape[1]]):
+        y = values[keep, j]
+        bands = []
+        late = values[len(values) // 2 :, j]
+        reach = [late[np.isfinite(late)]]
+        if sigma is not None and np.isfinite(sigma[:, j]).all():
+            three = 3.0 * sigma[keep, j]
+            middle = y if about else np.zeros_like(y)
+            bands = [(times[keep], middle - three, middle + three)]
+            half = 3.0 * sigma[len(values) // 2 :, j]
+            reach += [half, -half] if not about else [late + half, late - half]
+        every = np.concatenate(reach)
+        if len(every):
+            low, high = float(every.min()), float(every.max())
+            room = 1.0 * (high - low) + 1e-300
+            y = np.clip(y, low - room, high + room)
+            bands = [(x, np.clip(a, low - room, high + room), np.clip(b, low - room, high + room)) for x, a, b in bands]
+        label = f"{what} {name}".strip() + (f" [{unit}]" if unit else "")
+        parts.append(f"<div>{plot([('', times[keep], y)], 'time [s]', label, 420, 190, bands)}</div>")
+    note = "band: 3σ" if sigma is not None else ""
+    return f'<div class="two">{"".join(parts)}</div><p class="soft">{note}</p>'
