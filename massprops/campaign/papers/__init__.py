@@ -15,6 +15,9 @@ from types import ModuleType
 
 from massprops.campaign.nearest import unknown
 
+SPEED = "speed"
+"""Name of the benchmark that a paper's file may have, asked for like a case."""
+
 
 def papers() -> list[str]:
     """Names of the papers that come with the package."""

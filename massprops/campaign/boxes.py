@@ -1,0 +1,85 @@
+"""Box plots as inline SVG: the box from the 25th to the 75th percentile, whiskers to the 5th and 95th."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.report.html import number, text
+
+LEFT, RIGHT, TOP, BOTTOM = 68, 12, 10, 20
+MOST_DOTS = 60
+
+
+def box_plot(named: list[tuple[str, np.ndarray]], title: str, width: int = 640) -> str:
+    """One box per series of (n,) numbers.
+
+    The axis is logarithmic when all numbers are positive and reach over more than a factor of 30. Numbers outside the
+    whiskers are dots, of many the outermost.
+    """
+    named = [(name, np.sort(np.asarray(values, float))) for name, values in named if len(values)]
+    if not named:
+        return ""
+    every = np.concatenate([values for _, values in named])
+    log = bool(every.min() > 0 and every.max() > 30 * every.min())
+
+    def scaled(values: np.ndarray) -> np.ndarray:
+        return np.log10(values) if log else values
+
+    low, high = float(scaled(every).min()), float(scaled(every).max())
+    pad = 0.05 * (high - low) or 0.5 * abs(high) or 0.5
+    low, high = low - pad, high + pad
+    names_below = len(named) <= 8 and all(len(name) * 7 < (width - LEFT - RIGHT) / len(named) for name, _ in named)
+    height = 240
+
+    def py(values: np.ndarray | float) -> np.ndarray:
+        return TOP + (high - scaled(np.asarray(values, float))) / (high - low) * (height - TOP - BOTTOM)
+
+    parts = [f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="box plot of {text(title)}">']
+    for tick in _ticks(low, high, log):
+        up = float(py(tick))
+        parts.append(f'<line class="grid" x1="{LEFT}" x2="{width - RIGHT}" y1="{up:.1f}" y2="{up:.1f}"/>')
+        parts.append(f'<text x="{LEFT - 6}" y="{up + 4:.1f}" text-anchor="end">{number(tick, 3)}</text>')
+    step = (width - LEFT - RIGHT) / len(named)
+    half = min(26.0, 0.3 * step)
+    for k, (name, values) in enumerate(named):
+        x = LEFT + (k + 0.5) * step
+        parts.append(_box(x, half, values, py, k))
+        shown = name if names_below else str(k + 1)
+        parts.append(f'<text x="{x:.1f}" y="{height - 5}" text-anchor="middle">{text(shown)}</text>')
+    parts.append(
+        f'<text transform="translate(14 {height / 2:.0f}) rotate(-90)" text-anchor="middle">{text(title)}</text></svg>'
+    )
+    if not names_below:
+        listed = "".join(
+            f'<span class="key s{k % 6}">{k + 1}: {text(name)}</span>' for k, (name, _) in enumerate(named)
+        )
+        parts.append(f'<div class="legend">{listed}</div>')
+    return "".join(parts)
+
+
+def _box(x: float, half: float, values: np.ndarray, py, k: int) -> str:  # type: ignore[no-untyped-def]
+    p5, p25, p50, p75, p95 = (float(py(v)) for v in np.percentile(values, (5, 25, 50, 75, 95)))
+    style = f'class="s{k % 6}" fill="none" stroke-width="1.4"'
+    lines = [
+        f'<rect {style} x="{x - half:.1f}" y="{p75:.1f}" width="{2 * half:.1f}" height="{max(p25 - p75, 0.8):.1f}"/>',
+        f'<line {style} x1="{x - half:.1f}" x2="{x + half:.1f}" y1="{p50:.1f}" y2="{p50:.1f}"/>',
+    ]
+    for inner, outer in ((p25, p5), (p75, p95)):
+        lines.append(f'<line {style} x1="{x:.1f}" x2="{x:.1f}" y1="{inner:.1f}" y2="{outer:.1f}"/>')
+        lines.append(
+            f'<line {style} x1="{x - half / 2:.1f}" x2="{x + half / 2:.1f}" y1="{outer:.1f}" y2="{outer:.1f}"/>'
+        )
+    bounds = np.percentile(values, (5, 95))
+    below, above = values[values < bounds[0]], values[values > bounds[1]]
+    for value in (*below[: MOST_DOTS // 2], *above[::-1][: MOST_DOTS // 2]):
+        lines.append(f'<circle {style} cx="{x:.1f}" cy="{float(py(value)):.1f}" r="1.8"/>')
+    return "".join(lines)
+
+
+def _ticks(low: float, high: float, log: bool) -> list[float]:
+    if not log:
+        return [float(t) for t in np.linspace(low, high, 5)[1:-1]]
+    whole = np.arange(np.ceil(low), np.floor(high) + 1)
+    if len(whole) >= 2:
+        return [float(10.0**t) for t in whole[:: max(1, len(whole) // 6)]]
+    return [float(10.0**t) for t in np.linspace(low, high, 5)[1:-1]]

@@ -1,0 +1,151 @@
+"""Brings a plan's chunks to a backend and its rows to the store.
+
+A backend has `place`, `slots()`, `submit(key, task)`, `wait(seconds) -> [(key, reply)]` and `close()`; there are `Local`
+and `Cluster`. What a run is given and what its row holds are the same with both, and so are the chunks.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from massprops.campaign.cluster import check_versions
+from massprops.campaign.configuration import Chunk, Plan
+from massprops.campaign.kinds import load_kind
+from massprops.campaign.store import Row, Store
+from massprops.campaign.versions import versions
+from massprops.errors import NotPossible
+
+AHEAD = 2
+"""Chunks given out per slot: one at work, one waiting."""
+LOOK_S = 0.5
+"""Longest time between two looks at the number of slots, and between two words of progress."""
+
+
+class Backend(Protocol):
+    """Where runs are done."""
+
+    place: str
+
+    def slots(self) -> int: ...
+
+    def submit(self, key: Any, task: dict[str, Any]) -> None: ...
+
+    def wait(self, seconds: float) -> list[tuple[Any, Any]]: ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a campaign is: runs done of total, failed among them; rate [runs/s], left [s] or None; slots."""
+
+    done: int
+    total: int
+    failed: int
+    rate: float
+    left_s: float | None
+    slots: int
+
+
+Watch = Callable[[Progress], None]
+
+
+def task_of(plan: Plan, chunk: Chunk, folder: Path | None) -> dict[str, Any]:
+    """What a worker is sent."""
+    return {
+        "kind": plan.kind,
+        "parameters": chunk.parameters,
+        "draw": plan.draw,
+        "seeds": list(chunk.seeds),
+        "folder": None if folder is None else str(folder / "runs" / f"{chunk.point:05d}"),
+        "versions": versions(),
+        "time_s": plan.time_s,
+        "memory_mb": plan.memory_mb,
+        "own_threads": load_kind(plan.kind).OWN_THREADS,
+    }
+
+
+def missing(plan: Plan, store: Store) -> Iterator[Chunk]:
+    """The chunks that are not in the store, whole: a chunk is stored whole or not at all."""
+    counts = store.counts()
+    point, seeds = -1, set[int]()
+    for chunk in plan.chunks():
+        if not counts.get(chunk.point):
+            yield chunk
+            continue
+        if chunk.point != point:
+            point, seeds = chunk.point, store.seeds(chunk.point)
+        if not seeds.issuperset(chunk.seeds):
+            yield chunk
+
+
+def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Watch | None = None) -> None:
+    """Does what is missing in the store.
+
+    Raises:
+        InputError: a worker has other versions.
+        NotPossible: the scheduler went away, or the disk is full; what came is kept.
+    """
+    store.begin(backend.place, versions())
+    total, done, failed = plan.total, sum(store.counts().values()), store.failed()
+    todo, flying = missing(plan, store), dict[tuple[int, int], Chunk]()
+    begun, before, slots, looked = time.monotonic(), done, backend.slots(), time.monotonic()
+
+    def fill() -> None:
+        while len(flying) < AHEAD * max(1, slots):
+            chunk = next(todo, None)
+            if chunk is None:
+                return
+            key = (chunk.point, chunk.seeds[0])
+            flying[key] = chunk
+            backend.submit(key, task_of(plan, chunk, folder))
+
+    def say() -> None:
+        if watch is not None:
+            spent = time.monotonic() - begun
+            rate = (done - before) / spent if spent > 0 else 0.0
+            watch(Progress(done, total, failed, rate, (total - done) / rate if rate > 0 else None, slots))
+
+    fill()
+    say()
+    while flying:
+        came = backend.wait(LOOK_S)
+        rows: list[Row] = []
+        for key, reply in came:
+            chunk = flying.pop(key, None)
+            if chunk is not None:
+                rows += rows_of(chunk, reply)
+        if rows:
+            store.add(rows)
+            done, failed = done + len(rows), failed + sum(r.error is not None for r in rows)
+        if time.monotonic() - looked > LOOK_S:
+            slots, looked = backend.slots(), time.monotonic()
+        fill()
+        say()
+
+
+def rows_of(chunk: Chunk, reply: Any) -> list[Row]:
+    """A worker's reply as rows of the store.
+
+    Raises:
+        InputError: the worker has other versions.
+        NotPossible: the worker itself failed, which says nothing about the runs.
+    """
+    if type(reply).__name__ == "KilledWorker":
+        return [Row(chunk.point, seed, {}, "every worker that it was given to died") for seed in chunk.seeds]
+    if isinstance(reply, BaseException):
+        said = " ".join(str(reply).split())[:300]
+        raise NotPossible(
+            f"a worker could not do its work ({type(reply).__name__}: {said}): mend it, then give the same command; "
+            f"finished runs are kept"
+        )
+    if "differs" in reply:
+        check_versions(reply["worker"], reply["differs"])
+    return [
+        Row(chunk.point, r["seed"], r["data"], r["error"], r["wall_s"], r["cpu_s"], reply["worker"])
+        for r in reply["rows"]
+    ]

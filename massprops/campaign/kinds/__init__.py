@@ -1,0 +1,28 @@
+"""What a run of a campaign can be: one file per kind, found by its name.
+
+A file has
+`SENTENCE`: one line for users; `OWN_THREADS`: whether a run uses several processor threads by itself;
+`prepared(fixed, grid, folder, where) -> (fixed, grid)`: defaults filled in, paths made absolute;
+`parameters(fixed, grid) -> list`: names that may be set; `check(parameters, where)`: refuses wrong values;
+`default_runs(parameters)`: seeds per point; `chunk(fixed)`: runs per chunk;
+`basis(plan)`: plain data the result depends on besides the configuration, for the hash;
+`runs(parameters, seeds, folder) -> rows`: one flat row per seed in order, `error` in a row that failed; `folder` is
+where a run may leave files, or None;
+`tables(plan, points)`: tables of its own, [] for none; `boxes(plan)`: columns to draw, None for all.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+
+def kinds() -> list[str]:
+    """Names of the kinds."""
+    return sorted(p.stem for p in Path(__file__).parent.glob("*.py") if not p.stem.startswith("_"))
+
+
+def load_kind(name: str) -> ModuleType:
+    """The file of one kind, which must be one of `kinds()`."""
+    return import_module(f"{__name__}.{name}")

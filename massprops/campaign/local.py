@@ -1,0 +1,60 @@
+"""Runs on this machine: as many processes as workers."""
+
+from __future__ import annotations
+
+import os
+import queue
+from collections.abc import Hashable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from massprops.campaign.workers import Closed, Workers
+
+
+def cores() -> int:
+    """Processor cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Local:
+    """A backend (see `engine`): each of `count` threads waits for a process of its own."""
+
+    place = "this machine"
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.workers = Workers()
+        self.threads = ThreadPoolExecutor(count, thread_name_prefix="campaign")
+        self.done: queue.SimpleQueue[tuple[Hashable, Any]] = queue.SimpleQueue()
+
+    def slots(self) -> int:
+        """Chunks that run at the same time."""
+        return self.count
+
+    def submit(self, key: Hashable, task: dict[str, Any]) -> None:
+        """Gives a chunk to the next free process."""
+        self.threads.submit(self._do, key, task)
+
+    def _do(self, key: Hashable, task: dict[str, Any]) -> None:
+        try:
+            self.done.put((key, self.workers.do(task)))
+        except Closed:
+            pass
+        except BaseException as error:
+            self.done.put((key, error))
+
+    def wait(self, seconds: float) -> list[tuple[Hashable, Any]]:
+        """What has come, after at most so long: (key, reply or exception)."""
+        try:
+            found = [self.done.get(timeout=seconds)]
+        except queue.Empty:
+            return []
+        while not self.done.empty():
+            found.append(self.done.get())
+        return found
+
+    def close(self) -> None:
+        """Gives up what is in flight and ends every process."""
+        self.threads.shutdown(wait=False, cancel_futures=True)
+        self.workers.close()
+        self.threads.shutdown(wait=True)

@@ -1,0 +1,152 @@
+"""The store of a campaign: one SQLite file to which rows are only ever added.
+
+A chunk's rows come in one transaction, synchronised to the disk (write-ahead log), so a campaign that is killed, or a
+machine that loses power, leaves whole chunks and nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from massprops.errors import InputError, NotPossible
+
+FORMAT = "massprops-campaign/1"
+FILE = "runs.sqlite"
+TABLES = """
+CREATE TABLE IF NOT EXISTS campaign (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS sessions (id INTEGER PRIMARY KEY, begun TEXT NOT NULL, place TEXT NOT NULL, versions TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS runs (
+  point INTEGER NOT NULL, seed INTEGER NOT NULL, data TEXT NOT NULL, error TEXT,
+  wall_s REAL, cpu_s REAL, worker TEXT, session INTEGER NOT NULL REFERENCES sessions(id),
+  PRIMARY KEY (point, seed)) WITHOUT ROWID;
+"""
+APPEND_ONLY = "".join(
+    f"CREATE TRIGGER IF NOT EXISTS {table}_{verb} BEFORE {verb} ON {table}"
+    f" BEGIN SELECT RAISE(ABORT, 'the store is append-only'); END;\n"
+    for table in ("campaign", "sessions", "runs")
+    for verb in ("UPDATE", "DELETE")
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One finished run.
+
+    Attributes:
+        point, seed: which run.
+        data: its flat row of numbers and strings.
+        error: why it failed, or None.
+        wall_s, cpu_s: its share of its chunk's time [s].
+        worker: host and process.
+    """
+
+    point: int
+    seed: int
+    data: dict[str, Any]
+    error: str | None = None
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+    worker: str = ""
+
+
+class Store:
+    """Rows of one campaign on disk; use as a context manager."""
+
+    def __init__(self, folder: Path, configuration: dict[str, Any], digest: str) -> None:
+        """Opens the store, or makes it.
+
+        Raises:
+            InputError: it belongs to another configuration, is no store, or cannot be written.
+        """
+        self.path = folder / FILE
+        self.session = 0
+        try:
+            self.base = sqlite3.connect(self.path, isolation_level=None)
+            self.base.execute("PRAGMA journal_mode=WAL")
+            self.base.execute("PRAGMA synchronous=FULL")
+            self.base.executescript(TABLES + APPEND_ONLY)
+            known = dict(self.base.execute("SELECT key, value FROM campaign"))
+            if not known:
+                entries = {"format": FORMAT, "hash": digest, "configuration": json.dumps(configuration, sort_keys=True)}
+                self._transaction("INSERT INTO campaign VALUES (?, ?)", list(entries.items()))
+        except sqlite3.Error as error:
+            raise InputError(
+                f"{self.path}: not a campaign's store, or not writable ({error}): choose another -o"
+            ) from None
+        if known and (known.get("format"), known.get("hash")) != (FORMAT, digest):
+            self.base.close()
+            raise InputError(
+                f"{folder}: holds the runs of another configuration (hash {known.get('hash', '?')[:12]}, this one is "
+                f"{digest[:12]}): choose another -o, or give the configuration it was begun with"
+            )
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.base.close()
+
+    def begin(self, place: str, versions: dict[str, str]) -> None:
+        """Notes who makes the rows that follow."""
+        values = (datetime.now(UTC).isoformat(timespec="seconds"), place, json.dumps(versions, sort_keys=True))
+        self.session = int(
+            self.base.execute("INSERT INTO sessions (begun, place, versions) VALUES (?, ?, ?)", values).lastrowid or 0
+        )
+
+    def add(self, rows: list[Row]) -> None:
+        """Adds rows in one transaction; a run that is there already stays as it is.
+
+        Raises:
+            NotPossible: the disk is full or gone.
+        """
+        values = [
+            (r.point, r.seed, json.dumps(r.data), r.error, r.wall_s, r.cpu_s, r.worker, self.session) for r in rows
+        ]
+        try:
+            self._transaction("INSERT OR IGNORE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+        except sqlite3.OperationalError as error:
+            raise NotPossible(
+                f"{self.path}: {error}: free some space, then give the same command; finished runs are kept"
+            ) from None
+
+    def _transaction(self, statement: str, values: list[tuple[Any, ...]]) -> None:
+        self.base.execute("BEGIN IMMEDIATE")
+        try:
+            self.base.executemany(statement, values)
+            self.base.execute("COMMIT")
+        except BaseException:
+            self.base.execute("ROLLBACK")
+            raise
+
+    def counts(self) -> dict[int, int]:
+        """Finished runs per point."""
+        return dict(self.base.execute("SELECT point, COUNT(*) FROM runs GROUP BY point"))
+
+    def failed(self) -> int:
+        """How many of the finished runs failed."""
+        return int(self.base.execute("SELECT COUNT(*) FROM runs WHERE error IS NOT NULL").fetchone()[0])
+
+    def seeds(self, point: int) -> set[int]:
+        """Seeds of the finished runs of a point."""
+        return {seed for (seed,) in self.base.execute("SELECT seed FROM runs WHERE point = ?", (point,))}
+
+    def rows(self, point: int) -> list[Row]:
+        """The runs of a point in the order of their seeds, however they came."""
+        found = self.base.execute(
+            "SELECT point, seed, data, error, wall_s, cpu_s, worker FROM runs WHERE point = ? ORDER BY seed", (point,)
+        )
+        return [Row(p, s, json.loads(d), e, w, c, k) for p, s, d, e, w, c, k in found]
+
+    def sessions(self) -> Iterator[tuple[str, str, dict[str, str], int]]:
+        """Begun, place, versions and number of rows of every session."""
+        found = self.base.execute(
+            "SELECT begun, place, versions, (SELECT COUNT(*) FROM runs WHERE session = sessions.id) FROM sessions ORDER BY id"
+        ).fetchall()
+        for begun, place, text, count in found:
+            yield begun, place, json.loads(text), count
