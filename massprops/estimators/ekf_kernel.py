@@ -203,8 +203,28 @@ def _absorb(P, dx, columns, H, z, R, gate):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def run(
-    times, q, w, k, axes, r, v, f, P, lens, turn, shift, uv, variance, seen_q, seen_variance, chaser_q, chaser, mu,
-    turn_noise, push_noise, gated_from,
+    times,
+    q,
+    w,
+    k,
+    axes,
+    r,
+    v,
+    f,
+    P,
+    lens,
+    turn,
+    shift,
+    uv,
+    variance,
+    seen_q,
+    seen_variance,
+    chaser_q,
+    chaser,
+    mu,
+    turn_noise,
+    push_noise,
+    gated_from,
 ):  # type: ignore[no-untyped-def]
     """The whole filter, from the state and covariance at the first epoch.
 

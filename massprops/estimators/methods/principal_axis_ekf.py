@@ -1,0 +1,271 @@
+"""hu2024: least-squares inertia, the unique principal frame, and an error-state EKF in that frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotate, rotation_matrix
+from massprops.errors import NotPossible
+from massprops.estimators.chaser_path import ChaserPath, chaser_path
+from massprops.estimators.momentum import ratio_covariance
+from massprops.estimators.observability import shown_by
+from massprops.estimators.principal_axis import (
+    Filtered,
+    FilterStart,
+    axes_against_features,
+    filtered,
+    start_in_frame,
+)
+from massprops.estimators.principal_frame import ratios_of_moments, unique_frame
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, Prior
+
+NAME = "principal-axis-ekf"
+ORDER = 60
+SENTENCE = "least-squares inertia, one principal frame for good, then an extended Kalman filter in it (hu2024)"
+NEEDS = ("stereo|attitude",)
+WIDER = 3.0
+"""The filter starts this many times wider than least squares claims, for it reads the same data again."""
+MOST_FEATURES = 24
+"""Feature points that the filter carries: the longest seen."""
+SURE = 3.0
+"""Sigmas by which two moments must differ to have axes of their own."""
+ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
+"""Unmodelled acceleration [m/s^2 sqrt(s)] with the orbit known and without."""
+QUIET = 1e-5
+"""Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
+
+
+def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+    """Ratios, axes and motion by the filter, from the least-squares start.
+
+    Raises:
+        NotPossible: the start found no rotation or no inertia.
+    """
+    if start.inertia is None or start.w is None or not len(start.q):
+        raise NotPossible(f"{NAME}: no rotation could be found to start from")
+    points = problem.stereo and start.features is not None and start.position is not None
+    if not points and not problem.has_attitude:
+        raise NotPossible(f"{NAME}: neither stereo points nor attitude0 to filter")
+    speed = float(np.median(np.linalg.norm(start.w, axis=-1)))
+    noise = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
+    push = ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
+    return _estimate(problem, start, followed(problem, prior, start, noise, push))
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A run of the filter over a sequence: from which epoch, its first principal axes (3, 3) in the start's body
+    axes, the features carried, whether stereo points were (or attitude0), cam0 to inertial (n, 4), and the run."""
+
+    first: int
+    frame: np.ndarray
+    chosen: np.ndarray
+    points: bool
+    camera: np.ndarray
+    run: Filtered
+
+
+def followed(problem: Problem, prior: Prior, start: Any, noise: float, push: float) -> Followed:
+    """The filter in the unique principal frame of the start's inertia.
+
+    Args:
+        noise: unmodelled angular acceleration [rad/s^2 sqrt(s)]; push: unmodelled acceleration [m/s^2 sqrt(s)].
+    """
+    first = int(np.searchsorted(problem.times, start.times[0] - 1e-9))
+    moments, frame = unique_frame(start.inertia)
+    path = chaser_path(problem.environment, problem.times[first:])
+    points = problem.stereo and start.features is not None and start.position is not None
+    chosen = _longest(problem, start) if points else np.zeros(0, int)
+    begin = _begin(problem, prior, start, frame, moments, chosen, points, path.q[0])
+    return Followed(first, frame, chosen, points, path.q, run_over(problem, begin, first, chosen, path, noise, push))
+
+
+def run_over(
+    problem: Problem, begin: FilterStart, first: int, chosen: np.ndarray, path: ChaserPath, noise: float, push: float
+) -> Filtered:
+    """The filter from any start; the features `chosen`, or attitude0 where there are none."""
+    points = bool(len(chosen))
+    times = problem.times[first:]
+    # tracks and attitude0 come from the same images: with stereo points attitude0 only names the body axes
+    return filtered(
+        begin,
+        times,
+        problem.cameras if points else (),
+        problem.uv[first:, :, chosen] if points else np.zeros((len(times), 0, 0, 2)),
+        problem.sigma_px if points else np.zeros(0),
+        np.full((len(times), 4), np.nan) if points else problem.attitude[first:],
+        problem.sigma_attitude[first:],
+        path,
+        noise**2,
+        push**2,
+        gated_from=0,
+    )
+
+
+def _longest(problem: Problem, start: Any) -> np.ndarray:
+    """Features to carry: placed by the start, the longest seen first."""
+    both = problem.seen.sum(axis=(0, 1))
+    known = np.isfinite(start.features[:, 0]) & (both > 0)
+    order = np.lexsort((np.arange(len(both)), -both))
+    return np.sort(order[known[order]][:MOST_FEATURES])
+
+
+def _point_sigma(problem: Problem, distance: float) -> float:
+    """1-sigma in depth of one stereo point [m], which bounds what features and centre of mass start with."""
+    base = float(np.linalg.norm(problem.cameras[1].t - problem.cameras[0].t))
+    pixel = float(np.hypot(*(problem.sigma_px[:2] / [c.intrinsics[0] for c in problem.cameras])))
+    return distance**2 * pixel / base
+
+
+def _begin(
+    problem: Problem,
+    prior: Prior,
+    start: Any,
+    frame: np.ndarray,
+    moments: np.ndarray,
+    chosen: np.ndarray,
+    points: bool,
+    camera: np.ndarray,
+) -> FilterStart:
+    """State and spread at the start's first time."""
+    f = start.features[chosen] if points else np.zeros((0, 3))
+    length = max(float(start.times[-1] - start.times[0]), 1e-9)
+    spread = WIDER * np.sqrt(np.maximum(np.diagonal(start.covariance[0]), 0.0))
+    k, axes = np.array([0.3, 0.3]), np.full(3, 0.3)
+    if start.momentum is not None:
+        k_covariance, axes_covariance, _ = ratio_covariance(start.inertia, start.momentum.covariance)
+        k = np.minimum(k, WIDER * np.sqrt(np.diag(k_covariance)) + 1e-6)
+        axes = np.minimum(axes, WIDER * np.sqrt(np.diag(frame.T @ axes_covariance @ frame)) + 1e-6)
+    if prior.inertia is not None and start.momentum is None:
+        k = k if prior.k_sigma is None else prior.k_sigma
+        axes = axes if prior.axes_sigma is None else prior.axes_sigma
+    place = _point_sigma(problem, float(np.linalg.norm(start.position[0]))) if points else 0.0
+    q = multiply(camera, start.q[0])
+    sigma = {
+        "attitude": np.maximum(spread[:3].max(), 1e-5),
+        "rate": np.maximum(spread[3:].max(), 1e-9),
+        "k": k,
+        "axes": axes,
+        "position": place,
+        "velocity": 10 * place / length,
+        "features": place,
+    }
+    r = rotate(camera, start.position[0]) if points else np.zeros(3)
+    v = rotate(camera, start.velocity) if points and start.velocity is not None else np.zeros(3)
+    return start_in_frame(frame, q, start.w[0], ratios_of_moments(moments), r, v, f, sigma, body_fixed=not points)
+
+
+def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
+    frame, first, points = followed.frame, followed.first, followed.points
+    run, camera, chosen = followed.run, followed.camera, followed.chosen
+    times = problem.times[first:]
+    own = "own"
+    if not points:
+        turn, spread, own = run.axes[-1], None, "attitude0"
+    elif problem.has_attitude:
+        own = "attitude0"
+        variance = np.square(problem.sigma_attitude[first:]) + np.sum(run.sigma[:, :3] ** 2, axis=1)
+        turn, extra = _against_attitude(problem.attitude[first:], multiply(conjugate(camera), run.q), variance)
+        spread = axes_against_features(run.f, run.P) + extra * np.eye(3)
+    else:
+        turn, spread = from_rotation_matrix(frame), axes_against_features(run.f, run.P)
+    axes = rotation_matrix(turn)
+    if spread is None:
+        spread = run.P[8:11, 8:11]
+    k = run.k[-1]
+    moments = np.array([1.0, np.exp(k[1]), np.exp(k[0] + k[1])])
+    inertia = axes @ np.diag(moments) @ axes.T / moments.sum()
+    back = conjugate(camera)
+    q = multiply(multiply(back, run.q), conjugate(turn))
+    w = run.w @ axes.T
+    weight = _weight(problem, first, run, points)
+    finite = bool(np.isfinite(run.q).all() and np.isfinite(run.k).all() and np.isfinite(run.P).all())
+    share = run.refused / max(run.passed + run.refused, 1)
+    reason = ""
+    if not finite:
+        reason = "the filter's state is not finite"
+    elif share > 0.3:
+        reason = f"{share:.0%} of the measurements were refused"
+    elif np.abs(k).max() > 8:
+        reason = "the ratios ran away"
+    converged = not reason
+    observable = True
+    if finite and not reason:
+        # free motion runs backwards with the rates reversed: from the end, where the estimate is best
+        back_q = multiply(run.q[-1], conjugate(turn))
+        shown = shown_by(times[-1] - times[::-1], weight[::-1], back_q, -w[-1], inertia)
+        reason = shown.reason or _symmetric(run, start)
+        observable = not reason
+    order = [2, 1, 0]
+    ascending = axes[:, order] * np.array([1.0, 1.0, -1.0])
+    P_k = run.P[6:8, 6:8]
+    return Estimate(
+        name=NAME,
+        converged=converged,
+        observable=observable,
+        reason=reason,
+        k1=float(k[0]),
+        k2=float(k[1]),
+        k_covariance=P_k,
+        inertia=inertia,
+        principal_axes=ascending,
+        axes_covariance=axes @ spread @ axes.T,
+        times=times,
+        q=q,
+        w=w,
+        position=rotate(back, run.r) if points else None,
+        velocity=rotate(back, run.v) if points else None,
+        sigma_attitude=run.sigma[:, :3],
+        sigma_w=run.sigma[:, 3:6],
+        sigma_position=run.sigma[:, 11:14] if points else None,
+        sigma_velocity=run.sigma[:, 14:17] if points else None,
+        k_history=run.k,
+        k_sigma_history=run.sigma[:, 6:8],
+        features=run.f @ axes.T if points else None,
+        feature_ids=problem.features[chosen] if points else None,
+        body_frame=own,
+        innovation=run.innovation,
+        gated=run.refused,
+        used=run.passed,
+        warnings=(),
+    )
+
+
+def _against_attitude(attitude: np.ndarray, q: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weighted mean turn (4,) from T to the body axes of `attitude0`, and the variance of its attitudes' mean."""
+    there = np.isfinite(attitude[:, 0]) & np.isfinite(variance)
+    turns = multiply(conjugate(attitude[there]), q[there])
+    # the last epochs know T best, and its early errors are shared by many epochs
+    weight = 1.0 / variance[there] ** 2
+    mean: np.ndarray = np.linalg.eigh((turns * weight[:, None]).T @ turns)[1][:, -1]
+    spread = float(np.sum(weight**2 * variance[there]) / np.sum(weight) ** 2)
+    return (mean if mean[0] >= 0 else -mean), spread
+
+
+def _symmetric(run: Filtered, start: Any) -> str:
+    """Why the principal axes are not determined, or an empty string: two moments that the data cannot tell apart."""
+    near = np.abs(run.k[-1]) < SURE * run.sigma[-1, 6:8]
+    if start.momentum is not None:
+        moments = np.linalg.eigvalsh(start.inertia)
+        near |= np.diff(moments) < SURE * ratio_covariance(start.inertia, start.momentum.covariance)[2]
+    if near.any():
+        which = "I1 and I2" if near[0] else "I2 and I3"
+        return f"the body is symmetric within what the motion shows ({which} are equal): its axes are not determined"
+    return ""
+
+
+def _weight(problem: Problem, first: int, run: Filtered, points: bool) -> np.ndarray:
+    """One over the variance of the attitude that each epoch's measurements fix [rad^-2], 0 where there are none."""
+    if not points:
+        sigma = problem.sigma_attitude[first:]
+        return np.where(np.isfinite(sigma), 1.0 / np.square(np.where(np.isfinite(sigma), sigma, 1.0)), 0.0)
+    spread = run.f - run.f.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum(spread * spread, axis=1)) * 2 / 3))
+    distance = np.linalg.norm(run.r, axis=1)
+    pixel = float(np.mean(problem.sigma_px)) / float(problem.cameras[0].intrinsics[0])
+    count = problem.seen[first:].sum(axis=(1, 2))
+    return np.where(count >= 3, count * (size / (pixel * distance)) ** 2, 0.0)

@@ -1,0 +1,168 @@
+"""The state that the error-state EKF of hu2024 starts from, and its run over a sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply
+from massprops.estimators.chaser_path import ChaserPath
+from massprops.sensing.pinhole import Pinhole
+
+BASE = 17
+"""Errors before the features': attitude 3, rate 3, k 2, axes 3, position 3, velocity 3."""
+
+
+@dataclass(frozen=True)
+class FilterStart:
+    """State and covariance at the first epoch, in the principal frame T (x: largest moment, z: smallest).
+
+    Attributes:
+        q: (4,) T to inertial; w: (3,) in T [rad/s]; k: (2,); axes: (4,) T to body axes; r, v: (3,) inertial [m, m/s];
+        f: (m, 3) in T [m]; P: (17 + 3 m, 17 + 3 m).
+    """
+
+    q: np.ndarray
+    w: np.ndarray
+    k: np.ndarray
+    axes: np.ndarray
+    r: np.ndarray
+    v: np.ndarray
+    f: np.ndarray
+    P: np.ndarray
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """n epochs. q (n, 4) T to inertial, w, r, v (n, 3), k (n, 2), axes (n, 4); sigma (n, 17) of the errors; f (m, 3)
+    and P at the end; passed, refused: measurements; innovation: mean squared, in units of its covariance."""
+
+    q: np.ndarray
+    w: np.ndarray
+    k: np.ndarray
+    r: np.ndarray
+    v: np.ndarray
+    axes: np.ndarray
+    sigma: np.ndarray
+    f: np.ndarray
+    P: np.ndarray
+    passed: int
+    refused: int
+    innovation: float
+
+
+def start_in_frame(
+    frame: np.ndarray,
+    q: np.ndarray,
+    w: np.ndarray,
+    k: np.ndarray,
+    r: np.ndarray,
+    v: np.ndarray,
+    f: np.ndarray,
+    sigma: dict[str, float | np.ndarray],
+    body_fixed: bool = False,
+) -> FilterStart:
+    """A start in the principal frame, with its axes' uncertainty shared by attitude, rate and features.
+
+    An error phi of the axes turns attitude, rate and features together: d(theta) = phi, d(w) = w x phi,
+    d(f) = f x phi; treating them as independent would let the filter forget that they are one rigid body.
+
+    Args:
+        frame: (3, 3) principal axes as columns in body axes; q (4,), w (3,), f (m, 3): in body axes.
+        sigma: 1-sigma of attitude, rate, k (2,), axes (3,), position, velocity, features; zero position and
+            velocity where there are none.
+        body_fixed: the body axes are measured (`attitude0`), and the turn to them is a state.
+    """
+    m = len(f)
+    w, f = frame.T @ w, f @ frame
+    P = np.zeros((BASE + 3 * m, BASE + 3 * m))
+    diagonal = np.zeros(BASE + 3 * m)
+    for at, name in ((0, "attitude"), (3, "rate"), (11, "position"), (14, "velocity")):
+        diagonal[at : at + 3] = np.asarray(sigma[name], float) ** 2
+    diagonal[6:8] = np.asarray(sigma["k"], float) ** 2
+    diagonal[BASE:] = np.broadcast_to(np.asarray(sigma["features"], float) ** 2, (m, 3)).ravel() if m else 0.0
+    P[np.diag_indices(len(P))] = diagonal
+    shared = np.zeros((len(P), 3))
+    shared[:3] = np.eye(3)
+    shared[3:6] = cross_matrix(w)
+    if body_fixed:
+        shared[8:11] = np.eye(3)
+    for i in range(m):
+        shared[BASE + 3 * i : BASE + 3 * i + 3] = cross_matrix(f[i])
+    spread = np.broadcast_to(np.asarray(sigma["axes"], float) ** 2, 3)
+    P += (shared * spread) @ shared.T
+    turn = from_rotation_matrix(frame)
+    return FilterStart(multiply(q, turn), w, np.asarray(k, float), turn, r, v, f, P)
+
+
+def filtered(
+    start: FilterStart,
+    times: np.ndarray,
+    cameras: tuple[Pinhole, ...],
+    uv: np.ndarray,
+    sigma_px: np.ndarray,
+    attitude: np.ndarray,
+    sigma_attitude: np.ndarray,
+    path: ChaserPath,
+    turn_noise: float,
+    push_noise: float,
+    gated_from: int = 3,
+) -> Filtered:
+    """Runs the compiled filter; arrays as in `Problem`, noise densities [rad^2/s^3] and [m^2/s^3]."""
+    from massprops.estimators.ekf_kernel import run
+
+    f, P = start.f.copy(), start.P.copy()
+    c = len(cameras)
+    lens = np.array([x.intrinsics for x in cameras], float).reshape(c, 4)
+    out, sigma, passed, refused, total, rows = run(
+        np.ascontiguousarray(times, float),
+        start.q.copy(),
+        start.w.copy(),
+        start.k.copy(),
+        start.axes.copy(),
+        np.array(start.r, float),
+        np.array(start.v, float),
+        f,
+        P,
+        lens,
+        np.array([x.R for x in cameras], float).reshape(c, 3, 3),
+        np.array([x.t for x in cameras], float).reshape(c, 3),
+        np.ascontiguousarray(uv, float),
+        np.asarray(sigma_px, float) ** 2,
+        np.ascontiguousarray(attitude, float),
+        np.asarray(sigma_attitude, float) ** 2,
+        np.ascontiguousarray(path.q, float),
+        np.ascontiguousarray(path.place, float),
+        float(path.mu),
+        float(turn_noise),
+        float(push_noise),
+        gated_from,
+    )
+    return Filtered(
+        out[:, :4],
+        out[:, 4:7],
+        out[:, 7:9],
+        out[:, 9:12],
+        out[:, 12:15],
+        out[:, 15:19],
+        sigma,
+        f,
+        P,
+        int(passed),
+        int(refused),
+        float(total) / max(int(rows), 1),
+    )
+
+
+def axes_against_features(f: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Covariance (3, 3) of the principal axes against the feature points (m, 3), from the filter's P."""
+    C = np.concatenate([cross_matrix(x) for x in f])
+    W = np.linalg.pinv(C)
+    return W @ P[BASE:, BASE:] @ W.T
+
+
+def cross_matrix(v: np.ndarray) -> np.ndarray:
+    """(3, 3) with cross_matrix(v) a = v x a."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
