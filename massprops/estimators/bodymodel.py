@@ -48,15 +48,28 @@ class BodyMotion:
 def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> BodyMotion | None:
     """Pose at every epoch and the body's points, None when no epoch shows three points off a line.
 
+    Where the record falls apart into stretches that share no three points, the longest is taken.
+
     Args:
         points: (n, m, 3) measured in the camera's frame, NaN where not; covariance: (n, m, 3, 3) [m^2].
         seed: of the random triples that find the pose among outliers.
     """
     seen = np.isfinite(points).all(axis=-1)
+    best: BodyMotion | None = None
+    left = np.array([spread_out(points[k, seen[k]]) for k in range(len(points))], bool)
+    while best is None or left.sum() > best.used.sum():
+        if not left.any():
+            break
+        motion = _grow(points, covariance, seen, int(np.argmax(left)), seed)
+        left &= ~motion.used
+        if best is None or motion.used.sum() > best.used.sum():
+            best = motion
+    return best
+
+
+def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: int, seed: int) -> BodyMotion:
+    """The epochs that share points with epoch `start`, directly or through others."""
     n, m = seen.shape
-    start = next((k for k in range(n) if spread_out(points[k, seen[k]])), None)
-    if start is None:
-        return None
     rng = np.random.default_rng(seed)
     information = np.zeros_like(covariance)
     information[seen] = inverse_of(covariance[seen])
@@ -102,8 +115,8 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
         for _ in range(STEPS):
             q, shift, body = _together(q, shift, body, measured, information, good | fresh, used)
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
-        body, vague = _points(q, shift, measured, information, good, used)
-        vague = vague * scale
+        body, good = _doubted(q, shift, body, measured, information / scale, seen, good, used)
+        vague = _points(q, shift, measured, information, good, used)[1] * scale
     for _ in range(POLISH):
         q, shift, body = _together(q, shift, body, measured, information, good, used)
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
@@ -215,6 +228,41 @@ def _points(
     some = use[used].any(axis=0)
     points = np.einsum("mij,mj->mi", spread, side)
     return np.where(some[:, None], points, np.nan), np.where(some[:, None, None], spread, np.nan)
+
+
+def _doubted(
+    q: np.ndarray,
+    shift: np.ndarray,
+    body: np.ndarray,
+    measured: np.ndarray,
+    information: np.ndarray,
+    seen: np.ndarray,
+    good: np.ndarray,
+    used: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points that most of their measurements contradict, placed anew at the median of them, or forgotten."""
+    body, good = body.copy(), good.copy()
+    shown = seen & used[:, None]
+    for j in np.flatnonzero(np.isfinite(body).all(axis=-1) & (2 * good.sum(axis=0) < shown.sum(axis=0))):
+        rows = np.flatnonzero(shown[:, j])
+        R = rotation_matrix(q[rows])
+        arm = measured[rows, j] - shift[rows]
+        place = np.median(np.einsum("nji,nj->ni", R, arm), axis=0)
+        for _ in range(4):
+            error = arm - R @ place
+            near = np.einsum("ni,nij,nj->n", error, information[rows, j], error)
+            fits = near <= LARGEST_MAHALANOBIS
+            if not fits.any():
+                fits = near <= np.median(near)
+            turned = np.swapaxes(R[fits], 1, 2) @ information[rows[fits], j]
+            total = (turned @ R[fits]).sum(axis=0)
+            place = inverse_of(total) @ np.einsum("nij,nj->i", turned, arm[fits])
+        error = arm - R @ place
+        fits = np.einsum("ni,nij,nj->n", error, information[rows, j], error) <= LARGEST_MAHALANOBIS
+        good[:, j] = False
+        good[rows, j] = fits
+        body[j] = place if 2 * fits.sum() >= len(rows) else np.nan
+    return body, good & np.isfinite(body).all(axis=-1)
 
 
 def _together(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,13 +65,13 @@ def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) ->
     last = np.inf if until_s is None else until_s
     early = problem.times <= last + 1e-9
     if np.isfinite(problem.attitude[early]).all(axis=1).sum() >= FEWEST:
-        return _from_attitude(problem, early)
+        return _complete(_from_attitude(problem, early))
     if problem.stereo:
         found = _from_stereo(problem, early)
         if found is not None:
-            return found
+            return _complete(found)
     if np.isfinite(problem.rates[early]).all(axis=1).sum() >= FEWEST:
-        return _from_rates(problem, early)
+        return _complete(_from_rates(problem, early))
     if problem.has_tracks and not problem.stereo:
         raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
     raise NotPossible(f"fewer than {FEWEST} epochs show the attitude: three features off a line in both cameras needed")
@@ -247,6 +247,25 @@ def _within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:
 
 def _sigma_w(fit: rates.LocalFit) -> float:
     return float(np.sqrt(np.nanmedian(np.einsum("nii->n", fit.covariance[:, 3:, 3:]) / 3.0)))
+
+
+def _complete(start: Start) -> Start:
+    """Without the epochs whose rates nothing shows."""
+    ok = np.isfinite(start.w).all(axis=1) & np.isfinite(start.q).all(axis=1)
+    if ok.all():
+        return start
+    if ok.sum() < FEWEST:
+        raise NotPossible(f"fewer than {FEWEST} epochs stand close enough together to show rates")
+    return replace(
+        start,
+        times=start.times[ok],
+        q=start.q[ok],
+        w=start.w[ok],
+        position=None if start.position is None else start.position[ok],
+        covariance=start.covariance[ok],
+        index=None if start.index is None else start.index[ok],
+        warnings=(*start.warnings, f"{int((~ok).sum())} lone epochs left out of the first guess"),
+    )
 
 
 def relative(q: np.ndarray) -> np.ndarray:

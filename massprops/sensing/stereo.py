@@ -9,9 +9,13 @@ from massprops.sensing.pinhole import Pinhole
 ROUNDS = 4
 SIGNIFICANT = 3.0
 """An inverse depth must stand this many sigma above zero, or the point may lie anywhere out to infinity."""
+LARGEST_MISS = 5.0
+"""Sigma by which two rays may miss each other: four numbers measured, three sought."""
 
 
-def triangulate(cameras: tuple[Pinhole, ...], uv: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def triangulate(
+    cameras: tuple[Pinhole, ...], uv: np.ndarray, sigma_px: np.ndarray, largest_miss: float = LARGEST_MISS
+) -> tuple[np.ndarray, np.ndarray]:
     """Points seen by two cameras of any poses, with covariance, by least squares in the image.
 
     The unknowns are the bearing and the inverse depth in the first camera, in which the pixels are nearly linear, so
@@ -21,10 +25,11 @@ def triangulate(cameras: tuple[Pinhole, ...], uv: np.ndarray, sigma_px: np.ndarr
         cameras: two pinholes.
         uv: (..., 2, 2) pixels in the first and second camera, NaN where not seen.
         sigma_px: (2,) 1-sigma of a pixel in each.
+        largest_miss: sigma by which the two rays may miss each other, beyond which one of them saw something else.
 
     Returns:
-        points (..., 3) in the chaser's frame [m] and covariance (..., 3, 3) [m^2]; NaN where not seen by both, behind
-        a camera, or too far for the baseline to tell.
+        points (..., 3) in the chaser's frame [m] and covariance (..., 3, 3) [m^2]; NaN where not seen by
+        both, where the rays miss each other, behind a camera, or too far for the baseline to tell.
     """
     one, two = cameras
     uv = np.asarray(uv, float)
@@ -56,11 +61,13 @@ def triangulate(cameras: tuple[Pinhole, ...], uv: np.ndarray, sigma_px: np.ndarr
         covariance = inverse / (scale[..., :, None] * scale[..., None, :])
         gradient = np.einsum("...ij,...i->...j", full, np.where(good[..., None], error, 0.0))
         state = state + np.einsum("...ij,...j->...i", covariance, gradient)
+    seen = _second(state, turn, shift)[0]
+    miss = np.sum((np.concatenate([a - state[..., :2], b - seen], axis=-1) * weight) ** 2, axis=-1)
     depth = 1.0 / np.where(state[..., 2] > 0, state[..., 2], np.nan)
     bearing = _homogeneous(state[..., :2])
     behind = (bearing @ turn.T + state[..., 2:] * shift)[..., 2] <= 0
     vague = state[..., 2] < SIGNIFICANT * np.sqrt(covariance[..., 2, 2])
-    lost = ~good | behind | vague | ~np.isfinite(depth)
+    lost = ~good | ~(miss < largest_miss**2) | behind | vague | ~np.isfinite(depth)
     lever = np.zeros((*depth.shape, 3, 3))
     lever[..., 0, 0] = lever[..., 1, 1] = depth
     lever[..., :, 2] = -bearing * (depth * depth)[..., None]
