@@ -24,23 +24,52 @@ LOST = 1e-13
 """A pivot below this share of its diagonal is rounding, and is held there."""
 
 
-def upper_factor(A, rows):  # type: ignore[no-untyped-def]
-    """First `rows` rows of U with A = U^T U; A is overwritten with U in its upper part. Never fails."""
-    n = A.shape[0]
+def add_rows(t, A, k, begin, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
+    """t += f0 A[k, begin:] + f1 A[k + 1, begin:] + f2 ... + f3 ..., as long as t: four rows in one pass."""
+    n = t.shape[0]
+    a, b = A[k, begin : begin + n], A[k + 1, begin : begin + n]
+    c, d = A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
+    for i in range(n):
+        t[i] += f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i]
+
+
+def add_pairs(t, A, B, k, begin, column):  # type: ignore[no-untyped-def]
+    """t += sum over four rows j from k of A[j, column] A[j, begin:] + B[j, column] B[j, begin:]."""
+    n = t.shape[0]
+    a, b = A[k, begin : begin + n], A[k + 1, begin : begin + n]
+    c, d = A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
+    e, f = B[k, begin : begin + n], B[k + 1, begin : begin + n]
+    g, h = B[k + 2, begin : begin + n], B[k + 3, begin : begin + n]
+    f0, f1, f2, f3 = A[k, column], A[k + 1, column], A[k + 2, column], A[k + 3, column]
+    g0, g1, g2, g3 = B[k, column], B[k + 1, column], B[k + 2, column], B[k + 3, column]
+    for i in range(n):
+        t[i] += f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i] + g0 * e[i] + g1 * f[i] + g2 * g[i] + g3 * h[i]
+
+
+def upper_factor(T, rows):  # type: ignore[no-untyped-def]
+    """First `rows` rows of U with A = U^T U, written over T = [A, B] with zeros below the diagonal; never fails.
+
+    Columns beyond the square become U^-T B.
+    """
     for i in range(rows):
-        original = A[i, i]
-        for k in range(i):
-            original += A[k, i] * A[k, i]
-        pivot = np.sqrt(max(A[i, i], LOST * original, 1e-290))
+        original = T[i, i]
+        row = T[i, i:]
+        k = 0
+        while k + 4 <= i:
+            add_rows(row, T, k, i, -T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i])
+            k += 4
+        while k < i:
+            f, other = T[k, i], T[k, i:]
+            for c in range(row.shape[0]):
+                row[c] -= f * other[c]
+            k += 1
+        pivot = np.sqrt(max(T[i, i], LOST * original, 1e-290))
         inverse = 1.0 / pivot
-        A[i, i] = pivot
-        for c in range(i + 1, n):
-            A[i, c] *= inverse
-        for r in range(i + 1, rows):
-            f = A[i, r]
-            if f != 0.0:
-                for c in range(r, n):
-                    A[r, c] -= f * A[i, c]
+        for c in range(row.shape[0]):
+            row[c] *= inverse
+        T[i, i] = pivot
+        for c in range(i):
+            T[i, c] = 0.0
 
 
 def perturbed(q, ax, ay, az, aw, additive):  # type: ignore[no-untyped-def]
@@ -239,7 +268,8 @@ def correct(  # type: ignore[no-untyped-def]
         start[i] = count
     if m > 0:
         start[0] = 0
-    U = P.copy()
+    U = np.zeros((n + 3, n))
+    U[:n] = P
     upper_factor(U, n)
     mid = np.empty(4)
     mid[0] = q[0] * s[0] - q[1] * s[1] - q[2] * s[2] - q[3] * s[3]
@@ -251,7 +281,7 @@ def correct(  # type: ignore[no-untyped-def]
     if pinned:
         place[:] = reference
     sight(h0, used, 0, w, q, s, place, pace, p, K, RC, TC, disparity, flow, extras, mid, pinned)
-    odd, even = np.zeros((n, nu)), np.zeros((n, nu))
+    odd, even = np.zeros((n + 3, nu)), np.zeros((n + 3, nu))
     w1, q1, s1, r1, v1, p1 = w.copy(), q.copy(), s.copy(), place.copy(), pace.copy(), p.copy()
     for j in range(n):
         f0 = 0 if j < off else (j - off) // 3
@@ -337,42 +367,41 @@ def correct(  # type: ignore[no-untyped-def]
                 start[0] = 0
             if nu == 0:
                 return
-    S = np.zeros((nu, nu))
-    W = np.zeros((nu, n + 1))
+    # [S, cross-covariance, innovation] row by row, four sigma-point pairs at a time; zero rows make the count even
+    width = nu + n + 1
+    T = np.zeros((nu, width))
     for c in range(nu):
         f = excess * mean[c]
         for b in range(c, nu):
-            S[c, b] = f * mean[b]
-        S[c, c] += inflate * noise[c]
-        W[c, n] = nu_vector[c]
-    for j in range(n):
+            T[c, b] = f * mean[b]
+        T[c, c] += inflate * noise[c]
+        T[c, width - 1] = nu_vector[c]
+    j = 0
+    while j < n:
         begin = start[0 if j < off else (j - off) // 3]
         for c in range(begin, nu):
-            f, g = odd[j, c], even[j, c]
-            for b in range(c, nu):
-                S[c, b] += f * odd[j, b] + g * even[j, b]
-            for b in range(j, n):
-                W[c, b] += f * U[j, b]
-    upper_factor(S, nu)
-    for c in range(nu):
-        f = 1.0 / S[c, c]
-        for b in range(n + 1):
-            W[c, b] *= f
-        for a in range(c + 1, nu):
-            g = S[c, a]
-            for b in range(n + 1):
-                W[a, b] -= g * W[c, b]
+            add_pairs(T[c, c:nu], odd, even, j, c, c)
+            add_rows(T[c, nu + j : nu + n], U, j, j, odd[j, c], odd[j + 1, c], odd[j + 2, c], odd[j + 3, c])
+        j += 4
+    upper_factor(T, nu)
     step = np.zeros(n)
     nis = 0.0
     for c in range(nu):
-        f = W[c, n]
+        f = T[c, width - 1]
         nis += f * f
         for b in range(n):
-            step[b] += f * W[c, b]
-        for a in range(n):
-            g = W[c, a]
+            step[b] += f * T[c, nu + b]
+    for a in range(n):
+        c = 0
+        while c + 4 <= nu:
+            g = nu + a
+            add_rows(P[a, a:], T, c, g, -T[c, g], -T[c + 1, g], -T[c + 2, g], -T[c + 3, g])
+            c += 4
+        while c < nu:
+            f = T[c, nu + a]
             for b in range(a, n):
-                P[a, b] -= g * W[c, b]
+                P[a, b] -= f * T[c, nu + b]
+            c += 1
     for a in range(n):
         P[a, a] = max(P[a, a], 1e-290)
         for b in range(a):
