@@ -16,6 +16,7 @@ _VERBS = {
     "mass": "massprops.run.from_mesh",
     "estimate": "massprops.estimators",
     "compare": "massprops.exchange.compare",
+    "crosscheck": "massprops.crosscheck",
     "export": "massprops.exchange.export",
     "simulate": "massprops.simulate",
 }

@@ -237,8 +237,8 @@ def judge(given: FilterPrior, reference: Estimate | None, start: Any, problem: P
     prior, frame = into_frame(given, start, reference, problem)
     if prior.inertia is None:
         return PriorTest("used", prior, frame=frame)
-    sound = reference is not None and reference.converged and reference.observable and reference.inertia is not None
-    if not sound or reference is None or reference.k_covariance is None:
+    sound = reference is not None and reference.converged and reference.observable
+    if not sound or reference is None or reference.inertia is None or reference.k_covariance is None:
         why = "no estimate without it to hold it against"
         return PriorTest("unchecked", prior, frame=frame, warnings=(f"the prior was used unchecked: {why}",))
     k_cov = np.diag(np.square(prior.k_sigma)) if prior.k_sigma is not None else np.zeros((2, 2))

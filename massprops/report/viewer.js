@@ -43,6 +43,7 @@ document.querySelectorAll(".viewer").forEach((host) => {
   }
   const frame = [];
   data.axes.forEach((axis, i) => rod(add(data.centre, axis, -1.05), add(data.centre, axis, 1.05), 0.007, AXES[i], frame));
+  (data.others || []).forEach((axis, i) => rod(add(data.centre, axis, -1.2), add(data.centre, axis, 1.2), 0.0035, AXES[i].map((x) => 0.55 * x), frame));
   if (data.centre) ball(data.centre, 0.028, CENTRE, frame);
   const path = [], dots = [];
   data.cameras.forEach((c, i) => {

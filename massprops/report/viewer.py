@@ -20,6 +20,7 @@ def viewer(
     centre: np.ndarray | None = None,
     axes: np.ndarray | None = None,
     cameras: np.ndarray | None = None,
+    others: np.ndarray | None = None,
 ) -> str:
     """HTML of one viewer; the page adds `script()` once.
 
@@ -31,6 +32,7 @@ def viewer(
         centre: (3,) centre of mass.
         axes: (3, 3) principal axes as columns, drawn through the centre.
         cameras: (n, 3) camera centres, drawn on request.
+        others: (3, 3) principal axes by another source as columns, drawn thinner and longer.
     """
     middle = 0.5 * (vertices.min(0) + vertices.max(0))
     size = float(np.linalg.norm(vertices - middle, axis=1).max()) or 1.0
@@ -47,6 +49,7 @@ def viewer(
         else packed(np.round(np.clip(np.nan_to_num(distance), -1, 1) * 127).astype(np.int8)),
         "centre": None if centre is None else np.round((np.asarray(centre) - middle) / size, 5).tolist(),
         "axes": [] if axes is None or centre is None else np.round(np.asarray(axes).T, 6).tolist(),
+        "others": [] if others is None or centre is None else np.round(np.asarray(others).T, 6).tolist(),
         "cameras": np.round(places, 4).tolist(),
         "reach": max(1.5, float(np.linalg.norm(places, axis=1).max()) * 1.02) if len(places) else 1.5,
     }

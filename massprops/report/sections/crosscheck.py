@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import number, table, text
+from massprops.report.html import number, plot, swatch, table, text
+from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Shape against motion", 5
 NINETY = 2.1460
@@ -46,8 +47,51 @@ def render(data: RunData) -> str:
             )
         )
     head = ("method", "k1 (± 1σ)", "k2 (± 1σ)", "axes turned by", "converged", "observable")
+    parts += [f'<p class="soft">Or {text(hint)}.</p>' for hint in (document.get("hints") or [])[1:]]
     parts.append(f'<div class="narrow">{_plane(mesh, estimators)}</div>{table(rows, head)}')
+    parts += [
+        f'<p class="soft">{text(s.get("name"))} not run: {text(s.get("reason"))}.</p>'
+        for s in document.get("skipped") or []
+    ]
+    parts.append(_axes(data))
+    parts.append(_residuals(document.get("residuals") or {}))
     return "".join(parts)
+
+
+def _axes(data: RunData) -> str:
+    """Principal axes by the mesh and by the motion, on the mesh."""
+    document, shape = data.crosscheck, data.shape
+    name = document.get("rests_on")
+    found = [e for e in document.get("estimators") or [] if e.get("name") == name and e.get("principal_axes")]
+    own = (document.get("mesh") or {}).get("principal_axes")
+    if shape is None or not found or not own:
+        return ""
+    mesh_axes, motion = np.array(own, float), np.array(found[0]["principal_axes"], float)
+    # an axis has no sense of direction: draw the motion's the same way round
+    motion = motion * np.sign(np.sum(mesh_axes * motion, axis=0) + 1e-300)
+    keys = [swatch("#f27326", "axis of I1"), swatch("#40b359", "I2"), swatch("#4d8cfa", "I3")]
+    return (
+        "<h3>Principal axes on the mesh</h3>"
+        + viewer(shape.vertices, shape.faces, centre=data.centre, axes=mesh_axes, others=motion)
+        + f'<p class="soft keys">{"".join(keys)}</p><p class="soft">Thick: by the mesh. Thin, dark and longer: by the '
+        + f"motion ({text(name)}).</p>"
+    )
+
+
+def _residuals(series: dict[str, Any]) -> str:
+    """What the best free rotation leaves of the attitude history, with the mesh's inertia and with the motion's."""
+    if not series.get("times"):
+        return ""
+    times, curves = np.array(series["times"], float), []
+    for key, name in (("mesh", "with the mesh's inertia"), ("motion", "with the motion's inertia")):
+        if series.get(key):
+            size = np.linalg.norm(np.array(series[key]["turn_deg"], float), axis=1)
+            curves.append((f"{name}: {number(series[key]['rms'], 3)} times the noise", times, size))
+    drawn = plot(curves, "time [s]", "left of the attitude [°]")
+    return (
+        f'<h3>Residuals over time</h3><div class="narrow">{drawn}</div><p class="soft">The best free rotation with each '
+        "inertia, against the attitudes of the footage.</p>"
+    )
 
 
 def _value(entry: dict[str, Any], key: str) -> str:

@@ -1,0 +1,75 @@
+"""`massprops crosscheck`: the mesh's inertia against every estimator on the same footage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of 'massprops reconstruct'.")],
+    sequence: Annotated[
+        Path | None, typer.Option("--sequence", metavar="SEQ", help="Another sequence of the same footage.")
+    ] = None,
+    method: Annotated[list[str] | None, typer.Option("--method", help="Estimator, may be repeated; or all.")] = None,
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print crosscheck.json on stdout and nothing else.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+) -> None:
+    """Do mesh and motion agree on the inertia ratios and principal axes?
+
+    Example: massprops crosscheck runs/demo
+    """
+    import json
+
+    from massprops.crosscheck import crosscheck
+    from massprops_cli.progress import StageProgress
+
+    with StageProgress(quiet) as watch:
+        found = crosscheck(
+            run,
+            sequence,
+            method or ["all"],
+            progress=lambda done, total, what: watch(what or "compare", min(done, total - 1), total, 0, 0, ""),
+        )
+    document = json.loads((run / "crosscheck.json").read_text())
+    for warning in found.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    if json_output:
+        typer.echo(json.dumps(document))
+    else:
+        typer.echo(crosscheck_table(document))
+        typer.echo(f"report: {run / 'report.html'}")
+
+
+def crosscheck_table(document: dict[str, Any]) -> str:
+    """Mesh, estimators and verdict for the terminal."""
+
+    def value(entry: dict[str, Any], key: str) -> str:
+        if entry.get(key) is None:
+            return "-"
+        sigma = entry.get(f"sigma_{key}")
+        return f"{entry[key]:.4f}" + (f" ±{sigma:.1g}" if sigma is not None else "")
+
+    lines = [f"  {'':<20}{'k1':>17}{'k2':>17}{'axes turned [deg]':>20}{'p':>9}{'us/step':>9}"]
+    mesh = document["mesh"]
+    lines.append(f"  {'mesh':<20}{value(mesh, 'k1'):>17}{value(mesh, 'k2'):>17}")
+    for e in document["estimators"]:
+        angle, sigma = e["axis_misalignment_deg"], e["sigma_axis_deg"]
+        axes = "-" if angle is None else f"{angle:.2f}" + (f" ±{sigma:.2g}" if sigma is not None else "")
+        p = "-" if e["p_value"] is None else f"{e['p_value']:.2g}"
+        cpu = "-" if e["cpu_us_per_step"] is None else f"{e['cpu_us_per_step']:.0f}"
+        lines.append(f"  {e['name']:<20}{value(e, 'k1'):>17}{value(e, 'k2'):>17}{axes:>20}{p:>9}{cpu:>9}")
+        if e["reason"]:
+            lines.append(f"  {'':<20}{e['reason']}")
+    for s in document["skipped"]:
+        lines.append(f"  {s['name']:<20}skipped: {s['reason']}")
+    for name, p in document["tests"].items():
+        lines.append(f"  test of {name}: p = {p:.2g}")
+    p = "" if document["p_value"] is None else f" (p = {document['p_value']:.2g})"
+    lines.append(f"{document['verdict']}{p}: {document['reason']}")
+    lines += [f"  or {hint}" for hint in document["hints"][1:]]
+    return "\n".join(lines)

@@ -1,0 +1,126 @@
+"""What the mesh says: inertia, ratios, axes and centre of mass, with the covariance that its replicates or intervals
+give."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.mass.ratio_space import (
+    covariance_of_intervals,
+    covariance_of_replicates,
+    interval_sigma,
+    log_components,
+)
+
+
+@dataclass(frozen=True)
+class MeshSide:
+    """Of one run, in the mesh's axes, which are those of the run's attitude0.
+
+    Attributes:
+        document: `massprops.json`.
+        inertia: (3, 3) of trace 1; axes: (3, 3) principal axes as columns; k: (2,).
+        covariance: (5, 5) of `log_components` in `axes`; zero when the mesh states no uncertainty.
+        centre: (3,) [final units]; centre_covariance: (3, 3).
+        stated: whether the mesh states an uncertainty.
+        unseen: share of the surface that was filled in.
+        factor: final units per unit of the structure from motion.
+    """
+
+    document: dict[str, Any]
+    inertia: np.ndarray
+    axes: np.ndarray
+    k: np.ndarray
+    covariance: np.ndarray
+    centre: np.ndarray
+    centre_covariance: np.ndarray
+    stated: bool
+    unseen: float
+    factor: float
+
+    @property
+    def sigma_k(self) -> np.ndarray:
+        """(2,) 1-sigma of k1, k2."""
+        return np.sqrt(np.diag(self.covariance)[:2])
+
+
+def read_mesh_side(run: Path) -> MeshSide:
+    """The mesh's side of a run.
+
+    Raises:
+        InputError: the run has no mass properties, or impossible ones.
+    """
+    from massprops.exchange.formats.filter import sfm_factor
+
+    path = run / "massprops.json"
+    if not path.is_file():
+        raise InputError(f"{run}: no massprops.json in this run: finish it with 'massprops reconstruct' first")
+    try:
+        document = json.loads(path.read_text())
+        inertia = np.array(document["inertia"], float).reshape(3, 3)
+        axes = np.array(document["principal_axes"], float).reshape(3, 3)
+        centre = np.array(document["center_of_mass"], float).reshape(3)
+        document["inertia_ratios"]["k1"], document["principal_moments"]  # noqa: B018
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: not a massprops.json: make the run again") from None
+    moments = np.linalg.eigvalsh(inertia) if np.isfinite(inertia).all() else np.zeros(3)
+    if moments[0] <= 0:
+        raise InputError(f"{path}: its inertia is not positive definite: make the run again")
+    inertia = inertia / np.trace(inertia)
+    stated = covariance_of_intervals(document, axes)
+    covariance = np.zeros((5, 5)) if stated is None else stated
+    centre_covariance = _centre_intervals(document, centre)
+    try:
+        factor = sfm_factor(run)
+    except (OSError, ValueError):
+        factor = 1.0
+    drawn = _replicates(run, document)
+    if drawn is not None:
+        centres, inertias = drawn
+        covariance = covariance_of_replicates(inertias, inertia, axes)
+        apart = centres * factor - centre
+        centre_covariance = apart.T @ apart / len(apart)
+    seen = (document.get("surface") or {}).get("observed_fraction")
+    return MeshSide(
+        document,
+        inertia,
+        axes,
+        log_components(inertia, axes)[:2],
+        covariance,
+        centre,
+        centre_covariance,
+        stated is not None or drawn is not None,
+        0.0 if seen is None else float(1.0 - seen),
+        factor,
+    )
+
+
+def _replicates(run: Path, document: dict[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Centres (r, 3) [units of the structure from motion] and inertias (r, 3, 3) of the surface stage's replicates."""
+    from massprops.mass.integrals import central_inertia
+
+    path = run / "work" / "surface" / "surface.npz"
+    try:
+        with np.load(path, allow_pickle=False) as z:
+            rows = z["replicate_integrals"]
+    except (OSError, ValueError, KeyError):
+        return None
+    rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 0] > 0)]
+    if len(rows) < 20:
+        return None
+    _, centres, inertias = central_inertia(rows, 1.0)
+    good = np.linalg.eigvalsh(inertias)[:, 0] > 0
+    return centres[good], inertias[good]
+
+
+def _centre_intervals(document: dict[str, Any], centre: np.ndarray) -> np.ndarray:
+    bounds = (document.get("interval_90") or {}).get("center_of_mass")
+    if not bounds:
+        return np.zeros((3, 3))
+    return np.diag([interval_sigma(b, c) ** 2 for b, c in zip(bounds, centre, strict=True)])

@@ -1,0 +1,195 @@
+"""What the motion says: an estimate's inertia in the mesh's axes, and the point that the body turns about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from massprops.dynamics.quaternion import angle_between, rotation_matrix
+from massprops.estimators.prior import similarity
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate
+from massprops.mass.ratio_space import covariance
+
+LEAST_COMMON = 3
+"""Common epochs of two attitude histories that tie their body frames."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The run's own attitude history and features: what ties an estimator's body axes to the mesh's.
+
+    Attributes:
+        stamp_ns: (n,); q: (n, 4) mesh axes to cam0; sigma: (n,) [rad].
+        feature_ids: (m,) and features: (m, 3) in the mesh's axes, or None.
+    """
+
+    stamp_ns: np.ndarray
+    q: np.ndarray
+    sigma: np.ndarray
+    feature_ids: np.ndarray | None = None
+    features: np.ndarray | None = None
+
+
+def to_mesh_axes(found: Estimate, problem: Problem, frame: Frame, same_footage: bool) -> tuple[np.ndarray, str] | None:
+    """Rotation (3, 3) from the estimate's body axes to the mesh's, and by what; None when nothing ties them.
+
+    Args:
+        found: the estimate. problem: what it was made from.
+        frame: the run's own.
+        same_footage: whether the problem is the run's own sequence, so that its attitude0 is the mesh's frame.
+    """
+    if found.body_frame == "attitude0" and same_footage:
+        return np.eye(3), "attitude0"
+    if found.q is not None and len(frame.stamp_ns):
+        stamps = problem.stamp_ns[0] + np.round(np.asarray(found.times) * 1e9).astype(np.int64)
+        _, at, there = np.intersect1d(stamps, frame.stamp_ns, return_indices=True)
+        good = np.isfinite(found.q[at]).all(axis=1)
+        at, there = at[good], there[good]
+        late = slice(len(at) // 2, None)
+        if len(at[late]) >= LEAST_COMMON:
+            R = np.swapaxes(rotation_matrix(frame.q[there[late]]), 1, 2) @ rotation_matrix(found.q[at[late]])
+            u, d, vt = np.linalg.svd(R.mean(axis=0))
+            # rotations that do not agree average to less than a rotation: two clocks, or two bodies
+            if d[1] > 0.99:
+                return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt, "attitude"
+    return _by_features(found, frame)
+
+
+def _by_features(found: Estimate, frame: Frame) -> tuple[np.ndarray, str] | None:
+    if found.features is None or frame.features is None or frame.feature_ids is None or found.feature_ids is None:
+        return None
+    _, a, b = np.intersect1d(found.feature_ids, frame.feature_ids, return_indices=True)
+    good = np.isfinite(found.features[a]).all(axis=1)
+    if good.sum() < 4:
+        return None
+    tied = similarity(found.features[a[good]], frame.features[b[good]])
+    return None if tied is None else (tied[1], "features")
+
+
+def scale_against(found: Estimate, frame: Frame) -> float | None:
+    """Lengths of the mesh over those of the estimate, from common features; None without any."""
+    if found.features is None or frame.features is None or frame.feature_ids is None or found.feature_ids is None:
+        return None
+    _, a, b = np.intersect1d(found.feature_ids, frame.feature_ids, return_indices=True)
+    good = np.isfinite(found.features[a]).all(axis=1)
+    tied = similarity(found.features[a[good]], frame.features[b[good]]) if good.sum() >= 4 else None
+    return None if tied is None else tied[0]
+
+
+def motion_covariance(found: Estimate, turn: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """(5, 5) of the estimate's `log_components` in the mesh's principal `axes`; residuals above their noise widen it.
+
+    Args:
+        turn: (3, 3) estimate's body axes to the mesh's.
+    """
+    assert found.inertia is not None and found.k_covariance is not None
+    inertia = turn @ found.inertia @ turn.T
+    turns = None if found.axes_covariance is None else turn @ found.axes_covariance @ turn.T
+    widened: np.ndarray = covariance(inertia, found.k_covariance, turns, axes) * max(1.0, found.innovation or 1.0)
+    return widened
+
+
+@dataclass(frozen=True)
+class Centre:
+    """The point that the body turns about while it moves straight.
+
+    Attributes:
+        place: (3,) in the mesh's axes and units; covariance: (3, 3).
+        residual: root mean square distance from the straight path, in the mesh's units.
+    """
+
+    place: np.ndarray
+    covariance: np.ndarray
+    residual: float
+
+
+def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray) -> Centre | None:
+    """The body point whose path is straight and even: t_i + R_i c = p + v s_i, by weighted least squares.
+
+    Depth is far less certain than the other two directions, and errors of neighbouring views are alike: each
+    direction's weight is from its own residuals, and the covariance grows by their correlation (AR(1)).
+
+    Args:
+        stamp_ns: (n,); R: (n, 3, 3) body to camera; t: (n, 3) body origin in the camera.
+
+    Returns:
+        None with fewer than eight views, or a spin that leaves a direction of c free.
+    """
+    n = len(stamp_ns)
+    if n < 8:
+        return None
+    s = (stamp_ns - stamp_ns[0]) / max(float(stamp_ns[-1] - stamp_ns[0]), 1.0)
+    A = np.concatenate([R, np.broadcast_to(-np.eye(3), (n, 3, 3)), -s[:, None, None] * np.eye(3)[None]], axis=2)
+    weight = np.ones((n, 3))
+    for _ in range(6):
+        J = (A * np.sqrt(weight)[..., None]).reshape(-1, 9)
+        b = (-t * np.sqrt(weight)).ravel()
+        x, _, rank, singular = np.linalg.lstsq(J, b, rcond=None)
+        if rank < 9 or singular[-1] < 1e-4 * singular[0]:
+            return None
+        residual = t + np.einsum("nij,j->ni", A, x)
+        spread = 1.4826 * np.median(np.abs(residual), axis=0) + 1e-12 * np.linalg.norm(t, axis=1).mean()
+        weight = 1.0 / (spread**2 * (1.0 + (residual / (3.0 * spread)) ** 2))
+    alike = np.array([_ar1(residual[:, j]) for j in range(3)])
+    growth = float(np.max((1 + alike) / (1 - alike)))
+    J = (A * np.sqrt(weight)[..., None]).reshape(-1, 9)
+    covariance = np.linalg.inv(J.T @ J) * growth * 3 * n / (3 * n - 9)
+    return Centre(x[:3], covariance[:3, :3], float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))))
+
+
+def _ar1(x: np.ndarray) -> float:
+    """Correlation of neighbours, kept within what a short series can tell."""
+    x = np.clip(x, *np.quantile(x, [0.02, 0.98]))
+    return float(np.clip(np.corrcoef(x[:-1], x[1:])[0, 1] if x.std() > 0 else 0.0, 0.0, 0.9))
+
+
+@dataclass(frozen=True)
+class Tumble:
+    """How the attitude moved. turned: whole angle [rad]; wander: rms angle of the rate's direction in the body about
+    its mean [rad]; noise: what the attitudes' own noise would give for that [rad]."""
+
+    turned: float
+    wander: float
+    noise: float
+
+
+def tumble_of(stamp_ns: np.ndarray, q: np.ndarray, sigma: np.ndarray) -> Tumble | None:
+    """How an attitude history (n, 4) tumbles; None with fewer than four epochs.
+
+    Rates are over chords long enough to turn by about 20 degrees, so that noise counts little.
+    """
+    n = len(stamp_ns)
+    if n < 4:
+        return None
+    from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
+
+    turned = np.concatenate([[0.0], np.cumsum(angle_between(q[1:], q[:-1]))])
+    step = int(np.clip(np.searchsorted(turned, np.radians(20.0)), 1, n // 2))
+    chord = rotation_vector(multiply(conjugate(q[:-step]), q[step:]))
+    length = np.linalg.norm(chord, axis=1)
+    good = length > 1e-9
+    if good.sum() < 2:
+        return Tumble(float(turned[-1]), 0.0, np.inf)
+    mean = chord[good].mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    if size < 1e-9:
+        return Tumble(float(turned[-1]), np.pi / 2, float(np.median(sigma)))
+    off = np.arctan2(np.linalg.norm(np.cross(chord[good], mean), axis=1), chord[good] @ mean)
+    noise = 2.0 * float(np.sqrt(np.mean(sigma**2))) / float(np.median(length[good]))
+    return Tumble(float(turned[-1]), float(np.sqrt(np.mean(off**2))), noise)
+
+
+def frame_of(run: Path) -> Frame:
+    """The run's own attitude history, empty when the object was still, and its sparse points."""
+    from massprops.exchange.formats.filter import sparse_points
+    from massprops.sequence.read import read_sequence
+
+    attitude = read_sequence(run).attitude
+    points = sparse_points(run)
+    ids, xyz = points if points is not None else (None, None)
+    if attitude is None:
+        return Frame(np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0), ids, xyz)
+    return Frame(attitude.timestamp_ns, attitude.q, attitude.sigma, ids, xyz)
