@@ -104,6 +104,8 @@ def run(arguments: list[str]) -> int:
     """Runs one command line; never a traceback."""
     try:
         status = app().main(args=arguments, prog_name="massprops", standalone_mode=False)
+        if status == 130:  # typer's own word for an interrupt
+            raise KeyboardInterrupt
         return int(status) if isinstance(status, int) else 0
     except MasspropsError as error:
         _say(str(error))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import threading
 from collections.abc import Hashable
 from typing import Any
 
@@ -11,7 +12,7 @@ from massprops.campaign.versions import difference, versions
 from massprops.campaign.workers import Workers
 from massprops.errors import InputError, NotPossible
 
-ANSWER_S = 8.0
+ANSWER_S = 6.0
 """How long a scheduler may take to answer."""
 
 _workers: list[Workers] = []
@@ -22,6 +23,46 @@ def do_on_worker(task: dict[str, Any]) -> dict[str, Any]:
     if not _workers:
         _workers.append(Workers())
     return _workers[0].do(task)
+
+
+def _knock(address: str) -> None:
+    """Asks the scheduler who it is, in a thread of its own: what listens there may accept and never answer.
+
+    Raises:
+        InputError: no answer in time, or not a scheduler's.
+    """
+    import asyncio
+
+    from distributed.core import connect
+
+    async def ask() -> Any:
+        comm = await connect(address, timeout=ANSWER_S)
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            return await comm.read()
+        finally:
+            comm.abort()
+
+    answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def run() -> None:
+        try:
+            answers.put(asyncio.run(asyncio.wait_for(ask(), ANSWER_S)))
+        except Exception as error:
+            answers.put(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    try:
+        answer = answers.get(timeout=ANSWER_S + 1.0)
+    except queue.Empty:
+        answer = TimeoutError()
+    if isinstance(answer, OSError):  # TimeoutError is one
+        raise InputError(
+            f"--scheduler {address}: no answer within {ANSWER_S:g} s: is it running, and is the address right?"
+        )
+    if not isinstance(answer, dict) or "workers" not in answer:
+        said = f" ({_line(answer)})" if isinstance(answer, BaseException) else ""
+        raise InputError(f"--scheduler {address}: not a Dask scheduler{said}: give its address as tcp://HOST:8786")
 
 
 class Cluster:
@@ -44,16 +85,8 @@ class Cluster:
         for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self.place = address
-        try:
-            self.client = Client(address, timeout=ANSWER_S, set_as_default=False, name="massprops")
-        except (OSError, TimeoutError):
-            raise InputError(
-                f"--scheduler {address}: no answer within {ANSWER_S:g} s: is it running, and is the address right?"
-            ) from None
-        except Exception as error:
-            raise InputError(
-                f"--scheduler {address}: not the address of a Dask scheduler ({_line(error)}): give it as tcp://HOST:8786"
-            ) from None
+        _knock(address)
+        self.client = Client(address, timeout=ANSWER_S, set_as_default=False, name="massprops")
         try:
             self._check_workers()
         except BaseException:

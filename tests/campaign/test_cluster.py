@@ -1,0 +1,169 @@
+"""Campaigns on a real Dask cluster on loopback: two worker processes, one of which is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+import massprops
+from massprops.campaign.configuration import plan_of
+from massprops.campaign.run import run_campaign
+from massprops.campaign.store import FILE
+from massprops_cli.main import run
+
+pytest.importorskip("distributed")
+
+
+class Cluster:
+    """A scheduler and its workers, each a process; `address` once it answers."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.file = folder, folder / "scheduler.json"
+        self.workers: list[subprocess.Popen[bytes]] = []
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-show")
+        until(lambda: self.file.exists() and self.file.read_text().strip().endswith("}"), "the scheduler")
+        self.address = str(json.loads(self.file.read_text())["address"])
+
+    def _start(self, what: str, *options: str, **environment: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "dask", what, "--scheduler-file", str(self.file), *options]
+        log = (self.folder / f"{what}{len(self.workers)}.log").open("wb")
+        return subprocess.Popen(command, stdout=log, stderr=log, env={**os.environ, **environment}, cwd=self.folder)
+
+    def add_worker(self, **environment: str) -> None:
+        options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1")
+        self.workers.append(self._start("worker", *options, **environment))
+
+    def wait_for(self, count: int) -> None:
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=60)
+
+    def close(self) -> None:
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+def until(true: Callable[[], object], what: str) -> None:
+    """Waits for an event; a minute without it is a failure."""
+    end = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    (tmp_path / "dask").mkdir()
+    found = Cluster(tmp_path / "dask")
+    yield found
+    found.close()
+
+
+def stored(out: Path) -> list[tuple[int, int, str]]:
+    if not (out / FILE).exists():
+        return []
+    base = sqlite3.connect(out / FILE)
+    try:
+        return base.execute("SELECT point, seed, worker FROM runs").fetchall()
+    except sqlite3.OperationalError:  # its tables are being made
+        return []
+    finally:
+        base.close()
+
+
+def test_the_same_table_from_a_cluster_of_which_half_dies(tmp_path: Path, cluster: Cluster) -> None:
+    gate, out = tmp_path / "gate", tmp_path / "cluster"
+    content = {"kind": "drill", "runs": 30, "chunk": 5, "fails": 0.1, "grid": {"gate": [None, str(gate)]}}
+    plan = plan_of(content)
+    cluster.add_worker()
+    cluster.add_worker()
+    cluster.wait_for(2)
+    failed: list[BaseException] = []
+
+    def campaign() -> None:
+        try:
+            run_campaign(plan, out, scheduler=cluster.address)
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=campaign)
+    thread.start()
+    until(lambda: failed or len(stored(out)) == 30, "the runs before the gate")
+    # both workers now wait at the gate, each with a chunk in its hands
+    cluster.workers[0].send_signal(signal.SIGKILL)
+    cluster.workers[0].wait()
+    gate.touch()
+    thread.join(120)
+    assert not failed and not thread.is_alive(), failed
+    rows = stored(out)
+    assert len(rows) == 60
+    assert len({worker for _, _, worker in rows}) == 2, "both workers made runs"
+    assert {w for p, _, w in rows if p == 1} == {w for _, _, w in rows if w.endswith(f":{cluster.workers[1].pid}")}
+    run_campaign(plan, tmp_path / "local", workers=2)
+    for name in ("table.json", "runs.csv"):
+        assert (out / name).read_bytes() == (tmp_path / "local" / name).read_bytes()
+
+
+def test_workers_with_another_version_are_refused(
+    tmp_path: Path, cluster: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = Path(massprops.__file__).parent
+    shutil.copytree(source, tmp_path / "old/massprops", ignore=shutil.ignore_patterns("__pycache__", "*.stl"))
+    first = tmp_path / "old/massprops/__init__.py"
+    first.write_text(first.read_text().replace(f'"{massprops.__version__}"', '"0.0.7"'))
+    cluster.add_worker(PYTHONPATH=str(tmp_path / "old"))
+    cluster.wait_for(1)
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({"kind": "drill", "runs": 3}))
+    out = tmp_path / "out"
+    assert run(["campaign", str(tmp_path / "study.yaml"), "-o", str(out), "--scheduler", cluster.address]) == 2
+    said = capsys.readouterr().err
+    assert f"massprops {massprops.__version__} here, 0.0.7 there" in said, said
+    assert len(said.strip().splitlines()) == 1 and stored(out) == []
+
+
+def test_workers_without_massprops_and_no_workers_at_all(
+    tmp_path: Path, cluster: Cluster, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({"kind": "drill", "runs": 3}))
+    command = ["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--scheduler", cluster.address]
+    monkeypatch.setattr("massprops.campaign.cluster.ANSWER_S", 1.0)
+    assert run(command) == 2
+    assert "no workers" in capsys.readouterr().err
+    (tmp_path / "none/massprops").mkdir(parents=True)
+    (tmp_path / "none/massprops/__init__.py").write_text("raise ImportError('not here')\n")
+    cluster.add_worker(PYTHONPATH=str(tmp_path / "none"))
+    cluster.wait_for(1)
+    assert run(command) == 2
+    said = capsys.readouterr().err
+    assert "massprops cannot be used there" in said and len(said.strip().splitlines()) == 1
+
+
+def test_a_scheduler_that_does_not_answer(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({"kind": "drill", "runs": 3}))
+    with socket.socket() as deaf, socket.socket() as closed:
+        deaf.bind(("127.0.0.1", 0))
+        deaf.listen(5)
+        closed.bind(("127.0.0.1", 0))
+        addresses = [f"tcp://127.0.0.1:{s.getsockname()[1]}" for s in (deaf, closed)]
+        for address, says in {**dict.fromkeys(addresses, "no answer"), "nonsense": "not a Dask scheduler"}.items():
+            begun = time.monotonic()
+            command = ["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--scheduler", address]
+            assert run(command) == 2
+            assert time.monotonic() - begun < 10
+            said = capfd.readouterr().err
+            assert says in said and len(said.strip().splitlines()) == 1, said
