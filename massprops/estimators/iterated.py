@@ -20,9 +20,6 @@ Observe = Callable[[State, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`observe(state, runs)`: residuals measured less predicted (b, rows) and derivatives of the predicted (b, rows, n) for
 the runs numbered `runs` (b,); anything where nothing was measured."""
 
-Curvature = Callable[[State, np.ndarray], np.ndarray]
-"""`curvature(state, P)`: variance (B, rows) that the prediction's second order adds over the prior."""
-
 JITTER = 1e-13
 SMALLEST_STEP = 1.0 / 64.0
 
@@ -82,13 +79,24 @@ def update(
     observe: Observe,
     sigma: np.ndarray,
     rule: Rule = IEKF,
+    bend: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Updated:
     """State and covariance after the measurements of one epoch.
 
     Args:
         sigma: (B, rows) 1-sigma of each measurement, infinite where there is none.
+        bend: mean and variance (B, rows) of the measurement's second order over the prior, for an EKF
+            (`curvature.image_curvature`).
     """
     B, n = P.shape[:2]
+    if bend is not None:
+        plain, mean = observe, bend[0]
+        sigma = np.sqrt(sigma**2 + bend[1])
+
+        def observe(state: State, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            residual, H = plain(state, runs)
+            return residual - mean[runs], H
+
     S = square_root(P)
     weight = np.where(np.isfinite(sigma), 1.0 / sigma, 0.0)
     y = np.zeros((B, n))

@@ -19,6 +19,7 @@ from massprops.dynamics.kernels import (
     to_reference,
 )
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
+from massprops.estimators.curvature import cross_covariance
 from massprops.estimators.error_state import Layout, State, additive_columns, skew, xi
 from massprops.estimators.inertia_parameters import components
 from massprops.estimators.surroundings import Surroundings
@@ -27,6 +28,11 @@ LARGEST_TURN = 0.05
 """Rotation [rad] per integration step (see `dynamics.rigid_body`)."""
 
 TINY = 1e-150
+
+COHERENCE = 20.0
+"""The second-order term below repeats from step to step while it lasts (it is not white): it counts this many times.
+Chosen so that the median squared error in units of the covariance equals the number of states in pesce2017's case C;
+with 0 its mean is 7 times that, and with 20 accuracy is the same as with 5."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,9 @@ def predict(
             result depends on which others are with it.
     """
     ahead, F = transition(layout, state, t0, t1, surroundings, largest_rate)
+    bend = _second_order(layout, F, P)
     P = F @ P @ np.swapaxes(F, -1, -2) + _process_noise(layout, ahead, t1 - t0, noise)
+    P[:, layout.u, layout.u] += COHERENCE * bend
     return ahead, 0.5 * (P + np.swapaxes(P, -1, -2))
 
 
@@ -167,6 +175,17 @@ def _translation(
     far = np.linalg.norm(leaders[1])
     up = leaders[1] / far
     return r1, v1, mu / far**3 * (3.0 * np.outer(up, up) - np.eye(3))
+
+
+def _second_order(layout: Layout, F: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Covariance (B, 3, 3) of U's largest second-order term over the step, d x e: d the error of the change of W (mostly
+    that of the inertia), e that of the centre of mass. Products of zero-mean normal errors (Isserlis)."""
+    change = F[:, layout.w].copy()
+    change[:, :, layout.w] -= np.eye(3)
+    both = change @ P
+    A = both @ np.swapaxes(change, -1, -2)
+    B, C = P[:, layout.r, layout.r], both[:, :, layout.r]
+    return cross_covariance(A, B, C)
 
 
 def _process_noise(layout: Layout, state: State, dt: float, noise: ProcessNoise) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from massprops.dynamics.orbit import lvlh_rate, position_velocity
 from massprops.dynamics.quaternion import angle_between, from_rotation_matrix, normalise, rotate
 from massprops.dynamics.rigid_body import propagate
+from massprops.estimators.curvature import image_curvature
 from massprops.estimators.error_state import Layout, State, covariance_of, difference, state_of
 from massprops.estimators.inertia_parameters import (
     from_ratios,
@@ -93,7 +94,12 @@ def configuration(case: str) -> dict[str, Any]:
     noise = {"noise-5": 5e-5, "noise-10": 1e-4}.get(case, 1e-5)
     return {
         "case": case,
-        "orbit": {"mu_m3_s2": 3.986004418e14, "semi_major_axis_m": 7.17e6, "eccentricity": 0.05, "true_anomaly_rad": 0.0},
+        "orbit": {
+            "mu_m3_s2": 3.986004418e14,
+            "semi_major_axis_m": 7.17e6,
+            "eccentricity": 0.05,
+            "true_anomaly_rad": 0.0,
+        },
         "baseline_m": 1.0,
         "features": 5,
         "feature_box_m": 1.5,
@@ -118,6 +124,7 @@ def configuration(case: str) -> dict[str, Any]:
         "sensor_sigma_rad_s2": 1e-6,
         "additive": case == "C-paper",
         "iterations": 1 if case == "C-ekf" else 10,
+        "second_order": case == "C-ekf",
         "paper_tolerance": 0.01 if case == "C-paper" else None,
         "average_from_s": 10.0,
         "steady_from_s": 90.0,
@@ -156,7 +163,7 @@ class Setup:
         self.frame_q = np.stack([from_rotation_matrix(C) for C, _ in self.frames])
         moments = np.array(c["moments"])
         self.k = np.log(moments[:2] / moments[1:])
-        self.eta = from_ratios(self.k)
+        self.a = from_ratios(self.k)
         _, spin = self.frames[0]
         self.q0 = np.array(c["attitude"])
         W0 = np.radians(c["rate_deg_s"]) + spin
@@ -199,7 +206,7 @@ class Setup:
             each(self.w[step]),
             each(self.q[step]),
             features,
-            each(self.eta),
+            each(self.a),
         )
 
 
@@ -233,10 +240,8 @@ def _first(c: dict[str, Any], setup: Setup, features: np.ndarray, draw: np.ndarr
     q = normalise(setup.q0 + np.sqrt(c["variance_quaternion"]) * draw[:, 9:13])
     k = setup.k + np.sqrt(c["variance_k"]) * draw[:, 13:15]
     points = features + c["sigma_features_m"] * draw[:, 15:].reshape(B, m, 3)
-    eta, spread = principal_prior(k, np.sqrt(c["variance_k"]) * np.ones(2))
-    state = state_of(
-        position, relative + np.cross(spin, position), rotate(q * [1, -1, -1, -1], W), q, points, eta
-    )
+    a, spread = principal_prior(k, np.sqrt(c["variance_k"]) * np.ones(2))
+    state = state_of(position, relative + np.cross(spin, position), rotate(q * [1, -1, -1, -1], W), q, points, a)
     P = covariance_of(
         setup.layout,
         state,
@@ -250,7 +255,9 @@ def _first(c: dict[str, Any], setup: Setup, features: np.ndarray, draw: np.ndarr
     return state, P
 
 
-def simulate(c: dict[str, Any], seeds: list[int]) -> tuple[Setup, np.ndarray, list[State], list[np.ndarray], np.ndarray]:
+def simulate(
+    c: dict[str, Any], seeds: list[int]
+) -> tuple[Setup, np.ndarray, list[State], list[np.ndarray], np.ndarray]:
     """The filter over all steps.
 
     Returns:
@@ -277,7 +284,8 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> tuple[Setup, np.ndarray, li
         state, P = predict(
             layout, state, P, setup.times[step - 1], setup.times[step], setup.surroundings, process, setup.largest_rate
         )
-        done = update(layout, state, P, observe, np.broadcast_to(sigma, z.shape), setup.rule)
+        bend = image_curvature(layout, state, P, setup.cameras, C, spin, True, True) if c["second_order"] else None
+        done = update(layout, state, P, observe, np.broadcast_to(sigma, z.shape), setup.rule, bend)
         state, P = done.state, done.P
         used += done.iterations
         states.append(state)
@@ -351,11 +359,15 @@ def _dump(rows: list[dict[str, Any]]) -> None:
     for name in rows[0]:
         v = np.array([r[name] for r in rows if isinstance(r.get(name), float)])
         if len(v):
-            print(f"{name:22s} mean {v.mean():9.3g} rms {np.sqrt((v**2).mean()):9.3g}", *(f"{np.percentile(v, p):9.3g}" for p in PERCENTILES))
+            print(
+                f"{name:22s} mean {v.mean():9.3g} rms {np.sqrt((v**2).mean()):9.3g}",
+                *(f"{np.percentile(v, p):9.3g}" for p in PERCENTILES),
+            )
 
 
 if __name__ == "__main__":
     import sys, time
+
     t = time.process_time()
     out = runs(configuration(sys.argv[1]), list(range(int(sys.argv[2]))))
     print("cpu", time.process_time() - t)
