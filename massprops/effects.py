@@ -67,4 +67,4 @@ def effects() -> dict[str, ModuleType]:
 
 def changes_motion(effect: ModuleType) -> bool:
     """Whether the effect acts on the body rather than on the sensors."""
-    return effect.__name__.split(".")[-3] == "dynamics"
+    return any(hasattr(effect, f) for f in ("torque", "inertia", "internal", "jump", "displacement"))

@@ -26,18 +26,21 @@ class Model:
     """Which effects act, and with what parameters.
 
     Attributes:
-        names: effects by name, those of the motion first; values: their parameters, one array each.
+        modules: the effects, those of the motion first; values: their parameters, one array each.
         inertia: (3, 3) in body axes, mean moment 1, or None when it is to be found.
     """
 
-    names: tuple[str, ...] = ()
+    modules: tuple[ModuleType, ...] = ()
     values: tuple[np.ndarray, ...] = ()
     inertia: np.ndarray | None = None
 
     @property
-    def modules(self) -> tuple[ModuleType, ...]:
-        known = effects()
-        return tuple(known[n] for n in self.names)
+    def names(self) -> tuple[str, ...]:
+        return tuple(m.NAME for m in self.modules)
+
+    def value(self, name: str) -> np.ndarray:
+        """Parameters of one of the effects."""
+        return self.values[self.names.index(name)]
 
     @property
     def acting(self) -> Acting:
@@ -64,7 +67,7 @@ class Model:
             count = len(m.PARAMETERS)
             out.append((motion if kind else sensing)[at[kind] : at[kind] + count].copy())
             at[kind] += count
-        return Model(self.names, tuple(out), self.inertia)
+        return Model(self.modules, tuple(out), self.inertia)
 
 
 def model_of(sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = None) -> Model:
@@ -77,16 +80,17 @@ def model_of(sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = N
     for name in sizes:
         if name not in known:
             raise InputError(f"effect {name!r} is not known; there are {', '.join(known)}")
-    names = [n for n in known if n in sizes]
+    modules = [known[n] for n in known if n in sizes]
     values = []
-    for name in names:
-        value, count = sizes[name], len(known[name].PARAMETERS)
+    for module in modules:
+        name = module.NAME
+        value, count = sizes[name], len(module.PARAMETERS)
         array = np.zeros(count) if value is None else np.asarray(value, float).reshape(-1)
         if len(array) != count or not np.isfinite(array).all():
-            wanted = ", ".join(f"{q.name} [{q.unit}]" for q in known[name].PARAMETERS)
+            wanted = ", ".join(f"{q.name} [{q.unit}]" for q in module.PARAMETERS)
             raise InputError(f"effect {name}: give {count} finite numbers: {wanted}")
         values.append(array)
-    return Model(tuple(names), tuple(values), inertia)
+    return Model(tuple(modules), tuple(values), inertia)
 
 
 def lacks(effect: ModuleType, there: set[str]) -> str:
