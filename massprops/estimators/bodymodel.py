@@ -12,7 +12,7 @@ import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.alignment import LARGEST_MAHALANOBIS, align, horn, inverse_of, spread_out
-from massprops.estimators.jointfit import joint_step
+from massprops.estimators.jointfit import joint_step, shared_error
 
 MEDIAN_SQUARE = 2.366
 """Median of chi-square with three degrees of freedom."""
@@ -20,6 +20,7 @@ TRIPLES = 40
 WAVES = 60
 STEPS = 2
 POLISH = 3
+MODES = 24
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class BodyMotion:
         points: (m, 3) in body axes [m], NaN where unknown; good: (n, m) measurements that fit.
         scale: factor on the stated variance that the residuals ask for, at least 1.
         outliers: measurements that do not fit.
+        shared: (n, 3, s) turns about camera axes [rad] per unit of s independent errors of the body's points.
     """
 
     used: np.ndarray
@@ -43,6 +45,7 @@ class BodyMotion:
     good: np.ndarray
     scale: float
     outliers: int
+    shared: np.ndarray
 
 
 def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> BodyMotion | None:
@@ -121,7 +124,11 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
         q, shift, body = _together(q, shift, body, measured, information, good, used)
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
     outliers = int((seen & used[:, None] & ~good).sum())
-    return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers)
+    column = np.flatnonzero(good[used].any(axis=0))
+    one = np.ix_(used, column)
+    shared = np.full((n, 3, min(MODES, 3 * len(column))), np.nan)
+    shared[used] = shared_error(q[used], body[column], information[one] / scale, good[one], MODES)
+    return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers, shared)
 
 
 def _join(

@@ -52,3 +52,33 @@ def joint_step(
     damp = min(1.0, LARGEST_TURN / max(size, 1e-12))
     q = normalise(multiply(from_rotation_vector(damp * step[:, :3]), q))
     return q, shift + damp * step[:, 3:], body + damp * move.reshape(m, 3)
+
+
+def shared_error(q: np.ndarray, body: np.ndarray, information: np.ndarray, use: np.ndarray, modes: int) -> np.ndarray:
+    """How the body's own uncertainty turns every pose: (n, 3, s) turns about reference axes per unit error.
+
+    The s errors are independent and of unit variance; the largest are kept, by how far they turn the poses against
+    each other. Poses carry these errors in common, on top of their own.
+    """
+    n, m = use.shape
+    R = rotation_matrix(q)
+    W = np.where(use[..., None, None], information, 0.0)
+    by_pose = np.zeros((n, m, 3, 6))
+    by_pose[..., :3] = -cross_matrix(np.einsum("nij,mj->nmi", R, body))
+    by_pose[..., 3:] = np.eye(3)
+    WP = W @ by_pose
+    A = np.einsum("nmia,nmib->nab", by_pose, WP)
+    B = np.einsum("nmia,nij->namj", WP, R).reshape(n, 6, 3 * m)
+    C = np.einsum("nij,nmik->mjk", R, W @ R[:, None])
+    inverse = inverse_of(A)
+    inverse[0] = 0.0
+    AB = inverse @ B
+    S = -B.reshape(6 * n, 3 * m).T @ AB.reshape(6 * n, 3 * m)
+    for i in range(m):
+        S[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += C[i]
+    values, vectors = np.linalg.eigh(inverse_of(S))
+    turns = -AB[:, :3] @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    # what turns all poses alike only turns the body axes
+    apart = turns - turns.mean(axis=0)
+    size = np.sum(apart**2, axis=(0, 1))
+    return np.asarray(turns[:, :, np.argsort(-size)[:modes]])

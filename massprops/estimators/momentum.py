@@ -13,6 +13,7 @@ import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.alignment import inverse_of
+from massprops.estimators.rates import LocalFit
 from massprops.estimators.result import ratios
 
 LARGEST_SQUARE = 20.0
@@ -105,6 +106,7 @@ def momentum_inertia(
     block: np.ndarray | None = None,
     correlation: int = 1,
     first: np.ndarray | None = None,
+    noise: LocalFit | None = None,
 ) -> Momentum | None:
     """Errors-in-variables least squares for the inertia, over physically possible bodies only.
 
@@ -114,6 +116,8 @@ def momentum_inertia(
         block: (n,) numbers of blocks that each have a momentum of their own (when attitude drifts); one by default.
         correlation: epochs over which neighbouring rates share measurements.
         first: (3, 3) start; the plain least squares by default.
+        noise: where attitude and rates come from, so that errors which neighbours share are counted; without it the
+        residuals' own correlation serves.
 
     Returns:
         the result, or None with fewer than six usable epochs.
@@ -143,7 +147,9 @@ def momentum_inertia(
         use = keep
     problem = _Conservation(R[use], w[use], P[use], np.unique(place[use], return_inverse=True)[1])
     residual, H = problem.residual(inertia)
-    information, score = _information(problem, inertia, correlation)
+    information, score, J = _information(problem, inertia, correlation)
+    if noise is not None and noise.influence is not None:
+        score = _propagated(problem, inertia, J, rows[use], noise) * max(1.0, float(np.mean(residual**2)))
     share = problem.noise_share(inertia)
     inverse = np.linalg.pinv(information, hermitian=True)
     spread = inverse @ score @ inverse
@@ -210,8 +216,10 @@ class _Conservation:
         return np.asarray(np.einsum("nabjl,njl->ab", middle, rates, optimize=True))
 
 
-def _information(problem: _Conservation, inertia: np.ndarray, correlation: int) -> tuple[np.ndarray, np.ndarray]:
-    """Second derivative of half the cost, and the covariance of its first, both by central differences."""
+def _information(
+    problem: _Conservation, inertia: np.ndarray, correlation: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Second derivative of half the cost, covariance of its first, and the residuals' derivative (n, 3, 5)."""
     step = 2e-4
     offsets = np.concatenate([np.eye(5), -np.eye(5)]) * step
     raised = [problem.residual(inertia + np.einsum("a,aij->ij", o, DIRECTIONS))[0] for o in offsets]
@@ -229,7 +237,27 @@ def _information(problem: _Conservation, inertia: np.ndarray, correlation: int) 
             down = 0.5 * np.sum(problem.residual(inertia - np.einsum("a,aij->ij", both, DIRECTIONS))[0] ** 2)
             mixed = (up + down - half[a] - half[a + 5] - half[b] - half[b + 5] + 2 * middle) / (2 * step**2)
             information[a, b] = information[b, a] = mixed
-    return information, _long_run(score - score.mean(axis=0), correlation)
+    return information, _long_run(score - score.mean(axis=0), correlation), J
+
+
+def _propagated(
+    problem: _Conservation, inertia: np.ndarray, J: np.ndarray, rows: np.ndarray, noise: LocalFit
+) -> np.ndarray:
+    """Covariance (5, 5) of the score from that of every attitude measured and of what all of them share."""
+    assert noise.influence is not None and noise.index is not None and noise.sample_covariance is not None
+    _, L, H = problem.weights(inertia)
+    G = np.empty((len(rows), 3, 6))
+    G[:, :, :3] = -_cross(np.einsum("nji,nj->ni", problem.R, H[problem.block]))
+    G[:, :, 3:] = inertia
+    F = np.swapaxes(J, 1, 2) @ np.linalg.solve(L, G)
+    each = F[:, None] @ noise.influence[rows]
+    total = np.zeros((len(noise.q), 5, 3))
+    np.add.at(total, noise.index[rows], each)
+    score = np.einsum("nai,nij,nbj->ab", total, noise.sample_covariance, total)
+    if noise.shared is not None:
+        common = np.einsum("nax,nxs->as", F, noise.shared[rows])
+        score = score + common @ common.T
+    return np.asarray(score)
 
 
 def _long_run(score: np.ndarray, correlation: int) -> np.ndarray:

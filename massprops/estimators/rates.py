@@ -22,6 +22,8 @@ LARGEST_SWEEP = 2.0
 WORSE = 1.15
 """A longer window is taken while its residuals are no larger than this times the least."""
 SAMPLES = 60
+LARGEST_STEP = 0.2
+"""Rotation [rad] per Runge-Kutta step within a window."""
 LARGEST_SQUARE = 25.0
 
 
@@ -34,6 +36,9 @@ class LocalFit:
         covariance: (n, 6, 6) of a small turn about body axes [rad] and of the rates [rad/s].
         window: epochs in each fit; scale: factor on the stated variance that the residuals asked for.
         good: (n,) samples that fit their neighbours.
+        index: (n, L) samples in each fit; influence: (n, L, 6, 3) of a small turn of each about reference axes on the
+        smoothed turn and rates, or None. sample_covariance: (n, 3, 3) of those turns, scaled; shared: (n, 6, s) errors
+        that all samples have in common, of unit variance.
     """
 
     q: np.ndarray
@@ -42,23 +47,37 @@ class LocalFit:
     window: int
     scale: float
     good: np.ndarray
+    index: np.ndarray | None = None
+    influence: np.ndarray | None = None
+    sample_covariance: np.ndarray | None = None
+    shared: np.ndarray | None = None
 
 
-def from_attitude(times: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> LocalFit:
+def from_attitude(
+    times: np.ndarray,
+    q: np.ndarray,
+    covariance: np.ndarray,
+    shared: np.ndarray | None = None,
+    near: tuple[np.ndarray, np.ndarray] | None = None,
+) -> LocalFit:
     """Smoothed attitude and body rates from cubic rotation vectors over the longest window that follows the motion.
 
+    With `near`, an inertia and the rates of an earlier fit, the cubics follow the small difference from free rotation
+    instead of the rotation itself, which takes away what a cubic cannot follow.
+
     Args:
-        times: (n,) [s]; q: (n, 4) body to reference; covariance: (n, 3, 3) of a small turn about reference axes.
+        times: (n,) [s]; q: (n, 4) body to reference; covariance: (n, 3, 3) of a small turn about reference axes;
+        shared: (n, 3, s) turns that all samples have in common, per unit error. near: (3, 3) and (n, 3).
     """
     n = len(times)
     if n < 4:
         nothing = np.full((n, 6, 6), np.nan)
         return LocalFit(q.copy(), np.full((n, 3), np.nan), nothing, n, 1.0, np.ones(n, bool))
     use = np.ones(n, bool)
-    size = _best_size(times, lambda rows, L: _attitude_fit(times, q, covariance, rows, L, use)[2:4], n, _sweep(q))
+    size = _best_size(times, lambda rows, L: _attitude_fit(times, q, covariance, rows, L, use, near)[2:4], n, _sweep(q))
     for _ in range(3):
         every = np.arange(n)
-        c, spread, square, freedom, own = _attitude_fit(times, q, covariance, every, size, use)
+        c, spread, square, freedom, own, influence = _attitude_fit(times, q, covariance, every, size, use, near)
         scale = _scale(square, freedom)
         bad = own > LARGEST_SQUARE * max(scale, 1e-12)
         if (bad == ~use).all():
@@ -66,13 +85,18 @@ def from_attitude(times: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> L
         use = ~bad
     theta, slope = c[:, 0], c[:, 1]
     w = slope - 0.5 * np.cross(theta, slope)
+    if near is not None:
+        w = w + near[1]
     out = np.zeros((n, 6, 6))
     out[:, :3, :3], out[:, :3, 3:] = spread[:, :3, :3], spread[:, :3, 3:6]
     out[:, 3:, :3], out[:, 3:, 3:] = spread[:, 3:6, :3], spread[:, 3:6, 3:6]
     thin = freedom <= 0
     smooth = normalise(multiply(q, from_rotation_vector(theta)))
     smooth[thin], w[thin], out[thin] = np.nan, np.nan, np.nan
-    return LocalFit(smooth, w, out * max(scale, 1e-6), size, scale, use)
+    scale = max(scale, 1e-6)
+    index = _windows(times, every, size)[0]
+    common = None if shared is None else np.einsum("nlxj,nljs->nxs", influence, shared[index], optimize=True)
+    return LocalFit(smooth, w, out * scale, size, scale, use, index, influence, covariance * scale, common)
 
 
 def from_rates(times: np.ndarray, w: np.ndarray, sigma: float) -> LocalFit:
@@ -146,12 +170,24 @@ def _basis(tau: np.ndarray, unit: float, degree: int) -> np.ndarray:
 
 
 def _attitude_fit(
-    times: np.ndarray, q: np.ndarray, covariance: np.ndarray, rows: np.ndarray, size: int, use: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients (r, 4, 3), covariance of the first two (r, 6, 6), chi-square and freedom (r,), own square (r,)."""
-    index, near = _windows(times, rows, size)
-    taken = near & use[index]
-    phi = rotation_vector(multiply(conjugate(q[rows])[:, None], q[index]))
+    times: np.ndarray,
+    q: np.ndarray,
+    covariance: np.ndarray,
+    rows: np.ndarray,
+    size: int,
+    use: np.ndarray,
+    near: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Coefficients (r, 4, 3), covariance of the first two (r, 6, 6), chi-square and freedom (r,), own square (r,),
+    influence of each sample's turn about reference axes on the first two (r, L, 6, 3).
+    """
+    index, close = _windows(times, rows, size)
+    taken = close & use[index]
+    relative = multiply(conjugate(q[rows])[:, None], q[index])
+    if near is not None:
+        free = _free(times[index] - times[rows][:, None], near[1][rows], near[0])
+        relative = multiply(relative, conjugate(free))
+    phi = rotation_vector(relative)
     R = rotation_matrix(q[rows])[:, None]
     weight = np.swapaxes(R, -1, -2) @ inverse_of(covariance)[index] @ R
     weight = np.where(taken[..., None, None], weight, 0.0)
@@ -172,7 +208,46 @@ def _attitude_fit(
     inverse[:, :, 3:6] /= unit
     whole = np.swapaxes(R[:, 0], -1, -2) @ inverse_of(covariance)[rows] @ R[:, 0]
     own = np.einsum("ri,rij,rj->r", c[:, 0], whole, c[:, 0])
-    return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own
+    first = inverse[:, :6].reshape(len(rows), 6, d, 3)
+    first = np.concatenate([first[:, :, :1], first[:, :, 1:2] * unit, first[:, :, 2:]], axis=2)
+    influence = np.einsum("rxai,rla,rlij->rlxj", first, T, weight, optimize=True) @ np.swapaxes(R, -1, -2)
+    return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own, influence
+
+
+def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Free rotation (r, L, 4) from rates w (r, 3) at time zero to times tau (r, L), which ascend through zero."""
+    inverse = np.linalg.inv(inertia)
+    out = np.zeros((*tau.shape, 4))
+
+    def slope(y: np.ndarray) -> np.ndarray:
+        rate = y[:, 4:]
+        spin = np.concatenate([np.zeros((len(y), 1)), rate], axis=1)
+        push = -np.cross(rate, rate @ inertia) @ inverse
+        return np.concatenate([0.5 * multiply(y[:, :4], spin), push], axis=1)
+
+    middle = np.argmin(np.abs(tau), axis=1)
+    rows = np.arange(len(tau))
+    speed = float(np.nanmax(np.linalg.norm(w, axis=1)))
+    for side in (1, -1):
+        y = np.concatenate([np.tile([1.0, 0, 0, 0], (len(w), 1)), w], axis=1)
+        before = np.zeros(len(w))
+        for away in range(tau.shape[1]):
+            at = middle + side * away
+            inside = (at >= 0) & (at < tau.shape[1])
+            if not inside.any():
+                break
+            now = np.where(inside, tau[rows, np.clip(at, 0, tau.shape[1] - 1)], before)
+            steps = max(1, int(np.ceil(speed * float(np.abs(now - before).max()) / LARGEST_STEP)))
+            h = ((now - before) / steps)[:, None]
+            for _ in range(steps):
+                a = slope(y)
+                b = slope(y + h / 2 * a)
+                c = slope(y + h / 2 * b)
+                y = y + h / 6 * (a + 2 * b + 2 * c + slope(y + h * c))
+            y[:, :4] = normalise(y[:, :4])
+            out[rows[inside], at[inside]] = y[inside, :4]
+            before = now
+    return out
 
 
 def _rate_fit(

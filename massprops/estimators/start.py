@@ -16,6 +16,7 @@ from massprops.estimators.result import Prior
 from massprops.sensing.stereo import triangulate
 
 FEWEST = 6
+PASSES = 2
 
 
 @dataclass(frozen=True)
@@ -92,10 +93,9 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
     used = motion.used
     rows, times = rows[used], problem.times[rows[used]]
     q, origin = motion.q[used], motion.origin[used]
-    fit = rates.from_attitude(times, q, motion.covariance[used][:, :3, :3])
+    fit, w, found = _inertia(problem, times, q, motion.covariance[used][:, :3, :3], motion.shared[used])
     path = centre.centre_of_mass(times, q, origin, motion.covariance[used][:, 3:, 3:])
     features = motion.points - path.offset
-    q_inertial, w, found = _inertia(problem, times, fit, None)
     return Start(
         times,
         fit.q,
@@ -122,8 +122,7 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
     sigma = problem.sigma_attitude[rows]
     sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, np.nanmedian(np.where(sigma > 0, sigma, np.nan)))
     sigma = np.where(np.isfinite(sigma), sigma, 1e-3)
-    fit = rates.from_attitude(times, q, sigma[:, None, None] ** 2 * np.eye(3))
-    _, w, found = _inertia(problem, times, fit, None)
+    fit, w, found = _inertia(problem, times, q, sigma[:, None, None] ** 2 * np.eye(3), None)
     position = velocity = features = None
     scaled, warnings = True, []
     if problem.stereo:
@@ -186,17 +185,36 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
 
 
 def _inertia(
-    problem: Problem, times: np.ndarray, fit: rates.LocalFit, block: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, Momentum | None]:
-    """Attitude and rates against inertial axes, and the inertia that keeps the momentum."""
+    problem: Problem, times: np.ndarray, q: np.ndarray, covariance: np.ndarray, shared: np.ndarray | None
+) -> tuple[rates.LocalFit, np.ndarray, Momentum | None]:
+    """Smoothed attitude, rates against inertial axes, and the inertia that keeps the momentum.
+
+    The first fit takes the rates from cubics alone; the next ones from the difference to free rotation with the
+    inertia just found, which a cubic follows far better.
+    """
     chaser = chaser_attitude(problem, times)
-    if chaser is None:
-        q, w = fit.q, fit.w
-    else:
+    fit = rates.from_attitude(times, q, covariance, shared)
+    w, found = _conserved(chaser, fit, None)
+    for _ in range(PASSES):
+        if found is None or not np.isfinite(fit.w).all():
+            break
+        again = rates.from_attitude(times, q, covariance, shared, (found.inertia, fit.w))
+        w_again, found_again = _conserved(chaser, again, found.inertia)
+        if found_again is None:
+            break
+        fit, w, found = again, w_again, found_again
+    return fit, w, found
+
+
+def _conserved(
+    chaser: tuple[np.ndarray, np.ndarray] | None, fit: rates.LocalFit, first: np.ndarray | None
+) -> tuple[np.ndarray, Momentum | None]:
+    q, w = fit.q, fit.w
+    if chaser is not None:
         turn, spin = chaser
-        q = multiply(turn, fit.q)
-        w = fit.w + np.einsum("nji,nj->ni", rotation_matrix(fit.q), spin)
-    return q, w, momentum_inertia(q, w, fit.covariance, block, fit.window)
+        w = w + np.einsum("nji,nj->ni", rotation_matrix(q), spin)
+        q = multiply(turn, q)
+    return w, momentum_inertia(q, w, fit.covariance, None, fit.window, first, fit)
 
 
 def chaser_attitude(problem: Problem, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
