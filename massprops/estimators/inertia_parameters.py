@@ -1,8 +1,10 @@
 """Inertia up to scale as the unconstrained parameters a filter can add to.
 
 `principal` (2 parameters): the body frame is the principal frame. Euler's equations are w1_dot = a1 w2 w3 and so on
-with a1 = (I2 - I3)/I1, ...; bodies of positive mass have |a| < 1, and a = tanh(eta) gives eta1 + eta2 + eta3 = 0.
-The motion is nearly linear in eta, which k1, k2 are not, and every eta is a possible body (the triangle inequality).
+with a1 = (I2 - I3)/I1, a2 = (I3 - I1)/I2, a3 = (I1 - I2)/I3, tied by a1 + a2 + a3 + a1 a2 a3 = 0, and a body of positive
+mass has |a| < 1 (the triangle inequality). The parameters are a's coordinates in the plane a1 + a2 + a3 = 0, from which
+that surface departs by no more than a few hundredths for most bodies: the motion is nearly linear in them, which it is
+not in k1, k2, and plates and rods, where k1, k2 run off, are ordinary points of it.
 
 `general` (5 parameters): any body frame. I = L diag(e^a, 1, e^-b) L^T with L unit lower triangular (c1, c2, c3):
 positive definite for every value, and smooth where moments coincide.
@@ -17,25 +19,43 @@ import numpy as np
 PRINCIPAL, GENERAL = 2, 5
 """How many parameters each form has; the form is told by that number."""
 
-LARGEST_ETA = 3.0
-"""|a| = 0.995: no farther, or the motion would hardly depend on the parameter any more."""
+LARGEST_A = 0.995
+"""Bodies more slender than this are not looked for."""
 
 LARGEST_GENERAL = 5.0
 """A ratio of moments of 150: more slender than any spacecraft."""
 
 
+PLANE = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
+
+
 def within(parameters: np.ndarray) -> np.ndarray:
-    """The parameters, kept where the motion still depends on them."""
-    largest = LARGEST_ETA if parameters.shape[-1] == PRINCIPAL else LARGEST_GENERAL
-    return np.clip(parameters, -largest, largest)
+    """The parameters (..., 2 or 5), moved towards zero where they leave the bodies that are looked for."""
+    if parameters.shape[-1] == GENERAL:
+        return np.clip(parameters, -LARGEST_GENERAL, LARGEST_GENERAL)
+    for _ in range(3):
+        most = np.abs(np.stack(coupling(parameters), axis=-1)).max(axis=-1, keepdims=True)
+        parameters = parameters * np.where(most > LARGEST_A, LARGEST_A / most, 1.0)
+    return parameters
+
+
+def coupling(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """a1, a2, a3 of `principal` parameters (..., 2)."""
+    p1, p2 = parameters[..., 0], parameters[..., 1]
+    a1, a2, a3 = (PLANE[0, i] * p1 + PLANE[1, i] * p2 for i in range(3))
+    s = -a1 * a2 * a3 / 3.0
+    for _ in range(6):
+        b1, b2, b3 = a1 + s, a2 + s, a3 + s
+        s = s - (3.0 * s + b1 * b2 * b3) / (3.0 + b1 * b2 + b2 * b3 + b3 * b1)
+    return a1 + s, a2 + s, a3 + s
 
 
 def components(parameters: np.ndarray) -> tuple[np.ndarray, ...]:
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz, each (...), of parameters (..., 2) or (..., 5)."""
     if parameters.shape[-1] == PRINCIPAL:
-        a1, a2 = np.tanh(parameters[..., 0]), np.tanh(parameters[..., 1])
+        a1, a2, a3 = coupling(parameters)
         zero = np.zeros_like(a1)
-        return (1 - a2) / (1 + a1), zero + 1.0, (1 + a1 * a2) / (1 + a1), zero, zero, zero
+        return 3.0 + a2 * a3 + a3 - a2, 3.0 + a3 * a1 + a1 - a3, 3.0 + a1 * a2 + a2 - a1, zero, zero, zero
     a, b, c1, c2, c3 = (parameters[..., i] for i in range(GENERAL))
     d1, d3 = np.exp(a), np.exp(-b)
     return (
@@ -68,54 +88,54 @@ def from_inertia(tensor: np.ndarray) -> np.ndarray:
     )
 
 
-def ratios_of(eta: np.ndarray) -> np.ndarray:
+def ratios_of(parameters: np.ndarray) -> np.ndarray:
     """k1 = ln(Ix/Iy), k2 = ln(Iy/Iz) (..., 2) of `principal` parameters (..., 2), axes in their own order."""
-    xx, yy, zz, *_ = components(eta)
+    xx, yy, zz, *_ = components(parameters)
     return np.stack([np.log(xx / yy), np.log(yy / zz)], axis=-1)
 
 
 def from_ratios(k: np.ndarray) -> np.ndarray:
     """`principal` parameters (..., 2) of k1, k2 (..., 2); an impossible body becomes the nearest possible in each."""
+    return within(np.clip(_couplings(k), -LARGEST_A, LARGEST_A) @ PLANE.T)
+
+
+def _couplings(k: np.ndarray) -> np.ndarray:
+    """a (..., 3) of k1, k2, possible or not."""
     x, z = np.exp(k[..., 0]), np.exp(-k[..., 1])
-    largest = np.tanh(LARGEST_ETA)
-    a1 = np.clip((1.0 - z) / x, -largest, largest)
-    a2 = np.clip(z - x, -largest, largest)
-    return np.arctanh(np.stack([a1, a2], axis=-1))
+    return np.stack([(1.0 - z) / x, z - x, (x - 1.0) / z], axis=-1)
 
 
 def principal_prior(k: np.ndarray, sigma: np.ndarray, points: int = 61) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (B, 2) and covariance (B, 2, 2) of eta when k1, k2 are believed normal about k (B, 2) with `sigma` (2,).
+    """Mean (B, 2) and covariance (B, 2, 2) of `principal` parameters when k1, k2 are believed normal about k (B, 2) with `sigma` (2,).
 
     Only possible bodies count (|a1|, |a2|, |a3| < 1): moments of what is left of the normal distribution over a grid.
-    A belief that no possible body comes near becomes the nearest possible body, as uncertain as in eta it can be.
+    A belief that no possible body comes near becomes the nearest possible body, as uncertain as can be.
     """
     line = np.linspace(-4.0, 4.0, points)
     g1, g2 = np.meshgrid(line, line, indexing="ij")
     means, covariances = [], []
     for centre in np.atleast_2d(k):
         grid = np.stack([centre[0] + sigma[0] * g1.ravel(), centre[1] + sigma[1] * g2.ravel()], axis=-1)
-        eta = from_ratios(grid)
-        possible = (np.abs(ratios_of(eta) - grid).max(axis=-1) < 1e-6) & (np.abs(eta.sum(axis=-1)) < LARGEST_ETA)
+        a = from_ratios(grid)
+        possible = (np.abs(_couplings(grid)) < LARGEST_A).all(axis=-1)
         weight = np.where(possible, np.exp(-0.5 * (g1.ravel() ** 2 + g2.ravel() ** 2)), 0.0)
         if weight.sum() < 1e-6:
-            means.append(np.clip(from_ratios(centre), -2.0, 2.0))
-            covariances.append(np.eye(2))
+            means.append(0.9 * from_ratios(centre))
+            covariances.append(np.eye(2) / 3)
             continue
         weight = weight / weight.sum()
-        mean = weight @ eta
-        off = eta - mean
+        mean = weight @ a
+        off = a - mean
         means.append(mean)
         covariances.append((off * weight[:, None]).T @ off)
     return np.stack(means), np.stack(covariances)
 
 
-def ratios_jacobian(eta: np.ndarray) -> np.ndarray:
-    """d(k1, k2)/d(eta) (..., 2, 2) of `principal` parameters."""
-    a1, a2 = np.tanh(eta[..., 0]), np.tanh(eta[..., 1])
-    s1, s2 = 1 - a1 * a1, 1 - a2 * a2
-    product = 1 + a1 * a2
-    rows = [
-        [-s1 / (1 + a1), -s2 / (1 - a2)],
-        [s1 * (1 / (1 + a1) - a2 / product), -s2 * a1 / product],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+def ratios_jacobian(parameters: np.ndarray) -> np.ndarray:
+    """d(k1, k2)/d(parameters) (..., 2, 2) of `principal` parameters, by the complex step."""
+    columns = []
+    for i in range(PRINCIPAL):
+        moved = parameters.astype(complex)
+        moved[..., i] += 1e-150j
+        columns.append(ratios_of(moved).imag / 1e-150)
+    return np.stack(columns, axis=-1)
