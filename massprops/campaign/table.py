@@ -55,6 +55,8 @@ class Point:
 def _short(value: Any) -> str:
     if isinstance(value, list):
         return "+".join(_short(v) for v in value) or "none"
+    if isinstance(value, dict):
+        return str(value.get("name") or ", ".join(f"{k} {_short(v)}" for k, v in value.items()))
     if isinstance(value, float):
         return f"{value:g}"
     return str(value)
