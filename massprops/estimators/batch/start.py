@@ -1,0 +1,221 @@
+"""Where the batch search begins: the first guess, carried over the whole record by attitude fits of growing span."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.rigid_body import propagate
+from massprops.dynamics.surroundings import Surroundings
+from massprops.errors import NotPossible
+from massprops.estimators.batch.linearise import Predicted, predict
+from massprops.estimators.batch.measurements import Measurements, measurements_of
+from massprops.estimators.batch.solve import Belief, fit
+from massprops.estimators.batch.state import BatchState, physical
+from massprops.estimators.problem import Problem
+from massprops.estimators.start import Start
+from massprops.model import Model
+
+FIRST_TURNS = 1.0
+"""Span of the first attitude fit, in revolutions."""
+FEWEST_EPOCHS = 20
+
+
+@dataclass(frozen=True)
+class BatchStart:
+    """Where to begin and what may move.
+
+    Attributes:
+        state: the first state; free: (17,) parameters of motion and inertia that may move.
+        channels: sensors used; body_frame: as `Estimate`.
+        observed: (n, c, m) track observations of features that have a place.
+        notes: what was left out.
+    """
+
+    state: BatchState
+    free: np.ndarray
+    channels: tuple[str, ...]
+    body_frame: str
+    observed: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def batch_start(problem: Problem, start: Start, around: Surroundings, inertia: np.ndarray | None = None) -> BatchStart:
+    """A first state for the whole record.
+
+    Args:
+        start: the first guess; inertia: (3, 3) in body axes to begin with in place of the guess's.
+
+    Raises:
+        NotPossible: no attitude to begin with.
+    """
+    notes: list[str] = []
+    frame = start.body_frame
+    q, w = _inertial(start.q, start.times, around), start.w
+    moments = inertia if inertia is not None else start.inertia
+    moments = np.eye(3) if moments is None or not np.isfinite(moments).all() else moments
+    features = start.features
+    tracks = problem.has_tracks and start.position is not None and features is not None
+    if frame == "own" and problem.has_rates and problem.has_tracks:
+        turn = _gyroscope_frame(problem, start)
+        q = multiply(q, from_rotation_matrix(turn.T)[None])
+        w, moments = w @ turn.T, turn @ moments @ turn.T
+        features = None if features is None else features @ turn.T
+    moments = physical(3.0 * moments / np.trace(moments))
+    q0, w0 = _back(problem.times[0], start.times, q, w, moments)
+    r0, v0 = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    if tracks:
+        assert start.position is not None
+        v0 = start.velocity if start.velocity is not None else np.zeros(3)
+        r0 = start.position[0] - v0 * (start.times[0] - problem.times[0])
+    m = len(problem.features)
+    points = np.full((m, 3), np.nan) if features is None else np.array(features, float)
+    state = BatchState(q0, w0, r0, v0, moments, Model(), points)
+    state = _grow(problem, start, q, state, around)
+    channels = ["range", "rates"]
+    if problem.has_attitude:
+        channels.append("attitude")
+    if tracks and not (problem.has_attitude and not problem.stereo):
+        channels.append("tracks")
+    elif problem.has_tracks:
+        notes.append("the attitude history of one camera's footage is used in place of the tracks it came from")
+    if "tracks" not in channels:
+        channels.remove("range")
+    observed = np.zeros_like(problem.seen)
+    if "tracks" in channels:
+        state, observed = place_points(problem, state, around)
+        lost = int((problem.seen.any(axis=(0, 1)) & ~observed.any(axis=(0, 1))).sum())
+        if lost:
+            notes.append(f"{lost} features could not be placed: left out")
+        if not observed.any():
+            raise NotPossible("no feature could be placed on the body")
+    free = np.ones(17, bool)
+    if not (problem.has_attitude and "attitude" in channels):
+        free[:3] = False
+    if "tracks" not in channels:
+        free[6:12] = False
+    elif len(problem.cameras) == 1 and not problem.has_range:
+        # one camera cannot tell size from distance: the distance stays
+        free[8] = False
+    return BatchStart(state, free, tuple(channels), frame, observed, tuple(notes))
+
+
+def _inertial(q: np.ndarray, times: np.ndarray, around: Surroundings) -> np.ndarray:
+    """Attitude to inertial axes of an attitude to cam0."""
+    if not around.lvlh:
+        return q
+    return multiply(conjugate(from_rotation_matrix(around.chaser_turn(times))), q)
+
+
+def _gyroscope_frame(problem: Problem, start: Start) -> np.ndarray:
+    """(3, 3) from the start's own body axes to the gyroscope's: the turn that carries one's rates into the other's."""
+    rows = np.searchsorted(problem.times, start.times)
+    both = np.isfinite(problem.rates[rows]).all(axis=1)
+    if both.sum() < 3:
+        return np.eye(3)
+    U, _, Vt = np.linalg.svd(problem.rates[rows[both]].T @ start.w[both])
+    return U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+
+
+def _back(
+    first: float, times: np.ndarray, q: np.ndarray, w: np.ndarray, inertia: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """State at the first epoch of all from the first of the guess."""
+    if times[0] - first < 1e-9:
+        return q[0], w[0]
+    at, rate = propagate(q[0], w[0], inertia, np.array([times[0], first]))
+    return at[-1], rate[-1]
+
+
+def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, around: Surroundings) -> BatchState:
+    """Fits of the attitude history over spans that double until the whole record is covered."""
+    n = len(problem.times)
+    attitude, sigma = np.full((n, 4), np.nan), np.full(n, np.nan)
+    rows = np.clip(np.searchsorted(problem.times, start.times - 1e-9), 0, n - 1)
+    attitude[rows] = q
+    spread = np.sqrt(np.einsum("nii->n", start.covariance[:, :3, :3]) / 3.0)
+    spread = np.where(np.isfinite(spread) & (spread > 0), spread, np.nanmedian(spread))
+    sigma[rows] = np.maximum(spread, 1e-7)
+    still = replace(around_free(problem), attitude=attitude, sigma_attitude=sigma)
+    free = np.zeros(17, bool)
+    free[:6] = free[12:17] = True
+    quiet = Surroundings(replace(problem.environment, chaser_attitude="inertial"))
+    speed = float(np.median(np.linalg.norm(start.w, axis=1)))
+    span = max(FIRST_TURNS * 2 * np.pi / max(speed, 1e-12), problem.times[min(FEWEST_EPOCHS, n - 1)])
+    whole = float(problem.times[-1])
+    blank = replace(state, points=np.zeros((0, 3)))
+    while True:
+        inside = problem.times <= span
+        m = measurements_of(still, inside, channels=("attitude",))
+        if len(m.attitude_at) >= 6:
+            last = int(np.flatnonzero(inside)[-1]) + 1
+            found = fit(_until(still, last), m, blank, quiet, free, Belief(weak=1.0), most=25)
+            blank = found.state
+        if span >= whole:
+            break
+        span *= 2.0
+    return replace(state, q0=blank.q0, w0=blank.w0, inertia=blank.inertia)
+
+
+def around_free(problem: Problem) -> Problem:
+    """The problem without its tracks: attitudes alone need none of them."""
+    return replace(problem, uv=np.zeros((len(problem.times), 0, 0, 2)), features=np.zeros(0, int), cameras=())
+
+
+def _until(problem: Problem, last: int) -> Problem:
+    return replace(
+        problem,
+        stamp_ns=problem.stamp_ns[:last],
+        times=problem.times[:last],
+        uv=problem.uv[:last],
+        range_m=problem.range_m[:last],
+        rates=problem.rates[:last],
+        attitude=problem.attitude[:last],
+        sigma_attitude=problem.sigma_attitude[:last],
+    )
+
+
+def place_points(
+    problem: Problem, state: BatchState, around: Surroundings, observed: np.ndarray | None = None
+) -> tuple[BatchState, np.ndarray]:
+    """Feature points by linear triangulation over all epochs at the state's motion, where the state has none.
+
+    Returns:
+        the state with points, and which observations (n, c, m) belong to placed features.
+    """
+    m = measurements_of(problem, observed=observed, channels=("tracks",))
+    at = predict(problem, state, around)
+    rays, where = _ray_rows(problem, at, m)
+    points = state.points.copy()
+    usable = problem.seen if observed is None else problem.seen & observed
+    for j in np.flatnonzero(~np.isfinite(points).all(axis=1)):
+        own = m.seen.feature == j
+        if own.sum() < 2:
+            continue
+        A, b = rays[own].reshape(-1, 3), where[own].reshape(-1)
+        values = np.linalg.eigvalsh(A.T @ A)
+        if values[0] < 1e-8 * values[-1]:
+            continue
+        points[j] = np.linalg.lstsq(A, b, rcond=None)[0]
+    placed = np.isfinite(points).all(axis=1)
+    return replace(state, points=np.where(placed[:, None], points, 0.0)), usable & placed[None, None, :]
+
+
+def _ray_rows(problem: Problem, at: Predicted, m: Measurements) -> tuple[np.ndarray, np.ndarray]:
+    """(o, 2, 3) and (o, 2): a body point P lies on its ray where rows P = right-hand side."""
+    rows, right = np.zeros((len(m.uv), 2, 3)), np.zeros((len(m.uv), 2))
+    e = m.seen.epoch
+    turn = at.motion.turn[e] @ at.motion.R[e]
+    place = np.einsum("oij,oj->oi", at.motion.turn[e], at.motion.r[e])
+    for k, camera in enumerate(problem.cameras):
+        own = m.seen.camera == k
+        fu, fv, cu, cv = camera.intrinsics
+        x = (m.uv[own, 0] - cu) / fu
+        y = (m.uv[own, 1] - cv) / fv
+        for row, (axis, value) in enumerate(((0, x), (1, y))):
+            normal = camera.R[axis] - value[:, None] * camera.R[2]
+            rows[own, row] = np.einsum("oi,oij->oj", normal, turn[own])
+            right[own, row] = -np.sum(normal * (place[own] - camera.t), axis=1)
+    return rows, right

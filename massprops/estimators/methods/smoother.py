@@ -1,0 +1,160 @@
+"""Batch least squares over the whole record with the shared model: the reference for all other methods.
+
+Initial state, inertia, centre of mass, feature points and any effects of a model are found together by
+Levenberg-Marquardt with variational equations; the noise limit (Cramer-Rao) is what it reaches where the model holds.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics import rotation
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply
+from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.batch.linearise import inertia_directions
+from massprops.estimators.batch.measurements import measurements_of
+from massprops.estimators.batch.solve import Belief, Fit, fit
+from massprops.estimators.batch.start import BatchStart, batch_start
+from massprops.estimators.batch.state import ratio_slopes
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, Prior
+from massprops.model import Model
+
+NAME = "smoother"
+ORDER = 5
+SENTENCE = "batch least squares over the whole record, from the least-squares and momentum start"
+NEEDS = ("stereo|attitude|rates",)
+LARGEST_SIGMA_K = 0.18
+"""1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""
+LARGEST_SIGMA_AXES = 0.5
+"""1-sigma [rad] of a turn of the principal axes above which they are undetermined."""
+MISFIT = 2.0
+"""Chi-square over freedom beyond which the model does not explain the data."""
+
+
+def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = None) -> Estimate:
+    """Motion, inertia ratios and axes with their covariance.
+
+    Args:
+        model: effects that act besides free rotation, with their parameters as a start (`model.yaml`).
+
+    Raises:
+        NotPossible: no attitude to begin with.
+    """
+    from dataclasses import replace
+
+    begun = time.process_time()
+    around = Surroundings(problem.environment)
+    first = batch_start(problem, start, around)
+    state, free = first.state, first.free
+    if model is not None and model.modules:
+        state = replace(state, model=model)
+        free = np.concatenate([free, np.ones(state.size - 17, bool)])
+    m = measurements_of(problem, observed=first.observed, channels=first.channels)
+    belief = Belief()
+    if prior.inertia is not None and first.body_frame == "attitude0":
+        sigma = 0.05 if prior.k_sigma is None else float(np.max(prior.k_sigma))
+        belief = Belief(3.0 * prior.inertia / np.trace(prior.inertia), max(sigma, 1e-6))
+    found = fit(problem, m, state, around, free, belief)
+    return result(problem, first, found, around, time.process_time() - begun)
+
+
+def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
+    """(size, size) covariance of the parameters, zero for those held, inflated by a misfit; what the data do not show
+    gets `weak` times its scale."""
+    scale = np.sqrt(np.maximum(np.diag(found.information), 1e-300))
+    unit = found.information / scale[:, None] / scale
+    values, vectors = np.linalg.eigh(unit)
+    inverse = (vectors / np.maximum(values, 1.0 / weak**4)) @ vectors.T
+    own = inverse / scale[:, None] / scale * max(1.0, found.chi2 / found.freedom)
+    out = np.zeros((len(found.free), len(found.free)))
+    out[np.ix_(found.free, found.free)] = own
+    return out
+
+
+def result(problem: Problem, first: BatchStart, found: Fit, around: Surroundings, seconds: float) -> Estimate:
+    """The fit as an `Estimate`."""
+    state = found.state
+    covariance = covariance_of(found)
+    k, axes, slopes, turns = ratio_slopes(state.inertia)
+    block = covariance[12:17, 12:17]
+    k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
+    sigma = np.sqrt(np.diag(k_covariance))
+    reason = _unobservable(sigma, axes_covariance, state.w0, axes)
+    misfit = found.chi2 / found.freedom
+    converged = found.converged and np.isfinite(found.cost)
+    said = reason
+    if not said and not converged:
+        said = f"no rest after {found.iterations} iterations"
+    if not said and misfit > MISFIT:
+        said = f"residuals are {np.sqrt(misfit):.2g} times the stated noise: the model lacks something, try diagnose"
+    observable = not reason
+    turn, rate = rotation.sensitivities(
+        problem.times,
+        found.predicted.trajectory,
+        state.q0,
+        state.w0,
+        state.inertia,
+        inertia_directions(state.inertia),
+        state.model.acting,
+        state.model.flat(True),
+        around,
+    )
+    nm = state.motion_count
+    by_turn, by_path = np.r_[0:6, 12:17, 17 : 17 + nm], np.r_[6:12, 17 : 17 + nm]
+    own = covariance[np.ix_(by_turn, by_turn)]
+    path = covariance[np.ix_(by_path, by_path)]
+
+    def spread(J: np.ndarray, C: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.maximum(np.einsum("nij,jk,nik->ni", J, C, J), 0.0))
+
+    tracked = "tracks" in first.channels
+    cam = found.predicted.motion.turn
+    q = multiply(from_rotation_matrix(cam), found.predicted.q) if around.lvlh else found.predicted.q
+    placed = first.observed.any(axis=(0, 1)) if first.observed.size else np.zeros(len(problem.features), bool)
+    return Estimate(
+        NAME,
+        bool(converged),
+        observable,
+        said,
+        float(k[0]) if observable else None,
+        float(k[1]) if observable else None,
+        k_covariance,
+        state.inertia / 3.0,
+        axes if observable else None,
+        axes_covariance if observable else None,
+        problem.times,
+        q,
+        found.predicted.motion.w,
+        np.einsum("nij,nj->ni", cam, found.predicted.motion.r) if tracked else None,
+        np.einsum("nij,nj->ni", cam, found.predicted.motion.v) if tracked else None,
+        spread(turn, own),
+        spread(rate, own),
+        spread(found.predicted.dr, path) if tracked else None,
+        spread(found.predicted.dv, path) if tracked else None,
+        features=state.points[placed] if tracked else None,
+        feature_ids=problem.features[placed] if tracked else None,
+        body_frame=first.body_frame,
+        innovation=float(misfit),
+        gated=int((found.weights == 0).sum()),
+        used=int(found.count),
+        cpu_us_per_step=1e6 * seconds / len(problem.times),
+        warnings=first.notes,
+    )
+
+
+def _unobservable(sigma: np.ndarray, axes_covariance: np.ndarray, w0: np.ndarray, axes: np.ndarray) -> str:
+    """One line when the data do not show ratios or axes; empty when they do."""
+    if not np.isfinite(sigma).all() or sigma.max() > LARGEST_SIGMA_K:
+        along = np.abs(axes.T @ w0) / max(float(np.linalg.norm(w0)), 1e-300)
+        off = float(np.degrees(np.arccos(min(1.0, float(along.max())))))
+        return (
+            f"the motion does not show the ratios (1-sigma of k1, k2: {sigma[0]:.2g}, {sigma[1]:.2g}): "
+            f"it spins {off:.1f} deg from a principal axis, or is too short"
+        )
+    if np.sqrt(np.max(np.diag(axes_covariance))) > LARGEST_SIGMA_AXES:
+        return "the body is symmetric as far as the motion shows: its principal axes are not determined"
+    return ""
