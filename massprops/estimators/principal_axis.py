@@ -107,7 +107,6 @@ def filtered(
     path: ChaserPath,
     turn_noise: float,
     push_noise: float,
-    gated_from: int = 3,
 ) -> Filtered:
     """Runs the compiled filter; arrays as in `Problem`, noise densities [rad^2/s^3] and [m^2/s^3]."""
     from massprops.estimators.ekf_kernel import run
@@ -115,19 +114,15 @@ def filtered(
     f, P = start.f.copy(), start.P.copy()
     c = len(cameras)
     lens = np.array([x.intrinsics for x in cameras], float).reshape(c, 4)
-    out, sigma, passed, refused, total, rows = run(
+    x = np.concatenate([start.q, start.w, start.k, start.r, start.v, start.axes]).astype(float)
+    out, sigma, total = run(
         np.ascontiguousarray(times, float),
-        start.q.copy(),
-        start.w.copy(),
-        start.k.copy(),
-        start.axes.copy(),
-        np.array(start.r, float),
-        np.array(start.v, float),
+        x,
         f,
         P,
         lens,
-        np.array([x.R for x in cameras], float).reshape(c, 3, 3),
-        np.array([x.t for x in cameras], float).reshape(c, 3),
+        np.array([camera.R for camera in cameras], float).reshape(c, 3, 3),
+        np.array([camera.t for camera in cameras], float).reshape(c, 3),
         np.ascontiguousarray(uv, float),
         np.asarray(sigma_px, float) ** 2,
         np.ascontiguousarray(attitude, float),
@@ -137,7 +132,6 @@ def filtered(
         float(path.mu),
         float(turn_noise),
         float(push_noise),
-        gated_from,
     )
     return Filtered(
         out[:, :4],
@@ -149,9 +143,9 @@ def filtered(
         sigma,
         f,
         P,
-        int(passed),
-        int(refused),
-        float(total) / max(int(rows), 1),
+        int(total[0]),
+        int(total[1]),
+        float(total[2]) / max(float(total[3]), 1.0),
     )
 
 

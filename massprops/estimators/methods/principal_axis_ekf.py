@@ -11,7 +11,6 @@ from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multi
 from massprops.errors import NotPossible
 from massprops.estimators.chaser_path import ChaserPath, chaser_path
 from massprops.estimators.momentum import ratio_covariance
-from massprops.estimators.observability import shown_by
 from massprops.estimators.principal_axis import (
     Filtered,
     FilterStart,
@@ -22,6 +21,7 @@ from massprops.estimators.principal_axis import (
 from massprops.estimators.principal_frame import ratios_of_moments, unique_frame
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
+from massprops.estimators.shown import shown_by
 
 NAME = "principal-axis-ekf"
 ORDER = 60
@@ -102,7 +102,6 @@ def run_over(
         path,
         noise**2,
         push**2,
-        gated_from=0,
     )
 
 
