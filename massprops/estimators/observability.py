@@ -1,4 +1,4 @@
-"""Whether a motion can show the inertia at all: the information that attitudes along it would carry."""
+"""Whether a motion has shown the inertia ratios: a test on the information, never on a guess of what is enough."""
 
 from __future__ import annotations
 
@@ -6,72 +6,74 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.rotation import Acting, sensitivities, trajectory
-from massprops.dynamics.surroundings import Surroundings
-from massprops.sequence.data import Environment
+from massprops.estimators.momentum import Momentum, ratio_covariance
 
-LARGEST_SIGMA_K = 0.25
-"""1-sigma of k1 or k2 above which the data are said not to show it."""
-LARGEST_SIGMA_AXES = 0.5
-"""1-sigma [rad] of the turn of the principal axes above which they are undetermined."""
+SIGNIFICANT = 3.0
+"""Sigma that a difference needs to count."""
+SPREAD_OF_K = 0.36
+"""Standard deviation of k1 and of k2 over all physically possible bodies (0.40, 0.32), Sigma's eigenvalues drawn evenly
+from the triangle that they may lie in. A sigma of k as large says that nothing was learnt."""
+LEAST_GAIN = 2.0
+"""By what factor the data must narrow that spread."""
 
 
 @dataclass(frozen=True)
-class Shown:
-    """What attitudes would tell. sigma_k (2,); sigma_axes (3,) [rad] about the principal axes; reason: '' if enough."""
+class Judgement:
+    """Attributes:
+    observable: both ratios and the axes are shown. reason: one line when not.
+    k_covariance: (2, 2); axes_covariance: (3, 3) of a small turn about body axes [rad^2].
+    """
 
-    sigma_k: np.ndarray
-    sigma_axes: np.ndarray
+    observable: bool
     reason: str
+    k_covariance: np.ndarray
+    axes_covariance: np.ndarray
 
 
-def ratio_directions(moments: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Changes (5, 3, 3) of the inertia with k1, k2 and small turns of the axes about themselves.
+def judge(found: Momentum, correlation: int) -> Judgement:
+    """Three questions, in order.
 
-    Args:
-        moments: (3,) ascending; axes: (3, 3) their columns, right-handed.
-    """
-    a, b, c = moments
-    out = [np.diag([a, 0.0, 0.0]), np.diag([0.0, 0.0, -c])]
-    for i in range(3):
-        turn = np.zeros((3, 3))
-        j, k = (i + 1) % 3, (i + 2) % 3
-        turn[j, k] = turn[k, j] = moments[j] - moments[k]
-        out.append(turn)
-    return np.array([axes @ d @ axes.T for d in out])
-
-
-def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarray, inertia: np.ndarray) -> Shown:
-    """The Cramer-Rao limit of ratios and axes for torque-free motion seen through its attitude.
+    Do the rates change direction in the body by more than their noise does? (The information without the noise's
+    share, against how much that share scatters.) Do the ratios follow from it closely enough to have learnt
+    something? Are the three moments told apart, without which there are no principal axes?
 
     Args:
-        times: (n,) [s]; weight: (n,) one over the variance of the attitude at each [rad^-2], 0 where unseen.
-        q0: (4,), w0: (3,) at the first time, body axes [rad/s]; inertia: (3, 3) in body axes.
+        found: inertia from momentum; correlation: epochs over which neighbouring rates share measurements.
     """
-    inertia = 3.0 * inertia / np.trace(inertia)
-    moments, axes = np.linalg.eigh(inertia)
-    if np.linalg.det(axes) < 0:
-        axes[:, 1] = -axes[:, 1]
-    nothing = Acting((), ())
-    around = Surroundings(Environment())
-    none = np.zeros(0)
-    path = trajectory(times, q0, w0, inertia, nothing, none, around)
-    turn, _ = sensitivities(times, path, q0, w0, inertia, ratio_directions(moments, axes), nothing, none, around)
-    normal = np.einsum("n,nai,naj->ij", weight, turn, turn)
-    # a weak prior of one radian on each keeps the unobservable ones finite
-    prior = np.diag([0, 0, 0, 0, 0, 0, 1.0, 1.0, 1.0, 1.0, 1.0])
-    scale = np.sqrt(np.diag(normal + prior))
-    covariance = np.linalg.pinv((normal + prior) / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sigma_k, sigma_axes = sigma[6:8], sigma[8:11]
-    reason = ""
-    if sigma_k.max() > LARGEST_SIGMA_K:
-        along = axes.T @ w0 / max(float(np.linalg.norm(w0)), 1e-300)
-        most = float(np.degrees(np.arccos(min(1.0, float(np.abs(along).max())))))
-        reason = (
-            f"the motion does not show k1 and k2 (1-sigma {sigma_k[0]:.2g}, {sigma_k[1]:.2g}): "
-            f"it spins within {most:.1f} deg of a principal axis or is too short"
+    moments = np.linalg.eigvalsh(found.inertia)
+    k_covariance, axes_covariance, gaps = ratio_covariance(found.inertia, found.covariance)
+    sigma = np.sqrt(np.maximum(np.diag(k_covariance), 0.0))
+
+    def say(observable: bool, reason: str = "") -> Judgement:
+        return Judgement(observable, reason, k_covariance, axes_covariance)
+
+    count = max(int(found.used.sum()) / max(correlation, 1), 1.0)
+    strength = float(_relative(found.information, found.noise_share).min())
+    if strength < SIGNIFICANT * np.sqrt(2.0 / count):
+        return say(
+            False,
+            "the body turns about an axis that hardly moves in it: the rates change direction by no more than "
+            "their noise",
         )
-    elif sigma_axes.max() > LARGEST_SIGMA_AXES:
-        reason = "the body is symmetric within what the motion shows: its principal axes are not determined"
-    return Shown(sigma_k, sigma_axes, reason)
+    if not (sigma < SPREAD_OF_K / LEAST_GAIN).all():
+        return say(
+            False,
+            f"the motion shows the ratios too faintly: sigma of k1, k2 {sigma[0]:.2g}, {sigma[1]:.2g}, "
+            f"where all possible bodies differ by {SPREAD_OF_K}",
+        )
+    apart = np.diff(moments)
+    if not (apart > SIGNIFICANT * gaps).all():
+        which = "smaller" if apart[0] / max(gaps[0], 1e-300) < apart[1] / max(gaps[1], 1e-300) else "larger"
+        return say(
+            False,
+            f"the two {which} principal moments are equal within the noise: a symmetric body has no principal axes "
+            "to find there",
+        )
+    return say(True)
+
+
+def _relative(information: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Eigenvalues of the information in units of the noise's share."""
+    values, vectors = np.linalg.eigh(share)
+    half = vectors / np.sqrt(np.maximum(values, 1e-12 * max(float(values.max()), 1e-300)))
+    return np.asarray(np.linalg.eigvalsh(half.T @ information @ half))

@@ -35,6 +35,7 @@ class Start:
         momentum: how the inertia was found, or None. window: epochs that each rate comes from.
         scaled: whether lengths are in metres.
         outliers: measurements left out. warnings: what was assumed.
+        index: (k,) which of the problem's epochs these are. velocities: (k, 3) along the path, or None.
     """
 
     times: np.ndarray
@@ -53,6 +54,7 @@ class Start:
     scaled: bool = True
     outliers: int = 0
     index: np.ndarray | None = None
+    velocities: np.ndarray | None = None
 
 
 def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) -> Start:
@@ -113,6 +115,7 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
         True,
         motion.outliers + int((~fit.good).sum()),
         rows,
+        path.velocity,
     )
 
 
@@ -280,6 +283,7 @@ def _complete(start: Start) -> Start:
         q=start.q[ok],
         w=start.w[ok],
         position=None if start.position is None else start.position[ok],
+        velocities=None if start.velocities is None else start.velocities[ok],
         covariance=start.covariance[ok],
         index=None if start.index is None else start.index[ok],
         warnings=(*start.warnings, f"{int((~ok).sum())} lone epochs left out of the first guess"),

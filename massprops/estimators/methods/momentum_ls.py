@@ -1,0 +1,93 @@
+"""feng2018: the inertia ratios from conservation of angular momentum, all epochs at once."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from massprops.dynamics.quaternion import rotation_matrix
+from massprops.estimators.observability import judge
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, Prior, ratios
+from massprops.estimators.start import Start, first_guess
+
+NAME = "momentum-ls"
+ORDER = 10
+SENTENCE = (
+    "feng2018: attitude and rates by least squares, inertia from conserved angular momentum with errors in the rates."
+)
+NEEDS = "stereo tracks, or attitude0, or imu0"
+WORST_SQUARE = 4.0
+"""Mean squared residual in units of its stated covariance beyond which momentum is not conserved."""
+
+
+def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
+    """Motion, and inertia up to scale; the prior is not used, so that the answer stands alone."""
+    begun = time.process_time()
+    if start is None or start.index is None or start.times[-1] < _last(problem):
+        start = first_guess(problem, prior)
+    found = start.momentum
+    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", start.covariance), 0.0))
+    # turns about camera axes are what others compare
+    R = rotation_matrix(start.q)
+    turned = R @ start.covariance[:, :3, :3] @ np.swapaxes(R, 1, 2)
+    motion = {
+        "times": start.times,
+        "q": start.q,
+        "w": start.w,
+        "sigma_w": sigma[:, 3:],
+        "sigma_attitude": np.sqrt(np.maximum(np.einsum("nii->ni", turned), 0.0)),
+        "position": start.position,
+        "velocity": start.velocities,
+        "features": start.features,
+        "feature_ids": None if start.features is None else problem.features,
+        "body_frame": start.body_frame,
+        "gated": start.outliers,
+        "warnings": start.warnings,
+    }
+    used = {"used": 0 if found is None else int(found.used.sum())}
+    spent = {"cpu_us_per_step": (time.process_time() - begun) / max(len(start.times), 1) * 1e6}
+    if found is None:
+        return Estimate(NAME, False, False, "too few epochs with rates", **motion, **used, **spent)
+    judged = judge(found, start.window)
+    converged = bool(found.square < WORST_SQUARE)
+    reason = judged.reason
+    if not converged:
+        reason = (
+            f"angular momentum is not conserved: residuals {np.sqrt(found.square):.1f} times their noise; "
+            "a torque, or noise larger than stated"
+        )
+    quality = {"innovation": found.square}
+    if not judged.observable:
+        return Estimate(NAME, converged, False, reason, **motion, **used, **quality, **spent)
+    k, axes = ratios(found.inertia)
+    if np.linalg.det(axes) < 0:
+        axes = axes * np.array([1.0, 1.0, -1.0])
+    return Estimate(
+        NAME,
+        converged,
+        True,
+        reason,
+        k1=float(k[0]),
+        k2=float(k[1]),
+        k_covariance=judged.k_covariance,
+        inertia=found.inertia,
+        principal_axes=axes,
+        axes_covariance=judged.axes_covariance,
+        **motion,
+        **used,
+        **quality,
+        **spent,
+    )
+
+
+def _last(problem: Problem) -> float:
+    """Time of the last epoch that measures anything this method takes."""
+    if np.isfinite(problem.attitude).all(axis=1).any():
+        any_ = np.isfinite(problem.attitude).all(axis=1)
+    elif problem.stereo:
+        any_ = (problem.seen[:, 0] & problem.seen[:, 1]).sum(axis=1) >= 3
+    else:
+        any_ = np.isfinite(problem.rates).all(axis=1)
+    return float(problem.times[any_][-1]) if any_.any() else 0.0
