@@ -133,7 +133,7 @@ def correct(  # type: ignore[no-untyped-def]
     free = moving and not pinned
     r1 = [place[i] + (d[tr + i] if free else 0.0) for i in range(3)]
     v1 = [pace[i] + (d[tr + 3 + i] if free else 0.0) for i in range(3)]
-    p1 = p[:, :, None] + d[off:].reshape(m, 3, -1)
+    p1 = p[:, :, None] + d[off:].reshape(m, 3, d.shape[1])
     mid = product(*q, *s)
     h = sight(w1, q1, s1, r1, v1, p1, K, RC, TC, disparity, flow, extras, mid, pinned)
     h0 = h[:, 0]

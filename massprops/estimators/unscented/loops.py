@@ -266,8 +266,7 @@ def correct(  # type: ignore[no-untyped-def]
         while count < nu and index[count] < e + per * i:
             count += 1
         start[i] = count
-    if m > 0:
-        start[0] = 0
+    start[0] = 0  # what is not a feature's is touched by the rows before the features
     U = np.zeros((n + 3, n))
     U[:n] = P
     upper_factor(U, n)
@@ -363,8 +362,7 @@ def correct(  # type: ignore[no-untyped-def]
                 while count < nu and index[count] < e + per * i:
                     count += 1
                 start[i] = count
-            if m > 0:
-                start[0] = 0
+            start[0] = 0
             if nu == 0:
                 return
     # [S, cross-covariance, innovation] row by row, four sigma-point pairs at a time; zero rows make the count even

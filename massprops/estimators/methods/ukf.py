@@ -1,0 +1,29 @@
+"""kabir2025 section 2.2: unscented Kalman filter for motion, ratios and features, on any sequence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, Prior
+
+NAME = "ukf"
+ORDER = 30
+SENTENCE = "unscented Kalman filter for motion, k1, k2 and feature points (kabir2025)"
+NEEDS = ("stereo|attitude|rates",)
+
+
+def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+    """Motion and ratios by the filter, begun from the first part of the data.
+
+    Raises:
+        NotPossible: the first guess found no rotation or no inertia.
+    """
+    from massprops.estimators.unscented.features import run_through
+    from massprops.estimators.unscented.outcome import estimate_of
+    from massprops.estimators.unscented.setup import early_start, setup
+    from massprops.estimators.unscented.state import Settings
+
+    ready = setup(problem, prior, early_start(problem, prior, start))
+    passage = run_through(problem, ready, Settings())
+    return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :])
