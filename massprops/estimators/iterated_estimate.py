@@ -1,0 +1,163 @@
+"""From a run of the EKF or the iterated EKF to the estimate that every method gives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix
+from massprops.estimators.error_state import skew
+from massprops.estimators.inertia_parameters import GENERAL, inertia
+from massprops.estimators.iterated_run import Passage
+from massprops.estimators.iterated_setup import Setup
+from massprops.estimators.observability import ratio_directions, shown_by
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, ratios
+
+LEARNT, SHARP = 0.7, 0.05
+"""1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
+SURE = 3.0
+"""Sigmas by which two moments must differ for their axes to be determined."""
+RUNAWAY = 4.9
+
+
+def estimate_of(name: str, problem: Problem, setup: Setup, passage: Passage) -> Estimate:
+    """The estimate in the body axes that the start chose."""
+    layout = setup.layout
+    times = problem.times[setup.first :]
+    q, W, r, v, parameters = (
+        np.stack([getattr(s, part)[0] for s in passage.states]) for part in ("q", "W", "r", "velocity", "k")
+    )
+    P = passage.P
+    back = np.stack([setup.surroundings.camera_frame(float(t))[0].T for t in times])
+    R = rotation_matrix(q)
+    w = np.einsum("nji,nj->ni", R, W)
+    body_w = np.zeros((len(times), 3, layout.size))
+    body_w[:, :, layout.w] = np.swapaxes(R, 1, 2)
+    body_w[:, :, layout.theta] = skew(w)
+    moving = np.zeros((len(times), 3, layout.size))
+    moving[:, :, layout.u] = np.eye(3)
+    moving[:, :, layout.w] = -skew(r)
+    moving[:, :, layout.r] = skew(W)
+    tensor = inertia(parameters)
+    k, axes = ratios(tensor)
+    J = ratio_jacobian(parameters)
+    shape = J @ P[:, layout.k, layout.k] @ np.swapaxes(J, 1, 2)
+    k_sigma = np.sqrt(np.maximum(np.einsum("nii->ni", shape), 0.0))[:, :2]
+    last_axes = axes[-1] * np.array([1.0, 1.0, np.sign(np.linalg.det(axes[-1]))])
+    reason = _failure(passage, k, bool(np.isfinite(P).all() and np.isfinite(q).all()))
+    converged, observable = not reason, True
+    if converged:
+        reason = _hidden(problem, setup, passage, k[-1], k_sigma[-1], q, w, tensor[-1], times)
+        observable = not reason
+    known = np.isfinite(passage.points[:, 0])
+    points = setup.points
+    return Estimate(
+        name=name,
+        converged=converged,
+        observable=observable,
+        reason=reason,
+        k1=float(k[-1, 0]) if observable else None,
+        k2=float(k[-1, 1]) if observable else None,
+        k_covariance=shape[-1, :2, :2] if observable else None,
+        inertia=tensor[-1],
+        principal_axes=last_axes if observable else None,
+        axes_covariance=last_axes @ shape[-1, 2:, 2:] @ last_axes.T if observable else None,
+        times=times,
+        q=multiply(from_rotation_matrix(back), q),
+        w=w,
+        position=np.einsum("nij,nj->ni", back, r) if points else None,
+        velocity=np.einsum("nij,nj->ni", back, v) if points else None,
+        sigma_attitude=np.sqrt(np.einsum("nii->ni", P[:, layout.theta, layout.theta])),
+        sigma_w=_spread(body_w, P),
+        sigma_position=_spread(back, P[:, layout.r, layout.r]) if points else None,
+        sigma_velocity=_spread(back @ moving, P) if points else None,
+        k_history=k,
+        k_sigma_history=k_sigma,
+        features=passage.points[known] if points else None,
+        feature_ids=problem.features[known] if points else None,
+        body_frame=setup.body_frame,
+        innovation=float(passage.squares.sum() / max(int(passage.numbers.sum()), 1)),
+        gated=int(passage.gated.sum()),
+        used=int(passage.numbers.sum()),
+        cpu_us_per_step=1e6 * passage.cpu_s / max(len(times), 1),
+        warnings=(),
+    )
+
+
+def ratio_jacobian(parameters: np.ndarray) -> np.ndarray:
+    """(..., 5, 5): k1, k2 and small turns of the principal axes about themselves by the `general` parameters (..., 5)."""
+    h = 1e-6
+    step = h * np.eye(GENERAL)
+    change = (inertia(parameters[..., None, :] + step) - inertia(parameters[..., None, :] - step)) / (2 * h)
+    tensor = inertia(parameters)
+    flat = tensor.reshape(-1, 3, 3)
+    ways = []
+    for one in flat:
+        moments, axes = np.linalg.eigh(one)
+        axes = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
+        ways.append(np.concatenate([ratio_directions(moments, axes), one[None]]))
+    six = np.stack(ways)[:, :, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    changes = change.reshape(-1, GENERAL, 3, 3)[:, :, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    # a pair of equal moments has no axes: the pseudo-inverse leaves that turn out
+    out = np.swapaxes(changes, 1, 2)
+    solved = np.linalg.pinv(np.swapaxes(six, 1, 2), rcond=1e-9) @ out
+    return solved[:, :GENERAL].reshape(*parameters.shape[:-1], GENERAL, GENERAL)
+
+
+def _spread(J: np.ndarray, P: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.maximum(np.einsum("nai,nij,naj->na", J, P, J, optimize=True), 0.0)))
+
+
+def _failure(passage: Passage, k: np.ndarray, finite: bool) -> str:
+    half = slice(len(passage.squares) // 2, None)
+    late = float(passage.squares[half].sum() / max(int(passage.numbers[half].sum()), 1))
+    share = float(passage.gated.sum() / max(passage.gated.sum() + passage.numbers.sum(), 1))
+    if not finite:
+        return "the filter's state is not finite"
+    if share > 0.3:
+        return f"{share:.0%} of the measurements were refused"
+    if late > 4.0:
+        return f"the innovations are {np.sqrt(late):.1f} times what the stated noise allows"
+    if np.abs(k[-1]).max() > RUNAWAY:
+        return "the ratios ran away"
+    return ""
+
+
+def _hidden(
+    problem: Problem,
+    setup: Setup,
+    passage: Passage,
+    k: np.ndarray,
+    sigma: np.ndarray,
+    q: np.ndarray,
+    w: np.ndarray,
+    tensor: np.ndarray,
+    times: np.ndarray,
+) -> str:
+    """Why the ratios cannot be told from this motion; empty when they can."""
+    if sigma.max() > SHARP and sigma.max() > LEARNT * setup.k_sigma:
+        return f"the motion taught nothing of the ratios: 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, as at the start"
+    weight = _weight(problem, setup, passage, times)
+    # free motion runs backwards with the rates reversed: from the end, where the estimate is best
+    shown = shown_by(times[-1] - times[::-1], weight[::-1], q[-1], -w[-1], tensor)
+    if shown.reason:
+        return str(shown.reason)
+    if (np.abs(k) < SURE * sigma).any():
+        pair = "I1 and I2" if abs(k[0]) < SURE * sigma[0] else "I2 and I3"
+        return f"the body is symmetric within what the motion shows ({pair} are equal): its axes are not determined"
+    return ""
+
+
+def _weight(problem: Problem, setup: Setup, passage: Passage, times: np.ndarray) -> np.ndarray:
+    """(n,) one over the variance of the attitude that each epoch's measurements fix [rad^-2], 0 where there are none."""
+    if setup.points:
+        distance = np.array([np.linalg.norm(s.r[0]) for s in passage.states])
+        pixel = float(np.mean(problem.sigma_px)) / float(problem.cameras[0].intrinsics[0])
+        count = passage.numbers / 2.0
+        return np.where(count >= 3, count * (setup.size / (pixel * distance)) ** 2, 0.0)
+    if setup.share[1] > 0:
+        sigma = problem.sigma_attitude[setup.first :]
+        good = np.isfinite(sigma) & (sigma > 0)
+        return np.where(good, 1.0 / np.where(good, sigma, 1.0) ** 2, 0.0)
+    variance = np.mean(np.einsum("nii->ni", passage.P[:, setup.layout.theta, setup.layout.theta]), axis=1)
+    return np.where(passage.numbers > 0, 1.0 / np.maximum(variance, 1e-16), 0.0)

@@ -1,0 +1,240 @@
+"""From a problem and a first guess to the state that the EKF and the iterated EKF begin with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotate, rotation_matrix
+from massprops.errors import NotPossible
+from massprops.estimators.error_state import Layout, State, covariance_of, state_of
+from massprops.estimators.inertia_parameters import GENERAL, from_inertia
+from massprops.estimators.momentum import DIRECTIONS
+from massprops.estimators.observability import ratio_directions
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Prior
+from massprops.estimators.surroundings import Surroundings, surroundings_of
+from massprops.estimators.transition import ProcessNoise
+from massprops.estimators.unscented.setup import early_start, point_sigma, settled_epoch
+
+WIDER = 3.0
+"""The filter starts this many times wider than the first guess claims, for it reads the same data again."""
+WIDEST_K = 0.3
+"""1-sigma of k1, k2 and of the axes when nothing is known of them."""
+QUIET = 1e-5
+"""Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
+ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
+"""Unmodelled acceleration [m/s^2 per sqrt(s)] with the orbit known and without."""
+CENTRE_SHARE = 0.3
+"""1-sigma of the centre of mass at the start, as a share of the features' spread."""
+SLOTS = 16
+"""Features carried at a time."""
+ATTITUDE_SHARE = {True: 0.1, False: 0.5}
+"""By stereo or not: how much of the evidence attitude0 is given where tracks are used as well. Both come from the same
+images, with a correlation that nobody states; covariance intersection with these weights never claims too much."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A filter ready to run over epochs `first` and later.
+
+    Attributes:
+        layout, state, P: before the measurements of epoch `first`; one run.
+        slots: (SLOTS,) the problem's feature in each slot, -1 where none yet.
+        size: spread of the features [m]. share: (tracks, attitude) weights of the evidence, 0 where not used.
+        rates, ranges: whether imu0 and range0 are used.
+        k_sigma: 1-sigma of k1, k2 to start with. largest_rate [rad/s] for the integration steps.
+    """
+
+    layout: Layout
+    state: State
+    P: np.ndarray
+    slots: np.ndarray
+    first: int
+    size: float
+    share: tuple[float, float]
+    rates: bool
+    ranges: bool
+    k_sigma: float
+    noise: ProcessNoise
+    surroundings: Surroundings
+    largest_rate: float
+    body_frame: str
+    scaled: bool
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def points(self) -> bool:
+        return self.share[0] > 0
+
+
+def setup(problem: Problem, prior: Prior, given: Any) -> Setup:
+    """State and covariance from the first part of the data.
+
+    Raises:
+        NotPossible: no rotation or no inertia in the first guess.
+    """
+    start = early_start(problem, prior, given)
+    inertia, spread = _inertia(prior, start)
+    if inertia is None or not len(start.q):
+        raise NotPossible("the first guess found no rotation or no inertia to start from")
+    row = settled_epoch(start)
+    first = int(np.searchsorted(problem.times, start.times[row] - 1e-9))
+    around = surroundings_of(problem.environment)
+    C, _ = around.camera_frame(float(start.times[row]))
+    q = multiply(from_rotation_matrix(C), start.q[row])[None]
+    points = problem.has_tracks and start.features is not None and start.position is not None
+    features, slots, size = np.zeros((0, 3)), np.zeros(0, int), 0.0
+    position, velocity = np.zeros(3), np.zeros(3)
+    doubt = start.covariance[row] * WIDER**2
+    fine = 1.0
+    if points:
+        known = np.flatnonzero(np.isfinite(start.features[:, 0]))
+        size = float(
+            np.sqrt(np.mean(np.sum((start.features[known] - start.features[known].mean(axis=0)) ** 2, axis=1)))
+        )
+        slots = _first_slots(problem, known, first)
+        features = np.where((slots >= 0)[:, None], start.features[slots], 0.0)
+        position = C @ start.position[row]
+        velocity = np.zeros(3) if start.velocity is None else C @ start.velocity
+        fine = _fine(problem, start, row)
+    m = len(slots)
+    layout = Layout(m, GENERAL)
+    state = state_of(position[None], velocity[None], start.w[row][None], q, features[None], from_inertia(inertia)[None])
+    speed = float(np.nanmedian(np.linalg.norm(start.w, axis=1)))
+    length = max(float(start.times[-1] - start.times[0]), 1e-9)
+    place = np.array([fine**2 if slot >= 0 else 4 * size**2 for slot in slots])
+    centre = CENTRE_SHARE * size if points else 1.0
+    P = covariance_of(
+        layout,
+        state,
+        centre**2 * np.eye(3),
+        ((10 * fine / length) ** 2 + (speed * centre) ** 2) * np.eye(3),
+        rotation_matrix(q) @ (doubt[3:, 3:] + 1e-18 * np.eye(3)) @ np.swapaxes(rotation_matrix(q), -1, -2),
+        doubt[:3, :3] + 1e-12 * np.eye(3),
+        spread,
+        (place[:, None, None] + (centre**2 if points else 0.0)) * np.eye(3),
+    )
+    quiet = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
+    push = ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
+    own = start.body_frame == "own"
+    share = (0.0, 1.0 if problem.has_attitude else 0.0)
+    if points:
+        weight = ATTITUDE_SHARE[problem.stereo] if problem.has_attitude and not own else 0.0
+        share = (1.0 - weight, weight)
+    return Setup(
+        layout,
+        state,
+        P,
+        slots,
+        first,
+        size,
+        share,
+        # imu0 and the tracks need not share body axes
+        problem.has_rates and not points and (problem.has_attitude or own),
+        points and problem.has_range,
+        _k_sigma(inertia, spread),
+        ProcessNoise(quiet, push, 1e-9),
+        around,
+        2.0 * float(np.nanmax(np.linalg.norm(start.w, axis=1))),
+        start.body_frame,
+        bool(start.scaled),
+        tuple(start.warnings),
+    )
+
+
+def _inertia(prior: Prior, start: Any) -> tuple[np.ndarray | None, np.ndarray]:
+    """Inertia (3, 3) in the start's body axes, and the covariance (5, 5) of its parameters."""
+    tensor = start.inertia
+    if prior.inertia is not None:
+        same = prior.attitude and start.body_frame == "attitude0"
+        k = np.full(2, WIDEST_K) if prior.k_sigma is None else np.minimum(prior.k_sigma, 1.0)
+        axes = np.full(3, WIDEST_K) if prior.axes_sigma is None else np.minimum(prior.axes_sigma, WIDEST_K)
+        if same or tensor is not None:
+            moments, frame = np.linalg.eigh(prior.inertia)
+            if not same:
+                # other body axes: the prior's ratios on the axes that the motion shows
+                frame, axes = np.linalg.eigh(tensor)[1], np.full(3, WIDEST_K)
+            frame = frame * np.array([1.0, 1.0, np.sign(np.linalg.det(frame))])
+            tensor = frame @ np.diag(moments / moments.sum()) @ frame.T
+            J = _by_parameters(tensor, ratio_directions(moments / moments.sum(), frame))
+            return tensor, J @ np.diag(np.concatenate([k, axes]) ** 2) @ J.T
+    if tensor is None:
+        return None, np.eye(GENERAL)
+    J = _by_parameters(tensor, DIRECTIONS)
+    widest = WIDEST_K**2 * np.eye(GENERAL)
+    if start.momentum is None:
+        return tensor, widest
+    claimed = WIDER**2 * J @ start.momentum.covariance @ J.T + 1e-12 * np.eye(GENERAL)
+    # never wider than knowing nothing, along every direction
+    return tensor, np.linalg.inv(np.linalg.inv(claimed) + np.linalg.inv(widest))
+
+
+def _by_parameters(tensor: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(5, 5): change of the inertia's parameters by `directions` (5, 3, 3)."""
+    h = 1e-6 * float(np.linalg.eigvalsh(tensor)[0])
+    return np.stack([(from_inertia(tensor + h * d) - from_inertia(tensor - h * d)) / (2 * h) for d in directions], -1)
+
+
+def _k_sigma(tensor: np.ndarray, spread: np.ndarray) -> float:
+    """Larger 1-sigma of k1 and k2."""
+    moments, axes = np.linalg.eigh(tensor)
+    J = np.linalg.inv(_by_parameters(tensor, ratio_directions(moments, axes)))
+    return float(np.sqrt(np.max(np.diag(J @ spread @ J.T)[:2])))
+
+
+def _fine(problem: Problem, start: Any, row: int) -> float:
+    """1-sigma of a feature's place at the start, from one sight of it [m]."""
+    distance = float(np.linalg.norm(start.position[row]))
+    if problem.stereo:
+        return WIDER * float(point_sigma(problem, distance))
+    # one camera: depth comes from the turning body; a pixel at a lever of a tenth of a turn
+    return 10 * WIDER * distance * float(problem.sigma_px[0] / problem.cameras[0].intrinsics[0])
+
+
+def _first_slots(problem: Problem, known: np.ndarray, first: int) -> np.ndarray:
+    """The features to begin with: those placed and seen longest; slots left over wait for later ones."""
+    count = problem.seen[first:].sum(axis=(0, 1))
+    order = known[np.lexsort((known, -count[known]))]
+    slots = np.full(min(SLOTS, problem.uv.shape[2]), -1)
+    chosen = np.sort(order[: len(slots)])
+    slots[: len(chosen)] = chosen
+    return slots
+
+
+def place_feature(
+    setup: Setup, problem: Problem, epoch: int, feature: int, state: State
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Where a feature is at its first sight, (3,) and covariance (3, 3) in inertial axes from the chaser; or None.
+
+    Two cameras triangulate it; one camera puts it on its ray at the body's distance, as deep as the body is large.
+    """
+    from massprops.sensing.stereo import triangulate
+
+    C, _ = setup.surroundings.camera_frame(float(problem.times[epoch]))
+    uv = problem.uv[epoch, :, feature]
+    if problem.stereo:
+        point, covariance = triangulate(problem.cameras, uv, problem.sigma_px)
+        if not np.isfinite(point).all():
+            return None
+        covariance = 4.0 * covariance
+    else:
+        camera = problem.cameras[0]
+        ray = np.array([*(uv[0] - camera.intrinsics[2:]) / camera.intrinsics[:2], 1.0])
+        depth = float((camera.R @ (C.T @ state.r[0] - camera.t))[2])
+        if not np.isfinite(ray).all() or depth <= 0:
+            return None
+        point = camera.R.T @ (depth * ray) + camera.t
+        across = (2 * depth * problem.sigma_px[0] / camera.intrinsics[0]) ** 2
+        along = camera.R.T @ ray / np.linalg.norm(ray)
+        covariance = across * np.eye(3) + setup.size**2 * np.outer(along, along)
+    if np.linalg.norm(C @ point - state.r[0]) > 4 * setup.size + 6 * np.sqrt(np.trace(covariance)):
+        return None
+    return C @ point, C @ covariance @ C.T
+
+
+def body_points(state: State) -> np.ndarray:
+    """(m, 3) features of the one run, from the centre of mass in body axes."""
+    return np.asarray(rotate(state.q * [1, -1, -1, -1], state.X[0] - state.r))

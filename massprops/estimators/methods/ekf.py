@@ -1,0 +1,28 @@
+"""pesce2017: extended Kalman filter, with the second order of the images."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, Prior
+
+NAME = "ekf"
+ORDER = 20
+SENTENCE = "extended Kalman filter of second order for motion, inertia and feature points (pesce2017)"
+NEEDS = ("stereo|attitude|rates",)
+
+
+def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+    """Motion and ratios by the filter, begun from the first part of the data.
+
+    Raises:
+        NotPossible: the first guess found no rotation or no inertia.
+    """
+    from massprops.estimators.iterated import EKF
+    from massprops.estimators.iterated_estimate import estimate_of
+    from massprops.estimators.iterated_run import run_through
+    from massprops.estimators.iterated_setup import setup
+
+    ready = setup(problem, prior, start)
+    return estimate_of(NAME, problem, ready, run_through(problem, ready, EKF, second_order=True))

@@ -1,0 +1,28 @@
+"""pesce2017: iterated extended Kalman filter."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, Prior
+
+NAME = "iekf"
+ORDER = 25
+SENTENCE = "iterated extended Kalman filter for motion, inertia and feature points (pesce2017)"
+NEEDS = ("stereo|attitude|rates",)
+
+
+def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+    """Motion and ratios by the filter, begun from the first part of the data.
+
+    Raises:
+        NotPossible: the first guess found no rotation or no inertia.
+    """
+    from massprops.estimators.iterated import IEKF
+    from massprops.estimators.iterated_estimate import estimate_of
+    from massprops.estimators.iterated_run import run_through
+    from massprops.estimators.iterated_setup import setup
+
+    ready = setup(problem, prior, start)
+    return estimate_of(NAME, problem, ready, run_through(problem, ready, IEKF, second_order=False))
