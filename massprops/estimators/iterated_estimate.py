@@ -9,9 +9,9 @@ from massprops.estimators.error_state import skew
 from massprops.estimators.inertia_parameters import GENERAL, inertia
 from massprops.estimators.iterated_run import Passage
 from massprops.estimators.iterated_setup import Setup
-from massprops.estimators.observability import ratio_directions, shown_by
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, ratios
+from massprops.estimators.shown import ratio_directions, shown_by
 
 LEARNT, SHARP = 0.7, 0.05
 """1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
