@@ -68,6 +68,8 @@ def _knock(address: str) -> None:
 class Cluster:
     """A backend (see `engine`) on the workers of a scheduler."""
 
+    strict = True
+
     def __init__(self, address: str) -> None:
         """Connects.
 

@@ -1,6 +1,6 @@
 """Brings a plan's chunks to a backend and its rows to the store.
 
-A backend has `place`, `slots()`, `submit(key, task)`, `wait(seconds) -> [(key, reply)]` and `close()`; there are `Local`
+A backend has `place`, `strict`, `slots()`, `submit(key, task)`, `wait(seconds) -> [(key, reply)]` and `close()`; there are `Local`
 and `Cluster`. What a run is given and what its row holds are the same with both, and so are the chunks.
 """
 
@@ -29,6 +29,7 @@ class Backend(Protocol):
     """Where runs are done."""
 
     place: str
+    strict: bool  # refuses processes with other versions of the code
 
     def slots(self) -> int: ...
 
@@ -54,7 +55,7 @@ class Progress:
 Watch = Callable[[Progress], None]
 
 
-def task_of(plan: Plan, chunk: Chunk, folder: Path | None) -> dict[str, Any]:
+def task_of(plan: Plan, chunk: Chunk, folder: Path | None, strict: bool = False) -> dict[str, Any]:
     """What a worker is sent."""
     return {
         "kind": plan.kind,
@@ -63,6 +64,7 @@ def task_of(plan: Plan, chunk: Chunk, folder: Path | None) -> dict[str, Any]:
         "seeds": list(chunk.seeds),
         "folder": None if folder is None else str(folder / "runs" / f"{chunk.point:05d}"),
         "versions": versions(),
+        "strict": strict,
         "time_s": plan.time_s,
         "memory_mb": plan.memory_mb,
         "own_threads": load_kind(plan.kind).OWN_THREADS,
@@ -102,7 +104,7 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
                 return
             key = (chunk.point, chunk.seeds[0])
             flying[key] = chunk
-            backend.submit(key, task_of(plan, chunk, folder))
+            backend.submit(key, task_of(plan, chunk, folder, backend.strict))
 
     def say() -> None:
         if watch is not None:
@@ -146,6 +148,6 @@ def rows_of(chunk: Chunk, reply: Any) -> list[Row]:
     if "differs" in reply:
         check_versions(reply["worker"], reply["differs"])
     return [
-        Row(chunk.point, r["seed"], r["data"], r["error"], r["wall_s"], r["cpu_s"], reply["worker"])
+        Row(chunk.point, r["seed"], r["data"], r["error"], r["wall_s"], r["cpu_s"], reply["worker"], r["versions"])
         for r in reply["rows"]
     ]

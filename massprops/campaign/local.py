@@ -20,6 +20,7 @@ class Local:
     """A backend (see `engine`): each of `count` threads waits for a process of its own."""
 
     place = "this machine"
+    strict = False  # its processes run the installation that this one runs; an edit meanwhile is noted with the rows
 
     def __init__(self, count: int) -> None:
         self.count = count

@@ -94,10 +94,10 @@ def _failures(points: list[Point]) -> str:
 
 
 def _cost(points: list[Point], store: Store) -> str:
-    spent, workers = cost(points), {r.worker for p in points for r in p.rows}
+    spent, hosts = cost(points), {r.worker.rsplit(":", 1)[0] for p in points for r in p.rows}
     rows = [
         ("processor time", f"{number(spent['cpu_s'], 4)} s, {number(1e3 * spent['cpu_s_per_run'], 3)} ms a run"),
-        ("workers that made runs", str(len(workers))),
+        ("computers", str(len(hosts))),
     ]
     parts = [table(rows, numeric=())]
     sessions = list(store.sessions())

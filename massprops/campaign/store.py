@@ -44,6 +44,7 @@ class Row:
         error: why it failed, or None.
         wall_s, cpu_s: its share of its chunk's time [s].
         worker: host and process.
+        versions: of the code that made it, None for those of the session.
     """
 
     point: int
@@ -53,6 +54,7 @@ class Row:
     wall_s: float = 0.0
     cpu_s: float = 0.0
     worker: str = ""
+    versions: dict[str, str] | None = None
 
 
 class Store:
@@ -65,7 +67,8 @@ class Store:
             InputError: it belongs to another configuration, is no store, or cannot be written.
         """
         self.path = folder / FILE
-        self.session = 0
+        self.session, self.place = 0, ""
+        self.others: dict[str, int] = {}
         try:
             self.base = sqlite3.connect(self.path, isolation_level=None)
             self.base.execute("PRAGMA journal_mode=WAL")
@@ -94,10 +97,12 @@ class Store:
 
     def begin(self, place: str, versions: dict[str, str]) -> None:
         """Notes who makes the rows that follow."""
+        self.place, self.session = place, self._begun(place, versions)
+
+    def _begun(self, place: str, versions: dict[str, str]) -> int:
         values = (datetime.now(UTC).isoformat(timespec="seconds"), place, json.dumps(versions, sort_keys=True))
-        self.session = int(
-            self.base.execute("INSERT INTO sessions (begun, place, versions) VALUES (?, ?, ?)", values).lastrowid or 0
-        )
+        done = self.base.execute("INSERT INTO sessions (begun, place, versions) VALUES (?, ?, ?)", values)
+        return int(done.lastrowid or 0)
 
     def add(self, rows: list[Row]) -> None:
         """Adds rows in one transaction; a run that is there already stays as it is.
@@ -105,15 +110,24 @@ class Store:
         Raises:
             NotPossible: the disk is full or gone.
         """
-        values = [
-            (r.point, r.seed, json.dumps(r.data), r.error, r.wall_s, r.cpu_s, r.worker, self.session) for r in rows
-        ]
         try:
+            values = [
+                (r.point, r.seed, json.dumps(r.data), r.error, r.wall_s, r.cpu_s, r.worker, self._session_of(r))
+                for r in rows
+            ]
             self._transaction("INSERT OR IGNORE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
         except sqlite3.OperationalError as error:
             raise NotPossible(
                 f"{self.path}: {error}: free some space, then give the same command; finished runs are kept"
             ) from None
+
+    def _session_of(self, row: Row) -> int:
+        if row.versions is None:
+            return self.session
+        name = json.dumps(row.versions, sort_keys=True)
+        if name not in self.others:
+            self.others[name] = self._begun(self.place, row.versions)
+        return self.others[name]
 
     def _transaction(self, statement: str, values: list[tuple[Any, ...]]) -> None:
         self.base.execute("BEGIN IMMEDIATE")

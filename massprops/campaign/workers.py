@@ -36,6 +36,7 @@ class Reply:
     said: str = ""
     wall_s: float = 0.0
     cpu_s: float = 0.0
+    versions: dict[str, str] | None = None
 
 
 class Differs(Exception):
@@ -56,6 +57,7 @@ class Process:
             environment |= dict.fromkeys(ONE_THREAD, "1")
         out = None if os.environ.get("MASSPROPS_DEBUG") else subprocess.DEVNULL
         self.own_threads = own_threads
+        self.versions: dict[str, str] = {}
         self.child = subprocess.Popen(
             [sys.executable, "-m", "massprops.campaign.child"],
             stdin=subprocess.PIPE,
@@ -70,12 +72,17 @@ class Process:
         self.buffer = b""
 
     def ask(
-        self, request: dict[str, Any], versions: dict[str, str], time_s: float | None, memory_mb: float | None
+        self,
+        request: dict[str, Any],
+        versions: dict[str, str],
+        strict: bool,
+        time_s: float | None,
+        memory_mb: float | None,
     ) -> Reply:
         """Does one request; the time limit begins when the process has imported what it needs.
 
         Raises:
-            Differs: the process has other versions.
+            Differs: the process has other versions, and `strict`.
         """
         assert self.child.stdin is not None
         try:
@@ -86,12 +93,13 @@ class Process:
         ready = self._line(time.monotonic() + START_S, None)
         if not isinstance(ready, dict):
             return self._died() if ready == "died" else Reply(failure="time", said="its process did not start")
-        if ready["ready"] != versions:
-            raise Differs(ready["ready"])
+        self.versions = ready["ready"]
+        if strict and self.versions != versions:
+            raise Differs(self.versions)
         begun = time.monotonic()
         found = self._line(None if time_s is None else begun + time_s, memory_mb)
         if isinstance(found, dict):
-            spent = {"wall_s": found["wall_s"], "cpu_s": found["cpu_s"]}
+            spent = {"wall_s": found["wall_s"], "cpu_s": found["cpu_s"], "versions": self.versions}
             if "raised" in found:
                 return Reply(failure="raised", said=found["raised"], **spent)
             return Reply(found["rows"], **spent)
@@ -176,10 +184,11 @@ class Workers:
         is told from the others; a seed whose process died is done again once.
 
         Args:
-            task: kind, parameters, draw, seeds, folder, versions, time_s, memory_mb, own_threads.
+            task: kind, parameters, draw, seeds, folder, versions, strict, time_s, memory_mb, own_threads.
 
         Returns:
-            `rows`: per seed `seed`, `data`, `error`, `wall_s`, `cpu_s`; `worker`; or `differs`: versions here.
+            `rows`: per seed `seed`, `data`, `error`, `wall_s`, `cpu_s`, `versions` (None: the campaign's); `worker`;
+            or `differs`: the versions here, when `strict` and they are not the campaign's.
         """
         seeds = task["seeds"]
         try:
@@ -192,6 +201,9 @@ class Workers:
                 rows = [self._alone(task, seed, again=len(seeds) > 1) for seed in seeds]
         except Differs as error:
             return {"differs": error.theirs, "worker": whoami()}
+        for row in rows:
+            if row["versions"] == task["versions"]:
+                row["versions"] = None
         return {"rows": rows, "worker": whoami()}
 
     def _alone(self, task: dict[str, Any], seed: int, again: bool) -> dict[str, Any]:
@@ -205,7 +217,7 @@ class Workers:
         request = {key: task[key] for key in ("kind", "parameters", "draw", "folder")} | {"seeds": list(seeds)}
         time_s = None if task["time_s"] is None else task["time_s"] * len(seeds)
         try:
-            reply = process.ask(request, task["versions"], time_s, task["memory_mb"])
+            reply = process.ask(request, task["versions"], task["strict"], time_s, task["memory_mb"])
         except BaseException:
             process.end()
             self._give(process)
@@ -260,6 +272,7 @@ def _row(seed: int, reply: Reply, k: int = 0, count: int = 1) -> dict[str, Any]:
         "error": None if error in (None, "") else str(error),
         "wall_s": reply.wall_s / count,
         "cpu_s": reply.cpu_s / count,
+        "versions": reply.versions,
     }
 
 
