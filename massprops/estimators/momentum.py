@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.alignment import inverse_of
 from massprops.estimators.rates import LocalFit
-from massprops.estimators.result import ratios
 
 LARGEST_SQUARE = 20.0
 SMALLEST_PART = 1e-4
@@ -33,6 +31,7 @@ class Momentum:
         covariance: (5, 5) of the coordinates along `DIRECTIONS`.
         noise_share: (5, 5) the part of the raw information that the noise of the rates alone would give.
         square: mean squared residual in units of its stated variance. used: (n,) epochs that fit.
+        correlation: of the epochs used, how many share measurements.
     """
 
     inertia: np.ndarray
@@ -43,6 +42,7 @@ class Momentum:
     noise_share: np.ndarray
     square: float
     used: np.ndarray
+    correlation: int = 1
 
 
 def _directions() -> np.ndarray:
@@ -127,7 +127,11 @@ def momentum_inertia(
     fine = np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     if fine.sum() < 6:
         return None
-    rows = np.flatnonzero(fine)
+    # rates from overlapping windows repeat each other: a sixth of a window apart loses nothing
+    rows = np.flatnonzero(fine)[:: max(1, correlation // 6)]
+    correlation = int(np.ceil(correlation / max(1, correlation // 6)))
+    if len(rows) < 6:
+        return None
     R, w, P = rotation_matrix(q[rows]), w[rows], covariance[rows]
     place = np.zeros(len(rows), int) if block is None else np.unique(block[rows], return_inverse=True)[1]
     start = physical(plain_inertia(q[rows], w) if first is None else first, 0.02)
@@ -135,7 +139,8 @@ def momentum_inertia(
     inertia = start
     for _ in range(3):
         problem = _Conservation(R[use], w[use], P[use], np.unique(place[use], return_inverse=True)[1])
-        fits = [_solve(least_squares, problem, guess) for guess in (inertia, np.eye(3) / 3.0)]
+        guesses = (inertia, np.eye(3) / 3.0) if first is None and use.all() else (inertia,)
+        fits = [_solve(least_squares, problem, guess) for guess in guesses]
         inertia = min(fits, key=lambda pair: pair[0])[1]
         every = _Conservation(R, w, P, place)
         residual, _ = every.residual(inertia)
@@ -156,7 +161,7 @@ def momentum_inertia(
     used = np.zeros(len(q), bool)
     used[rows[use]] = True
     square_mean = float(np.mean(residual**2))
-    return Momentum(inertia, H, information, score, spread, share, square_mean, used)
+    return Momentum(inertia, H, information, score, spread, share, square_mean, used, correlation)
 
 
 def _solve(least_squares, problem: _Conservation, guess: np.ndarray) -> tuple[float, np.ndarray]:  # type: ignore[no-untyped-def]
@@ -302,15 +307,3 @@ def _cross(v: np.ndarray) -> np.ndarray:
     zero = np.zeros(len(v))
     rows = [[zero, -v[:, 2], v[:, 1]], [v[:, 2], zero, -v[:, 0]], [-v[:, 1], v[:, 0], zero]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-__all__ = [
-    "DIRECTIONS",
-    "Momentum",
-    "inverse_of",
-    "momentum_inertia",
-    "physical",
-    "plain_inertia",
-    "ratio_covariance",
-    "ratios",
-]

@@ -10,9 +10,9 @@ from massprops.estimators.momentum import Momentum, ratio_covariance
 
 SIGNIFICANT = 3.0
 """Sigma that a difference needs to count."""
-SPREAD_OF_K = 0.36
-"""Standard deviation of k1 and of k2 over all physically possible bodies (0.40, 0.32), Sigma's eigenvalues drawn evenly
-from the triangle that they may lie in. A sigma of k as large says that nothing was learnt."""
+SPREAD_OF_K = np.array([0.63, 0.16])
+"""Standard deviations of k1 and k2 over all physically possible bodies, Sigma's eigenvalues drawn evenly from the
+triangle that they may lie in. A sigma of k as large says that nothing was learnt."""
 LEAST_GAIN = 2.0
 """By what factor the data must narrow that spread."""
 
@@ -30,15 +30,12 @@ class Judgement:
     axes_covariance: np.ndarray
 
 
-def judge(found: Momentum, correlation: int) -> Judgement:
+def judge(found: Momentum) -> Judgement:
     """Three questions, in order.
 
     Do the rates change direction in the body by more than their noise does? (The information without the noise's
     share, against how much that share scatters.) Do the ratios follow from it closely enough to have learnt
     something? Are the three moments told apart, without which there are no principal axes?
-
-    Args:
-        found: inertia from momentum; correlation: epochs over which neighbouring rates share measurements.
     """
     moments = np.linalg.eigvalsh(found.inertia)
     k_covariance, axes_covariance, gaps = ratio_covariance(found.inertia, found.covariance)
@@ -47,7 +44,7 @@ def judge(found: Momentum, correlation: int) -> Judgement:
     def say(observable: bool, reason: str = "") -> Judgement:
         return Judgement(observable, reason, k_covariance, axes_covariance)
 
-    count = max(int(found.used.sum()) / max(correlation, 1), 1.0)
+    count = max(int(found.used.sum()) / max(found.correlation, 1), 1.0)
     strength = float(_relative(found.information, found.noise_share).min())
     if strength < SIGNIFICANT * np.sqrt(2.0 / count):
         return say(
@@ -59,7 +56,7 @@ def judge(found: Momentum, correlation: int) -> Judgement:
         return say(
             False,
             f"the motion shows the ratios too faintly: sigma of k1, k2 {sigma[0]:.2g}, {sigma[1]:.2g}, "
-            f"where all possible bodies differ by {SPREAD_OF_K}",
+            f"where all possible bodies spread by {SPREAD_OF_K[0]}, {SPREAD_OF_K[1]}",
         )
     apart = np.diff(moments)
     if not (apart > SIGNIFICANT * gaps).all():

@@ -50,7 +50,7 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
     spent = {"cpu_us_per_step": (time.process_time() - begun) / max(len(start.times), 1) * 1e6}
     if found is None:
         return Estimate(NAME, False, False, "too few epochs with rates", **motion, **used, **spent)
-    judged = judge(found, start.window)
+    judged = judge(found)
     converged = bool(found.square < WORST_SQUARE)
     reason = judged.reason
     if not converged:
