@@ -11,7 +11,8 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
 - `internal(t, z, p)`: angular momentum stored inside the body; with `STATES`, `internal_start(w, p)` and
   `internal_rate(t, w, z, p)` when it has states z of its own;
 - `jump(p)`: momentum added at the time parameter, body axes; `displacement(t, p)`: what is added to the path of the
-  centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes.
+  centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes;
+- `starts(span, speed)`: parameter vectors to begin a search with, where zero will not do.
 
 Functions of the measurement:
 
@@ -38,8 +39,10 @@ class Parameter:
         name: in `model.yaml`.
         unit: SI.
         size: what is common, in that unit; scales the search.
-        limit: largest plausible magnitude; None for no limit.
-        kind: `number`, or `time` for the moment of an event [s since the first timestamp].
+        limit: largest plausible magnitude; None for no limit. least: smallest plausible value; None for none.
+        kind: `number`; `time` for the moment of an event [s since the first timestamp]; `span` for the length of the
+            record [s], which is given, not found.
+        form: 0 always found; 1 only where the simpler form of the effect leaves something over.
     """
 
     name: str
@@ -47,6 +50,8 @@ class Parameter:
     size: float
     limit: float | None = None
     kind: str = "number"
+    least: float | None = None
+    form: int = 0
 
 
 Torque = Callable[..., tuple]
@@ -63,6 +68,16 @@ def effects() -> dict[str, ModuleType]:
                 module = import_module(f"massprops.{room}.effects.{path.stem}")
                 found[module.NAME] = module
     return found
+
+
+def searched(effect: ModuleType, form: int = 0) -> list[bool]:
+    """Which of an effect's parameters are found in a form of it."""
+    return [q.kind != "span" and q.form <= form for q in effect.PARAMETERS]
+
+
+def forms(effect: ModuleType) -> int:
+    """How many forms an effect has."""
+    return 1 + max(q.form for q in effect.PARAMETERS)
 
 
 def changes_motion(effect: ModuleType) -> bool:

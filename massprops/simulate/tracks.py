@@ -326,16 +326,24 @@ def _sized(
 
     parameters = effects()[name].PARAMETERS
     span = float(problem.times[-1])
-    draw = getattr(effects()[name], "draw", None)
-    way = np.array([q.size for q in parameters]) * (draw(rng) if draw else rng.standard_normal(len(parameters)))
-    timed = np.array([q.kind == "time" for q in parameters])
+    draws = rng.standard_normal(len(parameters))
+    draws = np.where([q.least is not None for q in parameters], 0.5 + np.abs(draws), draws)
+    way = np.array([q.size for q in parameters]) * draws
     when = span * rng.uniform(0.3, 0.7)
 
     def at(scale: float) -> np.ndarray:
-        out = scale * way
-        out[timed] = when
-        fixed = getattr(effects()[name], "fixed", None)
-        return out if fixed is None else fixed(out, way, span)
+        values = []
+        for q, v in zip(parameters, way, strict=True):
+            if q.kind == "time":
+                values.append(when)
+            elif q.kind == "span":
+                values.append(span)
+            else:
+                values.append(0.0 if q.form else scale * v)
+        if name == "energy-dissipation":
+            # the coupling is a rate, not a size: near the body's own, where friction is strongest
+            values[1] = float(np.linalg.norm(state.w0)) * (0.3 + draws[1])
+        return np.array(values)
 
     def rms(scale: float) -> float:
         try:
@@ -347,7 +355,7 @@ def _sized(
 
     if not len(base) or rms(10.0) < 1e-6 * target:
         # nothing of it shows in the tracks: three times what is common, whichever sign was drawn
-        return at(3.0 / max(float(np.max(np.abs(way / [q.size for q in parameters]))), 1e-9))
+        return at(3.0 / max(float(np.max(np.abs(draws))), 1e-9))
     low, high = 0.0, 1e-3
     while rms(high) < target and high < 1e7:
         low, high = high, high * 4

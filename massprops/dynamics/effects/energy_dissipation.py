@@ -5,8 +5,8 @@ from massprops.effects import Parameter
 NAME = "energy-dissipation"
 SENTENCE = "Something inside moves with friction (fuel, a damper): energy falls, angular momentum stays."
 PARAMETERS = (
-    Parameter("share", "1", 0.05, 1.0),
-    Parameter("coupling", "s^-1", 0.1, 1e3),
+    Parameter("share", "1", 0.05, 1.0, least=0.0),
+    Parameter("coupling", "s^-1", 0.1, 1e3, least=0.0),
 )
 NEEDS = ()
 STATES = 3
@@ -30,3 +30,8 @@ def internal_rate(t, w, z, p):
         drive * w[1] - p[1] * z[1] - (w[2] * z[0] - w[0] * z[2]),
         drive * w[2] - p[1] * z[2] - (w[0] * z[1] - w[1] * z[0]),
     )
+
+
+def starts(span, speed):
+    """A small sphere, slow, even and fast against the body's turning."""
+    return [(0.02, 0.05 * speed), (0.02, speed), (0.02, 10.0 * speed)]

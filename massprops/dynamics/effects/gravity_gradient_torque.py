@@ -5,7 +5,7 @@ from massprops.effects import Parameter
 
 NAME = "gravity-gradient-torque"
 SENTENCE = "The planet pulls the near side of the body harder than the far side and turns it."
-PARAMETERS = (Parameter("strength", "1", 1.0, 20.0),)
+PARAMETERS = (Parameter("strength", "1", 1.0, 3.0, least=0.3),)
 NEEDS = ("orbit",)
 
 

@@ -21,3 +21,8 @@ def displacement(t, p):
     """Path of the centre of mass after its velocity changed, inertial axes."""
     since = (t - p[0]) * (t.real > p[0].real)
     return since * p[4], since * p[5], since * p[6]
+
+
+def starts(span, speed):
+    """No knock, at moments spread over the record."""
+    return [(span * (k + 0.5) / 24, 0, 0, 0, 0, 0, 0) for k in range(24)]

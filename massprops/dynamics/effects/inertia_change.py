@@ -22,3 +22,8 @@ def shift(t, p):
     """The centre of mass moves by `centre` in body axes, so feature points move against it."""
     after = 1.0 * (t.real > p[0].real)
     return -after * p[7], -after * p[8], -after * p[9]
+
+
+def starts(span, speed):
+    """No change, at moments spread over the record."""
+    return [(span * (k + 0.5) / 16, 0, 0, 0, 0, 0, 0, 0, 0, 0) for k in range(16)]

@@ -10,7 +10,7 @@ import numpy as np
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.batch.state import BatchState, inertia_directions, moved
+from massprops.estimators.batch.state import BatchState, inertia_directions, log_shape, moved
 from massprops.estimators.problem import Problem
 
 HUBER = 3.0
@@ -19,16 +19,19 @@ GATE = 5.0
 """Beyond this it is an outlier, left out of the result and counted."""
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
+LARGEST_STEP = 1.0
+"""Of the inertia's shape in one iteration, as a change of logarithms."""
 
 
 @dataclass(frozen=True)
 class Belief:
     """What is believed beforehand: inertia (3, 3) trace 3 with sigma per element over the mean moment, or None;
-    weak: 1-sigma of the five local parameters about the present inertia, which keeps a blind fit in place."""
+    weak: otherwise, 1-sigma of the logarithm of the second moment's shape about a ball's, which any data that show the
+    inertia outweigh."""
 
     inertia: np.ndarray | None = None
     sigma: float = 0.05
-    weak: float = 3.0
+    weak: float = 1.5
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ def _believed(state: BatchState, belief: Belief | None) -> tuple[np.ndarray, np.
     if belief is None:
         return np.zeros(0), np.zeros((0, 5))
     if belief.inertia is None:
-        return np.zeros(5), np.eye(5) / belief.weak
+        return -log_shape(state.inertia) / belief.weak, np.eye(5) / belief.weak
     pick = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     off = state.inertia - belief.inertia
     ways = inertia_directions(state.inertia)
@@ -242,6 +245,13 @@ def _step(reduced: Reduced, damping: float, free: np.ndarray, state: BatchState)
         step = np.zeros(len(scale))
     d = np.zeros(len(free))
     d[free] = step
+    longest = float(np.linalg.norm(d[12:17]))
+    if not np.isfinite(d).all():
+        d[:] = step[:] = 0.0
+    elif longest > LARGEST_STEP:
+        # the shape of the inertia is linear over a small change only
+        d *= LARGEST_STEP / longest
+        step = d[free]
     points = state.points
     if len(points):
         back = reduced.c - np.einsum("fpi,p->fi", reduced.W, step)

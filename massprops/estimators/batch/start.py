@@ -21,6 +21,8 @@ from massprops.model import Model
 FIRST_TURNS = 1.0
 """Span of the first attitude fit, in revolutions."""
 FEWEST_EPOCHS = 20
+POOR = 1.5
+"""Chi-square over freedom of the attitude fit beyond which another beginning is tried."""
 
 
 @dataclass(frozen=True)
@@ -145,18 +147,39 @@ def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, arou
     speed = float(np.median(np.linalg.norm(start.w, axis=1)))
     span = max(FIRST_TURNS * 2 * np.pi / max(speed, 1e-12), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
-    blank = replace(state, points=np.zeros((0, 3)))
+
+    def grown(inertia: np.ndarray, w0: np.ndarray) -> tuple[BatchState, float]:
+        return _doubled(still, replace(state, inertia=inertia, w0=w0, points=np.zeros((0, 3))), quiet, free, span, whole)
+
+    best, misfit = grown(state.inertia, state.w0)
+    if not misfit < POOR:
+        # a flat spin or a ball gives a guess that means nothing: no preference is the better beginning
+        other, left = grown(np.eye(3), np.median(start.w, axis=0))
+        if not misfit <= left:
+            best = other
+    return replace(state, q0=best.q0, w0=best.w0, inertia=best.inertia)
+
+
+def _doubled(
+    still: Problem,
+    blank: BatchState,
+    quiet: Surroundings,
+    free: np.ndarray,
+    span: float,
+    whole: float,
+) -> tuple[BatchState, float]:
+    """The state after fits of doubling span, and the misfit of the last over its noise."""
+    misfit = np.inf
     while True:
-        inside = problem.times <= span
+        inside = still.times <= span
         m = measurements_of(still, inside, channels=("attitude",))
         if len(m.attitude_at) >= 6:
             last = int(np.flatnonzero(inside)[-1]) + 1
             found = fit(_until(still, last), m, blank, quiet, free, Belief(weak=1.0), most=25)
-            blank = found.state
+            blank, misfit = found.state, found.chi2 / found.freedom
         if span >= whole:
-            break
+            return blank, misfit
         span *= 2.0
-    return replace(state, q0=blank.q0, w0=blank.w0, inertia=blank.inertia)
 
 
 def around_free(problem: Problem) -> Problem:

@@ -53,6 +53,10 @@ BASIS = np.array(
 """Symmetric matrices without trace, orthonormal: the five shapes in which an inertia can differ but for its size."""
 
 
+LEAST = 1e-4
+"""Smallest part of a second moment over the largest: a plate this thin, or a rod, is still a body."""
+
+
 def second_moment(inertia: np.ndarray) -> np.ndarray:
     """Sigma = tr(I)/2 - I (3, 3): positive definite exactly when I is the inertia of a solid body."""
     return 0.5 * np.trace(inertia) * np.eye(3) - inertia
@@ -82,11 +86,18 @@ def inertia_directions(inertia: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
+def log_shape(inertia: np.ndarray) -> np.ndarray:
+    """(5,) logarithm of the second moment without its size, along `BASIS`: zero for a ball."""
+    values, vectors = np.linalg.eigh(second_moment(inertia))
+    return np.einsum("kij,ij->k", BASIS, (vectors * np.log(np.maximum(values, LEAST))) @ vectors.T)
+
+
 def moved_inertia(inertia: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Sigma^1/2 exp(sum d_k B_k) Sigma^1/2 as an inertia: physical for every d (5,)."""
     values, vectors = np.linalg.eigh(np.tensordot(d, BASIS, 1))
     root = _root(second_moment(inertia))
-    return inertia_of(root @ (vectors * np.exp(np.clip(values, -5, 5))) @ vectors.T @ root)
+    sigma, own = np.linalg.eigh(root @ (vectors * np.exp(np.clip(values, -5, 5))) @ vectors.T @ root)
+    return inertia_of((own * np.maximum(sigma, LEAST * sigma[-1])) @ own.T)
 
 
 def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:

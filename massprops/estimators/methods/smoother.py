@@ -15,7 +15,7 @@ from massprops.dynamics import rotation
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.linearise import inertia_directions
-from massprops.estimators.batch.measurements import measurements_of
+from massprops.estimators.batch.measurements import Measurements, measurements_of
 from massprops.estimators.batch.solve import Belief, Fit, fit
 from massprops.estimators.batch.start import BatchStart, batch_start
 from massprops.estimators.batch.state import ratio_slopes
@@ -31,6 +31,10 @@ LARGEST_SIGMA_K = 0.18
 """1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""
 LARGEST_SIGMA_AXES = 0.5
 """1-sigma [rad] of a turn of the principal axes above which they are undetermined."""
+NEARLY_FLAT = 0.15
+"""Largest turn [rad] of the angular velocity in the body below which rival inertias are tried."""
+RIVAL_CHI2 = 12.0
+"""Difference of chi-square within which a rival explains the data as well."""
 MISFIT = 2.0
 """Chi-square over freedom beyond which the model does not explain the data."""
 
@@ -59,7 +63,51 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
         sigma = 0.05 if prior.k_sigma is None else float(np.max(prior.k_sigma))
         belief = Belief(3.0 * prior.inertia / np.trace(prior.inertia), max(sigma, 1e-6))
     found = fit(problem, m, state, around, free, belief)
-    return result(problem, first, found, around, time.process_time() - begun)
+    rival = None
+    if _turn_in_body(found.predicted.motion.w) < NEARLY_FLAT:
+        found, rival = _rivals(problem, m, found, around, belief)
+    return result(problem, first, found, around, time.process_time() - begun, rival)
+
+
+def _turn_in_body(w: np.ndarray) -> float:
+    """Largest angle [rad] of the angular velocity in the body from its mean direction."""
+    way = w / np.maximum(np.linalg.norm(w, axis=1, keepdims=True), 1e-300)
+    mean = way.mean(axis=0)
+    return float(np.arccos(np.clip(np.min(way @ mean) / max(float(np.linalg.norm(mean)), 1e-300), -1, 1)))
+
+
+def _rivals(
+    problem: Problem, m: Measurements, found: Fit, around: Surroundings, belief: Belief
+) -> tuple[Fit, str | None]:
+    """The best of fits that begin with other inertias, and what is said when one differs but explains as much.
+
+    Near a flat spin the linear covariance holds at one answer and says nothing of the others.
+    """
+    from dataclasses import replace
+
+    moments, axes = np.linalg.eigh(found.state.inertia)
+    along = int(np.argmax(np.abs(axes.T @ found.state.w0)))
+    others = [i for i in range(3) if i != along]
+    starts = [np.eye(3)]
+    for place in range(3):
+        new = np.empty(3)
+        rest = np.delete(moments, place)
+        new[along], new[others[0]], new[others[1]] = moments[place], rest[0], rest[1]
+        starts.append((axes * new) @ axes.T)
+    fits = [found]
+    best = found
+    for inertia in starts:
+        other = fit(problem, m, replace(found.state, inertia=inertia), around, found.free, belief)
+        if not np.isfinite(other.cost):
+            continue
+        fits.append(other)
+        best = min(fits, key=lambda f: f.cost)
+        k = ratio_slopes(best.state.inertia)[0]
+        for f in fits:
+            off = np.max(np.abs(ratio_slopes(f.state.inertia)[0] - k))
+            if 2 * (f.cost - best.cost) < RIVAL_CHI2 and off > LARGEST_SIGMA_K:
+                return best, "bodies of quite different inertia explain this motion as well: it is nearly a flat spin"
+    return best, None
 
 
 def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
@@ -75,7 +123,14 @@ def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
     return out
 
 
-def result(problem: Problem, first: BatchStart, found: Fit, around: Surroundings, seconds: float) -> Estimate:
+def result(
+    problem: Problem,
+    first: BatchStart,
+    found: Fit,
+    around: Surroundings,
+    seconds: float,
+    rival: str | None = None,
+) -> Estimate:
     """The fit as an `Estimate`."""
     state = found.state
     covariance = covariance_of(found)
@@ -83,7 +138,7 @@ def result(problem: Problem, first: BatchStart, found: Fit, around: Surroundings
     block = covariance[12:17, 12:17]
     k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
     sigma = np.sqrt(np.diag(k_covariance))
-    reason = _unobservable(sigma, axes_covariance, state.w0, axes)
+    reason = rival or _unobservable(sigma, axes_covariance, state.w0, axes)
     misfit = found.chi2 / found.freedom
     converged = found.converged and np.isfinite(found.cost)
     said = reason
