@@ -62,6 +62,7 @@ def start_in_frame(
     f: np.ndarray,
     sigma: dict[str, float | np.ndarray],
     body_fixed: bool = False,
+    place: np.ndarray | None = None,
 ) -> FilterStart:
     """A start in the principal frame, with its axes' uncertainty shared by attitude, rate and features.
 
@@ -72,6 +73,8 @@ def start_in_frame(
         frame: (3, 3) principal axes as columns in body axes; q (4,), w (3,), f (m, 3): in body axes.
         sigma: 1-sigma of attitude, rate, k (2,), axes (3,), position, velocity, features; zero position and
             velocity where there are none.
+        place: (6 + 3 m, 6 + 3 m) covariance of position and velocity (inertial) and features (body axes), whose
+            correlations matter: a wrong centre of mass moves all features and circles with the body.
         body_fixed: the body axes are measured (`attitude0`), and the turn to them is a state.
     """
     m = len(f)
@@ -90,6 +93,13 @@ def start_in_frame(
         shared[8:11] = np.eye(3)
     for i in range(m):
         shared[BASE + 3 * i : BASE + 3 * i + 3] = cross_matrix(f[i])
+    if place is not None:
+        at = np.r_[11:17, BASE : BASE + 3 * m]
+        turned = np.zeros((len(at), len(at)))
+        turned[:6, :6] = np.eye(6)
+        for i in range(m):
+            turned[6 + 3 * i : 9 + 3 * i, 6 + 3 * i : 9 + 3 * i] = frame.T
+        P[np.ix_(at, at)] += turned @ place @ turned.T
     spread = np.broadcast_to(np.asarray(sigma["axes"], float) ** 2, 3)
     P += (shared * spread) @ shared.T
     turn = from_rotation_matrix(frame)

@@ -22,6 +22,8 @@ from massprops.estimators.principal_frame import ratios_of_moments, unique_frame
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
 from massprops.estimators.shown import shown_by
+from massprops.estimators.stereo_path import linear_path
+from massprops.sensing.stereo import triangulate
 
 NAME = "principal-axis-ekf"
 ORDER = 60
@@ -80,7 +82,7 @@ def followed(problem: Problem, prior: Prior, start: Any, noise: float, push: flo
     path = chaser_path(problem.environment, problem.times[first:])
     points = problem.stereo and start.features is not None and start.position is not None
     chosen = _longest(problem, start) if points else np.zeros(0, int)
-    begin = _begin(problem, prior, start, frame, moments, chosen, points, path.q[0])
+    begin = _begin(problem, prior, start, frame, moments, chosen, points, path)
     return Followed(first, frame, chosen, points, path.q, run_over(problem, begin, first, chosen, path, noise, push))
 
 
@@ -113,13 +115,6 @@ def _longest(problem: Problem, start: Any) -> np.ndarray:
     return np.sort(order[known[order]][:MOST_FEATURES])
 
 
-def _point_sigma(problem: Problem, distance: float) -> float:
-    """1-sigma in depth of one stereo point [m], which bounds what features and centre of mass start with."""
-    base = float(np.linalg.norm(problem.cameras[1].t - problem.cameras[0].t))
-    pixel = float(np.hypot(*(problem.sigma_px[:2] / [c.intrinsics[0] for c in problem.cameras])))
-    return distance**2 * pixel / base
-
-
 def _begin(
     problem: Problem,
     prior: Prior,
@@ -128,11 +123,11 @@ def _begin(
     moments: np.ndarray,
     chosen: np.ndarray,
     points: bool,
-    camera: np.ndarray,
+    path: ChaserPath,
 ) -> FilterStart:
     """State and spread at the start's first time."""
     f = start.features[chosen] if points else np.zeros((0, 3))
-    length = max(float(start.times[-1] - start.times[0]), 1e-9)
+    camera = path.q[0]
     spread = WIDER * np.sqrt(np.maximum(np.diagonal(start.covariance[0]), 0.0))
     k, axes = np.array([0.3, 0.3]), np.full(3, 0.3)
     if start.momentum is not None:
@@ -142,20 +137,47 @@ def _begin(
     if prior.inertia is not None and start.momentum is None:
         k = k if prior.k_sigma is None else prior.k_sigma
         axes = axes if prior.axes_sigma is None else prior.axes_sigma
-    place = _point_sigma(problem, float(np.linalg.norm(start.position[0]))) if points else 0.0
     q = multiply(camera, start.q[0])
     sigma = {
         "attitude": np.maximum(spread[:3].max(), 1e-5),
         "rate": np.maximum(spread[3:].max(), 1e-9),
         "k": k,
         "axes": axes,
-        "position": place,
-        "velocity": 10 * place / length,
-        "features": place,
+        "position": 0.0,
+        "velocity": 0.0,
+        "features": 0.0,
     }
-    r = rotate(camera, start.position[0]) if points else np.zeros(3)
-    v = rotate(camera, start.velocity) if points and start.velocity is not None else np.zeros(3)
-    return start_in_frame(frame, q, start.w[0], ratios_of_moments(moments), r, v, f, sigma, body_fixed=not points)
+    r, v, place = np.zeros(3), np.zeros(3), None
+    if points:
+        r, v, f, place = _placed(problem, start, chosen, path)
+        place = WIDER**2 * place
+    return start_in_frame(
+        frame, q, start.w[0], ratios_of_moments(moments), r, v, f, sigma, body_fixed=not points, place=place
+    )
+
+
+def _placed(
+    problem: Problem, start: Any, chosen: np.ndarray, path: ChaserPath
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Position and velocity (inertial) at the start's first time, features (m, 3) in its body axes, and covariance."""
+    rows = np.searchsorted(problem.times, start.times - 1e-9)
+    points, covariance = triangulate(
+        problem.cameras, np.moveaxis(problem.uv[np.ix_(rows, [0, 1], chosen)], 1, 2), problem.sigma_px
+    )
+    there = rows - rows[0]
+    C = rotation_matrix(path.q[there])[:, None]
+    f = start.features[chosen]
+    size = 3.0 * float(np.sqrt(np.mean(np.sum(f * f, axis=1))))
+    part = ChaserPath(path.q[there], path.place[there], path.mu)
+    x, spread = linear_path(
+        start.times,
+        multiply(path.q[there], start.q),
+        (C @ points[..., None])[..., 0],
+        C @ covariance @ np.swapaxes(C, -1, -2),
+        part,
+        size,
+    )
+    return x[:3], x[3:6], x[6:].reshape(-1, 3), spread
 
 
 def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:

@@ -1,0 +1,89 @@
+"""Centre of mass, its path and the features from stereo points of a body whose attitude is known: linear."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.dynamics.quaternion import rotation_matrix
+from massprops.estimators.alignment import inverse_of
+from massprops.estimators.chaser_path import ChaserPath
+
+LARGEST_SQUARE = 16.3
+"""Squared Mahalanobis distance in three dimensions that one in a thousand good points exceeds."""
+
+
+def path_transition(times: np.ndarray, path: ChaserPath) -> np.ndarray:
+    """(n, 3, 6): position at each time by position and velocity at the first, inertial axes.
+
+    The target's acceleration is linear in its small distance from the chaser: -mu/l^3 (r - 3 l (l.r)/l^2), which on a
+    circular orbit are the Clohessy-Wiltshire equations; without an orbit the path is straight.
+    """
+    n = len(times)
+    out = np.zeros((n, 6, 6))
+    out[0] = np.eye(6)
+    for i in range(1, n):
+        h = times[i] - times[i - 1]
+        F = np.eye(6)
+        F[:3, 3:] = h * np.eye(3)
+        if path.mu > 0:
+            l = 0.5 * (path.place[i] + path.place[i - 1])
+            square = float(l @ l)
+            G = path.mu / square**1.5 * (3.0 * np.outer(l, l) / square - np.eye(3))
+            F[:3, :3] += G * h * h / 2
+            F[:3, 3:] += G * h**3 / 6
+            F[3:, :3] += G * h
+            F[3:, 3:] += G * h * h / 2
+        out[i] = F @ out[i - 1]
+    return out[:, :3]
+
+
+def linear_path(
+    times: np.ndarray,
+    q: np.ndarray,
+    points: np.ndarray,
+    covariance: np.ndarray,
+    path: ChaserPath,
+    size: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares for x = (position 3, velocity 3 at times[0], features 3 m) with every point's own weight.
+
+    Args:
+        times: (n,); q: (n, 4) body to inertial; points: (n, m, 3) in inertial axes from the chaser, NaN where not
+        seen; covariance: (n, m, 3, 3) of them [m^2]; path: the chaser's; size: 1-sigma of a feature's place [m],
+        which holds the centre of mass where the motion does not show it.
+
+    Returns:
+        x (6 + 3 m,) and its covariance.
+    """
+    n, m = points.shape[:2]
+    seen = np.isfinite(points).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2))
+    weight = np.zeros((n, m, 3, 3))
+    weight[seen] = inverse_of(covariance[seen])
+    z = np.where(seen[..., None], points, 0.0)
+    R, T = rotation_matrix(q), path_transition(times, path)
+    prior = np.concatenate([np.zeros(6), np.full(3 * m, size**-2)])
+    keep = seen.astype(float)
+    for _ in range(3):
+        W = weight * keep[..., None, None]
+        total = W.sum(axis=1)
+        N = np.diag(prior)
+        b = np.zeros(6 + 3 * m)
+        N[:6, :6] += np.einsum("nia,nij,njb->ab", T, total, T, optimize=True)
+        b[:6] = np.einsum("nia,nmij,nmj->a", T, W, z, optimize=True)
+        WR = W @ R[:, None]
+        cross = np.einsum("nia,nmij->maj", T, WR, optimize=True)
+        own = np.einsum("nji,nmjk->mik", R, WR, optimize=True)
+        right = np.einsum("nmji,nmj->mi", WR, z)
+        for i in range(m):
+            s = slice(6 + 3 * i, 9 + 3 * i)
+            N[:6, s], N[s, :6] = cross[i], cross[i].T
+            N[s, s] += own[i]
+            b[s] = right[i]
+        spread = inverse_of(N)
+        x = spread @ b
+        error = z - (T @ x[:6])[:, None] - np.einsum("nij,mj->nmi", R, x[6:].reshape(m, 3))
+        square = np.einsum("nmi,nmij,nmj->nm", error, weight, error)
+        limit = LARGEST_SQUARE * max(1.0, float(np.median(square[seen])) / 2.366)
+        keep = (seen & (square < limit)).astype(float)
+    factor = max(1.0, float(np.median(square[seen])) / 2.366)
+    return x, spread * factor
