@@ -6,7 +6,8 @@ import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
 
-ROUNDS = 6
+ROUNDS = 7
+SOFT_ROUNDS = 4
 LARGEST_MAHALANOBIS = 16.27
 """Squared Mahalanobis distance of a point in three dimensions that one in a thousand good points exceeds."""
 LEAST_SPREAD = 1e-3
@@ -70,15 +71,18 @@ def align(
     information = np.where(use[..., None, None], information, 0.0)
     near = np.zeros(use.shape)
     normal = np.zeros((len(q), 6, 6))
-    taken = use
     for turn in range(ROUNDS):
         arm = np.einsum("nij,mj->nmi", rotation_matrix(q), body)
         error = seen - shift[:, None] - arm
         near = np.einsum("nmi,nmij,nmj->nm", error, information, error)
-        if turn:
-            limit = np.maximum(LARGEST_MAHALANOBIS, 2.0 * _third_smallest(np.where(use, near, np.inf)))
-            taken = use & (near <= limit[:, None])
-        weight = np.where(taken[..., None, None], information, 0.0)
+        given = np.where(use, near, np.inf)
+        if turn < SOFT_ROUNDS:
+            # far from the answer everything is far off: lean on what is least so
+            size = np.maximum(LARGEST_MAHALANOBIS, _middle(given))[:, None]
+            weight = information * np.where(use, 1.0 / (1.0 + near / size), 0.0)[..., None, None]
+        else:
+            limit = np.maximum(LARGEST_MAHALANOBIS, 2.0 * _third_smallest(given))
+            weight = np.where((use & (near <= limit[:, None]))[..., None, None], information, 0.0)
         cross = cross_matrix(arm)
         wc = weight @ cross
         normal[:, :3, :3] = np.einsum("nmji,nmjk->nik", cross, wc)
@@ -101,6 +105,13 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
     both = scale[..., :, None] * scale[..., None, :]
     done: np.ndarray = np.linalg.pinv(normal / both, rcond=1e-12, hermitian=True) / both
     return done
+
+
+def _middle(values: np.ndarray) -> np.ndarray:
+    """Median of the finite values of each row, zero where there is none."""
+    count = np.isfinite(values).sum(axis=1)
+    middle = np.sort(values, axis=1)[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
+    return np.where(np.isfinite(middle), middle, 0.0)
 
 
 def _third_smallest(values: np.ndarray) -> np.ndarray:

@@ -89,8 +89,8 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
     good[start] = seen[start]
     scale, least = 1.0, 6
     for _ in range(WAVES):
-        known = np.isfinite(body).all(axis=-1)
-        common = seen & known & ~used[:, None]
+        known: np.ndarray = np.isfinite(body).all(axis=-1)
+        common: np.ndarray = seen & known & ~used[:, None]
         rows = np.flatnonzero(common.sum(axis=1) >= least)
         joined = 0
         if len(rows):
@@ -113,7 +113,7 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
             least = {6: 5, 5: 4}.get(least, 3)
             continue
         least = 6
-        fresh = used[:, None] & seen & ~known
+        fresh: np.ndarray = used[:, None] & seen & ~known
         body = np.where(known[:, None], body, _points(q, shift, measured, information, fresh, used)[0])
         for _ in range(STEPS):
             q, shift, body = _together(q, shift, body, measured, information, good | fresh, used)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, rotation_matrix
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators import bodymodel, centre, rates
 from massprops.estimators.momentum import Momentum, momentum_inertia
@@ -36,6 +37,7 @@ class Start:
         scaled: whether lengths are in metres.
         outliers: measurements left out. warnings: what was assumed.
         index: (k,) which of the problem's epochs these are. velocities: (k, 3) along the path, or None.
+        cpu_s: CPU time that it took [s].
     """
 
     times: np.ndarray
@@ -55,6 +57,7 @@ class Start:
     outliers: int = 0
     index: np.ndarray | None = None
     velocities: np.ndarray | None = None
+    cpu_s: float = 0.0
 
 
 def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) -> Start:
@@ -65,16 +68,21 @@ def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) ->
     Raises:
         NotPossible: nothing here shows the attitude, or too few epochs do.
     """
-    last = np.inf if until_s is None else until_s
-    early = problem.times <= last + 1e-9
+    begun = time.process_time()
+    early = problem.times <= (np.inf if until_s is None else until_s) + 1e-9
+    start = _complete(_first(problem, early))
+    return replace(start, cpu_s=time.process_time() - begun)
+
+
+def _first(problem: Problem, early: np.ndarray) -> Start:
     if np.isfinite(problem.attitude[early]).all(axis=1).sum() >= FEWEST:
-        return _complete(_from_attitude(problem, early))
+        return _from_attitude(problem, early)
     if problem.stereo:
         found = _from_stereo(problem, early)
         if found is not None:
-            return _complete(found)
+            return found
     if np.isfinite(problem.rates[early]).all(axis=1).sum() >= FEWEST:
-        return _complete(_from_rates(problem, early))
+        return _from_rates(problem, early)
     if problem.has_tracks and not problem.stereo:
         raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
     raise NotPossible(f"fewer than {FEWEST} epochs show the attitude: three features off a line in both cameras needed")
@@ -288,8 +296,3 @@ def _complete(start: Start) -> Start:
         index=None if start.index is None else start.index[ok],
         warnings=(*start.warnings, f"{int((~ok).sum())} lone epochs left out of the first guess"),
     )
-
-
-def relative(q: np.ndarray) -> np.ndarray:
-    """Attitudes (k, 4) from the first of them."""
-    return multiply(conjugate(q[:1]), q)

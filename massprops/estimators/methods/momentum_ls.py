@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
+from massprops.estimators.momentum import Momentum
 from massprops.estimators.observability import judge
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior, ratios
@@ -24,32 +26,39 @@ WORST_SQUARE = 4.0
 
 def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
     """Motion, and inertia up to scale; the prior is not used, so that the answer stands alone."""
-    begun = time.process_time()
     if start is None or start.index is None or start.times[-1] < _last(problem):
         start = first_guess(problem, prior)
+    begun = time.process_time()
     found = start.momentum
     sigma = np.sqrt(np.maximum(np.einsum("nii->ni", start.covariance), 0.0))
     # turns about camera axes are what others compare
     R = rotation_matrix(start.q)
     turned = R @ start.covariance[:, :3, :3] @ np.swapaxes(R, 1, 2)
-    motion = {
-        "times": start.times,
-        "q": start.q,
-        "w": start.w,
-        "sigma_w": sigma[:, 3:],
-        "sigma_attitude": np.sqrt(np.maximum(np.einsum("nii->ni", turned), 0.0)),
-        "position": start.position,
-        "velocity": start.velocities,
-        "features": start.features,
-        "feature_ids": None if start.features is None else problem.features,
-        "body_frame": start.body_frame,
-        "gated": start.outliers,
-        "warnings": start.warnings,
-    }
-    used = {"used": 0 if found is None else int(found.used.sum())}
-    spent = {"cpu_us_per_step": (time.process_time() - begun) / max(len(start.times), 1) * 1e6}
-    if found is None:
-        return Estimate(NAME, False, False, "too few epochs with rates", **motion, **used, **spent)
+    motion = Estimate(
+        NAME,
+        converged=False,
+        observable=False,
+        reason="too few epochs with rates",
+        times=start.times,
+        q=start.q,
+        w=start.w,
+        sigma_w=sigma[:, 3:],
+        sigma_attitude=np.sqrt(np.maximum(np.einsum("nii->ni", turned), 0.0)),
+        position=start.position,
+        velocity=start.velocities,
+        features=start.features,
+        feature_ids=None if start.features is None else problem.features,
+        body_frame=start.body_frame,
+        gated=start.outliers,
+        warnings=start.warnings,
+    )
+    if found is not None:
+        motion = _with_inertia(motion, found)
+    spent = start.cpu_s + time.process_time() - begun
+    return replace(motion, cpu_us_per_step=spent / max(len(start.times), 1) * 1e6)
+
+
+def _with_inertia(motion: Estimate, found: Momentum) -> Estimate:
     judged = judge(found)
     converged = bool(found.square < WORST_SQUARE)
     reason = judged.reason
@@ -58,27 +67,23 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
             f"angular momentum is not conserved: residuals {np.sqrt(found.square):.1f} times their noise; "
             "a torque, or noise larger than stated"
         )
-    quality = {"innovation": found.square}
+    motion = replace(
+        motion, converged=converged, reason=reason, used=int(found.used.sum()), innovation=float(found.square)
+    )
     if not judged.observable:
-        return Estimate(NAME, converged, False, reason, **motion, **used, **quality, **spent)
+        return motion
     k, axes = ratios(found.inertia)
     if np.linalg.det(axes) < 0:
         axes = axes * np.array([1.0, 1.0, -1.0])
-    return Estimate(
-        NAME,
-        converged,
-        True,
-        reason,
+    return replace(
+        motion,
+        observable=True,
         k1=float(k[0]),
         k2=float(k[1]),
         k_covariance=judged.k_covariance,
         inertia=found.inertia,
         principal_axes=axes,
         axes_covariance=judged.axes_covariance,
-        **motion,
-        **used,
-        **quality,
-        **spent,
     )
 
 
