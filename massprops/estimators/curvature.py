@@ -8,11 +8,10 @@ the mean and adds the term's variance to the measurement's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from massprops.estimators.error_state import Layout, State, skew
+from massprops.estimators.error_state import Layout, State, cross, skew
 from massprops.estimators.observation import NEAREST
 from massprops.sensing.pinhole import Pinhole
 
@@ -52,7 +51,7 @@ def image_curvature(
     Args:
         P: (B, n, n) covariance of the prediction; the rest as in `images`.
     """
-    free = replace(layout, additive=False)
+    free = layout.free
     if layout.additive:
         x = np.r_[0:9, 13 : layout.size]
         P = P[:, x[:, None], x]
@@ -69,7 +68,7 @@ def image_curvature(
     J[:, :, 3:, 0:3] = -skew(state.X)
     J[:, :, 3:, 3:6] = np.eye(3)
     joint = J @ P[:, None] @ np.swapaxes(J, -1, -2)
-    velocity = state.U[:, None] + np.cross(state.W[:, None] - spin, state.X)
+    velocity = state.U[:, None] + cross(state.W[:, None] - spin, state.X)
     own = np.stack([P[:, start + 3 * i : start + 3 * i + 3, start + 3 * i : start + 3 * i + 3] for i in range(m)], 1)
     with_w = np.stack([P[:, 0:3, start + 3 * i : start + 3 * i + 3] for i in range(m)], 1)
     turning = cross_covariance(np.broadcast_to(P[:, None, 0:3, 0:3], own.shape), own, with_w)

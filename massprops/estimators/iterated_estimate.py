@@ -11,13 +11,15 @@ from massprops.estimators.iterated_run import Passage
 from massprops.estimators.iterated_setup import Setup
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, ratios
-from massprops.estimators.shown import ratio_directions, shown_by
+from massprops.estimators.shown import shown_by
 
 LEARNT, SHARP = 0.7, 0.05
 """1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
 SURE = 3.0
 """Sigmas by which two moments must differ for their axes to be determined."""
-RUNAWAY = 4.9
+RUNAWAY, FARTHEST = 4.9, 8.0
+"""|k| of no real body, and how many of the start's sigmas k can move and still be believed: where the motion hardly
+shows it, noise that the filter takes for motion drives it away, with a small covariance."""
 
 
 def estimate_of(name: str, problem: Problem, setup: Setup, passage: Passage) -> Estimate:
@@ -44,7 +46,7 @@ def estimate_of(name: str, problem: Problem, setup: Setup, passage: Passage) -> 
     shape = J @ P[:, layout.k, layout.k] @ np.swapaxes(J, 1, 2)
     k_sigma = np.sqrt(np.maximum(np.einsum("nii->ni", shape), 0.0))[:, :2]
     last_axes = axes[-1] * np.array([1.0, 1.0, np.sign(np.linalg.det(axes[-1]))])
-    reason = _failure(passage, k, bool(np.isfinite(P).all() and np.isfinite(q).all()))
+    reason = _failure(passage, bool(np.isfinite(P).all() and np.isfinite(q).all()))
     converged, observable = not reason, True
     if converged:
         reason = _hidden(problem, setup, passage, k[-1], k_sigma[-1], q, w, tensor[-1], times)
@@ -90,13 +92,10 @@ def ratio_jacobian(parameters: np.ndarray) -> np.ndarray:
     step = h * np.eye(GENERAL)
     change = (inertia(parameters[..., None, :] + step) - inertia(parameters[..., None, :] - step)) / (2 * h)
     tensor = inertia(parameters)
-    flat = tensor.reshape(-1, 3, 3)
-    ways = []
-    for one in flat:
-        moments, axes = np.linalg.eigh(one)
-        axes = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
-        ways.append(np.concatenate([ratio_directions(moments, axes), one[None]]))
-    six = np.stack(ways)[:, :, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    moments, axes = np.linalg.eigh(tensor.reshape(-1, 3, 3))
+    axes[..., 2] *= np.sign(np.linalg.det(axes))[:, None]
+    ways = np.concatenate([_directions(moments, axes), tensor.reshape(-1, 1, 3, 3)], axis=1)
+    six = ways[:, :, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     changes = change.reshape(-1, GENERAL, 3, 3)[:, :, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     # a pair of equal moments has no axes: the pseudo-inverse leaves that turn out
     out = np.swapaxes(changes, 1, 2)
@@ -104,11 +103,21 @@ def ratio_jacobian(parameters: np.ndarray) -> np.ndarray:
     return solved[:, :GENERAL].reshape(*parameters.shape[:-1], GENERAL, GENERAL)
 
 
+def _directions(moments: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """`shown.ratio_directions` of many: (n, 5, 3, 3)."""
+    own = np.zeros((len(moments), 5, 3, 3))
+    own[:, 0, 0, 0], own[:, 1, 2, 2] = moments[:, 0], -moments[:, 2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        own[:, 2 + i, j, k] = own[:, 2 + i, k, j] = moments[:, j] - moments[:, k]
+    return np.asarray(axes[:, None] @ own @ np.swapaxes(axes, 1, 2)[:, None])
+
+
 def _spread(J: np.ndarray, P: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.maximum(np.einsum("nai,nij,naj->na", J, P, J, optimize=True), 0.0)))
 
 
-def _failure(passage: Passage, k: np.ndarray, finite: bool) -> str:
+def _failure(passage: Passage, finite: bool) -> str:
     half = slice(len(passage.squares) // 2, None)
     late = float(passage.squares[half].sum() / max(int(passage.numbers[half].sum()), 1))
     share = float(passage.gated.sum() / max(passage.gated.sum() + passage.numbers.sum(), 1))
@@ -118,8 +127,6 @@ def _failure(passage: Passage, k: np.ndarray, finite: bool) -> str:
         return f"{share:.0%} of the measurements were refused"
     if late > 4.0:
         return f"the innovations are {np.sqrt(late):.1f} times what the stated noise allows"
-    if np.abs(k[-1]).max() > RUNAWAY:
-        return "the ratios ran away"
     return ""
 
 
@@ -135,6 +142,9 @@ def _hidden(
     times: np.ndarray,
 ) -> str:
     """Why the ratios cannot be told from this motion; empty when they can."""
+    before, _ = ratios(inertia(setup.state.k[0]))
+    if np.abs(k).max() > RUNAWAY or np.abs(k - before).max() > FARTHEST * setup.k_sigma:
+        return "the motion hardly shows the ratios: they ran away from where they began"
     if sigma.max() > SHARP and sigma.max() > LEARNT * setup.k_sigma:
         return f"the motion taught nothing of the ratios: 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, as at the start"
     weight = _weight(problem, setup, passage, times)

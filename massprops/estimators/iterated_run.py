@@ -19,6 +19,9 @@ from massprops.estimators.transition import predict
 LIMIT = {1: 11.0, 2: 18.4, 3: 21.1}
 """Squared innovation over its covariance beyond which a measurement is an outlier, by its numbers: one good one in
 ten thousand (1: in a thousand) goes too."""
+MISSES = 3
+"""Refusals in a row after which a feature is given up and placed anew: its track, or its place, was wrong."""
+
 MAJORITY = 0.5
 """Share of an epoch's features beyond the limit at which it is the filter that is wrong: its covariance grows instead."""
 
@@ -53,6 +56,7 @@ def run_through(problem: Problem, setup: Setup, rule: Rule, second_order: bool) 
     states: list[State] = []
     covariances = np.empty((n, *P.shape[1:]))
     squares, numbers, gated = np.zeros(n), np.zeros(n, int), np.zeros(n, int)
+    misses = np.zeros(len(slots), int)
     for step, epoch in enumerate(range(setup.first, len(problem.times))):
         if step:
             state, P = predict(
@@ -75,6 +79,8 @@ def run_through(problem: Problem, setup: Setup, rule: Rule, second_order: bool) 
             wide = sigma if bend is None else np.sqrt(sigma**2 + bend[1])
             P, keep, counts = _gate(state, P, observe, wide, groups)
             squares[step], numbers[step], gated[step] = counts
+            if setup.points:
+                _give_up(slots, misses, np.isfinite(sigma), keep, len(problem.cameras))
             done = update(setup.layout, state, P, observe, np.where(keep, sigma, np.inf), rule, bend)
             if np.isfinite(done.P).all() and np.isfinite(done.state.W).all():
                 state, P = done.state, done.P
@@ -114,7 +120,16 @@ def _channels(problem: Problem, setup: Setup, epoch: int, slots: np.ndarray) -> 
         parts.append(np.full((1, 1), problem.sigma_range))
         groups.append(1)
 
+    last: list[tuple[State, tuple[np.ndarray, np.ndarray]]] = []
+
     def observe(state: State, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # the innovation test and the update's first step ask for the same state
+        if last and last[0][0] is state:
+            return last[0][1]
+        last[:] = [(state, measured_against(state))]
+        return last[0][1]
+
+    def measured_against(state: State) -> tuple[np.ndarray, np.ndarray]:
         residual, slope = [], []
         if setup.points:
             value, H, front = images(layout, state, cameras, C, spin)
@@ -136,6 +151,16 @@ def _channels(problem: Problem, setup: Setup, epoch: int, slots: np.ndarray) -> 
 
     sigma = np.concatenate(parts, axis=1) if parts else np.full((1, 1), np.inf)
     return observe, sigma, groups
+
+
+def _give_up(slots: np.ndarray, misses: np.ndarray, measured: np.ndarray, keep: np.ndarray, cameras: int) -> None:
+    """Empties the slots of features that have been refused too often in a row."""
+    rows = 2 * cameras * len(slots)
+    there = measured[0, :rows].reshape(cameras, len(slots), 2)[..., 0].any(axis=0)
+    passed = keep[0, :rows].reshape(cameras, len(slots), 2)[..., 0].any(axis=0)
+    misses[:] = np.where(there, np.where(passed, 0, misses + 1), misses)
+    gone = misses >= MISSES
+    slots[gone], misses[gone] = -1, 0
 
 
 def _bend(
@@ -220,7 +245,8 @@ def _newcomers(
         return state, P
     seen = problem.seen[epoch]
     there = np.flatnonzero(seen.all(axis=0) if problem.stereo else seen[0])
-    waiting = [f for f in there if f not in slots and last_seen[f] > epoch + 2]
+    carried = set(slots.tolist())
+    waiting = [f for f in there if f not in carried and last_seen[f] > epoch + 2]
     waiting.sort(key=lambda f: (-last_seen[f], f))
     placed = 0
     for feature in waiting:

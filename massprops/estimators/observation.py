@@ -7,12 +7,11 @@ Every function gives predicted values (B, rows) and their derivatives by the err
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
-from massprops.estimators.error_state import Layout, State, skew, xi
+from massprops.estimators.error_state import Layout, State, cross, skew, xi
 from massprops.estimators.inertia_parameters import components
 from massprops.sensing.pinhole import Pinhole
 
@@ -42,12 +41,13 @@ def images(
         values (B, c m g + m d) with g = 2 or 4 numbers (u, v, u_dot, v_dot) of each feature, camera by camera, then
         the disparities; derivatives (B, rows, n); and True (B, rows) where the feature is in front of the camera.
     """
-    free = replace(layout, additive=False)
+    free = layout.free
     B, m = state.X.shape[:2]
     count = 4 if flow else 2
     cross_x = skew(state.X)
-    velocity = state.U[:, None] + np.cross(state.W[:, None], state.X)
+    velocity = state.U[:, None] + cross(state.W[:, None], state.X)
     values, slopes, fronts = [], [], []
+    each = np.arange(m)[:, None]
     for camera in cameras:
         focal = camera.intrinsics[:2]
         rows = camera.R @ frame.T
@@ -63,7 +63,7 @@ def images(
         by_point = np.empty((B, m, count, 3))
         by_point[:, :, :2] = g
         if flow:
-            seen = (velocity - np.cross(spin, state.X)) @ rows.T
+            seen = (velocity - cross(spin, state.X)) @ rows.T
             moving = (seen[..., :2] - uv * seen[..., 2:]) / depth * focal
             value[..., 2:] = moving
             H[:, :, 2:, free.u] = g
@@ -72,9 +72,7 @@ def images(
             by_point[:, :, 2:] = (
                 turning - g * (seen[..., 2:] / depth)[..., None] - moving[..., None] * rows[2] / depth[..., None]
             )
-        for i in range(m):
-            at = free.x.start + 3 * i
-            H[:, i, :, at : at + 3] = by_point[:, i]
+        H[:, each, :, free.x.start + 3 * each + np.arange(3)] = np.moveaxis(by_point, (1, 3), (0, 1))
         values.append(value)
         slopes.append(H)
         fronts.append(np.repeat(front[..., None], count, axis=-1))
@@ -90,7 +88,7 @@ def images(
 
 def distance(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
     """Range from cam0 to the centre of mass: (B, 1) [m] and derivatives (B, 1, n)."""
-    free = replace(layout, additive=False)
+    free = layout.free
     H = np.zeros((len(state.r), 1, free.size))
     length = np.linalg.norm(state.r, axis=-1, keepdims=True)
     H[:, 0, free.r] = state.r / length
@@ -99,7 +97,7 @@ def distance(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
 
 def body_rate(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
     """Gyroscope on the target: (B, 3) [rad/s] and derivatives (B, 3, n)."""
-    free = replace(layout, additive=False)
+    free = layout.free
     w = state.body_rate
     H = np.zeros((len(w), 3, free.size))
     H[:, :, free.w] = np.swapaxes(rotation_matrix(state.q), -1, -2)
@@ -113,7 +111,7 @@ def attitude(layout: Layout, state: State, frame: np.ndarray, measured: np.ndarr
     Args:
         frame: (4,) cam0 into inertial axes.
     """
-    free = replace(layout, additive=False)
+    free = layout.free
     residual = rotation_vector(multiply(conjugate(state.q), multiply(frame, measured)))
     H = np.zeros((len(residual), 3, free.size))
     H[:, :, free.theta] = np.eye(3)
@@ -128,7 +126,7 @@ def euler_constraint(layout: Layout, state: State, acceleration: np.ndarray) -> 
     """
     from massprops.dynamics.kernels import euler_acceleration, to_body, to_reference
 
-    free = replace(layout, additive=False)
+    free = layout.free
     step = 1e-150
     columns = np.r_[free.w, free.theta, free.k]
     W = np.repeat(state.W[:, :, None].astype(complex), len(columns), axis=2)
