@@ -25,6 +25,9 @@ Progress = Callable[[int, int, str], None]
 REFERENCE = "smoother"
 """The method that the others are measured against, and that judges a prior."""
 
+MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
+"""Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
+
 
 def silent(done: int, total: int, what: str = "") -> None:
     """Progress that says nothing."""
@@ -119,7 +122,7 @@ def estimate_all(
     given = _read_prior(prior)
     effects = _read_model(model)
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
-    problem = problem_of(sequence)
+    problem = problem_of(sequence, MOST_FEATURES if 1 in sequence.cameras else MOST_FEATURES_ONE_CAMERA)
     if not body_known:
         problem = replace(problem, body=None)
     return run_methods(problem, chosen, given, progress, effects, named)
@@ -301,7 +304,7 @@ def _read_model(path: str | Path | None) -> Any:
         return None
     if not Path(path).is_file():
         raise InputError(f"--model {path}: no such file; massprops diagnose writes one")
-    from massprops.dynamics.model import load_model
+    from massprops.model import load_model
 
     return load_model(path)
 

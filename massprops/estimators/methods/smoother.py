@@ -14,6 +14,7 @@ import numpy as np
 from massprops.dynamics import rotation
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
 from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.batch import one_camera
 from massprops.estimators.batch.linearise import inertia_directions
 from massprops.estimators.batch.measurements import Measurements, measurements_of
 from massprops.estimators.batch.solve import Belief, Fit, fit
@@ -53,6 +54,13 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
     begun = time.process_time()
     around = Surroundings(problem.environment)
     first = batch_start(problem, start, around)
+    if one_camera.applies(problem, start):
+        first, found, m = one_camera.fit_tracks(problem, first, start, around, model)
+        rival = None
+        if _turn_in_body(found.predicted.motion.w) < NEARLY_FLAT:
+            found, rival = _rivals(problem, m, found, around, Belief())
+        covariance = one_camera.clustered_covariance(problem, m, found, around)
+        return result(problem, first, found, around, time.process_time() - begun, rival, covariance)
     state, free = first.state, first.free
     if model is not None and model.modules:
         state = replace(state, model=model)
@@ -130,10 +138,11 @@ def result(
     around: Surroundings,
     seconds: float,
     rival: str | None = None,
+    covariance: np.ndarray | None = None,
 ) -> Estimate:
-    """The fit as an `Estimate`."""
+    """The fit as an `Estimate`, with the covariance (size, size) of its parameters where it is not the plain one."""
     state = found.state
-    covariance = covariance_of(found)
+    covariance = covariance_of(found) if covariance is None else covariance
     k, axes, slopes, turns = ratio_slopes(state.inertia)
     block = covariance[12:17, 12:17]
     k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T

@@ -1,0 +1,166 @@
+"""Better together: the motion's ratios, axes and centre of mass correct what the images did not show of the shape.
+
+The mesh's replicates (`massprops.surface.spread`) say how volume, centre and inertia move together when the unseen
+parts reach further out or less far, between the smallest body and the hull. Ten numbers describe each replicate: the
+logarithm of the volume, the centre, and the logarithm of the inertia in the mesh's principal frame. The motion
+measures eight combinations of them: two ratios, three axes, three of the centre. So the fused body is the mesh moved
+along its own uncertainty to where the motion is explained: the best linear estimate (Kalman 1960) with the
+covariance of the replicates. The size, which the motion does not show, follows by what it shares with the ratios.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprops.crosscheck.mesh_side import MeshSide
+from massprops.mass.integrals import central_inertia, model_length
+from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
+
+TO_RATIOS = np.array(
+    [[1.0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]
+)
+"""Five numbers of `ratio_space` from the log inertia's (L11, L22, L33, L23, L13, L12)."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The mesh and its replicates as ten numbers each.
+
+    Attributes:
+        own: (10,) log volume, centre (3) [final units], log inertia (L11, L22, L33, L23, L13, L12) at the document's
+            density, in the mesh's principal frame.
+        spread: (r, 10) of the replicates.
+    """
+
+    own: np.ndarray
+    spread: np.ndarray
+
+
+def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
+    """The mesh's replicates in final units, drawn as the mass stage draws them; None when the run keeps none."""
+    work = run / "work"
+    try:
+        scale = json.loads((work / "scale" / "scale.json").read_text())
+        with np.load(work / "surface" / "surface.npz", allow_pickle=False) as z:
+            vertices, faces, observed = z["vertices"], z["faces"], z["observed"].astype(bool)
+            rows, lengths = z["replicate_integrals"], z["replicate_length"]
+    except (OSError, ValueError, KeyError):
+        return None
+    length = model_length(vertices, faces, observed)[0]
+    own = scale.get("source", "none") in OWN_LENGTH
+    rng = np.random.default_rng([int(scale.get("seed") or 0), 5])
+    drawn = scaled_replicates(rows, lengths, length, mesh.factor, float(scale.get("relative_sigma") or 0.0), own, rng)
+    density = float(mesh.document["density"])
+    _, centres, inertias = central_inertia(drawn, density)
+    good = (drawn[:, 0] > 0) & (np.linalg.eigvalsh(inertias)[:, 0] > 0)
+    if good.sum() < 50:
+        return None
+    inertia = np.array(mesh.document["inertia"], float)
+    return Draws(
+        ten_numbers(float(mesh.document["volume"]), mesh.centre, inertia, mesh.axes),
+        ten_numbers(drawn[good, 0], centres[good], inertias[good], mesh.axes),
+    )
+
+
+def ten_numbers(volume: Any, centre: np.ndarray, inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """(..., 10) as in `Draws`."""
+    moments, own = np.linalg.eigh(inertia)
+    turned = axes.T @ own
+    L = np.einsum("...ik,...k,...jk->...ij", turned, np.log(moments), turned)
+    parts = [L[..., 0, 0], L[..., 1, 1], L[..., 2, 2], L[..., 1, 2], L[..., 0, 2], L[..., 0, 1]]
+    return np.concatenate([np.log(volume)[..., None], centre, np.stack(parts, axis=-1)], axis=-1)
+
+
+def inertia_from(x: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) of ten numbers (..., 10)."""
+    a, b, c, f, e, d = (x[..., 4 + i] for i in range(6))
+    L = np.stack([np.stack([a, d, e], -1), np.stack([d, b, f], -1), np.stack([e, f, c], -1)], -2)
+    values, vectors = np.linalg.eigh(L)
+    out: np.ndarray = np.einsum("ai,...ij,...j,...kj,bk->...ab", axes, vectors, np.exp(values), vectors, axes)
+    return out
+
+
+def best_linear(
+    draws: Draws, measured: np.ndarray, covariance: np.ndarray, H: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh moved to where the motion is explained, and every replicate likewise.
+
+    Args:
+        draws: the mesh's side.
+        measured: (m,) what the motion says of H x; covariance: (m, m); H: (m, 10).
+
+    Returns:
+        (10,) the estimate, and (r, 10) replicates whose spread about it is what is left of the uncertainty.
+    """
+    apart = draws.spread - draws.own
+    C = apart.T @ apart / len(apart)
+    S = H @ C @ H.T + covariance
+    gain = np.linalg.solve(S, H @ C).T
+    x = draws.own + gain @ (measured - H @ draws.own)
+    rng = np.random.default_rng(11)
+    noise = rng.multivariate_normal(np.zeros(len(measured)), covariance, len(apart), method="cholesky")
+    left = apart - (apart @ H.T + noise) @ gain.T
+    return x, x + left
+
+
+def fuse(
+    draws: Draws,
+    mesh: MeshSide,
+    ratios_and_axes: np.ndarray,
+    covariance: np.ndarray,
+    centre: np.ndarray | None = None,
+    centre_covariance: np.ndarray | None = None,
+) -> dict[str, Any]:
+    """The fused mass properties, as in `massprops.json`, with their 90 % intervals.
+
+    Args:
+        draws: of `read_draws`. mesh: the mesh's side.
+        ratios_and_axes: (5,) `log_components` of the motion's inertia in the mesh's principal frame; covariance (5, 5).
+        centre: (3,) point that the body turns about, mesh axes [final units], or None; centre_covariance (3, 3).
+    """
+    from massprops.mass.properties import inertia_ratios, principal_frame
+
+    H = np.zeros((5, 10))
+    H[:, 4:] = TO_RATIOS
+    y, R = ratios_and_axes, covariance
+    if centre is not None and centre_covariance is not None:
+        H = np.vstack([H, np.eye(10)[1:4]])
+        y = np.concatenate([y, centre])
+        whole = np.zeros((8, 8))
+        whole[:5, :5], whole[5:, 5:] = covariance, centre_covariance
+        R = whole
+    R = R + np.diag(np.full(len(R), 1e-18))
+    x, replicates = best_linear(draws, y, R, H)
+    inertia = inertia_from(x, mesh.axes)
+    moments, axes = principal_frame(inertia)
+    volume, density = float(np.exp(x[0])), float(mesh.document["density"])
+    drawn = np.linalg.eigvalsh(inertia_from(replicates, mesh.axes))
+    k, k_drawn = inertia_ratios(moments), inertia_ratios(drawn)
+
+    def bounds(values: np.ndarray, at: np.ndarray | float) -> list:
+        low, high = np.quantile(values, [0.05, 0.95], axis=0)
+        return np.stack([np.minimum(low, at), np.maximum(high, at)], axis=-1).tolist()
+
+    volumes = np.exp(replicates[:, 0])
+    return {
+        "volume": volume,
+        "mass": density * volume,
+        "center_of_mass": x[1:4].tolist(),
+        "inertia": inertia.tolist(),
+        "principal_moments": moments.tolist(),
+        "principal_axes": axes.tolist(),
+        "inertia_ratios": {"k1": float(k[0]), "k2": float(k[1])},
+        "interval_90": {
+            "volume": bounds(volumes, volume),
+            "mass": bounds(density * volumes, density * volume),
+            "center_of_mass": bounds(replicates[:, 1:4], x[1:4]),
+            "principal_moments": bounds(drawn, moments),
+            "k1": bounds(k_drawn[:, 0], float(k[0])),
+            "k2": bounds(k_drawn[:, 1], float(k[1])),
+        },
+    }

@@ -1,0 +1,126 @@
+"""The smoother on one camera's tracks, as structure from motion leaves them: attitudes to begin with, pixels to fit.
+
+The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared
+within a track (a feature on a curved edge or under a moving shadow slides the same way in every frame), so the
+covariance is the sandwich with tracks as clusters (Huber 1967; Liang and Zeger 1986, eq. 5), as in
+`massprops.sfm.precision`. Focal length and radial distortion were found from the same images: both are free again,
+since a body that turns freely tells them apart from its shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.surroundings import Surroundings
+from massprops.errors import NotPossible
+from massprops.estimators.batch.linearise import linearise
+from massprops.estimators.batch.measurements import Measurements, measurements_of
+from massprops.estimators.batch.solve import Fit, fit
+from massprops.estimators.batch.start import BatchStart, place_points
+from massprops.estimators.batch.state import BatchState
+from massprops.estimators.problem import Problem
+from massprops.model import Model, model_of
+
+LENS = ("focal-length-error", "lens-distortion")
+"""What a camera without calibration leaves open."""
+FEWEST_FEATURES = 20
+
+
+def applies(problem: Problem, start: Any) -> bool:
+    """Whether the sequence is one camera's tracks with attitudes from the same images."""
+    return bool(
+        problem.has_attitude
+        and problem.has_tracks
+        and not problem.stereo
+        and start.position is not None
+        and start.features is not None
+        and len(problem.features) >= FEWEST_FEATURES
+    )
+
+
+def fit_tracks(
+    problem: Problem, first: BatchStart, start: Any, around: Surroundings, model: Model | None = None
+) -> tuple[BatchStart, Fit, Measurements]:
+    """The fit of all pixels, in the body axes of `attitude0`.
+
+    Args:
+        first: the start that was fitted to the attitudes. start: of `first_guess`, with path and features.
+        model: effects that the user named.
+
+    Returns:
+        the start with its channels, the fit, and the measurements fitted.
+
+    Raises:
+        NotPossible: too few features could be placed.
+    """
+    state = replace(
+        first.state,
+        r0=np.array(start.position[0], float),
+        v0=np.array(start.velocity if start.velocity is not None else np.zeros(3), float),
+        points=np.array(start.features, float),
+    )
+    state, observed = place_points(problem, state, around)
+    if observed.any(axis=(0, 1)).sum() < FEWEST_FEATURES:
+        raise NotPossible("too few features could be placed on the body")
+    known = {} if model is None else dict(zip(model.names, model.values, strict=True))
+    state = replace(state, model=model_of({**known, **{name: None for name in LENS if name not in known}}))
+    free = np.ones(state.size, bool)
+    # the body frame is the first attitude's, and the distance is free of any scale
+    free[:3] = False
+    free[8] = problem.has_range
+    channels = ("tracks", "range") if problem.has_range else ("tracks",)
+    m = measurements_of(problem, observed=observed, channels=channels)
+    found = fit(problem, m, state, around, free)
+    found = fit(problem, m, _in_axes_of_attitudes(problem, found, around), around, free)
+    begun = replace(first, state=state, free=free, channels=channels, observed=observed, notes=())
+    return begun, found, m
+
+
+def _in_axes_of_attitudes(problem: Problem, found: Fit, around: Surroundings) -> BatchState:
+    """The state with its body axes turned onto those of attitude0, as the mean over all epochs has it."""
+    state, rows = found.state, np.flatnonzero(np.isfinite(problem.attitude).all(axis=1))
+    seen = rotation_matrix(found.predicted.q[rows])
+    if around.lvlh:
+        seen = found.predicted.motion.turn[rows] @ seen
+    u, _, vt = np.linalg.svd((np.swapaxes(rotation_matrix(problem.attitude[rows]), 1, 2) @ seen).sum(axis=0))
+    R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return replace(
+        state,
+        q0=multiply(state.q0, from_rotation_matrix(R.T)),
+        w0=R @ state.w0,
+        inertia=R @ state.inertia @ R.T,
+        points=state.points @ R.T,
+    )
+
+
+def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> np.ndarray:
+    """(size, size) sandwich with tracks as clusters, zero for what is held; never below the independent errors'."""
+    linear = linearise(problem, m, found.predicted, around)
+    o, free = len(m.uv), found.free
+    w, j = found.weights[:o], m.seen.feature
+    J = linear.shared[: 2 * o].reshape(o, 2, -1)[:, :, free]
+    F, r = linear.point, linear.residuals.tracks
+    who, at = np.unique(j, return_inverse=True)
+    V, W = np.zeros((len(who), 3, 3)), np.zeros((len(who), int(free.sum()), 3))
+    c, g = np.zeros((len(who), 3)), np.zeros((len(who), int(free.sum())))
+    np.add.at(V, at, np.einsum("o,oki,okj->oij", w, F, F))
+    np.add.at(W, at, np.einsum("o,okp,oki->opi", w, J, F))
+    np.add.at(c, at, np.einsum("o,oki,ok->oi", w, F, r))
+    np.add.at(g, at, np.einsum("o,okp,ok->op", w, J, r))
+    V += 1e-9 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
+    score = g - np.einsum("fpi,fij,fj->fp", W, np.linalg.inv(V), c)
+    scale = np.sqrt(np.maximum(np.diag(found.information), 1e-300))
+    values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
+    values = np.maximum(values, 1e-12)
+    inverse = (vectors / values) @ vectors.T / scale[:, None] / scale
+    middle = score.T @ score * len(who) / max(1, len(who) - int(free.sum()))
+    own = inverse @ middle @ inverse
+    plain = inverse * max(1.0, found.chi2 / found.freedom)
+    grown = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(own), 1e-300)))
+    out = np.zeros((len(free), len(free)))
+    out[np.ix_(free, free)] = own * np.outer(grown, grown)
+    return out
