@@ -108,6 +108,17 @@ def image_curvature(
     return np.concatenate(means, axis=1), SHARED * np.concatenate(spreads, axis=1)
 
 
+def constraint_curvature(layout: Layout, state: State, P: np.ndarray) -> np.ndarray:
+    """Variance (B, 1) that the second order of `observation.euler_constraint` may have [rad^2/s^4].
+
+    w_dot is a product of two rates and of a number between -1 and 1 that stands for the inertia; with rates known to
+    1 deg/s and an acceleration to 1e-6 rad/s^2 its straight line means nothing, and the filter would settle anywhere.
+    """
+    sigma = np.sqrt(np.trace(P[:, layout.w, layout.w], axis1=1, axis2=2))
+    speed = np.linalg.norm(state.W, axis=-1)
+    return np.asarray(((2.0 * speed * sigma + sigma**2) ** 2)[:, None])
+
+
 def _moments(H: np.ndarray, S: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean tr(H S)/2 and variance tr(H S H S)/2 of a quadratic form; H upper triangle given."""
     H = H + np.swapaxes(H, -1, -2) * (1 - np.eye(4))
