@@ -1,0 +1,63 @@
+"""kabir2025: the unscented filter, carried through occlusions by Gaussian processes in place of the measurements.
+
+Beyond the paper: the process's own variance is used, with its errors' kinship in time; relative translation is taken
+out before the processes learn; and frequencies are shared by the features of one body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate, Prior
+
+NAME = "ukf-gp"
+ORDER = 40
+SENTENCE = "the unscented filter with Gaussian processes in place of measurements during occlusions (kabir2025)"
+NEEDS = ("stereo|attitude|rates",)
+
+
+def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+    """As `ukf`, with pseudo-measurements where the sequence has none; equal to it where there is no occlusion.
+
+    Raises:
+        NotPossible: the first guess found no rotation or no inertia.
+    """
+    from massprops.estimators.unscented.features import run_through
+    from massprops.estimators.unscented.occlusion import fill_gap, gap_rows, with_gap_epochs
+    from massprops.estimators.unscented.outcome import estimate_of
+    from massprops.estimators.unscented.setup import early_start, setup
+    from massprops.estimators.unscented.state import Settings
+
+    ready = setup(problem, prior, early_start(problem, prior, start))
+    longer, gaps = with_gap_epochs(problem, ready)
+    if not gaps:
+        passage = run_through(problem, ready, Settings())
+        said = ("the sequence has no occlusion: the same as ukf",)
+        return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :], said)
+    warnings, carried = [], 0
+    rows = gap_rows(longer, ready, ready.chosen)
+    for gap in gaps:
+        before = _until(rows, gap.begin - ready.first)
+        passage = run_through(longer, ready, Settings(), rows=before)
+        rows, count, reason = fill_gap(longer, ready, gap, passage, rows, ready.chosen)
+        carried += count > 0
+        if reason:
+            warnings.append(f"occlusion of {longer.times[gap.end - 1] - longer.times[gap.begin]:.0f} s: {reason}")
+    warnings.append(f"{carried} of {len(gaps)} occlusions carried by Gaussian processes")
+    passage = run_through(longer, ready, Settings(), rows=rows)
+    times = longer.times[ready.first :]
+    found = estimate_of(NAME, longer, ready, passage, times, tuple(warnings))
+    return replace(found, cpu_us_per_step=None) if not np.isfinite(found.cpu_us_per_step or 0.0) else found
+
+
+def _until(rows, n: int):  # type: ignore[no-untyped-def]
+    """The first n epochs."""
+    cut = {
+        name: None if getattr(rows, name) is None else getattr(rows, name)[:n]
+        for name in ("dt", "z", "variance", "attitude", "pinned", "transition", "spin")
+    }
+    return replace(rows, **cut)
