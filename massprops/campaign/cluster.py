@@ -69,6 +69,7 @@ class Cluster:
     """A backend (see `engine`) on the workers of a scheduler."""
 
     strict = True
+    ahead = 8  # a task's way from here to a worker and back takes longer than a short chunk
 
     def __init__(self, address: str) -> None:
         """Connects.

@@ -1,6 +1,6 @@
 """Brings a plan's chunks to a backend and its rows to the store.
 
-A backend has `place`, `strict`, `slots()`, `submit(key, task)`, `wait(seconds) -> [(key, reply)]` and `close()`; there are `Local`
+A backend has `place`, `strict`, `ahead`, `slots()`, `submit(key, task)`, `wait(seconds) -> [(key, reply)]` and `close()`; there are `Local`
 and `Cluster`. What a run is given and what its row holds are the same with both, and so are the chunks.
 """
 
@@ -19,8 +19,6 @@ from massprops.campaign.store import Row, Store
 from massprops.campaign.versions import versions
 from massprops.errors import NotPossible
 
-AHEAD = 2
-"""Chunks given out per slot: one at work, one waiting."""
 LOOK_S = 0.5
 """Longest time between two looks at the number of slots, and between two words of progress."""
 
@@ -30,6 +28,7 @@ class Backend(Protocol):
 
     place: str
     strict: bool  # refuses processes with other versions of the code
+    ahead: int  # chunks given out per slot, the one at work included
 
     def slots(self) -> int: ...
 
@@ -98,7 +97,7 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
     begun, before, slots, looked = time.monotonic(), done, backend.slots(), time.monotonic()
 
     def fill() -> None:
-        while len(flying) < AHEAD * max(1, slots):
+        while len(flying) < backend.ahead * max(1, slots):
             chunk = next(todo, None)
             if chunk is None:
                 return

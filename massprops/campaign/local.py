@@ -21,6 +21,7 @@ class Local:
 
     place = "this machine"
     strict = False  # its processes run the installation that this one runs; an edit meanwhile is noted with the rows
+    ahead = 2
 
     def __init__(self, count: int) -> None:
         self.count = count
