@@ -19,6 +19,9 @@ LEVI_CIVITA = np.array(
     [[[0, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 0, 0], [1, 0, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]], float
 )
 
+BENDING = 0.1
+"""Second order over noise from which it counts."""
+
 SHARED = 2.0
 """Two cameras, and a position and its velocity, share the same second-order error; it counts once for each."""
 
@@ -106,6 +109,14 @@ def image_curvature(
         means.append(0.5 * bend * var)
         spreads.append(0.5 * (bend * var) ** 2)
     return np.concatenate(means, axis=1), SHARED * np.concatenate(spreads, axis=1)
+
+
+def bends(layout: Layout, state: State, P: np.ndarray, sigma_flow: float) -> np.ndarray:
+    """(B,) True where uncertain rates times uncertain places are a tenth of the image velocity's noise or more."""
+    rate = np.sqrt(np.trace(P[:, layout.w, layout.w], axis1=1, axis2=2))
+    places = np.diagonal(P, axis1=1, axis2=2)[:, layout.x]
+    place = np.sqrt(places.reshape(*state.X.shape[:2], 3).sum(axis=-1).max(axis=-1))
+    return np.asarray(rate * place > BENDING * sigma_flow * np.linalg.norm(state.X, axis=-1).min(axis=-1))
 
 
 def constraint_curvature(layout: Layout, state: State, P: np.ndarray) -> np.ndarray:

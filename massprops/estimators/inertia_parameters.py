@@ -22,6 +22,9 @@ PRINCIPAL, GENERAL = 2, 5
 LARGEST_A = 0.995
 """Bodies more slender than this are not looked for."""
 
+ANY_BODY = 0.1
+"""Share of a prior that is given to all possible bodies alike."""
+
 LARGEST_GENERAL = 5.0
 """A ratio of moments of 150: more slender than any spacecraft."""
 
@@ -123,7 +126,8 @@ def principal_prior(k: np.ndarray, sigma: np.ndarray, points: int = 61) -> tuple
             means.append(0.9 * from_ratios(centre))
             covariances.append(np.eye(2) / 3)
             continue
-        weight = weight / weight.sum()
+        # a belief that few bodies can meet would leave a sliver and a false certainty: some weight goes to all of them
+        weight = (1 - ANY_BODY) * weight / weight.sum() + ANY_BODY * possible / possible.sum()
         mean = weight @ a
         off = a - mean
         means.append(mean)

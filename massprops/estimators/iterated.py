@@ -143,6 +143,44 @@ def update(
     return Updated(now, P, cost, count)
 
 
+def update_again(
+    layout: Layout,
+    state: State,
+    P: np.ndarray,
+    observe: Observe,
+    sigma: np.ndarray,
+    rule: Rule,
+    bend: Callable[[State, np.ndarray], np.ndarray],
+    suspect: Callable[[State, np.ndarray], np.ndarray],
+) -> Updated:
+    """`update`, done again with wider measurements where its own answer is so uncertain that they bend over it.
+
+    There the most probable state need not be the right one (near-planar features seen once at a high noise turn
+    either way), and the Gauss-Newton covariance does not know of the other.
+
+    Args:
+        bend: variance (b, rows) of the second order over a state and covariance.
+        suspect: (b,) True where the bend may matter, quickly told.
+    """
+    done = update(layout, state, P, observe, sigma, rule)
+    runs = np.flatnonzero(suspect(done.state, done.P))
+    if not len(runs):
+        return done
+    variance = bend(done.state.take(runs), done.P[runs])
+    again = update(
+        layout,
+        state.take(runs),
+        P[runs],
+        lambda s, which: observe(s, runs[which]),
+        np.sqrt(sigma[runs] ** 2 + variance),
+        rule,
+    )
+    P, cost, count = done.P.copy(), done.cost.copy(), done.iterations.copy()
+    P[runs], cost[runs] = again.P, again.cost
+    count[runs] += again.iterations
+    return Updated(done.state.put(runs, again.state), P, cost, count)
+
+
 def innovation(
     state: State, P: np.ndarray, observe: Observe, sigma: np.ndarray, group: int, groups: int
 ) -> tuple[np.ndarray, np.ndarray]:

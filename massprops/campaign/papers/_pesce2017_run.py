@@ -11,11 +11,11 @@ from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import position_velocity
 from massprops.dynamics.quaternion import angle_between, from_rotation_matrix, normalise, rotate
 from massprops.dynamics.rigid_body import angular_acceleration, propagate
-from massprops.estimators.curvature import constraint_curvature, image_curvature
+from massprops.estimators.curvature import bends, constraint_curvature, image_curvature
 from massprops.estimators.differentiator import rates_from_flow, slope
 from massprops.estimators.error_state import Layout, State, covariance_of, difference, state_of
 from massprops.estimators.inertia_parameters import from_ratios, principal_prior, ratios_jacobian, ratios_of
-from massprops.estimators.iterated import Rule, update
+from massprops.estimators.iterated import Rule, update, update_again
 from massprops.estimators.observation import euler_constraint, for_layout, images
 from massprops.estimators.surroundings import Surroundings
 from massprops.estimators.transition import (
@@ -202,15 +202,29 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
             layout, state, P, setup.times[step - 1], setup.times[step], setup.surroundings, process, setup.largest_rate
         )
         wide = np.broadcast_to(sigma, z.shape)
-        bend = None
-        if c["second_order"]:
-            bend = image_curvature(layout, state, P, setup.cameras, C, spin, True, True)
         if acceleration is not None:
-            doubt = np.sqrt(doubt**2 + constraint_curvature(layout, state, P))
-            wide = np.concatenate([wide, doubt], axis=1)
-            if bend is not None:
-                bend = (np.pad(bend[0], ((0, 0), (0, 3))), np.pad(bend[1], ((0, 0), (0, 3))))
-        done = update(layout, state, P, observe, wide, setup.rule, bend)
+            wide = np.concatenate([wide, np.sqrt(doubt**2 + constraint_curvature(layout, state, P))], axis=1)
+
+        def bend(s: State, P: np.ndarray, C=C, spin=spin, rows=wide.shape[1]) -> tuple[np.ndarray, np.ndarray]:
+            mean, spread = image_curvature(layout, s, P, setup.cameras, C, spin, True, True)
+            more = ((0, 0), (0, rows - mean.shape[1]))
+            return np.pad(mean, more), np.pad(spread, more)
+
+        if c["second_order"] == "prior":
+            done = update(layout, state, P, observe, wide, setup.rule, bend(state, P))
+        elif c["second_order"] == "posterior":
+            done = update_again(
+                layout,
+                state,
+                P,
+                observe,
+                wide,
+                setup.rule,
+                lambda s, P, bend=bend: bend(s, P)[1],
+                lambda s, P: bends(layout, s, P, c["flow_sigma_per_s"]),
+            )
+        else:
+            done = update(layout, state, P, observe, wide, setup.rule)
         state, P = done.state, done.P
         used += done.iterations
         states.append(state)

@@ -94,7 +94,7 @@ def configuration(case: str) -> dict[str, Any]:
         "sensor_sigma_rad_s2": 1e-6,
         "additive": case == "C-paper",
         "iterations": 1 if case == "C-ekf" else 10,
-        "second_order": case == "C-ekf",
+        "second_order": {"C-ekf": "prior", "C-paper": "none"}.get(case, "posterior"),
         "paper_tolerance": 0.01 if case == "C-paper" else None,
         "average_from_s": 10.0,
         "steady_from_s": 90.0,
