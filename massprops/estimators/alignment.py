@@ -6,8 +6,8 @@ import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
 
-ROUNDS = 7
 SOFT_ROUNDS = 4
+HARD_ROUNDS = 3
 LARGEST_MAHALANOBIS = 16.27
 """Squared Mahalanobis distance of a point in three dimensions that one in a thousand good points exceeds."""
 LEAST_SPREAD = 1e-3
@@ -43,16 +43,25 @@ def horn(body: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> tuple[np.nda
     return q, centre_seen - np.einsum("...ij,...j->...i", rotation_matrix(q), centre_body)
 
 
-def spread_out(points: np.ndarray) -> bool:
-    """Whether points (m, 3) fix a rotation: three or more, not on a line."""
-    if len(points) < 3:
-        return False
-    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(sizes[1] > LEAST_SPREAD * sizes[0])
+def spread_out(points: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """Whether the points in use fix a rotation: three or more, not on a line. (..., m, 3) and (..., m) to (...)."""
+    count = use.sum(axis=-1)
+    solid = np.where(use[..., None], points, 0.0)
+    middle = solid.sum(axis=-2) / np.maximum(count, 1)[..., None]
+    arm = np.where(use[..., None], solid - middle[..., None, :], 0.0)
+    sizes = np.linalg.eigvalsh(np.swapaxes(arm, -1, -2) @ arm)
+    return np.asarray((count >= 3) & (sizes[..., 1] > LEAST_SPREAD**2 * sizes[..., 2]))
 
 
 def align(
-    body: np.ndarray, seen: np.ndarray, information: np.ndarray, use: np.ndarray, q: np.ndarray, shift: np.ndarray
+    body: np.ndarray,
+    seen: np.ndarray,
+    information: np.ndarray,
+    use: np.ndarray,
+    q: np.ndarray,
+    shift: np.ndarray,
+    soft: int = SOFT_ROUNDS,
+    hard: int = HARD_ROUNDS,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Weighted least-squares pose from a near one, with the whole covariance of every point, for many epochs at once.
 
@@ -60,43 +69,60 @@ def align(
 
     Args:
         body: (m, 3); seen: (n, m, 3), anything where not used; information: (n, m, 3, 3) inverse covariance of seen;
-        use: (n, m) which to take; q: (n, 4), shift: (n, 3) first guess.
+        use: (n, m) which to take; q: (n, 4), shift: (n, 3) first guess; soft: rounds that lean on the points that fit
+        best, for a guess that is far off; hard: rounds that leave outliers out.
 
     Returns:
         q (n, 4), shift (n, 3), covariance (n, 6, 6) of a small turn about the reference axes [rad] and of the
         shift [m], squared Mahalanobis distances (n, m), infinite where not used.
     """
-    use = use.copy()
-    seen = np.where(use[..., None], seen, 0.0)
-    information = np.where(use[..., None, None], information, 0.0)
-    near = np.zeros(use.shape)
+    # few of many points are seen at a time: gather those
+    most = max(int(use.sum(axis=1).max(initial=0)), 1)
+    column = np.argsort(~use, axis=1, kind="stable")[:, :most]
+    row = np.arange(len(use))[:, None]
+    taken = use[row, column]
+    points = np.where(taken[..., None], body[column], 0.0)
+    target = np.where(taken[..., None], seen[row, column], 0.0)
+    given = np.where(taken[..., None, None], information[row, column], 0.0)
+    near = np.zeros(taken.shape)
     normal = np.zeros((len(q), 6, 6))
-    for turn in range(ROUNDS):
-        arm = np.einsum("nij,mj->nmi", rotation_matrix(q), body)
-        error = seen - shift[:, None] - arm
-        near = np.einsum("nmi,nmij,nmj->nm", error, information, error)
-        given = np.where(use, near, np.inf)
-        if turn < SOFT_ROUNDS:
+    for turn in range(soft + hard):
+        arm = points @ np.swapaxes(rotation_matrix(q), 1, 2)
+        error = target - shift[:, None] - arm
+        near = _squares(error, given)
+        distance = np.where(taken, near, np.inf)
+        if turn < soft:
             # far from the answer everything is far off: lean on what is least so
-            size = np.maximum(LARGEST_MAHALANOBIS, _middle(given))[:, None]
-            weight = information * np.where(use, 1.0 / (1.0 + near / size), 0.0)[..., None, None]
+            size = np.maximum(LARGEST_MAHALANOBIS, _middle(distance))[:, None]
+            share = np.where(taken, 1.0 / (1.0 + near / size), 0.0)
         else:
-            limit = np.maximum(LARGEST_MAHALANOBIS, 2.0 * _third_smallest(given))
-            weight = np.where((use & (near <= limit[:, None]))[..., None, None], information, 0.0)
+            limit = np.maximum(LARGEST_MAHALANOBIS, 2.0 * _third_smallest(distance))
+            share = (taken & (near <= limit[:, None])).astype(float)
+        weight = given * share[..., None, None]
         cross = cross_matrix(arm)
         wc = weight @ cross
-        normal[:, :3, :3] = np.einsum("nmji,nmjk->nik", cross, wc)
-        normal[:, :3, 3:] = -np.einsum("nmji,nmjk->nik", cross, weight)
-        normal[:, 3:, :3] = np.swapaxes(normal[:, :3, 3:], 1, 2)
+        normal[:, :3, :3] = (np.swapaxes(cross, -1, -2) @ wc).sum(axis=1)
+        normal[:, 3:, :3] = -wc.sum(axis=1)
+        normal[:, :3, 3:] = np.swapaxes(normal[:, 3:, :3], 1, 2)
         normal[:, 3:, 3:] = weight.sum(axis=1)
-        we = np.einsum("nmij,nmj->nmi", weight, error)
-        gradient = np.concatenate([-np.einsum("nmji,nmj->ni", cross, we), we.sum(axis=1)], axis=1)
-        step = np.einsum("nij,nj->ni", inverse_of(normal), gradient)
-        size = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
-        step *= np.minimum(1.0, 0.3 / np.maximum(size, 1e-12))
+        we = (weight @ error[..., None])[..., 0]
+        gradient = np.concatenate([np.cross(arm, we).sum(axis=1), we.sum(axis=1)], axis=1)
+        covariance = inverse_of(normal)
+        step = (covariance @ gradient[..., None])[..., 0]
+        length = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
+        step *= np.minimum(1.0, 0.3 / np.maximum(length, 1e-12))
         q = normalise(multiply(from_rotation_vector(step[:, :3]), q))
         shift = shift + step[:, 3:]
-    return q, shift, inverse_of(normal), np.where(use, near, np.inf)
+    out = np.full(use.shape, np.inf)
+    # squares of the pose returned, not of the one before its last step
+    arm = points @ np.swapaxes(rotation_matrix(q), 1, 2)
+    near = _squares(target - shift[:, None] - arm, given)
+    np.put_along_axis(out, column, np.where(taken, near, np.inf), axis=1)
+    return q, shift, covariance, out
+
+
+def _squares(error: np.ndarray, information: np.ndarray) -> np.ndarray:
+    return np.asarray(((information @ error[..., None])[..., 0] * error).sum(axis=-1))
 
 
 def inverse_of(normal: np.ndarray) -> np.ndarray:
@@ -111,7 +137,7 @@ def _middle(values: np.ndarray) -> np.ndarray:
     """Median of the finite values of each row, zero where there is none."""
     count = np.isfinite(values).sum(axis=1)
     middle = np.sort(values, axis=1)[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
-    return np.where(np.isfinite(middle), middle, 0.0)
+    return np.asarray(np.where(np.isfinite(middle), middle, 0.0))
 
 
 def _third_smallest(values: np.ndarray) -> np.ndarray:

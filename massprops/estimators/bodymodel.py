@@ -59,7 +59,7 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
     """
     seen = np.isfinite(points).all(axis=-1)
     best: BodyMotion | None = None
-    left = np.array([spread_out(points[k, seen[k]]) for k in range(len(points))], bool)
+    left = spread_out(points, seen)
     while best is None or left.sum() > best.used.sum():
         if not left.any():
             break
@@ -155,9 +155,7 @@ def _join(
         q[k], shift[k] = again[0][0], again[1][0]
         good[k] = tried[2] & (again[3][0] <= LARGEST_MAHALANOBIS)
         ok[k] = _enough(good[k : k + 1], use[k : k + 1])[0]
-    for k in np.flatnonzero(ok):
-        ok[k] = spread_out(body[good[k]])
-    return ok, q, shift, good
+    return ok & spread_out(every, good), q, shift, good
 
 
 def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
@@ -210,7 +208,7 @@ def _refine(
     q, shift = q.copy(), shift.copy()
     solid = np.where(known[:, None], body, 0.0)
     q[used], shift[used], covariance, near = align(
-        solid, measured[used], information[used] / scale, use[used], q[used], shift[used]
+        solid, measured[used], information[used] / scale, use[used], q[used], shift[used], soft=1, hard=2
     )
     whole, good = np.full((len(q), 6, 6), np.nan), np.zeros_like(use)
     whole[used], good[used] = covariance, near <= LARGEST_MAHALANOBIS

@@ -24,18 +24,19 @@ def joint_step(
     """
     n, m = use.shape
     R = rotation_matrix(q)
-    arm = np.einsum("nij,mj->nmi", R, body)
+    arm = body @ np.swapaxes(R, 1, 2)
     error = np.where(use[..., None], seen - shift[:, None] - arm, 0.0)
     W = np.where(use[..., None, None], information, 0.0)
     by_pose = np.zeros((n, m, 3, 6))
     by_pose[..., :3] = -cross_matrix(arm)
     by_pose[..., 3:] = np.eye(3)
     WP, WR = W @ by_pose, W @ R[:, None]
-    A = np.einsum("nmia,nmib->nab", by_pose, WP)
-    B = np.einsum("nmia,nmij->namj", WP, np.broadcast_to(R[:, None], WR.shape)).reshape(n, 6, 3 * m)
-    C = np.einsum("nij,nmik->mjk", R, WR)
-    g = np.einsum("nmia,nmi->na", WP, error)
-    h = np.einsum("nmij,nmi->mj", WR, error).reshape(-1)
+    flat = np.swapaxes(WP.reshape(n, 3 * m, 6), 1, 2)
+    A = flat @ by_pose.reshape(n, 3 * m, 6)
+    B = (np.swapaxes(flat.reshape(n, 6, m, 3), 1, 2) @ R[:, None]).swapaxes(1, 2).reshape(n, 6, 3 * m)
+    C = (np.swapaxes(R, 1, 2)[:, None] @ WR).sum(axis=0)
+    g = (flat @ error.reshape(n, 3 * m, 1))[..., 0]
+    h = (np.swapaxes(WR, -1, -2) @ error[..., None]).sum(axis=0).reshape(-1)
     inverse = inverse_of(A)
     inverse[0] = 0.0
     AB = inverse @ B
@@ -64,12 +65,13 @@ def shared_error(q: np.ndarray, body: np.ndarray, information: np.ndarray, use: 
     R = rotation_matrix(q)
     W = np.where(use[..., None, None], information, 0.0)
     by_pose = np.zeros((n, m, 3, 6))
-    by_pose[..., :3] = -cross_matrix(np.einsum("nij,mj->nmi", R, body))
+    by_pose[..., :3] = -cross_matrix(body @ np.swapaxes(R, 1, 2))
     by_pose[..., 3:] = np.eye(3)
     WP = W @ by_pose
-    A = np.einsum("nmia,nmib->nab", by_pose, WP)
-    B = np.einsum("nmia,nij->namj", WP, R).reshape(n, 6, 3 * m)
-    C = np.einsum("nij,nmik->mjk", R, W @ R[:, None])
+    flat = np.swapaxes(WP.reshape(n, 3 * m, 6), 1, 2)
+    A = flat @ by_pose.reshape(n, 3 * m, 6)
+    B = (np.swapaxes(flat.reshape(n, 6, m, 3), 1, 2) @ R[:, None]).swapaxes(1, 2).reshape(n, 6, 3 * m)
+    C = (np.swapaxes(R, 1, 2)[:, None] @ W @ R[:, None]).sum(axis=0)
     inverse = inverse_of(A)
     inverse[0] = 0.0
     AB = inverse @ B

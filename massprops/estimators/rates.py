@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.dynamics.kernels import euler_acceleration, quaternion_rate
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_vector,
@@ -216,20 +217,17 @@ def _attitude_fit(
 
 def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Free rotation (r, L, 4) from rates w (r, 3) at time zero to times tau (r, L), which ascend through zero."""
-    inverse = np.linalg.inv(inertia)
+    six = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     out = np.zeros((*tau.shape, 4))
 
     def slope(y: np.ndarray) -> np.ndarray:
-        rate = y[:, 4:]
-        spin = np.concatenate([np.zeros((len(y), 1)), rate], axis=1)
-        push = -np.cross(rate, rate @ inertia) @ inverse
-        return np.concatenate([0.5 * multiply(y[:, :4], spin), push], axis=1)
+        return np.stack([*quaternion_rate(*y), *euler_acceleration(*six, *y[4:], 0.0, 0.0, 0.0)])
 
     middle = np.argmin(np.abs(tau), axis=1)
     rows = np.arange(len(tau))
     speed = float(np.nanmax(np.linalg.norm(w, axis=1)))
     for side in (1, -1):
-        y = np.concatenate([np.tile([1.0, 0, 0, 0], (len(w), 1)), w], axis=1)
+        y = np.concatenate([np.tile([[1.0], [0], [0], [0]], len(w)), w.T])
         before = np.zeros(len(w))
         for away in range(tau.shape[1]):
             at = middle + side * away
@@ -238,14 +236,13 @@ def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
                 break
             now = np.where(inside, tau[rows, np.clip(at, 0, tau.shape[1] - 1)], before)
             steps = max(1, int(np.ceil(speed * float(np.abs(now - before).max()) / LARGEST_STEP)))
-            h = ((now - before) / steps)[:, None]
+            h = (now - before) / steps
             for _ in range(steps):
                 a = slope(y)
                 b = slope(y + h / 2 * a)
                 c = slope(y + h / 2 * b)
                 y = y + h / 6 * (a + 2 * b + 2 * c + slope(y + h * c))
-            y[:, :4] = normalise(y[:, :4])
-            out[rows[inside], at[inside]] = y[inside, :4]
+            out[rows[inside], at[inside]] = normalise(y[:4, inside].T)
             before = now
     return out
 
