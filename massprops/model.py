@@ -128,7 +128,9 @@ def load_model(path: str | Path) -> Model:
         raise InputError(f"{path}: no such model file")
     content = load_yaml(path)
     if content.get("format") != FORMAT:
-        raise InputError(f"{path}: format {content.get('format')!r}; expected {FORMAT!r}, as 'massprops diagnose' writes")
+        raise InputError(
+            f"{path}: format {content.get('format')!r}; expected {FORMAT!r}, as 'massprops diagnose' writes"
+        )
     known = effects()
     sizes: dict[str, np.ndarray | None] = {}
     entries = content.get("effects") or []

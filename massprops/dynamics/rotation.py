@@ -201,9 +201,7 @@ def trajectory(
         f4 = slope(t + h - INSIDE * h, y4, six, acting, values, around)
         stages[k, 0], stages[k, 1], stages[k, 2], stages[k, 3] = y, y2, y3, y4
         sixth = h / 6.0
-        y = [
-            a + sixth * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, f1, f2, f3, f4, strict=True)
-        ]
+        y = [a + sixth * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, f1, f2, f3, f4, strict=True)]
         states[k + 1] = y
     at = states[steps.after]
     columns = [at[:, i] for i in range(at.shape[1])]
@@ -309,9 +307,7 @@ def sensitivities(
             for i in range(place.start, place.stop):
                 if i not in timed:
                     moved = [v + (1j * step if j == i else 0) for j, v in enumerate(flat_p)]
-                    S[4:7, 6 + d + i] += np.imag(
-                        np.array(acting.effects[jumps[k]].jump(moved[place]), complex)
-                    ) / step
+                    S[4:7, 6 + d + i] += np.imag(np.array(acting.effects[jumps[k]].jump(moved[place]), complex)) / step
         S = M[k, :, :ny] @ S
         S += M[k, :, ny:]
         all_S[k + 1] = S

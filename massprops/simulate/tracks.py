@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, from_rotation_vector, multiply, normalise, rotation_matrix
+from massprops.dynamics.quaternion import (
+    from_rotation_matrix,
+    from_rotation_vector,
+    multiply,
+    normalise,
+    rotation_matrix,
+)
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import InputError, NotPossible
 from massprops.estimators.batch.linearise import body_points, predict
@@ -257,7 +263,11 @@ def _pixels(problem: Problem, at: Any, view: Measurements) -> np.ndarray:
         return view.uv
     sensed, p = at.state.model.sensed, at.state.model.flat(False)
     return image(
-        problem.cameras, view.seen.camera, in_chaser(view.seen, at.motion, body_points(at, view), sensed, p)[0], sensed, p
+        problem.cameras,
+        view.seen.camera,
+        in_chaser(view.seen, at.motion, body_points(at, view), sensed, p)[0],
+        sensed,
+        p,
     )
 
 
@@ -400,7 +410,9 @@ def _measure(
     if s.assumed:
         # what is assumed errs by what it claims to
         noise = rng.standard_normal((3, 3)) * s.assumed_sigma
-        body = Body(inertia + 0.5 * (noise + noise.T), "ratio", source="simulated", inertia_sigma=s.assumed_sigma or None)
+        body = Body(
+            inertia + 0.5 * (noise + noise.T), "ratio", source="simulated", inertia_sigma=s.assumed_sigma or None
+        )
     return Sequence(cameras, tracks, ranges, rates, attitude, body, environment)
 
 

@@ -135,7 +135,15 @@ def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surround
     acting, pm = model.acting, model.flat(True)
     sensed, ps = model.sensed, model.flat(False)
     turn, rate = rotation.sensitivities(
-        problem.times, at.trajectory, state.q0, state.w0, state.inertia, inertia_directions(state.inertia), acting, pm, around
+        problem.times,
+        at.trajectory,
+        state.q0,
+        state.w0,
+        state.inertia,
+        inertia_directions(state.inertia),
+        acting,
+        pm,
+        around,
     )
     nm, ns = len(pm), len(ps)
     size = 17 + nm + ns
@@ -177,9 +185,7 @@ def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surround
             for k in range(place.stop - place.start):
                 moved = ps[place].astype(complex)
                 moved[k] += 1e-30j
-                J[:, 17 + nm + place.start + k] = (
-                    np.imag(effect.range_offset(problem.times[m.range_at], moved)) / 1e-30
-                )
+                J[:, 17 + nm + place.start + k] = np.imag(effect.range_offset(problem.times[m.range_at], moved)) / 1e-30
         blocks.append(J / problem.sigma_range)
         values.append(ranges)
     if len(m.rate_at):
@@ -203,7 +209,12 @@ def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surround
         values.append(attitude.reshape(-1))
     o, a, b, c = len(m.uv), len(m.range_at), len(m.rate_at), len(m.attitude_at)
     unit = np.concatenate(
-        [np.repeat(np.arange(o), 2), o + np.arange(a), o + a + np.repeat(np.arange(b), 3), o + a + b + np.repeat(np.arange(c), 3)]
+        [
+            np.repeat(np.arange(o), 2),
+            o + np.arange(a),
+            o + a + np.repeat(np.arange(b), 3),
+            o + a + b + np.repeat(np.arange(c), 3),
+        ]
     ).astype(int)
     return Linear(
         Residuals(tracks, ranges, rates, attitude),

@@ -1,9 +1,9 @@
 """The smoother on one camera's tracks, as structure from motion leaves them: attitudes to begin with, pixels to fit.
 
-The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared
-within a track (a feature on a curved edge or under a moving shadow slides the same way in every frame), so the
-covariance is the sandwich with tracks as clusters (Huber 1967; Liang and Zeger 1986, eq. 5), as in
-`massprops.sfm.precision`. Focal length and radial distortion were found from the same images: both are free again,
+The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared:
+features near each other on the body slide alike under one Sun, and all features of neighbouring frames are matched
+alike. So the covariance is a sandwich with clusters in both ways, places on the body and blocks of time (Huber 1967;
+Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011, eq. 2.10). Focal length and radial distortion were found from the same images: both are free again,
 since a body that turns freely tells them apart from its shape.
 """
 
@@ -28,6 +28,8 @@ from massprops.model import Model, model_of
 LENS = ("focal-length-error", "lens-distortion")
 """What a camera without calibration leaves open."""
 FEWEST_FEATURES = 20
+PLACES, BLOCKS = 30, 12
+"""Clusters of features on the body, and of time."""
 
 
 def applies(problem: Problem, start: Any) -> bool:
@@ -98,29 +100,47 @@ def _in_axes_of_attitudes(problem: Problem, found: Fit, around: Surroundings) ->
 
 
 def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> np.ndarray:
-    """(size, size) sandwich with tracks as clusters, zero for what is held; never below the independent errors'."""
+    """(size, size) sandwich with clusters of place and of time, zero for what is held; never below the independent
+    errors'."""
+    from scipy.cluster.vq import kmeans2
+
     linear = linearise(problem, m, found.predicted, around)
     o, free = len(m.uv), found.free
-    w, j = found.weights[:o], m.seen.feature
+    w = found.weights[:o, None]
     J = linear.shared[: 2 * o].reshape(o, 2, -1)[:, :, free]
     F, r = linear.point, linear.residuals.tracks
-    who, at = np.unique(j, return_inverse=True)
+    who, at = np.unique(m.seen.feature, return_inverse=True)
     V, W = np.zeros((len(who), 3, 3)), np.zeros((len(who), int(free.sum()), 3))
-    c, g = np.zeros((len(who), 3)), np.zeros((len(who), int(free.sum())))
-    np.add.at(V, at, np.einsum("o,oki,okj->oij", w, F, F))
-    np.add.at(W, at, np.einsum("o,okp,oki->opi", w, J, F))
-    np.add.at(c, at, np.einsum("o,oki,ok->oi", w, F, r))
-    np.add.at(g, at, np.einsum("o,okp,ok->op", w, J, r))
+    np.add.at(V, at, np.einsum("oki,okj->oij", F * w[..., None], F))
+    np.add.at(W, at, np.einsum("okp,oki->opi", J * w[..., None], F))
     V += 1e-9 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
-    score = g - np.einsum("fpi,fij,fj->fp", W, np.linalg.inv(V), c)
+    back = W @ np.linalg.inv(V)
+    # each observation's part of the score, with its own feature point eliminated
+    score = w * (np.einsum("okp,ok->op", J, r) - np.einsum("opi,oki,ok->op", back[at], F, r))
+    places = found.state.points[who]
+    count = max(2, min(PLACES, len(who) // 3))
+    place = kmeans2(places / (places.std() or 1.0), count, seed=1, minit="++")[1][at]
+    block = m.seen.epoch * BLOCKS // len(problem.times)
+    both = place * BLOCKS + block
+    middle = _summed(score, place) + _summed(score, block) - _summed(score, both)
     scale = np.sqrt(np.maximum(np.diag(found.information), 1e-300))
     values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
-    values = np.maximum(values, 1e-12)
-    inverse = (vectors / values) @ vectors.T / scale[:, None] / scale
-    middle = score.T @ score * len(who) / max(1, len(who) - int(free.sum()))
-    own = inverse @ middle @ inverse
+    inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / scale[:, None] / scale
     plain = inverse * max(1.0, found.chi2 / found.freedom)
-    grown = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(own), 1e-300)))
+    # the difference of the two ways need not be a covariance: no direction may fall below independent errors
+    root = np.linalg.cholesky(plain + 1e-300 * np.eye(len(plain)))
+    relative = np.linalg.solve(root, np.linalg.solve(root, inverse @ middle @ inverse).T)
+    grown, ways = np.linalg.eigh(0.5 * (relative + relative.T))
+    own = root @ (ways * np.maximum(grown, 1.0)) @ ways.T @ root.T
     out = np.zeros((len(free), len(free)))
-    out[np.ix_(free, free)] = own * np.outer(grown, grown)
+    out[np.ix_(free, free)] = own
+    return out
+
+
+def _summed(score: np.ndarray, label: np.ndarray) -> np.ndarray:
+    """(f, f) sum over clusters of the squared sums of their scores (o, f)."""
+    known, at = np.unique(label, return_inverse=True)
+    total = np.zeros((len(known), score.shape[1]))
+    np.add.at(total, at, score)
+    out: np.ndarray = total.T @ total * len(known) / max(1, len(known) - 1)
     return out

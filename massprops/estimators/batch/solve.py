@@ -236,8 +236,8 @@ def _reduce(
 
 
 def _step(reduced: Reduced, damping: float, free: np.ndarray, state: BatchState) -> tuple[np.ndarray, np.ndarray]:
-    scale = np.maximum(np.diag(reduced.full), 1e-12)
-    H = reduced.H + np.diag(damping * scale + 1e-14 * scale.max())
+    scale = np.maximum(np.diag(reduced.full), 1e-200)
+    H = reduced.H + np.diag((damping + 1e-12) * scale)
     root = np.sqrt(scale)
     try:
         step = np.linalg.solve(H / root[:, None] / root, reduced.b / root) / root

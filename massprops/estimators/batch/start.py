@@ -149,7 +149,9 @@ def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, arou
     whole = float(problem.times[-1])
 
     def grown(inertia: np.ndarray, w0: np.ndarray) -> tuple[BatchState, float]:
-        return _doubled(still, replace(state, inertia=inertia, w0=w0, points=np.zeros((0, 3))), quiet, free, span, whole)
+        return _doubled(
+            still, replace(state, inertia=inertia, w0=w0, points=np.zeros((0, 3))), quiet, free, span, whole
+        )
 
     best, misfit = grown(state.inertia, state.w0)
     if not misfit < POOR:

@@ -41,15 +41,18 @@ class BatchState:
         return len(self.model.flat(True))
 
 
-BASIS = np.array(
-    [
-        [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
-        [[-1, 0, 0], [0, -1, 0], [0, 0, 2]],
-        [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
-        [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
-        [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
-    ]
-) / np.sqrt([2, 6, 2, 2, 2])[:, None, None]
+BASIS = (
+    np.array(
+        [
+            [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
+            [[-1, 0, 0], [0, -1, 0], [0, 0, 2]],
+            [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
+            [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
+            [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+        ]
+    )
+    / np.sqrt([2, 6, 2, 2, 2])[:, None, None]
+)
 """Symmetric matrices without trace, orthonormal: the five shapes in which an inertia can differ but for its size."""
 
 

@@ -1,0 +1,62 @@
+"""`massprops diagnose`: where simulation and measurement disagree, and what is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def command(
+    source: Annotated[Path, typer.Argument(metavar="SEQ_OR_RUN", help="Sequence folder, or a run folder.")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="Folder for diagnosis.json, model.yaml, residual.csv and report.html.")
+    ],
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print diagnosis.json on stdout and nothing else.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+) -> int:
+    """Find where a free rigid body's motion and the measurements disagree, and name the missing effect.
+
+    Example: massprops diagnose sequences/one -o diagnoses/one
+    """
+    import json
+
+    from massprops.diagnose import diagnose
+    from massprops_cli.progress import StageProgress
+
+    with StageProgress(quiet) as watch:
+        found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""))
+    document = found.document
+    for warning in document["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
+    if json_output:
+        typer.echo((out / "diagnosis.json").read_text() if (out / "diagnosis.json").is_file() else json.dumps(document))
+    else:
+        typer.echo(diagnosis_table(document))
+        typer.echo(f"report: {out / 'report.html'}")
+    return 0
+
+
+def diagnosis_table(document: dict[str, Any]) -> str:
+    """A few lines: verdict, effects with their parameters, the gap."""
+    rows = [f"  verdict   {document['verdict']}: {document['reason']}"]
+    for effect in document["effects"]:
+        rows.append(
+            f"  {effect['name']}  (BIC {effect['delta_bic']:+.0f}, held-out gain {effect['held_out_gain']:+.2f})"
+        )
+        for name, value in effect["parameters"].items():
+            rows.append(f"    {name:<14}{value:>14.5g} ± {effect['sigma'][name]:<10.2g} {effect['units'][name]}")
+    gap = document["gap"]
+    rows.append(f"  {'residual / noise':<20}{'before':>10}{'after':>10}")
+    for part in ("fitted", "held_out"):
+        before, after = (gap[part][k] for k in ("before", "after"))
+        shown = [f"{v:10.3f}" if v is not None and v == v else f"{'–':>10}" for v in (before, after)]
+        rows.append(f"  {part.replace('_', ' '):<20}{shown[0]}{shown[1]}")
+    for place in document["where"][:3]:
+        what = place.get("direction") or (f"feature {place['features'][0]}" if place["features"] else "")
+        a, b = place["interval_s"]
+        rows.append(f"  worst: {place['channel']} {what} from {a:.4g} to {b:.4g} s, z {place['z']:.0f}")
+    return "\n".join(rows)

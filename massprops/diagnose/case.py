@@ -1,0 +1,154 @@
+"""What a diagnosis works on: the measurements, fitted and held out, the first guess, and what is believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply
+from massprops.dynamics.surroundings import Surroundings
+from massprops.errors import NotPossible
+from massprops.estimators.batch.measurements import Measurements, measurements_of
+from massprops.estimators.batch.solve import Belief
+from massprops.estimators.batch.start import BatchStart, batch_start
+from massprops.estimators.batch.state import BatchState
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Prior
+from massprops.estimators.start import first_guess
+
+BLOCKS = 20
+HELD_BLOCKS = (5, 12, 18, 19)
+"""Twentieths of the record that no fit sees: two inside, and the end, where a wrong model strays farthest."""
+EVERY_FEATURE = 5
+"""One feature in five is held out in the blocks of odd number, too."""
+FEWEST_TO_HOLD = 60
+"""Epochs below which nothing can be held out."""
+ASSUMED_SIGMA = 0.02
+"""Relative 1-sigma of an assumed inertia that states none."""
+SCORED = 6000
+"""Observations that are enough to order the candidates."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One diagnosis.
+
+    Attributes:
+        fitted, held, scored: measurements that fits see, those they never see, and a part of the former for score tests.
+        first: the first state; belief: about the inertia; there: what effects may need and is there.
+        span: length of the record [s]; speed: typical angular velocity [rad/s].
+        warnings: what was assumed.
+    """
+
+    problem: Problem
+    around: Surroundings
+    first: BatchStart
+    fitted: Measurements
+    held: Measurements
+    scored: Measurements
+    belief: Belief
+    there: frozenset[str]
+    span: float
+    speed: float
+    warnings: tuple[str, ...]
+
+
+def case_of(problem: Problem) -> Case:
+    """Splits the record and finds the first state.
+
+    Raises:
+        NotPossible: no attitude or rates to begin with.
+    """
+    around = Surroundings(problem.environment)
+    warnings = list(problem.warnings)
+    guess = first_guess(problem, Prior())
+    warnings += guess.warnings
+    first = batch_start(problem, guess, around)
+    warnings += first.notes
+    belief = Belief()
+    if problem.body is not None:
+        body = problem.body
+        sigma = body.inertia_sigma or ASSUMED_SIGMA
+        if not body.inertia_sigma:
+            warnings.append(f"body.yaml states no inertia_sigma: {100 * ASSUMED_SIGMA:g} % assumed")
+        belief = Belief(3.0 * body.inertia / np.trace(body.inertia), max(sigma, 1e-5))
+        if first.body_frame == "own" and not problem.has_rates:
+            first = _in_body_axes(first, belief.inertia)
+    n = len(problem.times)
+    held_epochs = np.zeros(n, bool)
+    held_tracks = np.zeros_like(problem.seen)
+    if n >= FEWEST_TO_HOLD:
+        block = np.minimum((np.arange(n) * BLOCKS) // n, BLOCKS - 1)
+        held_epochs = np.isin(block, HELD_BLOCKS)
+        held_tracks |= held_epochs[:, None, None]
+        by_feature = np.arange(problem.seen.shape[2]) % EVERY_FEATURE == 2
+        held_tracks |= (block % 2 == 1)[:, None, None] & by_feature[None, None, :]
+    else:
+        warnings.append(f"{n} epochs are too few to hold any out: nothing tests the prediction")
+    seen = first.observed
+    fitted = measurements_of(problem, ~held_epochs, seen & ~held_tracks, first.channels)
+    # a feature that no fitted observation places cannot be predicted
+    placed = np.isin(np.arange(seen.shape[2]), np.unique(fitted.seen.feature))
+    held = measurements_of(problem, held_epochs, seen & held_tracks & placed[None, None, :], first.channels)
+    step = max(1, len(fitted.uv) // SCORED)
+    keep = np.zeros_like(seen)
+    keep[fitted.seen.epoch[::step], fitted.seen.camera[::step], fitted.seen.feature[::step]] = True
+    scored = measurements_of(problem, ~held_epochs, keep, first.channels)
+    if fitted.count < 30:
+        raise NotPossible("too few measurements for a diagnosis")
+    return Case(
+        problem,
+        around,
+        first,
+        fitted,
+        held,
+        scored,
+        belief,
+        frozenset(_there(problem, around, first)),
+        float(problem.times[-1] - problem.times[0]),
+        float(np.median(np.linalg.norm(guess.w, axis=1))),
+        tuple(warnings),
+    )
+
+
+def _there(problem: Problem, around: Surroundings, first: BatchStart) -> set[str]:
+    tracks = "tracks" in first.channels
+    there = set(around.known)
+    for name, present in (
+        ("tracks", tracks),
+        ("stereo", tracks and problem.stereo),
+        ("camera", tracks or "attitude" in first.channels),
+        ("range", tracks and problem.has_range),
+        ("assumed inertia", problem.body is not None),
+    ):
+        if present:
+            there.add(name)
+    return there
+
+
+def _in_body_axes(first: BatchStart, assumed: np.ndarray) -> BatchStart:
+    """The first state in the axes of `body.yaml`: principal axes matched by their moments, attitude free to move.
+
+    Which of the four ways round does not matter: half turns about principal axes leave free rotation as it is.
+    """
+    _, own = np.linalg.eigh(first.state.inertia)
+    _, given = np.linalg.eigh(assumed)
+    if np.linalg.det(own) < 0:
+        own[:, 0] *= -1
+    if np.linalg.det(given) < 0:
+        given[:, 0] *= -1
+    T = given @ own.T
+    s = first.state
+    turned = BatchState(
+        multiply(s.q0, from_rotation_matrix(T.T)),
+        T @ s.w0,
+        s.r0,
+        s.v0,
+        assumed.copy(),
+        s.model,
+        s.points @ T.T,
+    )
+    free = first.free.copy()
+    free[:3] = True
+    return replace(first, state=turned, free=free, body_frame="body.yaml")

@@ -1,0 +1,284 @@
+"""`massprops diagnose`: fit the base model, find where it fails, name what is missing, add it, show the gap shrink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from massprops.errors import InputError
+from massprops.estimators.result import ratios
+
+if TYPE_CHECKING:
+    from massprops.diagnose.case import Case
+    from massprops.diagnose.refit import Scored
+    from massprops.diagnose.select import Selection
+    from massprops.estimators.problem import Problem
+    from massprops.sequence.data import Sequence
+
+VIOLATED = 5.0
+"""Root of the belief's chi-square per element beyond which an assumed inertia is contradicted."""
+
+Watch = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found.
+
+    Attributes:
+        document: the content of `diagnosis.json`; model: of `model.yaml`.
+        case, selection: the work behind it; torque: the recovered torque, when unexplained; history: momentum and energy.
+    """
+
+    document: dict[str, Any]
+    model: dict[str, Any]
+    case: Case
+    selection: Selection
+    torque: dict[str, Any] | None
+    history: dict[str, Any] | None
+
+
+def diagnose(
+    source: str | Path | Sequence, out: str | Path | None = None, progress: Watch = lambda what, done, total: None
+) -> Diagnosis:
+    """Where model and data disagree, and which effect the model lacks.
+
+    Args:
+        source: sequence folder, run folder, or a `Sequence`.
+        out: folder for `diagnosis.json`, `model.yaml`, `residual.csv` and `report.html`.
+        progress: told of each step.
+
+    Raises:
+        InputError: an unreadable sequence, or a body file that contradicts itself.
+        NotPossible: nothing in the sequence shows how the body moves.
+    """
+    from massprops.estimators.problem import problem_of
+    from massprops.sequence.read import read_sequence
+
+    sequence = read_sequence(source) if isinstance(source, str | Path) else source
+    if out is not None and Path(out).is_file():
+        raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
+    found = diagnose_problem(problem_of(sequence), progress)
+    if out is not None:
+        from massprops.diagnose.files import write_diagnosis
+
+        write_diagnosis(Path(out), found)
+    return found
+
+
+def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, total: None) -> Diagnosis:
+    """`diagnose` on measurements in memory."""
+    from massprops.diagnose.case import case_of
+    from massprops.diagnose.refit import refit
+    from massprops.diagnose.select import select
+    from massprops.diagnose.unexplained import recovered_torque
+
+    progress("first guess", 0, 1)
+    case = case_of(problem)
+    progress("base model", 0, 1)
+    base = refit(case, case.first.state, (), most=40)
+    violated = False
+    if case.belief.inertia is not None:
+        base, violated = _judged(case, base)
+    selection = select(case, base, progress, violated)
+    torque = None
+    if selection.verdict == "unexplained":
+        progress("torque without a model", 0, 1)
+        torque = recovered_torque(case, base)
+    history = _history(case, selection)
+    document = _document(case, selection, torque, history)
+    blind = _blind(case, base, selection)
+    if blind:
+        document["verdict"], document["reason"] = "none", blind
+        document["effects"] = []
+    best = selection.best if selection.best is not None else base
+    return Diagnosis(document, _model(case, base, best), case, selection, torque, history)
+
+
+def _judged(case: Case, base: Scored) -> tuple[Scored, bool]:
+    """The base model with its inertia held at what is assumed, when the data contradict that assumption."""
+    from massprops.diagnose.refit import refit
+    from massprops.estimators.batch.solve import _believed
+
+    value, _ = _believed(base.fit.state, case.belief)
+    if np.sqrt(np.mean(value**2)) < VIOLATED:
+        return base, False
+    firm = replace(case, belief=replace(case.belief, sigma=1e-3 * case.belief.sigma))
+    state = replace(base.fit.state, inertia=case.belief.inertia)
+    held = refit(firm, state, (), most=40)
+    return replace(held, bic=base.bic), True
+
+
+def _blind(case: Case, base: Scored, selection: Selection) -> str:
+    """Why this record can show no missing effect at all; empty when it can."""
+    if selection.verdict != "none":
+        return ""
+    w = base.fit.predicted.motion.w
+    turned = float(np.sum(np.linalg.norm(w[1:], axis=1) * np.diff(case.problem.times)))
+    if turned < MOST_HIDDEN_TURN:
+        return (
+            f"not observable: the body turns by {np.degrees(turned):.0f} deg only, and no torque of note would show "
+            "against the noise"
+        )
+    return ""
+
+
+MOST_HIDDEN_TURN = 0.5
+"""Turn over the whole record [rad] below which free rotation and its inertia cannot be told from anything else."""
+
+
+def _history(case: Case, selection: Selection) -> dict[str, Any] | None:
+    from massprops.diagnose.history import momentum_and_energy
+    from massprops.estimators.rates import from_attitude
+
+    del from_attitude
+    best = selection.best or selection.base
+    motion = best.fit.predicted
+    return momentum_and_energy(case.problem.times, motion.q, motion.motion.w, best.fit.state.inertia)
+
+
+def _document(
+    case: Case, s: Selection, torque: dict[str, Any] | None, history: dict[str, Any] | None
+) -> dict[str, Any]:
+    from massprops.diagnose.where import worst_places
+
+    base, best = s.base, s.best or s.base
+    named = best if s.verdict in ("named", "ambiguous") else None
+    effects = [] if named is None else _entries(named, s)
+    if s.verdict == "ambiguous":
+        for rival in s.rivals:
+            effects += [e for e in _entries(rival, s) if e["name"] not in {x["name"] for x in effects}]
+    candidates = [_entry(x, s) for x in sorted(s.tried, key=lambda x: x.bic)]
+    after = named or (best if s.verdict == "unexplained" else base)
+    document = {
+        "format": "massprops-diagnosis/1",
+        "verdict": s.verdict,
+        "reason": _reason(case, s),
+        "effects": effects,
+        "candidates": candidates,
+        "skipped": s.skipped,
+        "where": worst_places(case.problem, case.fitted, base.fit.residuals, base.fit.state.points),
+        "gap": {
+            "fitted": {"before": base.fitted, "after": after.fitted},
+            "held_out": {"before": base.held, "after": after.held},
+            "noise_floor": 1.0,
+        },
+        "whiteness": {"before": base.white, "after": after.white},
+        "corrected": _corrected(base, after),
+        "model": "model.yaml",
+        "warnings": list(case.warnings),
+    }
+    if torque is not None:
+        document["torque"] = {k: v for k, v in torque.items() if k not in ("times", "torque")}
+    if history is not None:
+        document["momentum"] = {k: v for k, v in history.items() if np.ndim(v) == 0}
+    if named is not None and "nonuniform-density" in named.names and case.belief.inertia is not None:
+        from massprops.diagnose.hidden_mass import point_mass
+
+        document["hidden_mass"] = point_mass(case.belief.inertia, whole_inertia(named))
+    return document
+
+
+def whole_inertia(s: Scored) -> np.ndarray:
+    """(3, 3) inertia at the start of the record with what effects change of it, mean moment 1."""
+    from massprops.dynamics.rotation import six_of
+
+    state = s.fit.state
+    p = state.model.flat(True)
+    six = six_of(state.inertia)
+    for effect, place, _ in state.model.acting:
+        if hasattr(effect, "inertia"):
+            six = effect.inertia(0.0, six, p[place])
+    a, b, c, d, e, f = (float(v) for v in six)
+    inertia = np.array([[a, d, e], [d, b, f], [e, f, c]])
+    return 3.0 * inertia / np.trace(inertia)
+
+
+def _corrected(base: Scored, after: Scored) -> dict[str, Any]:
+    """Ratios, rate and axes with and without the effects."""
+    (k_base, axes_base), (k_after, axes_after) = ratios(whole_inertia(base)), ratios(whole_inertia(after))
+    cosine = np.clip(np.abs(np.sum(axes_base * axes_after, axis=0)), 0, 1)
+    return {
+        "k1": {"before": float(k_base[0]), "after": float(k_after[0])},
+        "k2": {"before": float(k_base[1]), "after": float(k_after[1])},
+        "rate_rad_s": {"before": base.fit.state.w0.tolist(), "after": after.fit.state.w0.tolist()},
+        "axes_moved_deg": np.degrees(np.arccos(cosine)).tolist(),
+    }
+
+
+def _entries(model: Scored, s: Selection) -> list[dict[str, Any]]:
+    """One entry for each effect of a model, with what that effect alone is worth."""
+    out = []
+    for a in model.added:
+        without = [x for x in s.tried if set(x.names) == set(model.names) - {a.name}]
+        rest = min(without, key=lambda x: x.bic) if without else s.base
+        entry = _entry(model, s, rest)
+        values, sigma = model.fit.state.model.value(a.name), model.sigma[a.name]
+        names = [q.name for q in a.effect.PARAMETERS]
+        entry["name"] = a.name
+        entry["sentence"] = a.effect.SENTENCE
+        entry["parameters"] = {n: float(v) for n, v in zip(names, values, strict=True)}
+        entry["sigma"] = {n: float(v) for n, v in zip(names, sigma, strict=True)}
+        entry["units"] = {q.name: q.unit for q in a.effect.PARAMETERS}
+        out.append(entry)
+    return out
+
+
+def _entry(model: Scored, s: Selection, without: Scored | None = None) -> dict[str, Any]:
+    base = without or s.base
+    parameters, sigma = {}, {}
+    for a in model.added:
+        for q, v, e in zip(a.effect.PARAMETERS, model.fit.state.model.value(a.name), model.sigma[a.name], strict=True):
+            key = q.name if len(model.added) == 1 else f"{a.name}.{q.name}"
+            parameters[key], sigma[key] = float(v), float(e)
+    return {
+        "name": " + ".join(model.names),
+        "parameters": parameters,
+        "sigma": sigma,
+        "delta_bic": float(base.bic - model.bic),
+        "held_out_gain": float(base.held - model.held),
+        "fitted": model.fitted,
+        "held_out": model.held,
+        "whiteness": model.white,
+        "implausible": model.implausible or None,
+    }
+
+
+def _reason(case: Case, s: Selection) -> str:
+    base, best = s.base, s.best or s.base
+    if s.verdict == "none":
+        return (
+            f"the base model explains the data: residuals are {base.fitted:.2f} of the stated noise, without structure"
+        )
+    if s.verdict == "named":
+        return "; ".join(a.effect.SENTENCE for a in best.added)
+    if s.verdict == "ambiguous":
+        every = [" + ".join(x.names) for x in (best, *s.rivals)]
+        return f"this data cannot tell apart: {', '.join(every)}. {_separates(case, every)}"
+    left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}"
+    return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{left}"
+
+
+def _separates(case: Case, names: list[str]) -> str:
+    text = " ".join(names)
+    if "range" not in case.there and ("baseline-error" in text or "focal-length-error" in text):
+        return "A range sensor would separate them."
+    if "magnetic" in text or "eddy" in text or "solar" in text:
+        return "A longer record, over which Sun and field change their direction in the body, would separate them."
+    return "A longer record or a second sensor (range, body rates) would separate them."
+
+
+def _model(case: Case, base: Scored, best: Scored) -> dict[str, Any]:
+    from massprops.model import document_of
+
+    state = best.fit.state
+    document = document_of(replace(state.model, inertia=whole_inertia(best)), best.sigma)
+    document["inertia_note"] = "body axes, mean moment 1, with the effects at the start of the record"
+    document["angular_velocity_rad_s"] = state.w0.tolist()
+    document["attitude"] = state.q0.tolist()
+    document["corrected"] = _corrected(base, best)
+    return document

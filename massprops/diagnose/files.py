@@ -1,0 +1,69 @@
+"""What a diagnosis leaves on disk: `diagnosis.json`, `model.yaml`, `residual.csv`, `report.html`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from massprops.diagnose.diagnose import Diagnosis
+from massprops.errors import InputError
+from massprops.estimators.batch.linearise import Residuals
+from massprops.estimators.batch.measurements import Measurements
+from massprops.run.files import plain, write_json, write_whole
+
+
+def write_diagnosis(out: Path, d: Diagnosis) -> Path:
+    """Writes everything, each file whole or not at all.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    import yaml
+
+    from massprops.diagnose.report import page
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(out / "residual.csv", _residual_table(d))
+        write_whole(out / "model.yaml", yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True))
+        write_json(out / "diagnosis.json", d.document)
+        write_whole(out / "report.html", page(d))
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place with -o") from None
+    return out
+
+
+def _residual_table(d: Diagnosis) -> str:
+    """Residuals before and after by measurement, and the torque recovered without a model where there is one."""
+    base = d.selection.base
+    best = d.selection.best or base
+    problem, m = d.case.problem, d.case.fitted
+    lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
+    stamp = problem.stamp_ns
+
+    def rows(channel: str, at: np.ndarray, before: np.ndarray, after: np.ndarray, names: str) -> None:
+        for i, t in enumerate(stamp[at]):
+            for k, name in enumerate(names):
+                lines.append(f"{t},{channel},,,{name},{before[i, k]:.4f},{after[i, k]:.4f}")
+
+    b, a = base.fit.residuals, best.fit.residuals
+    _tracks(lines, stamp, problem.features, m, b, a)
+    rows("range", m.range_at, b.range[:, None], a.range[:, None], "r")
+    rows("rate", m.rate_at, b.rates, a.rates, "xyz")
+    rows("attitude", m.attitude_at, b.attitude, a.attitude, "xyz")
+    if d.torque is not None:
+        first = int(stamp[0])
+        for t, v in zip(d.torque["times"], d.torque["torque"], strict=True):
+            for name, value in zip("xyz", v, strict=True):
+                lines.append(f"{first + int(t * 1e9)},torque [rad s^-2],,,{name},{value:.6g},")
+    return "\n".join(lines) + "\n"
+
+
+def _tracks(
+    lines: list[str], stamp: np.ndarray, features: np.ndarray, m: Measurements, before: Residuals, after: Residuals
+) -> None:
+    for i in range(len(m.uv)):
+        head = f"{stamp[m.seen.epoch[i]]},tracks,{m.seen.camera[i]},{features[m.seen.feature[i]]}"
+        for k, name in enumerate("uv"):
+            lines.append(f"{head},{name},{before.tracks[i, k]:.4f},{after.tracks[i, k]:.4f}")

@@ -1,0 +1,168 @@
+"""A model with certain effects, fitted to the fitted part of the data and tried on the part held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import ModuleType
+
+import numpy as np
+
+from massprops.diagnose.case import Case
+from massprops.diagnose.misfit import count, mean_square, whiteness
+from massprops.effects import changes_motion, searched
+from massprops.estimators.batch.linearise import linearise, predict, residuals
+from massprops.estimators.batch.solve import Fit, _believed, _reduce, fit, robust
+from massprops.estimators.batch.state import BatchState
+from massprops.estimators.methods.smoother import covariance_of
+from massprops.model import Model
+
+MOST_ITERATIONS = 25
+IMPLAUSIBLE = 3.0
+"""Sigmas beyond a parameter's plausible limits at which an effect is ruled out."""
+
+
+@dataclass(frozen=True)
+class Added:
+    """An effect in a form: 0 the simplest."""
+
+    effect: ModuleType
+    form: int = 0
+
+    @property
+    def name(self) -> str:
+        return str(self.effect.NAME)
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A fitted model.
+
+    Attributes:
+        added: effects beyond the base model; fit: where the search ended.
+        fitted, held: root-mean-square residual over the noise on the fitted data and on that held out.
+        white: score of correlation between neighbouring residuals; bic: lower is better.
+        sigma: by effect, 1-sigma of its parameters; implausible: why it cannot be, or empty.
+    """
+
+    added: tuple[Added, ...]
+    fit: Fit
+    fitted: float
+    held: float
+    white: float
+    bic: float
+    sigma: dict[str, np.ndarray]
+    implausible: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(a.name for a in self.added)
+
+
+def with_effects(state: BatchState, added: tuple[Added, ...], values: dict[str, np.ndarray]) -> BatchState:
+    """The state under a model with these effects; values by name, others as they are in the state's model or zero."""
+    modules = sorted((a.effect for a in added), key=lambda e: not changes_motion(e))
+    old = state.model
+    out = []
+    for module in modules:
+        if module.NAME in values:
+            out.append(np.asarray(values[module.NAME], float))
+        elif module.NAME in old.names:
+            out.append(old.value(module.NAME))
+        else:
+            out.append(np.zeros(len(module.PARAMETERS)))
+    return replace(state, model=Model(tuple(modules), tuple(out)))
+
+
+def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
+    """Parameter vectors to begin a search with: the effect's own, or zero."""
+    offered = effect.starts(case.span, case.speed) if hasattr(effect, "starts") else [np.zeros(len(effect.PARAMETERS))]
+    out = []
+    for values in offered:
+        values = np.array(values, float)
+        for i, q in enumerate(effect.PARAMETERS):
+            if q.kind == "span":
+                values[i] = case.span
+        out.append(values)
+    return out
+
+
+def free_of(case: Case, state: BatchState, added: tuple[Added, ...], times_too: bool = True) -> np.ndarray:
+    """(size,) which parameters may move."""
+    form = {a.name: a.form for a in added}
+    mask = list(case.first.free)
+    for module in state.model.modules:
+        for q, yes in zip(module.PARAMETERS, searched(module, form[module.NAME]), strict=True):
+            mask.append(yes and (times_too or q.kind != "time"))
+    return np.array(mask)
+
+
+def refit(case: Case, start: BatchState, added: tuple[Added, ...], most: int = MOST_ITERATIONS) -> Scored:
+    """Fits a model from a state that has its effects."""
+    found = fit(case.problem, case.fitted, start, case.around, free_of(case, start, added), case.belief, most)
+    return scored(case, found, added)
+
+
+def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
+    """What a fit is worth."""
+    r = found.residuals
+    n = count(r)
+    ms = mean_square(r)
+    value, _ = _believed(found.state, case.belief)
+    parameters = int(np.linalg.matrix_rank(_unit(found.information), tol=1e-10))
+    bic = n * np.log(max(ms, 1e-12) + float(value @ value) / n) + parameters * np.log(n)
+    held = residuals(case.problem, case.held, found.predicted)
+    covariance = covariance_of(found)
+    sigma, at = {}, 17
+    implausible = ""
+    for module, values in zip(found.state.model.modules, found.state.model.values, strict=True):
+        own = np.sqrt(np.diag(covariance))[at : at + len(values)]
+        at += len(values)
+        sigma[module.NAME] = own
+        implausible = implausible or _implausible(module, values, own, case)
+    return Scored(
+        added,
+        found,
+        float(np.sqrt(ms)),
+        float(np.sqrt(mean_square(held))) if case.held.count else float("nan"),
+        whiteness(r, case.fitted),
+        float(bic) if np.isfinite(found.cost) else np.inf,
+        sigma,
+        implausible,
+    )
+
+
+def _implausible(module: ModuleType, values: np.ndarray, sigma: np.ndarray, case: Case) -> str:
+    for q, v, s in zip(module.PARAMETERS, values, sigma, strict=True):
+        if q.least is not None and v + IMPLAUSIBLE * s < q.least:
+            return f"{q.name} {v:.3g} {q.unit} is below the least that is plausible, {q.least:g}"
+        if q.limit is not None and abs(v) - IMPLAUSIBLE * s > q.limit:
+            return f"{q.name} {v:.3g} {q.unit} is beyond the plausible, {q.limit:g}"
+        if q.kind == "time" and not 0 < v < case.span:
+            return f"{q.name} {v:.3g} s lies outside the record"
+    return ""
+
+
+def score_gain(case: Case, state: BatchState, added: tuple[Added, ...], new: Added, values: np.ndarray) -> float:
+    """By how much chi-square would fall if an effect were let in, to second order (score test), at given start values."""
+    trial = with_effects(state, (*added, new), {new.name: values})
+    try:
+        with np.errstate(all="ignore"):
+            at = predict(case.problem, trial, case.around)
+            weights = robust(residuals(case.problem, case.scored, at))
+            linear = linearise(case.problem, case.scored, at, case.around)
+            free = free_of(case, trial, (*added, new), times_too=False)
+            reduced = _reduce(linear, case.scored, weights, free, trial, case.belief)
+        scale = np.sqrt(np.maximum(np.diag(reduced.full), 1e-300))
+        H, b = reduced.H / scale[:, None] / scale, reduced.b / scale
+        H = H + 1e-9 * np.eye(len(H))
+        gain = float(b @ np.linalg.solve(H, b))
+        base = free.copy()
+        base[17:] = False
+        return gain * case.fitted.count / max(1, case.scored.count) if np.isfinite(gain) else 0.0
+    except (np.linalg.LinAlgError, OverflowError, ZeroDivisionError, ValueError):
+        return 0.0
+
+
+def _unit(information: np.ndarray) -> np.ndarray:
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return information / scale[:, None] / scale

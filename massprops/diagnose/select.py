@@ -1,0 +1,168 @@
+"""Forward selection of effects, with a backward check; which cannot be told apart, and whether it is enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+
+from massprops.diagnose.case import Case
+from massprops.diagnose.misfit import WHITE
+from massprops.diagnose.refit import Added, Scored, refit, score_gain, start_values, with_effects
+from massprops.effects import effects, forms
+from massprops.model import lacks
+
+EVIDENCE = 10.0
+"""Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
+CLOSE = 6.0
+"""Difference of BIC below which two explanations cannot be told apart."""
+ENOUGH = 1.02
+"""Root-mean-square residual at which nothing is left to explain, whatever its correlation."""
+WORTH_A_FIT = 0.1
+"""Share of the best score gain that a candidate needs to be fitted."""
+FEWEST_FITS = 5
+BEAM = 3
+FITS_OF_A_PAIR = 3
+NEARLY = 0.03
+"""Share of the excess mean square that may be left over when an effect is named although structure remains."""
+
+Watch = Callable[[str, int, int], None]
+
+
+@dataclass
+class Selection:
+    """The course of a selection.
+
+    Attributes:
+        base: the base model; tried: every model fitted with effects; best: the model chosen, or the base.
+        rivals: models that explain as much as the best; skipped: effect to why it was not tried.
+        verdict: none, named, ambiguous or unexplained.
+    """
+
+    base: Scored
+    tried: list[Scored] = field(default_factory=list)
+    best: Scored | None = None
+    rivals: list[Scored] = field(default_factory=list)
+    skipped: dict[str, str] = field(default_factory=dict)
+    verdict: str = "none"
+
+
+def explained(s: Scored) -> bool:
+    """Nothing but noise is left."""
+    return (s.white < WHITE or s.fitted < ENOUGH) and s.fitted < 3.0
+
+
+def select(
+    case: Case, base: Scored, watch: Watch = lambda what, done, total: None, violated: bool = False
+) -> Selection:
+    """Which effects the base model lacks.
+
+    Args:
+        base: the fitted base model; violated: the assumed inertia is contradicted although the residuals are small.
+        watch: told of each step.
+    """
+    out = Selection(base, best=base)
+    usable: list[ModuleType] = []
+    for name, module in effects().items():
+        missing = lacks(module, set(case.there))
+        if missing:
+            out.skipped[name] = missing
+        else:
+            usable.append(module)
+    if explained(base) and not violated:
+        return out
+    first = _round(case, base, usable, FEWEST_FITS, watch, "one effect")
+    out.tried += first
+    good = [s for s in first if _may_be(s, base)]
+    done = [s for s in good if explained(s)]
+    if not done:
+        longer = [x for s in good[:BEAM] for x in _longer_forms(case, s)]
+        out.tried += longer
+        good = sorted([*good, *(s for s in longer if _may_be(s, base))], key=lambda s: s.bic)
+        done = [s for s in good if explained(s)]
+    if not done and good:
+        pairs: list[Scored] = []
+        for k, s in enumerate(_distinct(good)[:BEAM]):
+            rest = [m for m in usable if m.NAME not in s.names]
+            pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1}/{BEAM})")
+        out.tried += pairs
+        better = sorted([p for p in pairs if _may_be(p, base) and _all_needed(p, first)], key=lambda s: s.bic)
+        done = [s for s in better if explained(s)]
+        good = sorted([*good, *better], key=lambda s: s.bic)
+    if done:
+        done.sort(key=lambda s: s.bic)
+        out.best = done[0]
+        out.rivals = [
+            s for s in _distinct(done)[1:] if s.bic - done[0].bic < CLOSE and len(s.added) == len(done[0].added)
+        ]
+        out.verdict = "ambiguous" if out.rivals else "named"
+        return out
+    if good:
+        out.best = good[0]
+        left = good[0].fitted ** 2 - 1.0
+        if left < NEARLY * (base.fitted**2 - 1.0) and not good[0].implausible:
+            out.rivals = [s for s in _distinct(good)[1:] if s.bic - good[0].bic < CLOSE]
+            out.verdict = "ambiguous" if out.rivals else "named"
+            return out
+    out.verdict = "unexplained"
+    return out
+
+
+def _may_be(s: Scored, base: Scored) -> bool:
+    return not s.implausible and np.isfinite(s.bic) and base.bic - s.bic > EVIDENCE
+
+
+def _distinct(models: list[Scored]) -> list[Scored]:
+    """The best model of each set of names."""
+    seen: dict[frozenset[str], Scored] = {}
+    for s in sorted(models, key=lambda s: s.bic):
+        seen.setdefault(frozenset(s.names), s)
+    return list(seen.values())
+
+
+def _all_needed(pair: Scored, singles: list[Scored]) -> bool:
+    """Backward check: neither effect of a pair is idle beside the other."""
+    return all(s.bic - pair.bic > EVIDENCE for s in singles if set(s.names) < set(pair.names))
+
+
+def _round(case: Case, upon: Scored, modules: list[ModuleType], fewest: int, watch: Watch, what: str) -> list[Scored]:
+    """Score tests of all candidates beside a model, then fits of the promising ones, best first."""
+    gains: list[tuple[float, ModuleType, list[np.ndarray]]] = []
+    for k, module in enumerate(modules):
+        watch(f"{what}: score of {module.NAME}", k, len(modules))
+        starts = start_values(case, module)
+        own = [score_gain(case, upon.fit.state, upon.added, Added(module), v) for v in starts]
+        order = np.argsort(own)[::-1]
+        gains.append((float(own[order[0]]), module, [starts[i] for i in order[:2]]))
+    gains.sort(key=lambda g: -g[0])
+    top = gains[0][0] if gains else 0.0
+    chosen = [g for i, g in enumerate(gains) if i < fewest or g[0] > WORTH_A_FIT * top and fewest >= FEWEST_FITS]
+    out = []
+    for k, (_, module, starts) in enumerate(chosen):
+        watch(f"{what}: fit of {module.NAME}", k, len(chosen))
+        out.append(_best_fit(case, upon, module, starts))
+    return sorted(out, key=lambda s: s.bic)
+
+
+def _best_fit(case: Case, upon: Scored, module: ModuleType, starts: list[np.ndarray]) -> Scored:
+    added = (*upon.added, Added(module))
+    best: Scored | None = None
+    for values in starts:
+        tried = refit(case, with_effects(upon.fit.state, added, {module.NAME: values}), added)
+        if best is None or tried.bic < best.bic:
+            best = tried
+        if explained(best):
+            break
+    assert best is not None
+    return best
+
+
+def _longer_forms(case: Case, s: Scored) -> list[Scored]:
+    out = []
+    for a in s.added:
+        for form in range(a.form + 1, forms(a.effect)):
+            added = tuple(Added(b.effect, form) if b is a else b for b in s.added)
+            out.append(refit(case, s.fit.state, added, most=40))
+    return out
