@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.campaign.papers.pesce2017 import COLUMNS
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import position_velocity
 from massprops.dynamics.quaternion import angle_between, from_rotation_matrix, normalise, rotate
@@ -29,8 +30,6 @@ from massprops.estimators.transition import (
 from massprops.sensing.pinhole import Pinhole
 from massprops.sensing.stereo import triangulate
 from massprops.sequence.data import Orbit
-
-COLUMNS = ("rho_m", "rho_dot_m_s", "omega_deg_s", "theta_deg", "k1", "k2")
 
 # the paper's camera axes: x right, y the depth, z up
 CAMERA_ROWS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
