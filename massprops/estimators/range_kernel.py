@@ -375,3 +375,21 @@ def run(
         out[e, 13:] = s
         block[e] = P[:BASE, :BASE]
     return out, block, tally
+
+
+@numba.njit(cache=True)
+def trajectories(times, y, s, chaser, middle, mu):  # type: ignore[no-untyped-def]
+    """Motion (b, n, 13) at the times from b states y (b, 13) at the first of them and inertias s (b, 5)."""
+    b, n = y.shape[0], len(times)
+    out = np.empty((b, n, 13))
+    for i in range(b):
+        z = y[i].copy()
+        out[i, 0] = z
+        for e in range(1, n):
+            h = times[e] - times[e - 1]
+            speed = np.sqrt(y[0, 4] ** 2 + y[0, 5] ** 2 + y[0, 6] ** 2)
+            # the same steps for all, so that differences between them are smooth
+            steps = int(min(5000.0, max(1.0, np.ceil(1.2 * speed * h / LARGEST_TURN))))
+            move(z, s[i], h, steps, chaser[e - 1], middle[e - 1], chaser[e], mu)
+            out[i, e] = z
+    return out
