@@ -101,7 +101,7 @@ def _run(values: dict[str, Any], seed: int, folder: Path | None) -> dict[str, An
     place = folder / f"{Path(values['video']).stem}-{seed}"
     place.parent.mkdir(parents=True, exist_ok=True)
     run = reconstruct(values["video"], place, seed=seed, **options)
-    row: dict[str, Any] = {"run": str(place), "exit_code": run.exit_code}
+    row: dict[str, Any] = {"run": f"runs/{folder.name}/{place.name}", "exit_code": run.exit_code}
     if (place / "massprops.json").is_file():
         found = run.properties
         flat = {**found, **(found.get("inertia_ratios") or {})}
