@@ -11,6 +11,7 @@ from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotate
 from massprops.errors import NotPossible
 from massprops.estimators.error_state import Layout, State, covariance_of, state_of
 from massprops.estimators.inertia_parameters import GENERAL, from_inertia
+from massprops.estimators.inertia_parameters import inertia as to_tensor
 from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
@@ -160,7 +161,7 @@ def _inertia(prior: Prior, start: Any) -> tuple[np.ndarray | None, np.ndarray]:
             frame = frame * np.array([1.0, 1.0, np.sign(np.linalg.det(frame))])
             tensor = frame @ np.diag(moments / moments.sum()) @ frame.T
             J = _by_parameters(tensor, ratio_directions(moments / moments.sum(), frame))
-            return tensor, J @ np.diag(np.concatenate([k, axes]) ** 2) @ J.T
+            return tensor, J @ np.diag(np.concatenate([k, axes]) ** 2) @ J.T + 1e-6 * np.eye(GENERAL)
     if tensor is None:
         return None, np.eye(GENERAL)
     J = _by_parameters(tensor, DIRECTIONS)
@@ -179,10 +180,13 @@ def _by_parameters(tensor: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 
 def _k_sigma(tensor: np.ndarray, spread: np.ndarray) -> float:
-    """Larger 1-sigma of k1 and k2."""
+    """Larger 1-sigma of k1 and k2, by first-order change of the moments."""
     moments, axes = np.linalg.eigh(tensor)
-    J = np.linalg.inv(_by_parameters(tensor, ratio_directions(moments, axes)))
-    return float(np.sqrt(np.max(np.diag(J @ spread @ J.T)[:2])))
+    p, h = from_inertia(tensor), 1e-6
+    change = (to_tensor(p + h * np.eye(GENERAL)) - to_tensor(p - h * np.eye(GENERAL))) / (2 * h)
+    log = np.einsum("ia,pij,ja->ap", axes, change, axes) / moments[:, None]
+    J = log[:2] - log[1:]
+    return float(np.sqrt(np.max(np.diag(J @ spread @ J.T))))
 
 
 def _fine(problem: Problem, start: Any, row: int) -> float:

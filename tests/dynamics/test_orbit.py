@@ -1,0 +1,85 @@
+"""The chaser's Kepler motion, by its own laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprops.dynamics.kernels import differential_gravity
+from massprops.dynamics.orbit import (
+    eccentric_anomaly,
+    lvlh_axes,
+    lvlh_rate,
+    perifocal_axes,
+    position_velocity,
+    true_anomaly,
+)
+from massprops.dynamics.surroundings import Surroundings as Around
+from massprops.estimators.surroundings import Surroundings
+from massprops.sequence.data import Environment, Orbit
+
+MU = 3.986004418e14
+
+
+def orbit(e: float, nu: float = 0.7) -> Orbit:
+    return Orbit(MU, 7.17e6, e, nu, perifocal_axes(0.3, 1.1, 5.9))
+
+
+@pytest.mark.parametrize("e", [0.0, 0.05, 0.5, 0.95])
+def test_kepler_equation_is_solved(e: float) -> None:
+    M = np.linspace(-20, 20, 401)
+    E = eccentric_anomaly(M, e)
+    assert np.abs(E - e * np.sin(E) - M).max() < 1e-12
+
+
+@pytest.mark.parametrize("e", [0.0, 0.05, 0.6])
+def test_energy_and_momentum_are_kept_and_velocity_is_the_derivative(e: float) -> None:
+    o, t = orbit(e), np.linspace(0, 9000, 60)
+    r, v = position_velocity(o, t)
+    assert true_anomaly(o, np.zeros(1))[0] == pytest.approx(0.7)
+    energy = 0.5 * np.sum(v * v, -1) - MU / np.linalg.norm(r, axis=-1)
+    assert np.ptp(energy) < 1e-9 * abs(energy[0])
+    h = np.cross(r, v)
+    assert np.abs(h - h[0]).max() < 1e-9 * np.linalg.norm(h[0])
+    numeric = (position_velocity(o, t + 0.01)[0] - position_velocity(o, t - 0.01)[0]) / 0.02
+    assert np.abs(numeric - v).max() < 1e-4
+    acceleration = (position_velocity(o, t + 0.1)[1] - position_velocity(o, t - 0.1)[1]) / 0.2
+    pull = -MU * r / np.linalg.norm(r, axis=-1, keepdims=True) ** 3
+    assert np.abs(acceleration - pull).max() < 1e-5
+
+
+def test_lvlh_axes_turn_at_the_stated_rate() -> None:
+    o, t = orbit(0.3), np.linspace(0, 6000, 25)
+    L = lvlh_axes(o, t)
+    r, v = position_velocity(o, t)
+    np.testing.assert_allclose(L[..., 0], r / np.linalg.norm(r, axis=-1, keepdims=True), atol=1e-12)
+    assert (np.einsum("ni,ni->n", L[..., 1], v) > 0).all()
+    assert np.abs(np.linalg.det(L) - 1).max() < 1e-12
+    rate, acceleration = lvlh_rate(o, t)
+    turning = (lvlh_axes(o, t + 0.05) - lvlh_axes(o, t - 0.05)) / 0.1
+    np.testing.assert_allclose(turning, np.cross(rate[:, None], np.swapaxes(L, 1, 2)).swapaxes(1, 2), atol=1e-9)
+    np.testing.assert_allclose(
+        (lvlh_rate(o, t + 1)[0] - lvlh_rate(o, t - 1)[0]) / 2, acceleration, rtol=1e-3, atol=1e-12
+    )
+
+
+def test_a_neighbour_on_its_own_kepler_orbit_moves_as_differential_gravity_says() -> None:
+    leader, other = orbit(0.05), Orbit(MU, 7.17e6 + 60, 0.05, 0.7, perifocal_axes(0.3, 1.1, 5.9))
+    t = 500.0
+    r, _ = position_velocity(leader, np.asarray(t))
+    rho = [
+        position_velocity(other, np.asarray(t + d))[0] - position_velocity(leader, np.asarray(t + d))[0]
+        for d in (-5, 0, 5)
+    ]
+    second = (rho[0] - 2 * rho[1] + rho[2]) / 25
+    pull = np.array(differential_gravity(MU, *r, *rho[1]))
+    np.testing.assert_allclose(second, pull, atol=2e-8)
+    assert np.linalg.norm(pull) > 1e-5
+
+
+def test_camera_frame_is_the_one_that_the_simulator_uses() -> None:
+    environment = Environment("lvlh", orbit(0.2))
+    ours, theirs = Surroundings(environment.orbit, turning=True), Around(environment)
+    for t in (0.0, 40.0, 3000.0):
+        np.testing.assert_allclose(ours.camera_frame(t)[0].T, theirs.chaser_turn(np.array([t]))[0], atol=1e-11)
+        np.testing.assert_allclose(ours.leader(t), np.array(theirs.position(t)), rtol=1e-12)

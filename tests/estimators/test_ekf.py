@@ -1,0 +1,251 @@
+"""EKF and iterated EKF: derivatives, consistency with the paper's set-up, and sequences of every kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprops.campaign.papers import _pesce2017_run as paper_run
+from massprops.campaign.papers import pesce2017
+from massprops.dynamics.quaternion import from_rotation_vector, normalise, rotation_matrix
+from massprops.estimators import inertia_parameters as shape
+from massprops.estimators import observation
+from massprops.estimators.curvature import cross_covariance
+from massprops.estimators.differentiator import slope
+from massprops.estimators.error_state import Layout, State, difference, retract, state_of
+from massprops.estimators.iterated import EKF, IEKF, update
+from massprops.estimators.methods import methods
+from massprops.estimators.problem import Problem, problem_of
+from massprops.estimators.result import Estimate, Prior
+from massprops.estimators.start import first_guess
+from massprops.estimators.surroundings import Surroundings
+from massprops.estimators.transition import ProcessNoise, predict, transition
+from massprops.sensing.pinhole import Pinhole
+from massprops.sequence.data import Orbit
+from massprops.simulate.tracks import TrackScenario, simulate_tracks
+
+LAYOUTS = [Layout(4, 2), Layout(4, 5), Layout(4, 2, additive=True)]
+
+
+def some_state(layout: Layout, runs: int = 3) -> State:
+    rng = np.random.default_rng(4)
+    return state_of(
+        rng.normal(size=(runs, 3)) + [3, 4, 30],
+        0.02 * rng.normal(size=(runs, 3)),
+        0.05 * rng.normal(size=(runs, 3)),
+        normalise(rng.normal(size=(runs, 4))),
+        rng.normal(size=(runs, 4, 3)),
+        0.3 * rng.normal(size=(runs, layout.inertia)),
+    )
+
+
+def numeric(layout: Layout, state: State, function, h: float = 1e-6) -> np.ndarray:
+    columns = []
+    for j in range(layout.size):
+        e = np.zeros((len(state.W), layout.size))
+        e[:, j] = h
+        columns.append((function(retract(layout, state, e)) - function(retract(layout, state, -e))) / (2 * h))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_transition_is_the_derivative_of_the_motion(layout: Layout) -> None:
+    state = some_state(layout)
+    around = Surroundings(Orbit(3.986e14, 7.17e6, 0.05, 0.0), True)
+    ahead, F = transition(layout, state, 3.0, 7.0, around, 0.2)
+    found = numeric(layout, state, lambda s: difference(layout, transition(layout, s, 3.0, 7.0, around, 0.2)[0], ahead))
+    if layout.additive:
+        # lengthening a unit quaternion does nothing
+        F = F.copy()
+        F[:, :, 9:13] -= (F[:, :, 9:13] @ state.q[:, :, None]) @ state.q[:, None, :]
+    assert np.abs(found - F).max() < 1e-5
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_observations_have_the_derivatives_they_state(layout: Layout) -> None:
+    state = some_state(layout)
+    turn = from_rotation_vector(np.array([0.1, 0.2, 0.05]))
+    frame, spin = rotation_matrix(turn), np.array([0.01, 0.02, 0.03])
+    cameras = (
+        Pinhole(np.array([1.1, 1.2, 0.3, 0.4]), np.eye(3), np.zeros(3)),
+        Pinhole(np.array([1.0, 1.0, 0.0, 0.0]), rotation_matrix(turn), np.array([1.0, 0.0, 0.1])),
+    )
+    channels = {
+        "images": lambda s: observation.images(layout, s, cameras, frame, spin, True, True)[:2],
+        "distance": lambda s: observation.distance(layout, s),
+        "rates": lambda s: observation.body_rate(layout, s),
+        "constraint": lambda s: observation.euler_constraint(layout, s, np.zeros((3, 3))),
+    }
+    for name, channel in channels.items():
+        value, H = channel(state)
+        H = observation.for_layout(layout, state, H)
+        sign = -1.0 if name == "constraint" else 1.0
+        assert np.abs(numeric(layout, state, lambda s, c=channel: c(s)[0]) - sign * H).max() < 1e-6, name
+        assert np.abs(H).max() > 1e-3
+
+
+def test_inertia_parameters_lead_there_and_back_and_hold_only_possible_bodies() -> None:
+    rng = np.random.default_rng(0)
+    moments = rng.uniform(0.2, 1.0, (500, 3))
+    moments = moments[moments.sum(axis=1) > 2.01 * moments.max(axis=1)]
+    k = np.log(moments[:, :2] / moments[:, 1:])
+    p = shape.from_ratios(k)
+    np.testing.assert_allclose(shape.ratios_of(p), k, atol=1e-10)
+    tensor = shape.inertia(p)
+    np.testing.assert_allclose(shape.inertia(shape.from_inertia(tensor)), tensor, atol=1e-12)
+    wild = shape.within(rng.normal(scale=3, size=(500, 2)))
+    found = np.linalg.eigvalsh(shape.inertia(wild))
+    assert (found[:, 0] > 0).all() and (found[:, 0] + found[:, 1] > found[:, 2]).all()
+    mean, spread = shape.principal_prior(np.array([[9.0, -9.0], [-0.2, -0.1]]), np.array([0.7, 0.7]))
+    assert np.isfinite(mean).all() and (np.linalg.eigvalsh(spread) > 1e-3).all()
+
+
+def test_covariance_of_a_cross_product() -> None:
+    rng = np.random.default_rng(1)
+    S = rng.normal(size=(6, 6))
+    e = rng.normal(size=(200_000, 6)) @ S.T
+    found = np.cov(np.cross(e[:, :3], e[:, 3:]).T)
+    P = S @ S.T
+    expected = cross_covariance(P[:3, :3], P[3:, 3:], P[:3, 3:])
+    np.testing.assert_allclose(found, expected, atol=0.03 * np.abs(expected).max())
+
+
+def test_differentiator_finds_a_slope_within_its_sigma() -> None:
+    rng = np.random.default_rng(2)
+    t = np.arange(25.0)
+    sigma = 1e-4
+    rates = 1e-5 * t[:, None, None] * np.array([1.0, -2.0, 0.5]) + sigma * rng.normal(size=(25, 400, 3))
+    found, claimed = slope(t, rates, np.broadcast_to(sigma**2 * np.eye(3), (25, 400, 3, 3)))
+    z = (found - 1e-5 * np.array([1.0, -2.0, 0.5])) / claimed
+    assert 0.9 < np.sqrt(np.mean(z**2)) < 1.1
+
+
+@pytest.mark.parametrize("rule", [EKF, IEKF])
+def test_a_linear_update_is_kalmans(rule) -> None:
+    layout = Layout(0, 2)
+    state = state_of(
+        np.ones((2, 3)),
+        np.zeros((2, 3)),
+        np.zeros((2, 3)),
+        np.array([[1.0, 0, 0, 0]] * 2),
+        np.zeros((2, 0, 3)),
+        np.zeros((2, 2)),
+    )
+    P = np.eye(layout.size) * np.linspace(1, 2, layout.size) + 0.1
+    P = np.repeat(P[None], 2, axis=0)
+    H = np.zeros((2, 3, layout.size))
+    H[:, :, layout.r] = np.eye(3)
+
+    def observe(s: State, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([1.5, 2.0, 7.0]) - s.r, H[runs]
+
+    sigma = np.array([[0.3, 0.2, np.inf]] * 2)
+    done = update(layout, state, P, observe, sigma, rule)
+    h = H[0, :2]
+    gain = P[0] @ h.T @ np.linalg.inv(h @ P[0] @ h.T + np.diag([0.09, 0.04]))
+    np.testing.assert_allclose(done.state.r[0], 1 + (gain @ [0.5, 1.0])[layout.r], atol=1e-9)
+    np.testing.assert_allclose(done.P[1], P[0] - gain @ h @ P[0], atol=1e-9)
+    np.testing.assert_array_equal(done.P, np.swapaxes(done.P, 1, 2))
+
+
+def test_a_run_does_not_depend_on_the_others() -> None:
+    c = pesce2017.configuration("C") | {"steps": 12, "average_from_s": 5, "steady_from_s": 10}
+    together = pesce2017.runs(c, [3, 4, 5, 6, 7])
+    assert pesce2017.runs(c, [5]) == together[2:3]
+    assert pesce2017.runs(c, [7, 3]) == [together[4], together[0]]
+
+
+def test_case_c_is_consistent_and_at_the_limit() -> None:
+    rows = pesce2017.runs(pesce2017.configuration("C"), list(range(200, 216)))
+    assert not any("error" in row for row in rows)
+    for name, limit in (("final_k1", 0.0020), ("final_k2", 0.0015)):
+        assert np.sqrt(np.mean([row[name] ** 2 for row in rows])) < 1.5 * limit
+        assert max(abs(row[name]) for row in rows) < 0.15
+    assert np.mean([row["nees_k_100s"] for row in rows]) < 2 + 3 * np.sqrt(4 / 16)
+    assert 20 < np.median([row["nees_100s"] for row in rows]) < 42
+    table = pesce2017.table("C", rows)
+    assert len(table["rows"]) == 4 and all(len(row) == len(table["columns"]) for row in table["rows"])
+
+
+def test_the_measurements_alone_reach_the_limit_of_the_errata() -> None:
+    sigma = paper_run.bound(pesce2017.configuration("C"), [0, 1, 2])[-1]
+    np.testing.assert_allclose(sigma.mean(axis=0), [0.0020, 0.0015], rtol=0.05)
+
+
+@pytest.mark.parametrize("case", pesce2017.CASES)
+def test_every_case_is_finite_and_named(case: str) -> None:
+    rows = pesce2017.runs(
+        pesce2017.configuration(case) | {"steps": 30, "steady_from_s": 25, "average_from_s": 5}, [0, 1]
+    )
+    for row in rows:
+        assert all(np.isfinite(v) for v in row.values() if isinstance(v, float))
+    assert pesce2017.table(case, [row | {"nees_100s": 29.0, "nees_k_100s": 2.0} for row in rows])["notes"]
+
+
+def scenario(**changes) -> tuple[Problem, dict]:
+    made = simulate_tracks(TrackScenario(**({"frames": 140, "features": 10, "seed": 3} | changes)))
+    return problem_of(made.sequence), made.truth
+
+
+def run(name: str, problem: Problem) -> Estimate:
+    prior = Prior()
+    return methods()[name].estimate(problem, prior, first_guess(problem, prior))
+
+
+def check(found: Estimate, truth: dict, largest: float) -> None:
+    assert found.converged and found.observable, found.reason
+    error = np.array([found.k1 - truth["k1"], found.k2 - truth["k2"]])
+    assert np.abs(error).max() < largest
+    assert np.abs(error / found.sigma_k).max() < 4.5
+    assert 0.3 < found.innovation < 1.3
+    assert found.q.shape == (len(found.times), 4) and np.isfinite(found.w).all()
+
+
+@pytest.mark.parametrize("name", ["ekf", "iekf"])
+def test_stereo_tracks_with_outliers(name: str) -> None:
+    problem, truth = scenario(outliers=0.03)
+    found = run(name, problem)
+    check(found, truth, 0.02)
+    assert 0.01 < found.gated / (found.gated + found.used) < 0.15
+    at = np.searchsorted(truth["timestamp_ns"], problem.stamp_ns[-1])
+    assert np.linalg.norm(found.position[-1] - truth["position"][at]) < 6 * np.linalg.norm(found.sigma_position[-1])
+    assert np.linalg.norm(found.w[-1]) == pytest.approx(np.linalg.norm(truth["w"][at]), rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["attitude", "rates", "one camera"])
+def test_other_sensors(kind: str) -> None:
+    changes = {
+        "attitude": {"features": 0, "attitude_sigma": 0.01},
+        "rates": {"features": 0, "rate_sigma": 1e-3},
+        "one camera": {"baseline_m": 0.0, "attitude_sigma": 0.01},
+    }[kind]
+    problem, truth = scenario(range_sigma_m=0.0, orbit=False, **changes)
+    check(run("iekf", problem), truth, 0.06)
+
+
+def test_features_that_come_late_and_epochs_without_any() -> None:
+    problem, truth = scenario(orbit=False)
+    uv = problem.uv.copy()
+    uv[:70, :, 6:] = np.nan
+    uv[80:95] = np.nan
+    found = run("iekf", replace(problem, uv=uv))
+    check(found, truth, 0.03)
+    assert set(problem.features[6:]) <= set(found.feature_ids.tolist())
+
+
+def test_a_flat_spin_gives_no_number() -> None:
+    problem, _ = scenario(moments=(1.0, 1.5, 2.0), spin=(0.0, 0.0, 1.0))
+    found = run("iekf", problem)
+    assert not found.observable and found.k1 is None and found.reason
+
+
+def test_prediction_without_noise_keeps_features_on_the_body() -> None:
+    layout = Layout(4, 2)
+    state = some_state(layout)
+    P = np.repeat(np.eye(layout.size)[None], 3, axis=0)
+    ahead, P = predict(layout, state, P, 0.0, 30.0, Surroundings(), ProcessNoise(), 0.2)
+    np.testing.assert_allclose(ahead.body_features, state.body_features, atol=1e-9)
+    np.testing.assert_allclose(ahead.r, state.r + 30 * state.velocity, atol=1e-9)
+    np.testing.assert_array_equal(P, np.swapaxes(P, 1, 2))
