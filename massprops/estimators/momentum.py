@@ -12,8 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
+from massprops.estimators.alignment import cross_matrix, inverse_of
 from massprops.estimators.rates import LocalFit
 
+FEWEST = 6
+LARGEST_COUNT = 60
 LARGEST_SQUARE = 20.0
 SMALLEST_PART = 1e-4
 """Least eigenvalue of Sigma = tr(I)/2 - I over its trace, for a start inside the physical bodies."""
@@ -79,8 +82,10 @@ def physical(inertia: np.ndarray, least: float = SMALLEST_PART) -> np.ndarray:
     Those hold together exactly when Sigma = tr(I)/2 - I, the second moments of mass, is positive definite.
     """
     inertia = 0.5 * (inertia + inertia.T)
-    values, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
-    trace = max(float(np.trace(inertia)) / 2, 1e-12)
+    trace = float(np.trace(inertia)) / 2
+    if not trace > 1e-6 * np.linalg.norm(inertia):
+        return np.eye(3) / 3.0
+    values, axes = np.linalg.eigh(trace * np.eye(3) - inertia)
     sigma = axes @ np.diag(_simplex(values / trace, least)) @ axes.T
     return _from_sigma(sigma)
 
@@ -122,139 +127,196 @@ def momentum_inertia(
     Returns:
         the result, or None with fewer than six usable epochs.
     """
-    from scipy.optimize import least_squares
-
     fine = np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
-    if fine.sum() < 6:
-        return None
     # rates from overlapping windows repeat each other: a sixth of a window apart loses nothing
-    rows = np.flatnonzero(fine)[:: max(1, correlation // 6)]
-    correlation = int(np.ceil(correlation / max(1, correlation // 6)))
-    if len(rows) < 6:
+    stride = max(1, correlation // 6)
+    rows = np.flatnonzero(fine)[::stride]
+    correlation = int(np.ceil(correlation / stride))
+    if len(rows) < FEWEST:
         return None
     R, w, P = rotation_matrix(q[rows]), w[rows], covariance[rows]
     place = np.zeros(len(rows), int) if block is None else np.unique(block[rows], return_inverse=True)[1]
-    start = physical(plain_inertia(q[rows], w) if first is None else first, 0.02)
-    use = np.ones(len(rows), bool)
-    inertia = start
-    for _ in range(3):
-        problem = _Conservation(R[use], w[use], P[use], np.unique(place[use], return_inverse=True)[1])
-        guesses = (inertia, np.eye(3) / 3.0) if first is None and use.all() else (inertia,)
-        fits = [_solve(least_squares, problem, guess) for guess in guesses]
+    use = _plausible(w)
+    starts = [physical(plain_inertia(q[rows][use], w[use]), 0.02), np.eye(3) / 3.0] if first is None else [first]
+    every = Conservation(R, w, P, place)
+    inertia = starts[0]
+    for turn in range(4):
+        problem = every.of(use)
+        fits = [_least(problem, guess) for guess in (starts if turn == 0 else [inertia])]
         inertia = min(fits, key=lambda pair: pair[0])[1]
-        every = _Conservation(R, w, P, place)
-        residual, _ = every.residual(inertia)
-        square = np.sum(residual**2, axis=1)
+        at = every.at(inertia, use)
+        square = np.einsum("ni,ni->n", at.residual, at.force)
         scale = max(float(np.median(square)) / 2.366, 1e-12)
         keep = square < LARGEST_SQUARE * scale
-        if (keep == use).all() or keep.sum() < 6:
+        if (keep == use).all() or keep.sum() < FEWEST:
             break
         use = keep
-    problem = _Conservation(R[use], w[use], P[use], np.unique(place[use], return_inverse=True)[1])
-    residual, H = problem.residual(inertia)
-    information, score, J = _information(problem, inertia, correlation)
+    problem = every.of(use)
+    at = problem.at(inertia)
+    step = 1e-5
+    total = np.array(
+        [problem.score(problem.at(inertia + s * step * E)).sum(axis=0) for E in DIRECTIONS for s in (1, -1)]
+    )
+    information = (total[::2] - total[1::2]) / (2 * step)
+    information = 0.5 * (information + information.T)
+    square_mean = float(np.mean(np.einsum("ni,ni->n", at.residual, at.force))) / 3.0
+    spread = _long_run(problem.score(at), correlation)
     if noise is not None and noise.influence is not None:
-        score = _propagated(problem, inertia, J, rows[use], noise) * max(1.0, float(np.mean(residual**2)))
-    share = problem.noise_share(inertia)
+        spread = _propagated(problem, at, rows[use], noise) * max(1.0, square_mean)
     inverse = np.linalg.pinv(information, hermitian=True)
-    spread = inverse @ score @ inverse
     used = np.zeros(len(q), bool)
     used[rows[use]] = True
-    square_mean = float(np.mean(residual**2))
-    return Momentum(inertia, H, information, score, spread, share, square_mean, used, correlation)
+    return Momentum(
+        inertia,
+        at.momentum,
+        information,
+        spread,
+        inverse @ spread @ inverse,
+        problem.noise_share(at),
+        square_mean,
+        used,
+        correlation,
+    )
 
 
-def _solve(least_squares, problem: _Conservation, guess: np.ndarray) -> tuple[float, np.ndarray]:  # type: ignore[no-untyped-def]
-    sigma = 0.5 * np.trace(guess) * np.eye(3) - guess
-    values, axes = np.linalg.eigh(sigma / np.trace(sigma))
-    L = np.linalg.cholesky(axes @ np.diag(_simplex(values, 1e-3)) @ axes.T)
-    low = np.tril_indices(3)
-
-    def body(x: np.ndarray) -> np.ndarray:
-        L = np.zeros((3, 3))
-        L[low] = x
-        return _from_sigma(L @ L.T)
-
-    fit = least_squares(lambda x: problem.residual(body(x))[0].ravel(), L[low], method="trf", x_scale=0.3, max_nfev=60)
-    return float(fit.cost), body(fit.x)
+def _plausible(w: np.ndarray) -> np.ndarray:
+    """Rates no further from their median than rates of a tumble are from each other."""
+    away = np.linalg.norm(w - np.median(w, axis=0), axis=1)
+    use: np.ndarray = away <= 10.0 * max(float(np.median(away)), 1e-300)
+    return use if use.sum() >= FEWEST else np.ones(len(w), bool)
 
 
-class _Conservation:
-    """The residuals of one set of epochs, whitened for the inertia being tried."""
+def _least(problem: Conservation, inertia: np.ndarray) -> tuple[float, np.ndarray]:
+    """Cost and inertia at the least cost near a start (Levenberg-Marquardt, within the physical bodies)."""
+    at = problem.at(inertia)
+    damping = 1e-3
+    for _ in range(LARGEST_COUNT):
+        score = problem.score(at).sum(axis=0)
+        regressor = problem.corrected(at)
+        M = np.einsum("nia,nij,njb->ab", regressor, at.weight, regressor, optimize=True)
+        M += 1e-12 * np.trace(M) * np.eye(5)
+        moved = False
+        for _ in range(12):
+            step = np.linalg.solve(M + damping * np.diag(np.diag(M)), -score)
+            trial = inertia + np.einsum("a,aij->ij", step, DIRECTIONS)
+            if np.linalg.eigvalsh(trial)[2] >= 0.5 - SMALLEST_PART / 2:
+                trial = physical(trial)
+            after = problem.at(trial)
+            if after.cost < at.cost:
+                moved = True
+                break
+            damping *= 8.0
+        if not moved:
+            break
+        change = float(np.linalg.norm(trial - inertia))
+        small = at.cost - after.cost < 1e-10 * (1.0 + at.cost) and change < 1e-7
+        inertia, at, damping = trial, after, max(damping / 10.0, 1e-9)
+        if small:
+            break
+    return at.cost, inertia
+
+
+@dataclass(frozen=True)
+class At:
+    """The residuals at one inertia; n epochs, body axes.
+
+    Attributes:
+        residual: (n, 3) I w - R^T H; weight: (n, 3, 3) inverse of its covariance; force: (n, 3) their product.
+        blamed: (n, 3) the share of each residual that the error of the rates is blamed for, as an error of w.
+        lever: (n, 3, 6) of a small turn and of the rates on the residual. momentum: (b, 3). cost: half their squares.
+    """
+
+    residual: np.ndarray
+    weight: np.ndarray
+    force: np.ndarray
+    blamed: np.ndarray
+    lever: np.ndarray
+    momentum: np.ndarray
+    cost: float
+
+
+class Conservation:
+    """Residuals of R I w = H over one set of epochs, weighted for the inertia being tried, H eliminated."""
 
     def __init__(self, R: np.ndarray, w: np.ndarray, P: np.ndarray, block: np.ndarray) -> None:
         self.R, self.w, self.P, self.block = R, w, P, block
-        self.count = np.bincount(block)
+        self.blocks = int(block.max()) + 1
+        self.by_rate = np.einsum("aij,nj->nia", DIRECTIONS, w)
+
+    def of(self, use: np.ndarray) -> Conservation:
+        """The epochs in use."""
+        block = np.unique(self.block[use], return_inverse=True)[1]
+        return Conservation(self.R[use], self.w[use], self.P[use], block)
 
     def sums(self, values: np.ndarray) -> np.ndarray:
-        out = np.zeros((len(self.count), *values.shape[1:]))
+        """(b, ...) sums of (n, ...) over each block."""
+        if self.blocks == 1:
+            return np.asarray(values.sum(axis=0, keepdims=True))
+        out = np.zeros((self.blocks, *values.shape[1:]))
         np.add.at(out, self.block, values)
         return out
 
-    def weights(self, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """I w (n, 3), Cholesky factor of the residuals' covariance (n, 3, 3) in body axes, H (b, 3)."""
+    def at(self, inertia: np.ndarray, use: np.ndarray | None = None) -> At:
+        """Residuals at an inertia; with `use`, the momentum comes from those epochs alone."""
+        R, Rt = self.R, np.swapaxes(self.R, 1, 2)
         h = self.w @ inertia
-        turned = np.einsum("nij,nj->ni", self.R, h)
-        mean = (self.sums(turned) / self.count[:, None])[self.block]
-        G = np.empty((len(h), 3, 6))
-        G[:, :, :3] = -_cross(np.einsum("nji,nj->ni", self.R, mean))
-        G[:, :, 3:] = inertia
-        S = G @ self.P @ np.swapaxes(G, 1, 2)
-        S += 1e-12 * np.einsum("nii->n", S)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
-        weight = self.R @ np.linalg.inv(S) @ np.swapaxes(self.R, 1, 2)
-        H = np.linalg.solve(self.sums(weight), self.sums(np.einsum("nij,nj->ni", weight, turned))[..., None])[..., 0]
-        return h, np.linalg.cholesky(S), H
+        lever = np.empty((len(h), 3, 6))
+        lever[:, :, :3] = -cross_matrix(h)
+        lever[:, :, 3:] = inertia
+        carried = self.P @ np.swapaxes(lever, 1, 2)
+        S = lever @ carried
+        S += 1e-13 * np.einsum("nii->n", S)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
+        weight = np.linalg.inv(S)
+        turned = R @ weight @ Rt
+        side = (R @ weight @ h[..., None])[..., 0]
+        if use is not None:
+            turned, side = turned * use[:, None, None], side * use[:, None]
+        whole = self.sums(turned)
+        H = (inverse_of(whole) @ self.sums(side)[..., None])[..., 0]
+        residual = h - (Rt @ H[self.block][..., None])[..., 0]
+        force = (weight @ residual[..., None])[..., 0]
+        blamed = (carried[:, 3:] @ force[..., None])[..., 0]
+        return At(residual, weight, force, blamed, lever, H, 0.5 * float(np.sum(residual * force)))
 
-    def residual(self, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3) of unit variance when the covariance is right, and H (b, 3)."""
-        h, L, H = self.weights(inertia)
-        r = h - np.einsum("nji,nj->ni", self.R, H[self.block])
-        return np.linalg.solve(L, r[..., None])[..., 0], H
+    def score(self, at: At) -> np.ndarray:
+        """(n, 5) derivative of each epoch's cost along `DIRECTIONS`, the blamed error of the rates taken off."""
+        slope = np.einsum("aij,nj->nia", DIRECTIONS, self.w - at.blamed)
+        moving = np.einsum("nia,ni->na", slope, at.force)
+        # the noise of attitude also weighs more as the momentum grows along a direction
+        turned = (self.P[:, :3] @ np.swapaxes(at.lever, 1, 2) @ at.force[..., None])[..., 0]
+        by_turn = np.cross(at.force, turned)
+        return np.asarray(moving - np.einsum("nia,ni->na", self.by_rate, by_turn))
 
-    def noise_share(self, inertia: np.ndarray) -> np.ndarray:
+    def corrected(self, at: At) -> np.ndarray:
+        """(n, 3, 5): the residuals' slopes at the corrected rates, less what the momentum takes up."""
+        slope = np.einsum("aij,nj->nia", DIRECTIONS, self.w - at.blamed)
+        weighted = at.weight @ slope
+        whole = self.sums(self.R @ at.weight @ np.swapaxes(self.R, 1, 2))
+        taken = inverse_of(whole) @ self.sums(self.R @ weighted)
+        return np.asarray(slope - np.swapaxes(self.R, 1, 2) @ taken[self.block])
+
+    def noise_share(self, at: At) -> np.ndarray:
         """(5, 5): what rates of pure noise would add to the normal matrix."""
-        _, L, _ = self.weights(inertia)
-        inverse = np.linalg.inv(L)
-        weight = np.swapaxes(inverse, 1, 2) @ inverse
-        rates = self.P[:, 3:, 3:]
-        middle = np.einsum("aij,nik,bkl->nabjl", DIRECTIONS, weight, DIRECTIONS, optimize=True)
-        return np.asarray(np.einsum("nabjl,njl->ab", middle, rates, optimize=True))
+        middle = np.einsum("aij,nik,bkl->nabjl", DIRECTIONS, at.weight, DIRECTIONS, optimize=True)
+        return np.asarray(np.einsum("nabjl,njl->ab", middle, self.P[:, 3:, 3:], optimize=True))
 
 
-def _information(
-    problem: _Conservation, inertia: np.ndarray, correlation: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Second derivative of half the cost, covariance of its first, and the residuals' derivative (n, 3, 5)."""
-    step = 2e-4
-    offsets = np.concatenate([np.eye(5), -np.eye(5)]) * step
-    raised = [problem.residual(inertia + np.einsum("a,aij->ij", o, DIRECTIONS))[0] for o in offsets]
-    centre = problem.residual(inertia)[0]
-    J = np.stack([(raised[a] - raised[a + 5]) / (2 * step) for a in range(5)], axis=-1)
-    score = np.einsum("ni,nia->na", centre, J)
-    half = 0.5 * np.array([np.sum(r**2) for r in raised])
-    middle = 0.5 * float(np.sum(centre**2))
-    information = np.empty((5, 5))
-    for a in range(5):
-        information[a, a] = (half[a] - 2 * middle + half[a + 5]) / step**2
-        for b in range(a):
-            both = step * (np.eye(5)[a] + np.eye(5)[b])
-            up = 0.5 * np.sum(problem.residual(inertia + np.einsum("a,aij->ij", both, DIRECTIONS))[0] ** 2)
-            down = 0.5 * np.sum(problem.residual(inertia - np.einsum("a,aij->ij", both, DIRECTIONS))[0] ** 2)
-            mixed = (up + down - half[a] - half[a + 5] - half[b] - half[b + 5] + 2 * middle) / (2 * step**2)
-            information[a, b] = information[b, a] = mixed
-    return information, _long_run(score - score.mean(axis=0), correlation), J
+def _long_run(score: np.ndarray, correlation: int) -> np.ndarray:
+    """Covariance of the sum of a correlated series (n, 5), Bartlett's weights (Newey and West)."""
+    n = len(score)
+    score = score - score.mean(axis=0)
+    lags = min(max(2 * correlation, 1), max(n // 4, 1))
+    total = score.T @ score
+    for lag in range(1, lags):
+        part = score[lag:].T @ score[:-lag]
+        total += (1.0 - lag / lags) * (part + part.T)
+    return np.asarray(total * n / max(n - 8, 1))
 
 
-def _propagated(
-    problem: _Conservation, inertia: np.ndarray, J: np.ndarray, rows: np.ndarray, noise: LocalFit
-) -> np.ndarray:
+def _propagated(problem: Conservation, at: At, rows: np.ndarray, noise: LocalFit) -> np.ndarray:
     """Covariance (5, 5) of the score from that of every attitude measured and of what all of them share."""
     assert noise.influence is not None and noise.index is not None and noise.sample_covariance is not None
-    _, L, H = problem.weights(inertia)
-    G = np.empty((len(rows), 3, 6))
-    G[:, :, :3] = -_cross(np.einsum("nji,nj->ni", problem.R, H[problem.block]))
-    G[:, :, 3:] = inertia
-    F = np.swapaxes(J, 1, 2) @ np.linalg.solve(L, G)
+    F = np.swapaxes(problem.corrected(at), 1, 2) @ at.weight @ at.lever
     each = F[:, None] @ noise.influence[rows]
     total = np.zeros((len(noise.q), 5, 3))
     np.add.at(total, noise.index[rows], each)
@@ -263,17 +325,6 @@ def _propagated(
         common = np.einsum("nax,nxs->as", F, noise.shared[rows])
         score = score + common @ common.T
     return np.asarray(score)
-
-
-def _long_run(score: np.ndarray, correlation: int) -> np.ndarray:
-    """Covariance of the sum of a correlated series (n, 5), Bartlett's weights (Newey and West)."""
-    n = len(score)
-    lags = min(max(2 * correlation, 1), max(n // 4, 1))
-    total = score.T @ score
-    for lag in range(1, lags):
-        part = score[lag:].T @ score[:-lag]
-        total += (1.0 - lag / lags) * (part + part.T)
-    return np.asarray(total * n / max(n - 8, 1))
 
 
 def ratio_covariance(inertia: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -301,9 +352,3 @@ def ratio_covariance(inertia: np.ndarray, covariance: np.ndarray) -> tuple[np.nd
 def _by_direction(w: np.ndarray) -> np.ndarray:
     """(n, 3, 5): I w is w / 3 plus this times the coordinates."""
     return np.einsum("aij,nj->nia", DIRECTIONS, w)
-
-
-def _cross(v: np.ndarray) -> np.ndarray:
-    zero = np.zeros(len(v))
-    rows = [[zero, -v[:, 2], v[:, 1]], [v[:, 2], zero, -v[:, 0]], [-v[:, 1], v[:, 0], zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
