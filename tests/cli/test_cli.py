@@ -29,6 +29,8 @@ def massprops(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedP
         ["simulate", "--help"],
         ["export", "--help"],
         ["mass", "--help"],
+        ["campaign", "--help"],
+        ["reproduce", "--help"],
     ],
 )
 def test_help_loads_nothing_heavy_and_shows_an_example(arguments: list[str]) -> None:
