@@ -72,4 +72,10 @@ def crosscheck_table(document: dict[str, Any]) -> str:
     p = "" if document["p_value"] is None else f" (p = {document['p_value']:.2g})"
     lines.append(f"{document['verdict']}{p}: {document['reason']}")
     lines += [f"  or {hint}" for hint in document["hints"][1:]]
+    fused = document.get("fused")
+    if fused:
+        lines.append("  mesh and motion together:")
+        for i, bounds in enumerate(fused["interval_90"]["principal_moments"]):
+            value = fused["principal_moments"][i]
+            lines.append(f"    I{i + 1} {value:.6g}  90 % interval [{bounds[0]:.5g}, {bounds[1]:.5g}]")
     return "\n".join(lines)

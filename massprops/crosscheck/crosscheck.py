@@ -116,16 +116,17 @@ def _check(
         scaled = mesh.document["units"]["length"] == "m" and (outcome.problem.stereo or outcome.problem.has_range)
         scale = scale_against(e, frame) if frame is not None and scaled else None
         compared.append(judge.compare_one(e, mesh, tie, scale))
-    centre = _centre(folder, mesh)
+    centre = _centre(folder, mesh, frame)
     best = judge.reference_of(compared)
     residuals = {} if watched is None or stopped else _residuals(watched, mesh, best)
     free = {name: series["rms"] for name, series in residuals.items() if name != "times"}
     found = judge.decide(compared, mesh, centre, tumble, free)
     result = document(mesh, compared, found, centre, residuals, outcome.skipped)
+    result["fused"] = _fused(folder, mesh, best, centre) if found.verdict == "consistent" else None
     return CrossCheck(folder, result, outcome.estimates, outcome.warnings)
 
 
-def _centre(folder: Path, mesh: Any) -> Any:
+def _centre(folder: Path, mesh: Any, frame: Any) -> Any:
     """The point that the body turns about, in the mesh's axes and units."""
     from massprops.crosscheck.motion_side import centre_of_motion
     from massprops.views import Views
@@ -134,11 +135,31 @@ def _centre(folder: Path, mesh: Any) -> Any:
         views = Views.load(folder / "work" / "sfm" / "views.npz")
     except (OSError, ValueError, KeyError):
         return None
-    first = np.array([n.startswith("cam0/") or "/" not in n for n in views.names], bool)
-    if not (views.timestamp_ns[first] >= 0).all():
+    rows = np.flatnonzero([n.startswith("cam0/") or "/" not in n for n in views.names])
+    stamps = views.timestamp_ns[rows]
+    if not (stamps >= 0).all():
+        # images without a clock: the sequence counts them, in the same order
+        if frame is None or len(frame.stamp_ns) != len(rows):
+            return None
+        rows, stamps = rows[np.argsort([views.names[i] for i in rows])], frame.stamp_ns
+    order = np.argsort(stamps, kind="stable")
+    rows, stamps = rows[order], stamps[order]
+    return centre_of_motion(stamps, views.R[rows], views.t[rows] * mesh.factor, mesh.length)
+
+
+def _fused(folder: Path, mesh: Any, best: Any, centre: Any) -> dict[str, Any] | None:
+    """Mass properties by mesh and motion together, where both are trusted; None where the axes are not tied."""
+    from massprops.crosscheck.fusion import fuse, read_draws
+    from massprops.crosscheck.motion_side import motion_covariance
+    from massprops.mass.ratio_space import log_components
+
+    draws = read_draws(folder, mesh)
+    if draws is None or best is None or best.turn is None or best.found.axes_covariance is None:
         return None
-    order = np.flatnonzero(first)[np.argsort(views.timestamp_ns[first], kind="stable")]
-    return centre_of_motion(views.timestamp_ns[order], views.R[order], views.t[order] * mesh.factor)
+    inertia = best.turn @ best.found.inertia @ best.turn.T
+    R = motion_covariance(best.found, best.turn, mesh.axes)
+    place = (None, None) if centre is None else (centre.place, centre.covariance)
+    return {"with": best.found.name, **fuse(draws, mesh, log_components(inertia, mesh.axes), R, *place)}
 
 
 def _residuals(frame: Any, mesh: Any, best: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.crosscheck.mesh_side import MeshSide
+from massprops.crosscheck.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.mass.integrals import central_inertia, model_length
 from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
 
@@ -61,10 +61,10 @@ def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
     if good.sum() < 50:
         return None
     inertia = np.array(mesh.document["inertia"], float)
-    return Draws(
-        ten_numbers(float(mesh.document["volume"]), mesh.centre, inertia, mesh.axes),
-        ten_numbers(drawn[good, 0], centres[good], inertias[good], mesh.axes),
-    )
+    spread = ten_numbers(drawn[good, 0], centres[good], inertias[good], mesh.axes)
+    bent = np.sqrt([0.5, 0.5, 0.5, 1.0, 1.0, 1.0]) * SHAPE_FLOOR
+    spread[:, 4:] += bent * rng.standard_normal((len(spread), 6))
+    return Draws(ten_numbers(float(mesh.document["volume"]), mesh.centre, inertia, mesh.axes), spread)
 
 
 def ten_numbers(volume: Any, centre: np.ndarray, inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:

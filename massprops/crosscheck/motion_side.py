@@ -13,6 +13,8 @@ from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import covariance
 
+CENTRE_FLOOR = 1e-3
+"""Share of the body's length to which structure from motion, bent a little by its own lens, places any point."""
 LEAST_COMMON = 3
 """Common epochs of two attitude histories that tie their body frames."""
 
@@ -106,7 +108,7 @@ class Centre:
     residual: float
 
 
-def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray) -> Centre | None:
+def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray, size: float = 0.0) -> Centre | None:
     """The body point whose path is straight and even: t_i + R_i c = p + v s_i, by weighted least squares.
 
     Depth is far less certain than the other two directions, and errors of neighbouring views are alike: each
@@ -114,6 +116,7 @@ def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray) -> Cent
 
     Args:
         stamp_ns: (n,); R: (n, 3, 3) body to camera; t: (n, 3) body origin in the camera.
+        size: length of the body, of which `CENTRE_FLOOR` is added to the sigma.
 
     Returns:
         None with fewer than eight views, or a spin that leaves a direction of c free.
@@ -133,11 +136,12 @@ def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray) -> Cent
         residual = t + np.einsum("nij,j->ni", A, x)
         spread = 1.4826 * np.median(np.abs(residual), axis=0) + 1e-12 * np.linalg.norm(t, axis=1).mean()
         weight = 1.0 / (spread**2 * (1.0 + (residual / (3.0 * spread)) ** 2))
+    floor = (CENTRE_FLOOR * size) ** 2
     alike = np.array([_ar1(residual[:, j]) for j in range(3)])
     growth = float(np.max((1 + alike) / (1 - alike)))
     J = (A * np.sqrt(weight)[..., None]).reshape(-1, 9)
     covariance = np.linalg.inv(J.T @ J) * growth * 3 * n / (3 * n - 9)
-    return Centre(x[:3], covariance[:3, :3], float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))))
+    return Centre(x[:3], covariance[:3, :3] + floor * np.eye(3), float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))))
 
 
 def _ar1(x: np.ndarray) -> float:

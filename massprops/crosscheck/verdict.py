@@ -13,8 +13,8 @@ from massprops.estimators.estimate import REFERENCE
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import chi_square, log_components, p_value, turn_between
 
-SIGNIFICANT = 0.01
-"""Agreement that chance would spoil less often than this is called inconsistent."""
+SIGNIFICANT = 0.0027
+"""Agreement that chance would spoil less often than this, three sigma of one number, is called inconsistent."""
 WIDEST_K = 0.3
 """1-sigma of k1 or k2 above which a motion shows nothing of the ratios."""
 SMALLEST_WANDER = np.radians(0.5)
@@ -139,11 +139,14 @@ def not_turning(tumble: Tumble | None) -> Verdict | None:
 
 
 def reference_of(compared: list[Compared]) -> Compared | None:
-    """The estimate that the verdict rests on: the smoother, or the sharpest whose residuals fit their noise."""
+    """The estimate that the verdict rests on: the smoother, or without it the sharpest whose residuals fit their noise.
+
+    Where the smoother ran and found the ratios unobservable, no other estimator's claim counts.
+    """
+    for c in compared:
+        if c.found.name == REFERENCE and (c.sound or not c.found.observable):
+            return c if c.sound else None
     sound = [c for c in compared if c.sound]
-    for c in sound:
-        if c.found.name == REFERENCE:
-            return c
 
     def quality(c: Compared) -> tuple[bool, float]:
         assert c.found.k_covariance is not None
@@ -169,7 +172,8 @@ def decide(
         return stopped
     best = reference_of(compared)
     if best is None or best.found.k_covariance is None:
-        said = [f"{c.found.name}: {c.found.reason}" for c in compared if c.found.reason]
+        first = sorted(compared, key=lambda c: c.found.name != REFERENCE)
+        said = [f"{c.found.name}: {c.found.reason}" for c in first if c.found.reason]
         return unobservable(said[0] if said else "no estimator could be run on this footage")
     sigma = np.sqrt(np.diag(best.found.k_covariance))
     if sigma.max() > WIDEST_K:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import number, plot, swatch, table, text
+from massprops.report.html import between, number, plot, swatch, table, text
 from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Shape against motion", 5
@@ -53,9 +53,32 @@ def render(data: RunData) -> str:
         f'<p class="soft">{text(s.get("name"))} not run: {text(s.get("reason"))}.</p>'
         for s in document.get("skipped") or []
     ]
+    parts.append(_together(data))
     parts.append(_axes(data))
     parts.append(_residuals(document.get("residuals") or {}))
     return "".join(parts)
+
+
+def _together(data: RunData) -> str:
+    """Mass properties by the mesh alone and by mesh and motion together."""
+    fused, plain = data.crosscheck.get("fused"), data.document
+    if not fused or not plain:
+        return ""
+    one, both = plain.get("interval_90") or {}, fused["interval_90"]
+    rows = [("volume", plain["volume"], one.get("volume"), fused["volume"], both["volume"])]
+    for i in range(3):
+        bounds = (one.get("principal_moments") or [None] * 3)[i]
+        moments = fused["principal_moments"][i], both["principal_moments"][i]
+        rows.append((f"I{i + 1}", plain["principal_moments"][i], bounds, *moments))
+    for k in ("k1", "k2"):
+        rows.append((k, plain["inertia_ratios"][k], one.get(k), fused["inertia_ratios"][k], both[k]))
+    shown = [(name, number(a), between(b, 4), number(c), between(d, 4)) for name, a, b, c, d in rows]
+    return (
+        "<h3>Mesh and motion together</h3>"
+        + table(shown, ("", "mesh alone", "90 % interval", "together", "90 % interval"))
+        + '<p class="soft">The motion moves the mesh along its own uncertainty, above all where nothing was measured; '
+        + f"by {text(fused.get('with'))}.</p>"
+    )
 
 
 def _axes(data: RunData) -> str:
