@@ -12,6 +12,7 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
   `internal_rate(t, w, z, p)` when it has states z of its own;
 - `jump(p)`: momentum added at the time parameter, body axes; `displacement(t, p)`: what is added to the path of the
   centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes;
+- `penalty(p)`: numbers, linear in p, that are zero give or take 1 where the data say nothing;
 - `starts(span, speed)`: parameter vectors to begin a search with, where zero will not do.
 
 Functions of the measurement:

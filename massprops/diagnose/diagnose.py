@@ -74,7 +74,7 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
     """`diagnose` on measurements in memory."""
     from massprops.diagnose.case import case_of
     from massprops.diagnose.refit import refit
-    from massprops.diagnose.select import select
+    from massprops.diagnose.select import Selection, select
     from massprops.diagnose.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
@@ -84,17 +84,16 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
     violated = False
     if case.belief.inertia is not None:
         base, violated = _judged(case, base)
-    selection = select(case, base, progress, violated)
+    blind = _blind(case, base)
+    selection = Selection(base, best=base) if blind else select(case, base, progress, violated)
     torque = None
     if selection.verdict == "unexplained":
         progress("torque without a model", 0, 1)
         torque = recovered_torque(case, base)
     history = _history(case, selection)
     document = _document(case, selection, torque, history)
-    blind = _blind(case, base, selection)
     if blind:
-        document["verdict"], document["reason"] = "none", blind
-        document["effects"] = []
+        document["reason"] = blind
     best = selection.best if selection.best is not None else base
     return Diagnosis(document, _model(case, base, best), case, selection, torque, history)
 
@@ -113,16 +112,13 @@ def _judged(case: Case, base: Scored) -> tuple[Scored, bool]:
     return replace(held, bic=base.bic), True
 
 
-def _blind(case: Case, base: Scored, selection: Selection) -> str:
+def _blind(case: Case, base: Scored) -> str:
     """Why this record can show no missing effect at all; empty when it can."""
-    if selection.verdict != "none":
-        return ""
-    w = base.fit.predicted.motion.w
-    turned = float(np.sum(np.linalg.norm(w[1:], axis=1) * np.diff(case.problem.times)))
+    turned = case.speed * case.span
     if turned < MOST_HIDDEN_TURN:
         return (
-            f"not observable: the body turns by {np.degrees(turned):.0f} deg only, and no torque of note would show "
-            "against the noise"
+            f"not observable: the body turns by {np.degrees(turned):.0f} deg only, too little to tell free rotation, or "
+            "what is missing from it, from anything else"
         )
     return ""
 
@@ -133,9 +129,7 @@ MOST_HIDDEN_TURN = 0.5
 
 def _history(case: Case, selection: Selection) -> dict[str, Any] | None:
     from massprops.diagnose.history import momentum_and_energy
-    from massprops.estimators.rates import from_attitude
 
-    del from_attitude
     best = selection.best or selection.base
     motion = best.fit.predicted
     return momentum_and_energy(case.problem.times, motion.q, motion.motion.w, best.fit.state.inertia)

@@ -49,7 +49,7 @@ def count(r: Residuals) -> int:
     return sum(len(squares) * dimension for squares, dimension in _parts(r))
 
 
-def whiteness(r: Residuals, m: Measurements) -> float:
+def whiteness(r: Residuals, m: Measurements, rate_memory: int = 1) -> float:
     """Score of the correlation between neighbouring residuals of the same sensor: standard normal for white noise.
 
     Tracks are compared along time within a camera and feature. Residuals are taken relative to their own size, so a
@@ -61,12 +61,16 @@ def whiteness(r: Residuals, m: Measurements) -> float:
     if len(order) > 1:
         who = m.seen.camera[order] * (1 + int(m.seen.feature.max(initial=0))) + m.seen.feature[order]
         together = (who[1:] == who[:-1]) & (np.diff(m.seen.epoch[order]) <= 3)
-        series.append((r.tracks[order], together))
+        series.append((r.tracks[order], together, 1))
     for values, at in ((r.range[:, None], m.range_at), (r.rates, m.rate_at), (r.attitude, m.attitude_at)):
         if len(values) > 1:
             gap = np.diff(at)
-            series.append((values, gap <= 3 * np.median(gap)))
-    for values, together in series:
+            series.append((values, gap <= 3 * np.median(gap), rate_memory if values is r.rates else 1))
+    for values, together, lag in series:
+        if lag > 1:
+            if len(values) <= 2 * lag:
+                continue
+            values, together = values[::lag], np.ones(len(values[::lag]) - 1, bool)
         size = max(float(np.median(np.abs(values))) / 0.6745, 1e-12)
         x = np.clip(values / size, -4, 4)
         # each pair used once: neighbours that share a residual are not independent of each other

@@ -98,7 +98,9 @@ def free_of(case: Case, state: BatchState, added: tuple[Added, ...], times_too: 
 
 def refit(case: Case, start: BatchState, added: tuple[Added, ...], most: int = MOST_ITERATIONS) -> Scored:
     """Fits a model from a state that has its effects."""
-    found = fit(case.problem, case.fitted, start, case.around, free_of(case, start, added), case.belief, most)
+    with np.errstate(all="ignore"):
+        # wild trial steps overflow; the search turns back from them by itself
+        found = fit(case.problem, case.fitted, start, case.around, free_of(case, start, added), case.belief, most)
     return scored(case, found, added)
 
 
@@ -108,10 +110,12 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     n = count(r)
     ms = mean_square(r)
     value, _ = _believed(found.state, case.belief)
-    parameters = int(np.linalg.matrix_rank(_unit(found.information), tol=1e-10))
+    unit = _unit(found.information)
+    parameters = int(np.linalg.matrix_rank(unit, tol=1e-10)) if np.isfinite(unit).all() else len(unit)
     bic = n * np.log(max(ms, 1e-12) + float(value @ value) / n) + parameters * np.log(n)
     held = residuals(case.problem, case.held, found.predicted)
-    covariance = covariance_of(found)
+    usable = bool(np.isfinite(found.information).all() and np.isfinite(found.cost))
+    covariance = covariance_of(found) if usable else np.full((len(found.free),) * 2, np.inf)
     sigma, at = {}, 17
     implausible = ""
     for module, values in zip(found.state.model.modules, found.state.model.values, strict=True):
@@ -124,8 +128,8 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
         found,
         float(np.sqrt(ms)),
         float(np.sqrt(mean_square(held))) if case.held.count else float("nan"),
-        whiteness(r, case.fitted),
-        float(bic) if np.isfinite(found.cost) else np.inf,
+        whiteness(r, case.fitted, case.problem.rate_memory),
+        float(bic) if usable and np.isfinite(bic) else np.inf,
         sigma,
         implausible,
     )
@@ -164,5 +168,5 @@ def score_gain(case: Case, state: BatchState, added: tuple[Added, ...], new: Add
 
 
 def _unit(information: np.ndarray) -> np.ndarray:
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-100))
     return information / scale[:, None] / scale

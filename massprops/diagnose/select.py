@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 import numpy as np
@@ -20,11 +20,16 @@ CLOSE = 6.0
 """Difference of BIC below which two explanations cannot be told apart."""
 ENOUGH = 1.02
 """Root-mean-square residual at which nothing is left to explain, whatever its correlation."""
+NOISY = 1.3
+"""Root-mean-square residual that can still be noise stated too low, when neighbours are not alike."""
 WORTH_A_FIT = 0.1
 """Share of the best score gain that a candidate needs to be fitted."""
 FEWEST_FITS = 5
 BEAM = 3
 FITS_OF_A_PAIR = 3
+FITS_OF_A_FORM = 4
+SMALL = 1500
+"""Scalar measurements up to which every start is fitted for a few iterations rather than scored."""
 NEARLY = 0.03
 """Share of the excess mean square that may be left over when an effect is named although structure remains."""
 
@@ -51,7 +56,7 @@ class Selection:
 
 def explained(s: Scored) -> bool:
     """Nothing but noise is left."""
-    return (s.white < WHITE or s.fitted < ENOUGH) and s.fitted < 3.0
+    return s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY)
 
 
 def select(
@@ -75,10 +80,11 @@ def select(
         return out
     first = _round(case, base, usable, FEWEST_FITS, watch, "one effect")
     out.tried += first
+    longer: list[Scored] = []
     good = [s for s in first if _may_be(s, base)]
     done = [s for s in good if explained(s)]
     if not done:
-        longer = [x for s in good[:BEAM] for x in _longer_forms(case, s)]
+        longer = [x for module in usable if forms(module) > 1 for x in _longer_forms(case, base, module, first, watch)]
         out.tried += longer
         good = sorted([*good, *(s for s in longer if _may_be(s, base))], key=lambda s: s.bic)
         done = [s for s in good if explained(s)]
@@ -88,7 +94,9 @@ def select(
             rest = [m for m in usable if m.NAME not in s.names]
             pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1}/{BEAM})")
         out.tried += pairs
-        better = sorted([p for p in pairs if _may_be(p, base) and _all_needed(p, first)], key=lambda s: s.bic)
+        better = sorted(
+            [p for p in pairs if _may_be(p, base) and _all_needed(p, [*first, *longer])], key=lambda s: s.bic
+        )
         done = [s for s in better if explained(s)]
         good = sorted([*good, *better], key=lambda s: s.bic)
     if done:
@@ -103,11 +111,21 @@ def select(
         out.best = good[0]
         left = good[0].fitted ** 2 - 1.0
         if left < NEARLY * (base.fitted**2 - 1.0) and not good[0].implausible:
-            out.rivals = [s for s in _distinct(good)[1:] if s.bic - good[0].bic < CLOSE]
+            out.rivals = _rivals_of(good)
             out.verdict = "ambiguous" if out.rivals else "named"
             return out
     out.verdict = "unexplained"
     return out
+
+
+def _rivals_of(models: list[Scored]) -> list[Scored]:
+    """Other explanations as good as the first: not the same with something idle besides."""
+    best = models[0]
+    return [
+        s
+        for s in _distinct(models)
+        if s.bic - best.bic < CLOSE and not set(s.names) >= set(best.names) and not set(s.names) <= set(best.names)
+    ]
 
 
 def _may_be(s: Scored, base: Scored) -> bool:
@@ -159,10 +177,24 @@ def _best_fit(case: Case, upon: Scored, module: ModuleType, starts: list[np.ndar
     return best
 
 
-def _longer_forms(case: Case, s: Scored) -> list[Scored]:
+def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Scored], watch: Watch) -> list[Scored]:
+    """Fits of an effect's longer forms, from its simple form and from its own starts with the best score."""
     out = []
-    for a in s.added:
-        for form in range(a.form + 1, forms(a.effect)):
-            added = tuple(Added(b.effect, form) if b is a else b for b in s.added)
-            out.append(refit(case, s.fit.state, added, most=40))
+    for form in range(1, forms(module)):
+        added = (Added(module, form),)
+        states = [s.fit.state for s in singles if s.names == (module.NAME,)]
+        if hasattr(module, "longer_starts"):
+            offered = [np.array(v, float) for v in module.longer_starts(case.span, case.speed)]
+            watch(f"{module.NAME}, form {form + 1}", 0, 1)
+            if case.fitted.count <= SMALL:
+                # a wrong base model leaves a wrong inertia: begin with a ball as well
+                balls = (base.fit.state, replace(base.fit.state, inertia=np.eye(3)))
+                begun = [with_effects(b, added, {module.NAME: v}) for b in balls for v in offered]
+                short = sorted((refit(case, state, added, most=6) for state in begun), key=lambda s: s.bic)
+                states += [s.fit.state for s in short[:FITS_OF_A_FORM]]
+            else:
+                gains = [score_gain(case, base.fit.state, (), added[0], v) for v in offered]
+                best = np.argsort(gains)[::-1][:FITS_OF_A_FORM]
+                states += [with_effects(base.fit.state, added, {module.NAME: offered[i]}) for i in best]
+        out += [refit(case, state, added, most=40) for state in states]
     return out

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from massprops.errors import InputError
 from massprops.sensing.pinhole import Pinhole, pinhole_of
-from massprops.sequence.data import Body, Camera, Environment, Sequence
+from massprops.sequence.data import Body, Camera, Environment, RateSeries, Sequence
 
 DEFAULT_SIGMA_PX = 0.5
 FEWEST_EPOCHS = 4
+LONG_ENOUGH = 64
+"""Rates from which their noise can be told."""
+MOST_MEANS = 120
+"""Means that a record of correlated rates is reduced to, at least."""
+CORRELATED = 0.2
+"""Correlation of noise that still counts as such."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,7 @@ class Problem:
         attitude: (n, 4) body to cam0, NaN where none; sigma_attitude: (n,) [rad].
         body, environment: what the sequence assumes and knows.
         warnings: what was left out or assumed.
+        rate_memory: epochs over which errors of the body rates stay alike; 1 for white noise.
     """
 
     stamp_ns: np.ndarray
@@ -45,6 +52,7 @@ class Problem:
     body: Body | None = None
     environment: Environment = field(default_factory=Environment)
     warnings: tuple[str, ...] = ()
+    rate_memory: int = 1
 
     @property
     def seen(self) -> np.ndarray:
@@ -83,6 +91,10 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
         InputError: nothing that moves was measured, too few epochs, tracks without intrinsics, or a baseline of zero.
     """
     warnings = list(sequence.warnings)
+    memory = 1
+    if sequence.rates is not None and sequence.rates.sigma is None and len(sequence.rates.w) >= LONG_ENOUGH:
+        rates_given, memory = _thinned(sequence.rates, warnings)
+        sequence = replace(sequence, rates=rates_given)
     tracks = sequence.tracks
     if tracks is not None and not len(tracks.feature):
         tracks = None
@@ -100,9 +112,7 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
         stamps.append(sequence.range.timestamp_ns)
     stamp = np.unique(np.concatenate(stamps))
     if len(stamp) < FEWEST_EPOCHS:
-        raise InputError(
-            f"{sequence.folder or 'sequence'}: {len(stamp)} epochs; motion needs at least {FEWEST_EPOCHS}"
-        )
+        raise InputError(f"{sequence.folder or 'sequence'}: {len(stamp)} epochs; motion needs at least {FEWEST_EPOCHS}")
     n = len(stamp)
     numbers = sorted(sequence.cameras) if tracks is not None else []
     if tracks is not None:
@@ -152,6 +162,7 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
         sequence.body,
         sequence.environment,
         tuple(warnings),
+        memory,
     )
 
 
@@ -194,6 +205,42 @@ def _sigma_px(camera: Camera, number: int, warnings: list[str]) -> float:
         warnings.append(f"cam{number} states no sigma_px: {DEFAULT_SIGMA_PX} px assumed")
         return DEFAULT_SIGMA_PX
     return camera.sigma_px
+
+
+def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
+    """Body rates of unknown noise as means over stretches as long as that noise stays correlated, with its 1-sigma.
+
+    Noise is what a polynomial, of a degree that follows the body's turning, leaves over. Also given: over how many of the means
+    their errors stay alike.
+    """
+    times = (rates.timestamp_ns - rates.timestamp_ns[0]) * 1e-9
+    w = rates.w
+    turn = float(np.sum(np.linalg.norm(w[1:], axis=1) * np.diff(times)))
+    degree = int(min(4 + round(2 * turn), len(times) // 8, 60))
+    fit = np.polynomial.chebyshev.Chebyshev.fit
+    left = w - np.stack([fit(times, w[:, k], degree)(times) for k in range(3)], axis=1)
+    square = float(np.mean(left**2)) or 1e-24
+    length = 1
+    while length < len(times) // 8 and float(np.mean(left[length:] * left[:-length])) > CORRELATED * square:
+        length += 1
+    if length == 1:
+        warnings.append(f"imu0 states no noise: {np.sqrt(square):.3g} rad/s estimated from the data")
+        return replace(rates, sigma=float(np.sqrt(square))), 1
+    block = max(1, min(length // 4, len(times) // MOST_MEANS))
+    count = len(times) // block
+    use = count * block
+
+    def means(x: np.ndarray) -> np.ndarray:
+        return x[:use].reshape(count, block, *x.shape[1:]).mean(axis=1)
+
+    # means closer together than the noise's memory say no more in all: each counts for less
+    sigma = float(np.sqrt(np.mean(means(left) ** 2) * max(1.0, length / block)))
+    stamp = rates.timestamp_ns[0] + np.round(means(times) * 1e9).astype(np.int64)
+    warnings.append(
+        f"imu0 states no noise: {sigma:.3g} rad/s estimated for means over {block} samples, whose errors stay alike over "
+        f"{length} samples"
+    )
+    return RateSeries(stamp, means(w), sigma), int(np.ceil(length / block))
 
 
 def _spread(values: np.ndarray) -> float:

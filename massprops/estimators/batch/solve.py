@@ -167,7 +167,7 @@ def _dimensions(m: Measurements) -> np.ndarray:
 
 
 def _cost(r: Residuals, weights: np.ndarray, state: BatchState, belief: Belief) -> float:
-    value, _ = _believed(state, belief)
+    value = np.concatenate([_believed(state, belief)[0], *(v for _, v, _ in penalties(state))])
     # an outlier costs what it would at the gate, so that throwing measurements out never pays
     return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
 
@@ -183,6 +183,21 @@ def _believed(state: BatchState, belief: Belief | None) -> tuple[np.ndarray, np.
     ways = inertia_directions(state.inertia)
     value = np.array([off[i, j] for i, j in pick]) / belief.sigma
     return -value, np.array([[w[i, j] for w in ways] for i, j in pick]) / belief.sigma
+
+
+def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """For each effect with a penalty: its first place among all parameters, the values, and their derivatives."""
+    out, at = [], 17
+    for module, values in zip(state.model.modules, state.model.values, strict=True):
+        if hasattr(module, "penalty"):
+            own = [float(v) for v in values]
+            zero = np.array(module.penalty([0.0] * len(own)))
+            slopes = [
+                np.array(module.penalty([float(i == k) for i in range(len(own))])) - zero for k in range(len(own))
+            ]
+            out.append((at, np.array(module.penalty(own)), np.stack(slopes, axis=1)))
+        at += len(values)
+    return out
 
 
 @dataclass(frozen=True)
@@ -215,6 +230,11 @@ def _reduce(
         at = free[:12].sum() + np.arange(len(place))
         full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]
         b[at] += slopes[:, place].T @ value
+        for first, off, ways in penalties(state):
+            place = np.flatnonzero(free[first : first + ways.shape[1]])
+            at = free[:first].sum() + np.arange(len(place))
+            full[np.ix_(at, at)] += ways[:, place].T @ ways[:, place]
+            b[at] -= ways[:, place].T @ off
     o, count = len(m.uv), len(state.points)
     V, W, c = np.zeros((count, 3, 3)), np.zeros((count, int(free.sum()), 3)), np.zeros((count, 3))
     H = full.copy()

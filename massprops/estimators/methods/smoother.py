@@ -67,7 +67,7 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
         free = np.concatenate([free, np.ones(state.size - 17, bool)])
     m = measurements_of(problem, observed=first.observed, channels=first.channels)
     belief = Belief()
-    if prior.inertia is not None and first.body_frame == "attitude0":
+    if prior.inertia is not None and prior.attitude:
         sigma = 0.05 if prior.k_sigma is None else float(np.max(prior.k_sigma))
         belief = Belief(3.0 * prior.inertia / np.trace(prior.inertia), max(sigma, 1e-6))
     found = fit(problem, m, state, around, free, belief)
@@ -121,7 +121,7 @@ def _rivals(
 def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
     """(size, size) covariance of the parameters, zero for those held, inflated by a misfit; what the data do not show
     gets `weak` times its scale."""
-    scale = np.sqrt(np.maximum(np.diag(found.information), 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(found.information), 1e-100))
     unit = found.information / scale[:, None] / scale
     values, vectors = np.linalg.eigh(unit)
     inverse = (vectors / np.maximum(values, 1.0 / weak**4)) @ vectors.T
