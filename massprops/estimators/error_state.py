@@ -66,6 +66,11 @@ class Layout:
         return slice(self.k.stop, self.size)
 
     @cached_property
+    def points(self) -> list[slice]:
+        """Of each feature."""
+        return [slice(self.k.stop + 3 * i, self.k.stop + 3 * i + 3) for i in range(self.features)]
+
+    @cached_property
     def size(self) -> int:
         return self.k.stop + 3 * self.features
 
@@ -164,6 +169,17 @@ def retract(layout: Layout, state: State, error: np.ndarray) -> State:
         within(state.k + error[:, layout.k]),
         state.X + error[:, layout.x].reshape(state.X.shape),
     )
+
+
+def mirrored(state: State) -> State:
+    """The state that looks nearly the same: depths about the features' middle and the turn across the sight reversed."""
+    middle = state.X.mean(axis=1)
+    sight = middle / np.linalg.norm(middle, axis=-1, keepdims=True)
+    depth = np.sum((state.X - middle[:, None]) * sight[:, None], axis=-1, keepdims=True)
+    along = np.sum(state.W * sight, axis=-1, keepdims=True) * sight
+    W = 2 * along - state.W
+    U = state.U + cross(state.W, middle) - cross(W, middle)
+    return State(W, U, state.r, state.q, state.k, state.X - 2 * depth * sight[:, None])
 
 
 def difference(layout: Layout, ahead: State, state: State) -> np.ndarray:

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
+Six = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
 PRINCIPAL, GENERAL = 2, 5
 """How many parameters each form has; the form is told by that number."""
 
@@ -53,7 +55,7 @@ def coupling(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return a1 + s, a2 + s, a3 + s
 
 
-def components(parameters: np.ndarray) -> tuple[np.ndarray, ...]:
+def components(parameters: np.ndarray) -> Six:
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz, each (...), of parameters (..., 2) or (..., 5)."""
     if parameters.shape[-1] == PRINCIPAL:
         a1, a2, a3 = coupling(parameters)

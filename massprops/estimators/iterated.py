@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.estimators.error_state import Layout, State, retract
+from massprops.estimators.error_state import Layout, State, difference, mirrored, retract
 
 Observe = Callable[[State, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`observe(state, runs)`: residuals measured less predicted (b, rows) and derivatives of the predicted (b, rows, n) for
@@ -80,6 +80,7 @@ def update(
     sigma: np.ndarray,
     rule: Rule = IEKF,
     bend: tuple[np.ndarray, np.ndarray] | None = None,
+    begin: State | None = None,
 ) -> Updated:
     """State and covariance after the measurements of one epoch.
 
@@ -87,6 +88,7 @@ def update(
         sigma: (B, rows) 1-sigma of each measurement, infinite where there is none.
         bend: mean and variance (B, rows) of the measurement's second order over the prior, for an EKF
             (`curvature.image_curvature`).
+        begin: where an iterated update starts to look, in place of the prediction.
     """
     B, n = P.shape[:2]
     if bend is not None:
@@ -102,8 +104,10 @@ def update(
     y = np.zeros((B, n))
     now = state
     runs = np.arange(B)
+    if begin is not None:
+        y, now = np.linalg.solve(S, difference(layout, begin, state)[..., None])[..., 0], begin
     residual, A = _whitened(observe, now, runs, weight, S)
-    cost = np.sum(residual**2, axis=-1)
+    cost = np.sum(residual**2, axis=-1) + np.sum(y**2, axis=-1)
     step, gain = _newton(A, residual, y)
     size = np.ones(B)
     count = np.ones(B, int)
@@ -155,8 +159,9 @@ def update_again(
 ) -> Updated:
     """`update`, done again with wider measurements where its own answer is so uncertain that they bend over it.
 
-    There the most probable state need not be the right one (near-planar features seen once at a high noise turn
-    either way), and the Gauss-Newton covariance does not know of the other.
+    There the cost can have two valleys (Necker's reversal: depths mirrored and the turn across the sight reversed give
+    nearly the same images), of which the search finds the nearer and its covariance knows nothing of the other: both
+    are searched and the deeper one is taken.
 
     Args:
         bend: variance (b, rows) of the second order over a state and covariance.
@@ -166,18 +171,21 @@ def update_again(
     runs = np.flatnonzero(suspect(done.state, done.P))
     if not len(runs):
         return done
-    variance = bend(done.state.take(runs), done.P[runs])
-    again = update(
-        layout,
-        state.take(runs),
-        P[runs],
-        lambda s, which: observe(s, runs[which]),
-        np.sqrt(sigma[runs] ** 2 + variance),
-        rule,
-    )
+    before, found, P0 = state.take(runs), done.state.take(runs), P[runs]
+
+    def own(s: State, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return observe(s, runs[which])
+
+    other = update(layout, before, P0, own, sigma[runs], rule, begin=mirrored(found))
+    better = other.cost < done.cost[runs]
+    found = found.put(better, other.state.take(better))
+    answer = done.P[runs]
+    answer[better] = other.P[better]
+    wide = np.sqrt(sigma[runs] ** 2 + bend(found, answer))
+    again = update(layout, before, P0, own, wide, rule, begin=found)
     P, cost, count = done.P.copy(), done.cost.copy(), done.iterations.copy()
     P[runs], cost[runs] = again.P, again.cost
-    count[runs] += again.iterations
+    count[runs] += other.iterations + again.iterations
     return Updated(done.state.put(runs, again.state), P, cost, count)
 
 

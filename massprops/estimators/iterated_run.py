@@ -223,7 +223,7 @@ def _only(observe: Observe, start: int, rows: int) -> Observe:
 
 def _last_seen(problem: Problem) -> np.ndarray:
     """(features,) last epoch at which each is seen."""
-    seen = problem.seen.any(axis=1)
+    seen: np.ndarray = problem.seen.any(axis=1)
     return (
         np.where(seen.any(axis=0), len(seen) - 1 - np.argmax(seen[::-1], axis=0), -1) if seen.size else np.zeros(0, int)
     )

@@ -150,7 +150,7 @@ def _inertia(prior: Prior, start: Any) -> tuple[np.ndarray | None, np.ndarray]:
     """Inertia (3, 3) in the start's body axes, and the covariance (5, 5) of its parameters."""
     tensor = start.inertia
     if prior.inertia is not None:
-        same = prior.attitude and start.body_frame == "attitude0"
+        same = prior.attitude
         k = np.full(2, WIDEST_K) if prior.k_sigma is None else np.minimum(prior.k_sigma, 1.0)
         axes = np.full(3, WIDEST_K) if prior.axes_sigma is None else np.minimum(prior.axes_sigma, WIDEST_K)
         if same or tensor is not None:

@@ -137,10 +137,9 @@ def euler_constraint(layout: Layout, state: State, acceleration: np.ndarray) -> 
     q[:, :, 3:6] += 0.5j * step * xi(state.q)
     for i in range(free.inertia):
         k[:, i, 6 + i] += 1j * step
-    qs = tuple(q[:, i] for i in range(4))
-    w = to_body(*qs, *(W[:, i] for i in range(3)))
-    rate = euler_acceleration(*components(np.moveaxis(k, 1, -1)), *w, 0.0, 0.0, 0.0)
-    there = np.stack(to_reference(*qs, *rate), axis=1)
+    w = to_body(*(q[:, i] for i in range(4)), *(W[:, i] for i in range(3)))
+    rate = euler_acceleration(*components(np.moveaxis(k, 1, -1)), w[0], w[1], w[2], 0.0, 0.0, 0.0)
+    there = np.stack(to_reference(q[:, 0], q[:, 1], q[:, 2], q[:, 3], *rate), axis=1)
     H = np.zeros((len(state.W), 3, free.size))
     H[:, :, columns] = there.imag / step
     return acceleration - there[:, :, 0].real, H

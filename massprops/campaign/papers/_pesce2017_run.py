@@ -212,16 +212,14 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
         if c["second_order"] == "prior":
             done = update(layout, state, P, observe, wide, setup.rule, bend(state, P))
         elif c["second_order"] == "posterior":
-            done = update_again(
-                layout,
-                state,
-                P,
-                observe,
-                wide,
-                setup.rule,
-                lambda s, P, bend=bend: bend(s, P)[1],
-                lambda s, P: bends(layout, s, P, c["flow_sigma_per_s"]),
-            )
+
+            def spread(s: State, P: np.ndarray, bend=bend) -> np.ndarray:
+                return bend(s, P)[1]
+
+            def suspect(s: State, P: np.ndarray) -> np.ndarray:
+                return bends(layout, s, P, c["flow_sigma_per_s"])
+
+            done = update_again(layout, state, P, observe, wide, setup.rule, spread, suspect)
         else:
             done = update(layout, state, P, observe, wide, setup.rule)
         state, P = done.state, done.P
@@ -257,14 +255,11 @@ def bound(c: dict[str, Any], seeds: list[int]) -> np.ndarray:
         )
         P = F @ P @ np.swapaxes(F, -1, -2)
         _, H, _ = images(layout, truth, setup.cameras, C, spin, True, True)
-        P = update(
-            layout,
-            truth,
-            P,
-            lambda s, which, H=H: (np.zeros(H.shape[:2])[which], H[which]),
-            np.broadcast_to(sigma, H.shape[:2]),
-            Rule(1),
-        ).P
+
+        def observe(s: State, which: np.ndarray, H=H) -> tuple[np.ndarray, np.ndarray]:
+            return np.zeros(H.shape[:2])[which], H[which]
+
+        P = update(layout, truth, P, observe, np.broadcast_to(sigma, H.shape[:2]), Rule(1)).P
         out.append(np.sqrt(np.einsum("bii->bi", J @ P[:, layout.k, layout.k] @ J.T)))
     return np.stack(out)
 

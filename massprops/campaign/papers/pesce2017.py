@@ -20,11 +20,11 @@ CASES = {
     "noise-1": "case A-sensor with image noise 1e-5 (Table 2)",
     "noise-5": "case A-sensor with image noise 5e-5 (Table 2)",
     "noise-10": "case A-sensor with image noise 1e-4 (Table 2)",
-    "C-ekf": "case C with the plain EKF",
+    "C-ekf": "case C by the EKF of second order",
     "C-paper": "case C by the IEKF with the paper's additive quaternion and its 1 % stopping rule",
 }
 RUNS = dict.fromkeys(CASES, 100)
-CHUNK = 50
+CHUNK = 100
 COLUMNS = ("rho_m", "rho_dot_m_s", "omega_deg_s", "theta_deg", "k1", "k2")
 PERCENTILES = (50, 70, 90, 100)
 TABLES: dict[str, dict[str, list[float]]] = {
@@ -167,7 +167,7 @@ def _notes(case: str, rows: list[dict[str, Any]], good: list[dict[str, Any]]) ->
             f"NEES at 100 s, {said}: mean {mean:.4g}, median {np.median([row[name] for row in good]):.3g}, "
             f"{inside} {size} +- {half:.2g} (95 % band of the mean of {len(good)})"
         )
-    if case != "C":
+    if case[0] != "C":
         notes.append("theta: the images cannot show it in so slow a tumble; it stays what the first estimate was")
     if case == "A":
         notes.append(
