@@ -122,6 +122,7 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
         vague = _points(q, shift, measured, information, good, used)[1] * scale
     for _ in range(POLISH):
         q, shift, body = _together(q, shift, body, measured, information, good, used)
+        q, shift = _from_neighbours(q, shift, body, measured, information / scale, seen, used)
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
     outliers = int((seen & used[:, None] & ~good).sum())
     column = np.flatnonzero(good[used].any(axis=0))
@@ -217,6 +218,36 @@ def _refine(
     freedom = max(0.1, 1.0 - (6.0 * used.sum() + 3.0 * known.sum()) / max(3.0 * counts, 1.0))
     asked = scale * float(np.median(finite)) / (MEDIAN_SQUARE * freedom) if len(finite) else 1.0
     return q, shift, whole, good, max(1.0, asked)
+
+
+def _from_neighbours(
+    q: np.ndarray,
+    shift: np.ndarray,
+    body: np.ndarray,
+    measured: np.ndarray,
+    information: np.ndarray,
+    seen: np.ndarray,
+    used: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses found again from those of the epochs before and after, where that fits better.
+
+    Four points whose depth is as uncertain as the body is deep fit two attitudes; the wrong one has odd neighbours.
+    """
+    rows = np.flatnonzero(used)
+    use = seen[rows] & np.isfinite(body).all(axis=-1)
+    solid = np.where(np.isfinite(body), body, 0.0)
+    q, shift = q.copy(), shift.copy()
+    for away in (1, -1, 1, -1):
+        near = align(solid, measured[rows], information[rows], use, q[rows], shift[rows], soft=0, hard=1)[3]
+        order = np.clip(np.arange(len(rows)) - away, 0, len(rows) - 1)
+        tried = align(solid, measured[rows], information[rows], use, q[rows[order]], shift[rows[order]], hard=2)
+        better = _misfit(tried[3], use) < _misfit(near, use) - LARGEST_MAHALANOBIS / 2
+        q[rows[better]], shift[rows[better]] = tried[0][better], tried[1][better]
+    return q, shift
+
+
+def _misfit(near: np.ndarray, use: np.ndarray) -> np.ndarray:
+    return np.asarray(np.where(use, np.minimum(near, LARGEST_MAHALANOBIS), 0.0).sum(axis=1))
 
 
 def _points(

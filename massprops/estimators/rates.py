@@ -217,11 +217,12 @@ def _attitude_fit(
 
 def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Free rotation (r, L, 4) from rates w (r, 3) at time zero to times tau (r, L), which ascend through zero."""
-    six = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    a, b, c, d, e, f = (float(x) for x in inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
     out = np.zeros((*tau.shape, 4))
 
     def slope(y: np.ndarray) -> np.ndarray:
-        return np.stack([*quaternion_rate(*y), *euler_acceleration(*six, *y[4:], 0.0, 0.0, 0.0)])
+        turn = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
+        return np.stack([*turn, *euler_acceleration(a, b, c, d, e, f, y[4], y[5], y[6], 0.0, 0.0, 0.0)])
 
     middle = np.argmin(np.abs(tau), axis=1)
     rows = np.arange(len(tau))
@@ -238,10 +239,10 @@ def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
             steps = max(1, int(np.ceil(speed * float(np.abs(now - before).max()) / LARGEST_STEP)))
             h = (now - before) / steps
             for _ in range(steps):
-                a = slope(y)
-                b = slope(y + h / 2 * a)
-                c = slope(y + h / 2 * b)
-                y = y + h / 6 * (a + 2 * b + 2 * c + slope(y + h * c))
+                one = slope(y)
+                two = slope(y + h / 2 * one)
+                three = slope(y + h / 2 * two)
+                y = y + h / 6 * (one + 2 * two + 2 * three + slope(y + h * three))
             out[rows[inside], at[inside]] = normalise(y[:4, inside].T)
             before = now
     return out
