@@ -14,7 +14,7 @@ from massprops.estimators.unscented.components import (
     turned,
     unit,
 )
-from massprops.estimators.unscented.loops import LOST
+from massprops.estimators.unscented.loops import LOST, WIDEST_TURN, bounded
 
 
 def factor(A: np.ndarray) -> np.ndarray:
@@ -50,7 +50,9 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
     """As `loops.propagate`."""
     n, na = len(P), 4 if additive else 3
     nd, nf = 5 + na, 3 + na
-    steps = int(min(max(1.0, np.ceil(np.linalg.norm(w) * abs(dt) / largest_turn)), 10000))
+    speed = np.linalg.norm(w) + gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
+    most = 50 if P[3, 3] > 0.25 * WIDEST_TURN**2 else 10000
+    steps = int(min(max(1.0, np.ceil(speed * abs(dt) / largest_turn)), most))
     U = factor(P)
     signs = np.array([1.0, -1.0])[:, None] * gamma
     d = U[:nd, :nd].T[:, None, :] * signs  # (component, side, pair)
@@ -72,6 +74,11 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
     else:
         attitude = list(turn_between(*centre[3:], *(x[1:] for x in out[3:])))
     odd, even, mean = _pairs(np.array(rates + attitude).reshape(nf, 2, nd).transpose(1, 2, 0), gamma)
+    if not np.isfinite(sum(centre) + np.sum(odd**2) + np.sum(even**2)):
+        P[np.diag_indices(n)] += Q * dt
+        w *= 0.5
+        bounded(w, P, na)
+        return
     P[:nf, :nf] = odd.T @ odd + even.T @ even + excess * np.outer(mean, mean)
     P[:nf, nf:] = odd.T @ U[:nd, nf:]
     P[nf:, :nf] = P[:nf, nf:].T
@@ -86,6 +93,7 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
         P[t : t + 6] = F @ P[t : t + 6]
         P[:, t : t + 6] = P[:, t : t + 6] @ F.T
     P[np.diag_indices(n)] += Q * dt
+    bounded(w, P, na)
 
 
 def sight(w, q, s, r, v, p, K, RC, TC, disparity, flow, extras, mid, still):  # type: ignore[no-untyped-def]
@@ -162,13 +170,13 @@ def correct(  # type: ignore[no-untyped-def]
 
     W = solve_triangular(factor(S), np.column_stack([cross_covariance, innovation]), trans="T", check_finite=False)
     step = W[:, n] @ W[:, :n]
+    if not np.isfinite(np.sum(W[:, n] ** 2) + np.sum(step**2)):
+        return
     P -= W[:, :n].T @ W[:, :n]
     P[:] = 0.5 * (P + P.T)
     P[np.diag_indices(n)] = np.maximum(np.diag(P), 1e-290)
     tally[0] += float(W[:, n] @ W[:, n])
     tally[1] += len(index)
-    if not np.all(np.isfinite(step)):
-        return
     w += step[:3]
     q[:] = _turn(q, step[3 : 3 + na], additive)
     k[:] = np.clip(k + step[3 + na : nd], -5.0, 5.0)
@@ -178,6 +186,7 @@ def correct(  # type: ignore[no-untyped-def]
         r += step[tr : tr + 3]
         v += step[tr + 3 : tr + 6]
     p += step[off:].reshape(m, 3)
+    bounded(w, P, na)
 
 
 def run_loop(  # type: ignore[no-untyped-def]

@@ -22,6 +22,10 @@ from massprops.estimators.unscented.components import (
 
 LOST = 1e-13
 """A pivot below this share of its diagonal is rounding, and is held there."""
+WIDEST_RATE, WIDEST_TURN, WIDEST_RATIO = 10.0, 3.0, 2.0
+"""1-sigma of rates [rad/s], attitude [rad] and k beyond which nothing is known of them: wider is not carried."""
+FASTEST = 100.0
+"""Largest rate that a mean is allowed to reach [rad/s]."""
 
 
 def add_rows(t, A, k, begin, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
@@ -79,13 +83,29 @@ def perturbed(q, ax, ay, az, aw, additive):  # type: ignore[no-untyped-def]
     return turned(q[0], q[1], q[2], q[3], ax, ay, az)
 
 
+def bounded(w, P, na):  # type: ignore[no-untyped-def]
+    """Holds rates and covariance where a long time without measurements would take them past all meaning."""
+    speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    if not speed <= FASTEST:
+        for i in range(3):
+            w[i] = w[i] * (FASTEST / speed) if np.isfinite(w[i]) and np.isfinite(speed) else 0.0
+    for i in range(5 + na):
+        widest = WIDEST_RATE if i < 3 else (WIDEST_TURN if i < 3 + na else WIDEST_RATIO)
+        if P[i, i] > widest * widest:
+            f = widest / np.sqrt(P[i, i])
+            P[i] *= f
+            P[:, i] *= f
+
+
 def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, additive, axes, moving):  # type: ignore[no-untyped-def]
     """State and covariance dt later, in place."""
     n = P.shape[0]
     na = 4 if additive else 3
     nd, nf = 5 + na, 3 + na
-    speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
-    steps = min(max(1, int(np.ceil(speed * abs(dt) / largest_turn))), 10000)
+    speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) + gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
+    # where the attitude is lost there is no accuracy to keep
+    most = 50 if P[3, 3] > 0.25 * WIDEST_TURN * WIDEST_TURN else 10000
+    steps = min(max(1, int(np.ceil(speed * abs(dt) / largest_turn))), most)
     U = P.copy()
     upper_factor(U, nd)
     c0, c1, c2, c3, c4, c5, c6 = torque_free(w[0], w[1], w[2], q[0], q[1], q[2], q[3], k[0], k[1], dt, steps)
@@ -127,9 +147,19 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
                     odd[j, 3 + i] += sign * a[i]
                     even[j, 3 + i] += half * a[i]
     mean = np.zeros(nf)
+    size = c0 + c1 + c2 + c3 + c4 + c5 + c6
     for j in range(nd):
         for i in range(nf):
             mean[i] += even[j, i] / gamma
+            size += odd[j, i] * odd[j, i] + even[j, i] * even[j, i]
+    if not np.isfinite(size):
+        # a motion beyond what can be integrated: the state stands still and its doubt grows
+        for i in range(n):
+            P[i, i] += Q[i] * dt
+        for i in range(3):
+            w[i] *= 0.5
+        bounded(w, P, na)
+        return
     for a in range(nf):
         for b in range(a, nf):
             total = excess * mean[a] * mean[b]
@@ -185,6 +215,7 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
                 P[c, t + i] = total
     for i in range(n):
         P[i, i] += Q[i] * dt
+    bounded(w, P, na)
 
 
 def sight(  # type: ignore[no-untyped-def]
@@ -389,6 +420,13 @@ def correct(  # type: ignore[no-untyped-def]
         nis += f * f
         for b in range(n):
             step[b] += f * T[c, nu + b]
+    size = nis
+    for i in range(n):
+        size += step[i] * step[i]
+    if not np.isfinite(size):
+        return
+    tally[0] += nis
+    tally[1] += nu
     for a in range(n):
         c = 0
         while c + 4 <= nu:
@@ -404,11 +442,6 @@ def correct(  # type: ignore[no-untyped-def]
         P[a, a] = max(P[a, a], 1e-290)
         for b in range(a):
             P[a, b] = P[b, a]
-    tally[0] += nis
-    tally[1] += nu
-    for i in range(n):
-        if not np.isfinite(step[i]):
-            return
     for i in range(3):
         w[i] += step[i]
     if additive:
@@ -428,6 +461,7 @@ def correct(  # type: ignore[no-untyped-def]
     for i in range(m):
         for c in range(3):
             p[i, c] += step[off + 3 * i + c]
+    bounded(w, P, na)
 
 
 def run_loop(  # type: ignore[no-untyped-def]

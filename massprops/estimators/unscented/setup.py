@@ -54,6 +54,12 @@ class Setup:
 
 def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
     """The first guess from the first part of the data only; the given one where that part does not show enough."""
+    from massprops.estimators.fast_spin import with_free_rotation
+
+    return with_free_rotation(problem, _early(problem, prior, given))
+
+
+def _early(problem: Problem, prior: Prior, given: Any) -> Any:
     from massprops.estimators.start import first_guess
 
     speed = float(np.nanmedian(np.linalg.norm(given.w, axis=1)))
