@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, multiply
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply
 from massprops.estimators.chaser_path import ChaserPath
 from massprops.sensing.pinhole import Pinhole
 
@@ -164,6 +164,21 @@ def axes_against_features(f: np.ndarray, P: np.ndarray) -> np.ndarray:
     C = np.concatenate([cross_matrix(x) for x in f])
     W = np.linalg.pinv(C)
     return W @ P[BASE:, BASE:] @ W.T
+
+
+def mean_turn(attitude: np.ndarray, q: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weighted mean turn (4,) from a filter's axes, of attitude q, to those of `attitude`, and the variance of its mean.
+
+    Args:
+        attitude, q: (n, 4), both to cam0; variance: (n,) of their difference [rad^2].
+    """
+    there = np.isfinite(attitude[:, 0]) & np.isfinite(variance)
+    turns = multiply(conjugate(attitude[there]), q[there])
+    # the last epochs know q best, and its early errors are shared by many epochs
+    weight = 1.0 / variance[there] ** 2
+    mean: np.ndarray = np.linalg.eigh((turns * weight[:, None]).T @ turns)[1][:, -1]
+    spread = float(np.sum(weight**2 * variance[there]) / np.sum(weight) ** 2)
+    return (mean if mean[0] >= 0 else -mean), spread
 
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:

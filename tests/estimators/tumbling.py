@@ -1,83 +1,78 @@
-"""A tumbling body's sequence made by arithmetic alone, with its truth, and an estimator simple enough to be trusted."""
+"""A small tumbling body before one or two cameras, with truth beside it."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from types import ModuleType
+from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotate
+from massprops.dynamics import quaternion
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.result import Estimate, ratios
-from massprops.mass.ratio_space import inertia_of
-from massprops.sequence import AttitudeSeries, Camera, Sequence, Tracks, write_sequence
-
-TRUE_K = np.array([-0.25, -0.15])
-AXES = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import ratios
+from massprops.sensing.pinhole import Pinhole, project
 
 
-def make_sequence(
-    folder: Path,
+@dataclass(frozen=True)
+class Scene:
+    problem: Problem
+    q: np.ndarray
+    w: np.ndarray
+    r: np.ndarray
+    k: np.ndarray
+    axes: np.ndarray
+
+
+def scene(
     seed: int = 0,
+    n: int = 240,
+    dt: float = 0.5,
     stereo: bool = True,
     attitude: bool = False,
-    epochs: int = 120,
-    spin: tuple[float, float, float] = (0.35, 0.8, 0.3),
-    k: np.ndarray = TRUE_K,
-    sigma_px: float = 0.05,
-) -> Path:
-    """A body 2 m across, 8 m away, in free motion; features numbered from 100."""
+    range_sigma: float = 0.0,
+    outliers: float = 0.0,
+    gap: tuple[int, int] | None = None,
+    spin: tuple[float, float, float] = (0.02, 0.1, 0.03),
+    moments: tuple[float, float, float] = (0.25, 0.35, 0.4),
+) -> Scene:
     rng = np.random.default_rng(seed)
-    inertia = inertia_of(k, AXES)
-    times = 0.1 * np.arange(epochs)
-    q, w = propagate(np.array([0.5, 0.5, -0.5, 0.5]), AXES @ np.array(spin), inertia, times, largest_turn=0.02)
-    position = np.array([0.1, -0.1, 8.0]) + times[:, None] * np.array([0.002, 0.001, -0.003])
-    points = rng.uniform(-1, 1, (12, 3))
-    X = position[:, None] + rotate(q[:, None], points[None])
-    fu, cu, cv = 900.0, 320.0, 240.0
-    rows = []
-    cameras = {}
-    stamps = np.round(times * 1e9).astype(np.int64)
-    for c in range(2 if stereo else 1):
-        pose = np.eye(4)
-        pose[0, 3] = 0.6 * c
-        cameras[c] = Camera((640, 480), np.array([fu, fu, cu, cv]), T_BS=pose, sigma_px=sigma_px)
-        Y = X - [0.6 * c, 0, 0]
-        uv = fu * Y[..., :2] / Y[..., 2:] + [cu, cv] + sigma_px * rng.standard_normal((*X.shape[:2], 2))
-        rows += [(stamps[i], c, 100 + j, uv[i, j]) for i in range(epochs) for j in range(len(points))]
-    rows.sort(key=lambda r: r[:3])
-    tracks = Tracks(*(np.array([r[i] for r in rows]) for i in range(4)))
-    series = None
+    axes = quaternion.rotation_matrix(quaternion.normalise(rng.standard_normal(4)))
+    inertia = axes @ np.diag(moments) @ axes.T
+    t = np.arange(n) * dt
+    q, w = propagate(quaternion.normalise(rng.standard_normal(4)), axes @ np.array(spin), inertia, t)
+    r = np.array([0.3, -0.2, 12.0]) + t[:, None] * np.array([0.002, -0.001, 0.003])
+    points = rng.uniform(-1.2, 1.2, (10, 3))
+    R = quaternion.rotation_matrix(q)
+    lens = np.array([1000.0, 1000.0, 640.0, 480.0])
+    cameras = tuple(Pinhole(lens, np.eye(3), np.array([b, 0.0, 0.0])) for b in ((0.0, 1.0) if stereo else (0.0,)))
+    X = r[:, None] + np.einsum("nij,mj->nmi", R, points)
+    uv = np.stack([project(camera, X) for camera in cameras], axis=1)
+    uv += 0.3 * rng.standard_normal(uv.shape)
+    wild = rng.random(uv.shape[:3]) < outliers
+    uv[wild] += rng.uniform(-80, 80, (int(wild.sum()), 2))
+    away = np.einsum("nij,mj->nmi", R, points / np.linalg.norm(points, axis=1, keepdims=True))[..., 2] > 0.5
+    uv[np.broadcast_to(away[:, None], uv.shape[:3])] = np.nan
+    if gap:
+        uv[gap[0] : gap[1]] = np.nan
+    seen_q, sigma_q = np.full((n, 4), np.nan), np.full(n, np.nan)
     if attitude:
-        noisy = multiply(q, from_rotation_vector(2e-4 * rng.standard_normal((epochs, 3))))
-        series = AttitudeSeries(stamps, noisy, np.full(epochs, 2e-4))
-    truth = {
-        "timestamp_ns": stamps, "position": position, "q": q, "w": w, "k1": float(k[0]), "k2": float(k[1]),
-        "inertia": inertia.tolist(), "centre_of_mass_m": [0.0, 0.0, 0.0],
-    }  # fmt: skip
-    return write_sequence(folder, Sequence(cameras=cameras, tracks=tracks, attitude=series), truth)
-
-
-def simple_method(name: str = "simple", needs: tuple[str, ...] = ("attitude|stereo",)) -> ModuleType:
-    """The start's own inertia as an estimate; a prior's inertia is averaged in, blindly, by its stated sigma."""
-    module = ModuleType(name)
-    module.NAME, module.ORDER, module.SENTENCE, module.NEEDS = name, 1, "The start itself.", needs  # type: ignore[attr-defined]
-
-    def estimate(problem, prior, start):  # type: ignore[no-untyped-def]
-        k, axes = ratios(start.inertia)
-        cov = np.eye(2) * 0.01**2
-        if prior.inertia is not None and prior.k_sigma is not None:
-            weight = np.linalg.inv(np.diag(prior.k_sigma**2))
-            cov = np.linalg.inv(np.linalg.inv(np.eye(2) * 0.01**2) + weight)
-            k = cov @ (k / 0.01**2 + weight @ ratios(prior.inertia)[0])
-        n = len(start.times)
-        return Estimate(
-            name, True, True, "", float(k[0]), float(k[1]), cov, inertia_of(k, axes), axes, np.eye(3) * 0.01**2,
-            start.times, start.q, start.w, start.position, None, np.full((n, 3), 2e-3), np.full((n, 3), start.sigma_w),
-            features=start.features, feature_ids=problem.features, body_frame=start.body_frame, innovation=1.0,
-            k_history=np.tile(k, (n, 1)), k_sigma_history=np.full((n, 2), 0.01),
-        )  # fmt: skip
-
-    module.estimate = estimate  # type: ignore[attr-defined]
-    return module
+        seen_q = quaternion.multiply(q, quaternion.from_rotation_vector(0.003 * rng.standard_normal((n, 3))))
+        sigma_q[:] = 0.003
+    ranges = np.full(n, np.nan)
+    if range_sigma:
+        ranges = np.linalg.norm(r, axis=1) + range_sigma * rng.standard_normal(n)
+    problem = Problem(
+        np.round(t * 1e9).astype(np.int64),
+        t,
+        cameras,
+        uv,
+        np.full(len(cameras), 0.3),
+        np.arange(10),
+        ranges,
+        range_sigma or np.nan,
+        np.full((n, 3), np.nan),
+        np.nan,
+        seen_q,
+        sigma_q,
+    )
+    return Scene(problem, q, w, r, *ratios(inertia))

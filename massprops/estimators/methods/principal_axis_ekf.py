@@ -16,6 +16,7 @@ from massprops.estimators.principal_axis import (
     FilterStart,
     axes_against_features,
     filtered,
+    mean_turn,
     start_in_frame,
 )
 from massprops.estimators.principal_frame import ratios_of_moments, unique_frame
@@ -33,7 +34,7 @@ WIDER = 3.0
 """The filter starts this many times wider than least squares claims, for it reads the same data again."""
 MOST_FEATURES = 24
 """Feature points that the filter carries: the longest seen."""
-SURE = 3.0
+SURE = 5.0
 """Sigmas by which two moments must differ to have axes of their own."""
 ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
 """Unmodelled acceleration [m/s^2 sqrt(s)] with the orbit known and without."""
@@ -132,8 +133,8 @@ def _begin(
     k, axes = np.array([0.3, 0.3]), np.full(3, 0.3)
     if start.momentum is not None:
         k_covariance, axes_covariance, _ = ratio_covariance(start.inertia, start.momentum.covariance)
-        k = np.minimum(k, WIDER * np.sqrt(np.diag(k_covariance)) + 1e-6)
-        axes = np.minimum(axes, WIDER * np.sqrt(np.diag(frame.T @ axes_covariance @ frame)) + 1e-6)
+        k = np.fmin(k, WIDER * _root(k_covariance) + 1e-6)
+        axes = np.fmin(axes, WIDER * _root(frame.T @ axes_covariance @ frame) + 1e-6)
     if prior.inertia is not None and start.momentum is None:
         k = k if prior.k_sigma is None else prior.k_sigma
         axes = axes if prior.axes_sigma is None else prior.axes_sigma
@@ -154,6 +155,12 @@ def _begin(
     return start_in_frame(
         frame, q, start.w[0], ratios_of_moments(moments), r, v, f, sigma, body_fixed=not points, place=place
     )
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """Sigmas on the diagonal; NaN where rounding leaves no variance, as a nearly unobservable motion can."""
+    d = np.diag(covariance)
+    return np.sqrt(np.where(d >= 0, d, np.nan))
 
 
 def _placed(
@@ -190,7 +197,7 @@ def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
     elif problem.has_attitude:
         own = "attitude0"
         variance = np.square(problem.sigma_attitude[first:]) + np.sum(run.sigma[:, :3] ** 2, axis=1)
-        turn, extra = _against_attitude(problem.attitude[first:], multiply(conjugate(camera), run.q), variance)
+        turn, extra = mean_turn(problem.attitude[first:], multiply(conjugate(camera), run.q), variance)
         spread = axes_against_features(run.f, run.P) + extra * np.eye(3)
     else:
         turn, spread = from_rotation_matrix(frame), axes_against_features(run.f, run.P)
@@ -256,23 +263,12 @@ def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
     )
 
 
-def _against_attitude(attitude: np.ndarray, q: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weighted mean turn (4,) from T to the body axes of `attitude0`, and the variance of its attitudes' mean."""
-    there = np.isfinite(attitude[:, 0]) & np.isfinite(variance)
-    turns = multiply(conjugate(attitude[there]), q[there])
-    # the last epochs know T best, and its early errors are shared by many epochs
-    weight = 1.0 / variance[there] ** 2
-    mean: np.ndarray = np.linalg.eigh((turns * weight[:, None]).T @ turns)[1][:, -1]
-    spread = float(np.sum(weight**2 * variance[there]) / np.sum(weight) ** 2)
-    return (mean if mean[0] >= 0 else -mean), spread
-
-
 def _symmetric(run: Filtered, start: Any) -> str:
     """Why the principal axes are not determined, or an empty string: two moments that the data cannot tell apart."""
     near = np.abs(run.k[-1]) < SURE * run.sigma[-1, 6:8]
     if start.momentum is not None:
         moments = np.linalg.eigvalsh(start.inertia)
-        near |= np.diff(moments) < SURE * ratio_covariance(start.inertia, start.momentum.covariance)[2]
+        near |= np.diff(moments) < 3.0 * ratio_covariance(start.inertia, start.momentum.covariance)[2]
     if near.any():
         which = "I1 and I2" if near[0] else "I2 and I3"
         return f"the body is symmetric within what the motion shows ({which} are equal): its axes are not determined"

@@ -1,0 +1,286 @@
+"""volpe2017: relative pose, velocity, shape and inertia ratios from one camera and a range sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.quaternion import conjugate, multiply, rotate, rotation_matrix
+from massprops.errors import NotPossible
+from massprops.estimators.chaser_path import chaser_path
+from massprops.estimators.inertia_parameters import inertia as tensor_of
+from massprops.estimators.momentum import ratio_covariance
+from massprops.estimators.principal_axis import mean_turn
+from massprops.estimators.problem import Problem
+from massprops.estimators.range_batch import BatchFit, fit_first
+from massprops.estimators.range_filter import (
+    BASE,
+    RangeRun,
+    RangeStart,
+    inertia_covariance,
+    range_filtered,
+    ratio_jacobian,
+    ratios_over,
+)
+from massprops.estimators.result import Estimate, Prior, ratios
+from massprops.estimators.shown import shown_by
+
+NAME = "range-ukf"
+ORDER = 45
+SENTENCE = "one camera and ranges: batch fit to the first frames, then an unscented Kalman filter (volpe2017)"
+NEEDS = ("tracks", "range")
+NEEDS_START = False
+MOST_FEATURES = 12
+"""Feature points that the filter carries, as many as the paper's."""
+FIRST_TURN = 4.0
+"""Rotation [rad] that the batch fit at the start covers."""
+SHARE = 0.5
+"""And no more than this share of the record, so that there is something left to filter."""
+MOST_BATCH = 200
+QUIET = 1e-6
+"""Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
+VAGUE = 0.3
+"""1-sigma of k1 or k2 above which the start's inertia is not believed."""
+SURE = 8.0
+"""Sigmas by which two moments must differ to have axes of their own; equal ones always come out apart by a few."""
+PUSH = 1e-8
+"""Unmodelled acceleration [m/s^2 sqrt(s)]."""
+
+
+def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+    """Ratios, axes and metric motion.
+
+    Raises:
+        NotPossible: no rotation to start from, or the features cannot be placed.
+    """
+    start, own = _start_of(problem, prior, start)
+    if start.inertia is None or start.features is None or start.position is None:
+        raise NotPossible(f"{NAME}: the tracks do not place the features")
+    first = int(np.searchsorted(problem.times, start.times[0] - 1e-9))
+    times = problem.times[first:]
+    chosen = _chosen(problem, start, first)
+    if len(chosen) < 3:
+        raise NotPossible(f"{NAME}: fewer than three features could be placed")
+    uv = np.ascontiguousarray(problem.uv[first:, 0, chosen])
+    ranges = problem.range_m[first:].copy()
+    lens, sigma_px = problem.cameras[0].intrinsics, float(problem.sigma_px[0])
+    camera = chaser_path(problem.environment, times).q
+    begin = _begin(problem, prior, start, chosen, camera)
+    n = _window(times, start)
+    windows = tuple(k for k in (6, 9, 14, 21, 32, 48, 72, 108) if k < n)
+    shift = problem.environment
+    if problem.environment.orbit is not None and times[0] > 0:
+        shift = replace(problem.environment, orbit=_later(problem.environment.orbit, float(times[0])))
+    clock = times - times[0]
+    fit = fit_first(
+        begin, clock[:n], lens, uv[:n], sigma_px, ranges[:n], problem.sigma_range, shift, camera[:n], windows
+    )
+    at = n - 1
+    rest_uv, rest_ranges = uv[at:].copy(), ranges[at:].copy()
+    rest_uv[0], rest_ranges[0] = np.nan, np.nan
+    speed = float(np.linalg.norm(fit.first.w))
+    noise = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
+    later = shift if shift.orbit is None else replace(shift, orbit=_later(shift.orbit, float(clock[at])))
+    run = range_filtered(
+        fit.last,
+        clock[at:] - clock[at],
+        lens,
+        rest_uv,
+        sigma_px,
+        rest_ranges,
+        problem.sigma_range,
+        later,
+        noise**2,
+        PUSH**2,
+        camera[at:],
+    )
+    return _estimate(problem, start, own, first, chosen, fit, run, at, camera)
+
+
+def _start_of(problem: Problem, prior: Prior, start: Any) -> tuple[Any, str]:
+    """The start, and the name of its body axes."""
+    from massprops.estimators.start import first_guess
+
+    if problem.has_attitude:
+        if getattr(start, "features", None) is not None:
+            return start, "attitude0"
+        return first_guess(problem, prior), "attitude0"
+    raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
+
+
+def _chosen(problem: Problem, start: Any, first: int) -> np.ndarray:
+    """Features to carry: placed by the start, the longest seen first."""
+    count = problem.seen[first:, 0].sum(axis=0)
+    known = np.isfinite(start.features[:, 0]) & (count > 2)
+    order = np.lexsort((np.arange(len(count)), -count))
+    return np.sort(order[known[order]][:MOST_FEATURES])
+
+
+def _window(times: np.ndarray, start: Any) -> int:
+    """Epochs of the batch fit: enough rotation to make the rest linear, not more than a share of the record."""
+    speed = max(float(np.median(np.linalg.norm(start.w, axis=1))), 1e-12)
+    n = int(np.searchsorted(times, times[0] + FIRST_TURN / speed))
+    return int(min(max(n, 12), MOST_BATCH, max(int(SHARE * len(times)), 6), len(times)))
+
+
+def _begin(problem: Problem, prior: Prior, start: Any, chosen: np.ndarray, camera: np.ndarray) -> RangeStart:
+    """A guess and how wide it is: wide enough that the batch fit is led by the measurements."""
+    f = start.features[chosen]
+    size = float(np.sqrt(np.mean(np.sum(f * f, axis=1))))
+    speed = float(np.linalg.norm(start.w[0]))
+    spread = np.sqrt(np.maximum(np.diagonal(start.covariance[0]), 0.0))
+    length = max(float(start.times[-1] - start.times[0]), 1e-9)
+    k, axes = np.full(2, 0.3), np.full(3, 0.5)
+    if prior.inertia is not None:
+        k = k if prior.k_sigma is None else np.asarray(prior.k_sigma)
+        axes = axes if prior.axes_sigma is None else np.asarray(prior.axes_sigma)
+    tensor = start.inertia
+    if start.momentum is not None:
+        sigma_k = np.sqrt(np.diag(ratio_covariance(tensor, start.momentum.covariance)[0]))
+        if not (sigma_k < VAGUE).all():
+            # what least squares makes of a motion that hardly shows the inertia can be a needle: begin near a ball
+            V = np.linalg.eigh(tensor)[1]
+            tensor = V @ np.diag([0.28, 0.33, 0.39]) @ V.T
+    m = len(chosen)
+    P = np.zeros((BASE + 3 * m, BASE + 3 * m))
+    diagonal = np.concatenate(
+        [
+            # the body axes are attitude0's only as well as its first epochs say; the rest of it is not used again
+            np.maximum(3 * spread[:3], 1e-5) ** 2,
+            np.full(3, max(10 * spread[3:].max(), 0.2 * speed) ** 2),
+            np.zeros(5),
+            np.full(3, size**2),
+            np.full(3, (size / length + 0.2 * speed * size) ** 2),
+            np.full(3 * m, size**2),
+        ]
+    )
+    P[np.diag_indices(len(P))] = diagonal
+    P[6:11, 6:11] = inertia_covariance(tensor, k, axes)
+    velocity = np.zeros(3) if start.velocity is None else start.velocity
+    return RangeStart(
+        multiply(camera[0], start.q[0]),
+        start.w[0],
+        tensor,
+        rotate(camera[0], start.position[0]),
+        rotate(camera[0], velocity),
+        f,
+        P,
+    )
+
+
+def _later(orbit: Any, seconds: float) -> Any:
+    """The same orbit with its true anomaly some time later."""
+    from massprops.dynamics.surroundings import eccentric_anomaly
+
+    e = orbit.eccentricity
+    half = np.sqrt((1 - e) / (1 + e)) * np.tan(orbit.true_anomaly_rad / 2)
+    E0 = 2 * np.arctan(half)
+    mean = E0 - e * np.sin(E0) + np.sqrt(orbit.mu_m3_s2 / orbit.semi_major_axis_m**3) * seconds
+    E = eccentric_anomaly(float(mean), e)
+    return replace(orbit, true_anomaly_rad=float(2 * np.arctan(np.sqrt((1 + e) / (1 - e)) * np.tan(E / 2))))
+
+
+def _estimate(
+    problem: Problem,
+    start: Any,
+    own: str,
+    first: int,
+    chosen: np.ndarray,
+    fit: BatchFit,
+    run: RangeRun,
+    at: int,
+    camera: np.ndarray,
+) -> Estimate:
+    times = problem.times[first:]
+    y = np.concatenate([fit.y[:at], np.concatenate([run.q, run.w, run.r, run.v], axis=1)])
+    block = np.concatenate([fit.block[:at], run.block])
+    s = np.concatenate([np.repeat(run.s[:1], at, axis=0), run.s])
+    k_run, k_covariance = ratios_over(s, block)
+    tensor = tensor_of(run.s[-1])
+    _, axes = ratios(tensor)
+    axes = axes * (1.0 if np.linalg.det(axes) > 0 else -1.0)
+    back = conjugate(camera)
+    q, w, f = multiply(back, y[:, :4]), y[:, 4:7], run.f
+    # principal axes against the attitudes: what the filter's own body axes are off by cancels
+    J = np.zeros((3, BASE))
+    J[:, :3] = np.eye(3)
+    J[:, 6:11] = axes @ ratio_jacobian(run.s[-1])[1]
+    spread = J @ run.block[-1] @ J.T
+    if own == "attitude0":
+        variance = np.square(problem.sigma_attitude[first:]) + np.einsum("nii->n", block[:, :3, :3])
+        turn, extra = mean_turn(problem.attitude[first:], q, variance)
+        R = rotation_matrix(turn)
+        q, w, f, axes, tensor = multiply(q, conjugate(turn)), w @ R.T, f @ R.T, R @ axes, R @ tensor @ R.T
+        spread = R @ spread @ R.T + extra * np.eye(3)
+    finite = bool(np.isfinite(y).all() and np.isfinite(run.P).all())
+    share = run.refused / max(run.refused + run.used, 1)
+    reason = ""
+    if not finite:
+        reason = "the filter's state is not finite"
+    elif share > 0.3:
+        reason = f"{share:.0%} of the measurements were refused"
+    elif fit.square > 4.0:
+        reason = f"the fit to the first frames leaves residuals of {np.sqrt(fit.square):.1f} sigma"
+    elif run.innovation > 4.0:
+        reason = f"its innovations are {np.sqrt(run.innovation):.1f} times their sigma"
+    converged, observable = not reason, True
+    if converged:
+        weight = _weight(problem, first, fit, y)
+        shown = shown_by(times[-1] - times[::-1], weight[::-1], q[-1], -w[-1], tensor)
+        reason = shown.reason or _symmetric(k_run[-1], k_covariance[-1], start)
+        observable = not reason
+    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", block), 0.0))
+    return Estimate(
+        name=NAME,
+        converged=converged,
+        observable=observable,
+        reason=reason,
+        k1=float(k_run[-1, 0]),
+        k2=float(k_run[-1, 1]),
+        k_covariance=k_covariance[-1],
+        inertia=tensor,
+        principal_axes=axes,
+        axes_covariance=spread,
+        times=times,
+        q=q,
+        w=w,
+        position=rotate(back, y[:, 7:10]),
+        velocity=rotate(back, y[:, 10:13]),
+        sigma_attitude=sigma[:, :3],
+        sigma_w=sigma[:, 3:6],
+        sigma_position=sigma[:, 11:14],
+        sigma_velocity=sigma[:, 14:17],
+        k_history=k_run,
+        k_sigma_history=np.sqrt(np.maximum(np.einsum("nii->ni", k_covariance), 0.0)),
+        features=f,
+        feature_ids=problem.features[chosen],
+        body_frame=own,
+        innovation=run.innovation,
+        gated=run.refused + fit.outliers,
+        used=run.used + fit.rows,
+        warnings=(),
+    )
+
+
+def _symmetric(k: np.ndarray, covariance: np.ndarray, start: Any) -> str:
+    """Why the principal axes are not determined, or an empty string."""
+    near = np.abs(k) < SURE * np.sqrt(np.diag(covariance))
+    if start.momentum is not None:
+        gaps = ratio_covariance(start.inertia, start.momentum.covariance)[2]
+        near &= np.diff(np.linalg.eigvalsh(start.inertia)) < 3.0 * gaps
+    if near.any():
+        which = "I1 and I2" if near[0] else "I2 and I3"
+        return f"the body is symmetric within what the motion shows ({which} are equal): its axes are not determined"
+    return ""
+
+
+def _weight(problem: Problem, first: int, fit: BatchFit, y: np.ndarray) -> np.ndarray:
+    """One over the variance of the attitude that each epoch's pixels fix [rad^-2]."""
+    f = fit.first.f - fit.first.f.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum(f * f, axis=1)) * 2 / 3))
+    pixel = float(problem.sigma_px[0]) / float(problem.cameras[0].intrinsics[0])
+    count = np.minimum(problem.seen[first:, 0].sum(axis=1), MOST_FEATURES)
+    distance = np.linalg.norm(y[:, 7:10], axis=1)
+    return np.where(count >= 3, count * (size / (pixel * distance)) ** 2, 0.0)

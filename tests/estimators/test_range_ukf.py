@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+from tumbling import scene
+
+from massprops.campaign.papers import volpe2017
+from massprops.errors import NotPossible
+from massprops.estimators.inertia_parameters import from_inertia, inertia
+from massprops.estimators.methods import range_ukf
+from massprops.estimators.range_filter import ratio_jacobian
+from massprops.estimators.result import Prior, ratios
+from massprops.estimators.start import first_guess
+
+
+def body():
+    rng = np.random.default_rng(5)
+    R = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    return R @ np.diag([0.24, 0.33, 0.43]) @ R.T
+
+
+def test_kernel_inertia_is_that_of_the_general_parameters():
+    from massprops.estimators.range_kernel import six_elements
+
+    s = from_inertia(body())
+    xx, yy, zz, xy, xz, yz = six_elements(s)
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    assert np.allclose(tensor / np.trace(tensor), inertia(s), atol=1e-14)
+
+
+def test_kernel_motion_is_the_physics_of_the_simulator():
+    from massprops.dynamics.rigid_body import propagate
+    from massprops.estimators.range_kernel import move
+
+    tensor = body()
+    q, w = np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.02, -0.03, 0.01])
+    y = np.concatenate([q, w, [1.0, 2.0, 30.0], [0.01, 0.0, -0.02]])
+    none = np.zeros(3)
+    move(y, from_inertia(tensor), 10.0, 20, none, none, none, 0.0)
+    expected_q, expected_w = propagate(q, w, tensor, np.array([0.0, 10.0]), largest_turn=0.01)
+    assert np.allclose(y[:4], expected_q[-1], atol=1e-9)
+    assert np.allclose(y[4:7], expected_w[-1], atol=1e-11)
+    assert np.allclose(y[7:10], [1.1, 2.0, 29.8])
+
+
+def test_ratio_derivatives():
+    s = from_inertia(body())
+    by_k, _ = ratio_jacobian(s)
+    for a in range(5):
+        e = np.zeros(5)
+        e[a] = 1e-5
+        change = (ratios(inertia(s + e))[0] - ratios(inertia(s - e))[0]) / 2e-5
+        assert np.allclose(change, by_k[:, a], atol=1e-6)
+
+
+@pytest.mark.parametrize("given", [{}, {"outliers": 0.01}])
+def test_ratios_and_metric_position_from_one_camera(given):
+    s = scene(1, stereo=False, attitude=True, range_sigma=0.02, **given)
+    found = range_ukf.estimate(s.problem, Prior(), first_guess(s.problem, Prior()))
+    assert found.converged and found.observable, found.reason
+    error = np.array([found.k1, found.k2]) - s.k
+    assert (np.abs(error) < 4.5 * found.sigma_k).all()
+    assert (found.sigma_k < 0.02).all()
+    assert np.linalg.norm(found.position[-1] - s.r[-1]) < 0.02
+    assert len(found.q) == len(found.times) == len(found.k_history)
+
+
+def test_without_attitude_it_says_what_to_do():
+    s = scene(1, n=40, stereo=False, range_sigma=0.02)
+    with pytest.raises(NotPossible, match="attitude0"):
+        range_ukf.estimate(s.problem, Prior(), None)
+
+
+def test_flat_spin_is_not_observable():
+    s = scene(0, stereo=False, attitude=True, range_sigma=0.02, spin=(0.0, 0.1, 0.0))
+    found = range_ukf.estimate(s.problem, Prior(), first_guess(s.problem, Prior()))
+    assert not (found.converged and found.observable)
+
+
+def test_one_orbit_as_the_paper_asks():
+    rows = volpe2017.runs(volpe2017.configuration("orbit"), [0, 1])
+
+    def gain(name):
+        return np.sqrt(
+            np.mean([r[f"{name} start"] ** 2 for r in rows]) / np.mean([r[f"{name} end"] ** 2 for r in rows])
+        )
+
+    assert gain("position") > 100
+    assert gain("velocity") > 1000
+    assert gain("rate") > 1000
+    assert gain("k1") > 5 and gain("k2") > 5
+    assert volpe2017.runs(volpe2017.configuration("orbit"), [1])[0] == rows[1]
