@@ -12,7 +12,8 @@ from massprops.errors import InputError
 
 def command(
     scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="spacecraft, asteroid, bracket, a YAML file or a mesh file.")
+        str,
+        typer.Argument(metavar="SCENARIO", help="spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file."),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Sequence folder to write.")],
     frames: Annotated[int | None, typer.Option(help="Number of images.")] = None,
@@ -34,17 +35,50 @@ def command(
     hidden_mass: Annotated[
         str | None, typer.Option(metavar="SHARE:X,Y,Z", help="Mass that the mesh does not show; moves the motion only.")
     ] = None,
+    effects: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effects",
+            metavar="NAME[:SIZE]",
+            help="An effect at work, may be repeated. SIZE is how far it moves the tracks [px rms], or parameter=value,…",
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", metavar="MODEL_YAML", help="What 'diagnose' wrote: its effects act.")
+    ] = None,
+    features: Annotated[int | None, typer.Option(help="Feature points, for tracks.")] = None,
+    sigma: Annotated[float | None, typer.Option(help="1-sigma of the tracks [px], for tracks.")] = None,
+    outliers: Annotated[float | None, typer.Option(help="Share of wrong tracks, for tracks.")] = None,
+    attitude_sigma: Annotated[
+        float | None, typer.Option("--attitude", metavar="SIGMA", help="An attitude history too [rad], for tracks.")
+    ] = None,
+    rate_sigma: Annotated[
+        float | None, typer.Option("--rates", metavar="SIGMA", help="Body rates too [rad/s], for tracks.")
+    ] = None,
     video: Annotated[bool, typer.Option("--video", help="Also write cam0/video.mp4 (H.264).")] = False,
     seed: Annotated[int, typer.Option(help="Of motion, Sun, texture and noise.")] = 0,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
 ) -> None:
-    """Render a body of known mass properties under one sun, with the truth beside the images.
+    """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
 
     Example: massprops simulate spacecraft -o sequences/one --frames 72 --size 640x480 --video
+
+    Example: massprops simulate tracks -o sequences/two --effects viscous-damping:6
     """
     from massprops.simulate import simulate
+    from massprops.simulate.simulate import is_tracks
     from massprops_cli.progress import StageProgress
 
+    asked = {
+        "features": features,
+        "sigma_px": sigma,
+        "outliers": outliers,
+        "attitude_sigma": attitude_sigma,
+        "rate_sigma": rate_sigma,
+    }
+    of_tracks = {k: v for k, v in asked.items() if v is not None}
+    if of_tracks and not is_tracks(scenario):
+        raise InputError("--features, --sigma, --outliers, --attitude and --rates are for the scenario 'tracks'")
     with StageProgress(quiet) as watch:
         folder = simulate(
             scenario,
@@ -62,7 +96,10 @@ def command(
             stereo_m=stereo,
             range_sigma_m=range_sigma,
             hidden_mass=_hidden(hidden_mass),
+            effects=tuple(effects) if effects else None,
+            model=model,
             seed=seed,
+            **of_tracks,
         )
     typer.echo(str(folder))
 

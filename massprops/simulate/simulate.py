@@ -42,6 +42,18 @@ def simulate(
     from massprops.simulate.motion import tumbling, walk_round, with_hidden_mass
     from massprops.simulate.render import Renderer, lens_of
 
+    if is_tracks(scenario):
+        from massprops.simulate.tracks import track_scenario, write_tracks
+
+        if video:
+            raise InputError(f"{scenario}: a scenario of tracks has no images, so no video: leave --video out")
+        given = _tracks_file(scenario)
+        given.update({TRACK_NAMES.get(k, k): v for k, v in changes.items() if v is not None})
+        folder = write_tracks(track_scenario(given, str(scenario)), out)
+        progress(1, 1, "tracks")
+        return folder
+    acting = tuple(changes.pop("effects", None) or ())
+    model_file = changes.pop("model", None)
     chosen = load_scenario(scenario, **changes)
     mesh, _ = read_solid(chosen.mesh)
     mesh = mesh.copy()
@@ -52,10 +64,13 @@ def simulate(
     if chosen.hidden_mass is not None:
         inertia, centre = with_hidden_mass(body.inertia, body.mass, chosen.hidden_mass)
     path = (tumbling if chosen.motion == "tumbling" else walk_round)(chosen, inertia, length, centre)
+    model = None
+    if acting or model_file is not None:
+        path, model = _under_effects(chosen, path, acting, model_file, length, body.mass)
     if video and any(v % 2 for v in chosen.size):
         raise InputError(f"size {chosen.size[0]}x{chosen.size[1]}: H.264 needs even numbers; give such a --size")
     folder = Path(out)
-    _refuse_others(folder)
+    refuse_others(folder)
     lens = lens_of(chosen)
     renderer = Renderer(mesh, chosen, lens)
     rng = np.random.default_rng([chosen.seed, 3])
@@ -79,6 +94,10 @@ def simulate(
         cameras = {k: _camera(chosen, lens, baseline, tuple(images[k])) for k, baseline in enumerate(baselines)}
         sequence = Sequence(cameras=cameras, range=_ranges(chosen, path, rng), environment=Environment())
         truth = _truth(chosen, body, path, length, float(mesh.area_faces[seen >= 3].sum() / mesh.area))
+        if model is not None:
+            from massprops.model import document_of
+
+            truth["effects"] = {e["name"]: e["parameters"] for e in document_of(model)["effects"]}
         write_sequence(folder, sequence, truth)
         mesh.export(folder / "truth" / "mesh.ply")
         if video:
@@ -88,11 +107,56 @@ def simulate(
     return folder
 
 
+TRACK_NAMES = {"stereo_m": "baseline_m"}
+"""Options of rendering that mean the same for tracks under another name."""
+
+
+def is_tracks(scenario: str | Path) -> bool:
+    """Whether a scenario asks for tracks only: the name `tracks`, or a YAML file with `kind: tracks`."""
+    return str(scenario) == "tracks" or _tracks_file(scenario).get("kind") == "tracks"
+
+
+def _tracks_file(scenario: str | Path) -> dict[str, Any]:
+    from massprops.sequence.read import load_yaml
+
+    path = Path(scenario)
+    return load_yaml(path) if path.suffix.lower() in (".yaml", ".yml") and path.is_file() else {}
+
+
+def _under_effects(
+    scenario: Scenario, path: Any, acting: tuple[str, ...], model_file: Any, length: float, mass: float
+) -> tuple[Any, Any]:
+    """The path as effects make it, and the model of them."""
+    from dataclasses import replace
+
+    from massprops.dynamics.quaternion import rotation_matrix
+    from massprops.dynamics.surroundings import Surroundings
+    from massprops.estimators.batch.state import BatchState
+    from massprops.model import Model
+    from massprops.simulate.effects import effects_model, moved_by
+
+    if scenario.motion != "tumbling":
+        raise InputError("effects act on a tumbling body: choose a scenario with motion: tumbling")
+    rng = np.random.default_rng([scenario.seed, 15])
+    points = rng.standard_normal((12, 3))
+    points *= 0.4 * length / np.linalg.norm(points, axis=1, keepdims=True)
+    still = path.centre_in_camera[0]
+    whole = 3.0 * path.inertia / np.trace(path.inertia)
+    state = BatchState(path.q[0], path.w[0], still, np.zeros(3), whole, Model(), points)
+    times = (path.timestamp_ns - path.timestamp_ns[0]) * 1e-9
+    around = Surroundings(Environment())
+    model = effects_model(acting, model_file, times, state, scenario.focal * scenario.size[0], around, scenario.seed)
+    q, w, r = moved_by(times, state, model, around)
+    sun = np.einsum("nij,nj->ni", rotation_matrix(path.q), path.sun)
+    sun_body = np.einsum("nji,nj->ni", rotation_matrix(q), sun)
+    return replace(path, q=q, w=w, position=r - rotation_matrix(q) @ path.centre, sun=sun_body), model
+
+
 MARK = "truth/truth.yaml"
 """What tells a simulated sequence, finished or interrupted, from footage."""
 
 
-def _refuse_others(folder: Path) -> None:
+def refuse_others(folder: Path) -> None:
     """Only an earlier simulation is written over."""
     if (folder / "run.yaml").exists():
         raise InputError(f"{folder}: holds a run: choose another -o")

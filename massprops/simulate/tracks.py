@@ -17,11 +17,11 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import InputError, NotPossible
-from massprops.estimators.batch.linearise import body_points, predict
+from massprops.estimators.batch.linearise import Predicted, body_points, predict
 from massprops.estimators.batch.measurements import Measurements
 from massprops.estimators.batch.state import BatchState, inertia_of
 from massprops.estimators.problem import Problem
-from massprops.model import Model, lacks, model_of
+from massprops.model import Model, lacks, load_model, model_of
 from massprops.sensing.pinhole import pinhole_of
 from massprops.sensing.predict import Seen, camera_turn, image, in_chaser
 from massprops.sequence.data import (
@@ -51,6 +51,7 @@ class TrackScenario:
         orbit, sun, field: whether the surroundings are known (and the target falls beside the chaser).
         assumed: whether `body.yaml` gives the inertia; assumed_sigma: its relative 1-sigma, drawn so.
         effects: `name`, `name:PIXELS` (rms displacement of the tracks) or `name:parameter=value,...`.
+        model: a `model.yaml` whose effects act besides.
         seed: of everything drawn.
     """
 
@@ -78,6 +79,7 @@ class TrackScenario:
     assumed: bool = True
     assumed_sigma: float = 0.005
     effects: tuple[str, ...] = ()
+    model: str | None = None
     seed: int = 0
 
 
@@ -132,14 +134,16 @@ def simulate_tracks(scenario: TrackScenario = TrackScenario(), outside: tuple[Mo
     inertia, axes = _inertia(s, rng)
     state = _start(s, rng, inertia, axes)
     cameras = _cameras(s)
-    problem = _blank(s, times, cameras, environment)
+    problem = blank_problem(s, times, cameras, environment)
     clean = predict(problem, state, around)
     view = _view(s, problem, clean, rng)
-    base = _pixels(problem, clean, view)
-    sizes, asked = _asked(s, problem, around)
+    sizes, asked = asked_for(s, problem, around)
     drawn: dict[str, np.ndarray] = {}
     for name, value in sizes.items():
-        drawn[name] = value if value is not None else _sized(name, asked[name], problem, state, around, view, base, rng)
+        drawn[name] = value if value is not None else sized(name, asked[name], problem, state, around, view, clean, rng)
+    if s.model is not None:
+        given = load_model(s.model)
+        drawn.update({name: given.value(name) for name in given.names})
     model = model_of(dict(drawn))
     if outside:
         motion = [m for m in model.modules if m in model.acting.effects]
@@ -156,6 +160,50 @@ def simulate_tracks(scenario: TrackScenario = TrackScenario(), outside: tuple[Mo
     sequence = _measure(s, problem, cameras, acted, view, exact, environment, inertia)
     pixels = {"rms": float(np.sqrt(np.mean(np.sum((exact - _pixels(problem, clean, view)) ** 2, axis=1))))}
     return Simulated(sequence, _truth(s, times, acted, whole, axes, model), model, pixels)
+
+
+def write_tracks(scenario: TrackScenario, out: Any) -> Any:
+    """`simulate_tracks` into a sequence folder with its truth; the folder's path.
+
+    Raises:
+        InputError: as `simulate_tracks`, or the folder holds something else or cannot be written.
+    """
+    from pathlib import Path
+
+    from massprops.sequence.write import write_sequence
+    from massprops.simulate.simulate import refuse_others
+
+    folder = Path(out)
+    refuse_others(folder)
+    made = simulate_tracks(scenario)
+    try:
+        return write_sequence(folder, made.sequence, made.truth)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
+
+
+def track_scenario(given: dict[str, Any], where: str) -> TrackScenario:
+    """A scenario of names with values, as a YAML file of `kind: tracks` gives them.
+
+    Raises:
+        InputError: an unknown name or a value of the wrong kind.
+    """
+    from dataclasses import fields
+
+    names = {f.name for f in fields(TrackScenario)}
+    chosen = {k: v for k, v in given.items() if k != "kind" and v is not None}
+    for key in chosen:
+        if key not in names:
+            raise InputError(f"{where}: scenario key {key!r} is not known; there are {', '.join(sorted(names))}")
+    for key in ("moments", "spin", "size", "effects"):
+        if key in chosen:
+            chosen[key] = tuple(chosen[key])
+    scenario = TrackScenario(**chosen)
+    for key, (low, high) in RANGES.items():
+        value = getattr(scenario, key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise InputError(f"{where}: {key} {value!r}: give a value from {low:g} to {high:g}")
+    return scenario
 
 
 def _environment(s: TrackScenario, rng: np.random.Generator) -> Environment:
@@ -209,7 +257,15 @@ def _cameras(s: TrackScenario) -> dict[int, Camera]:
     return {0: first, 1: Camera(s.size, intrinsics, T_BS=pose, sigma_px=first.sigma_px, rate_hz=s.rate_hz)}
 
 
-def _blank(s: TrackScenario, times: np.ndarray, cameras: dict[int, Camera], environment: Environment) -> Problem:
+def blank_problem(
+    s: TrackScenario,
+    times: np.ndarray,
+    cameras: dict[int, Camera] | None = None,
+    environment: Environment | None = None,
+) -> Problem:
+    """A problem of the scenario's shape without measurements."""
+    cameras = _cameras(s) if cameras is None else cameras
+    environment = Environment() if environment is None else environment
     n, c = len(times), len(cameras)
     return Problem(
         np.round(times * 1e9).astype(np.int64),
@@ -275,7 +331,7 @@ def _with_model(state: BatchState, model: Model) -> BatchState:
     return BatchState(state.q0, state.w0, state.r0, state.v0, state.inertia, model, state.points)
 
 
-def _asked(
+def asked_for(
     s: TrackScenario, problem: Problem, around: Surroundings
 ) -> tuple[dict[str, np.ndarray | None], dict[str, float]]:
     """The effects asked for: parameters where they are given, pixels where they are to be drawn."""
@@ -321,18 +377,20 @@ def there_of(problem: Problem, around: Surroundings, ranged: bool, assumed: bool
     return there
 
 
-def _sized(
+def sized(
     name: str,
     target: float,
     problem: Problem,
     state: BatchState,
     around: Surroundings,
     view: Measurements,
-    base: np.ndarray,
+    clean: Predicted,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Parameters in a drawn direction, as large as moves the tracks by `target` px rms."""
+    """Parameters in a drawn direction, as large as moves the tracks by `target` px rms from their clean places."""
     from massprops.effects import effects
+
+    base = _pixels(problem, clean, view)
 
     parameters = effects()[name].PARAMETERS
     span = float(problem.times[-1])

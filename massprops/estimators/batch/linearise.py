@@ -12,7 +12,7 @@ from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.measurements import Measurements
 from massprops.estimators.batch.state import BatchState, inertia_directions
 from massprops.estimators.problem import Problem
-from massprops.sensing.predict import Motion, camera_turn, in_chaser, image, pixel_slopes
+from massprops.sensing.predict import Motion, camera_turn, image, in_chaser, pixel_slopes
 
 
 @dataclass(frozen=True)

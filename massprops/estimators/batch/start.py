@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply
 from massprops.dynamics.rigid_body import propagate
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
