@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 from massprops.campaign.table import PERCENTILES
 
-MOST_POINTS = 60
+MOST_POINTS, WIDTH = 60, 120
 
 
 def text_of(document: dict[str, Any]) -> str:
@@ -24,7 +25,9 @@ def own_table(table: dict[str, Any]) -> str:
     """`title`, `columns`, `rows`, `notes` as text."""
     rows = [[cell_text(c) for c in row] for row in table["rows"]]
     lines = [str(table["title"]), *aligned([str(c) for c in table["columns"]], rows)]
-    return "\n".join(lines + [f"  {note}" for note in table.get("notes", ())])
+    for note in table.get("notes", ()):
+        lines += textwrap.wrap(str(note), WIDTH, initial_indent="  ", subsequent_indent="    ")
+    return "\n".join(lines)
 
 
 def cell_text(cell: Any) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from massprops.campaign.configuration import plan_of
-from massprops.campaign.kinds import estimate, reconstruct
+from massprops.campaign.kinds import diagnose, estimate, reconstruct
 from massprops.campaign.run import run_campaign
 from massprops.campaign.store import Row
 from massprops.campaign.table import Point
@@ -111,6 +111,30 @@ def test_an_estimate_campaign_end_to_end(tmp_path: Path) -> None:
     assert len(table["columns"]) == len(table["rows"][0])
     made = point["columns"].get("k1_error", {"n": 0})["n"]
     assert made + point["failed"] == 2 and made > 0, outcome.document["failures"]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "named", "acted", "outcome"),
+    [
+        ("named", ["impulse"], {"impulse"}, "right"),
+        ("none", [], set(), "right"),
+        ("none", [], {"impulse"}, "missed"),
+        ("named", ["impulse"], set(), "false_alarm"),
+        ("named", ["impulse"], {"range-bias"}, "wrong"),
+        ("named", ["impulse"], {"impulse", "range-bias"}, "wrong"),
+        ("ambiguous", ["impulse", "range-bias"], {"impulse"}, "among"),
+        ("ambiguous", ["impulse", "range-bias"], {"internal-rotor"}, "wrong"),
+        ("unexplained", [], {"impulse"}, "unexplained"),
+    ],
+)
+def test_diagnoses_are_judged_by_what_acted(verdict: str, named: list[str], acted: set[str], outcome: str) -> None:
+    gap = {"fitted": {"before": 3.0, "after": 1.0}, "held_out": {"before": 4.0, "after": None}}
+    row = diagnose.judged({"verdict": verdict, "effects": [{"name": n} for n in named], "gap": gap}, acted)
+    assert [name for name in diagnose.OUTCOMES if row[name]] == [outcome]
+    assert row["held_out_before"] == 4.0 and "held_out_after" not in row
+    plan = plan_of({"kind": "diagnose", "runs": 1})
+    (table,) = diagnose.tables(plan, [Point(0, {}, {}, [Row(0, 0, row)])])
+    assert len(table["rows"][0]) == len(table["columns"])
 
 
 def test_videos_are_points_with_run_folders_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,8 @@ from massprops.errors import InputError
 
 SENTENCE = "A case of one of the five papers, or changes of it."
 OWN_THREADS = False
-CHUNK = 10
+CHUNK = 2
+"""Of a paper that names no number: runs of seconds, of which a kill should not cost many."""
 
 
 def prepared(
