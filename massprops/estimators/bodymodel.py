@@ -20,6 +20,8 @@ TRIPLES = 40
 WAVES = 60
 STEPS = 2
 POLISH = 3
+MOST_POLISH = 15
+FIRST_REACH = 40
 MODES = 24
 
 
@@ -60,11 +62,11 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
     seen = np.isfinite(points).all(axis=-1)
     best: BodyMotion | None = None
     left = spread_out(points, seen)
-    while best is None or left.sum() > best.used.sum():
-        if not left.any():
-            break
-        motion = _grow(points, covariance, seen, int(np.argmax(left)), seed)
+    while left.any() and (best is None or left.sum() > best.used.sum()):
+        start = int(np.argmax(left))
+        motion = _grow(points, covariance, seen, start, seed)
         left &= ~motion.used
+        left[start] = False
         if best is None or motion.used.sum() > best.used.sum():
             best = motion
     return best
@@ -87,11 +89,17 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
     vague = np.where(seen[start][:, None, None], covariance[start], np.nan)
     used[start], q[start], shift[start] = True, [1.0, 0, 0, 0], centre
     good[start] = seen[start]
-    scale, least = 1.0, 6
+    scale, least, reach = 1.0, 6, FIRST_REACH
     for _ in range(WAVES):
         known: np.ndarray = np.isfinite(body).all(axis=-1)
         common: np.ndarray = seen & known & ~used[:, None]
-        rows = np.flatnonzero(common.sum(axis=1) >= least)
+        enough = np.flatnonzero(common.sum(axis=1) >= least)
+        inside = np.flatnonzero(used)[[0, -1]]
+        # a body known from few epochs is vague: those near in time join first, then twice as far
+        rows = enough[(enough >= inside[0] - reach) & (enough <= inside[1] + reach)]
+        reach *= 2
+        if len(rows) < len(enough) and not len(rows):
+            continue
         joined = 0
         if len(rows):
             found = _join(
@@ -120,12 +128,20 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
         body, good = _doubted(q, shift, body, measured, information / scale, seen, good, used)
         vague = _points(q, shift, measured, information, good, used)[1] * scale
-    for _ in range(POLISH):
+    for turn in range(MOST_POLISH):
+        before = scale
         q, shift, body = _together(q, shift, body, measured, information, good, used)
         q, shift = _from_neighbours(q, shift, body, measured, information / scale, seen, used)
         q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
+        body, good = _doubted(q, shift, body, measured, information / scale, seen, good, used)
+        if turn + 1 >= POLISH and abs(scale - before) < 0.02 * before:
+            break
+    used &= spread_out(np.broadcast_to(np.nan_to_num(body), measured.shape), good)
+    q[~used], shift[~used], pose_covariance[~used] = np.nan, np.nan, np.nan
     outliers = int((seen & used[:, None] & ~good).sum())
     column = np.flatnonzero(good[used].any(axis=0))
+    if not len(column):
+        return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers, np.full((n, 3, 0), np.nan))
     one = np.ix_(used, column)
     shared = np.full((n, 3, min(MODES, 3 * len(column))), np.nan)
     shared[used] = shared_error(q[used], body[column], information[one] / scale, good[one], MODES)
