@@ -26,7 +26,7 @@ FEWEST_TO_HOLD = 60
 """Epochs below which nothing can be held out."""
 ASSUMED_SIGMA = 0.02
 """Relative 1-sigma of an assumed inertia that states none."""
-SCORED = 6000
+SCORED = 2500
 """Observations that are enough to order the candidates."""
 
 

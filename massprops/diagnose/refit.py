@@ -153,15 +153,13 @@ def score_gain(case: Case, state: BatchState, added: tuple[Added, ...], new: Add
         with np.errstate(all="ignore"):
             at = predict(case.problem, trial, case.around)
             weights = robust(residuals(case.problem, case.scored, at))
-            linear = linearise(case.problem, case.scored, at, case.around)
+            linear = linearise(case.problem, case.scored, at, case.around, times_too=False)
             free = free_of(case, trial, (*added, new), times_too=False)
             reduced = _reduce(linear, case.scored, weights, free, trial, case.belief)
         scale = np.sqrt(np.maximum(np.diag(reduced.full), 1e-300))
         H, b = reduced.H / scale[:, None] / scale, reduced.b / scale
         H = H + 1e-9 * np.eye(len(H))
         gain = float(b @ np.linalg.solve(H, b))
-        base = free.copy()
-        base[17:] = False
         return gain * case.fitted.count / max(1, case.scored.count) if np.isfinite(gain) else 0.0
     except (np.linalg.LinAlgError, OverflowError, ZeroDivisionError, ValueError):
         return 0.0

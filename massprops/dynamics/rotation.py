@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import ModuleType
 from typing import Any
 
@@ -37,7 +38,7 @@ class Acting:
     effects: tuple[ModuleType, ...]
     places: tuple[slice, ...]
 
-    @property
+    @cached_property
     def states(self) -> tuple[slice, ...]:
         at, out = 0, []
         for effect in self.effects:
@@ -53,6 +54,18 @@ class Acting:
     def __iter__(self):
         return iter(zip(self.effects, self.places, self.states, strict=True))
 
+    @cached_property
+    def having(self) -> dict[str, list]:
+        """By function's name: (function, place of its parameters, place of its states within y) of those that have it."""
+        return {
+            name: [
+                (getattr(e, name), place, slice(7 + own.start, 7 + own.stop))
+                for e, place, own in self
+                if hasattr(e, name)
+            ]
+            for name in ("torque", "inertia", "internal", "internal_rate")
+        }
+
 
 def six_of(inertia: np.ndarray) -> tuple[Any, ...]:
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz of a matrix (3, 3)."""
@@ -62,12 +75,12 @@ def six_of(inertia: np.ndarray) -> tuple[Any, ...]:
 def angular_velocity(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence) -> tuple:
     """w from the state y = (q, h, extra): I(t) w = h - internal momentum; components."""
     hx, hy, hz = y[4], y[5], y[6]
-    for effect, place, own in acting:
-        if hasattr(effect, "inertia"):
-            six = effect.inertia(t, six, p[place])
-        if hasattr(effect, "internal"):
-            ax, ay, az = effect.internal(t, y[7 + own.start : 7 + own.stop], p[place])
-            hx, hy, hz = hx - ax, hy - ay, hz - az
+    having = acting.having
+    for inertia, place, _ in having["inertia"]:
+        six = inertia(t, six, p[place])
+    for internal, place, own in having["internal"]:
+        ax, ay, az = internal(t, y[own], p[place])
+        hx, hy, hz = hx - ax, hy - ay, hz - az
     return symmetric_solve(*six, hx, hy, hz)
 
 
@@ -79,15 +92,13 @@ def slope(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence, aroun
     w = angular_velocity(t, y, six, acting, p)
     gx, gy, gz = cross(*w, y[4], y[5], y[6])
     tx, ty, tz = -gx, -gy, -gz
-    out = [*quaternion_rate(y[0], y[1], y[2], y[3], *w), 0, 0, 0]
-    for effect, place, own in acting:
-        if hasattr(effect, "torque"):
-            now = six
-            ax, ay, az = effect.torque(t, y[0:4], w, p[place], now, around)
-            tx, ty, tz = tx + ax, ty + ay, tz + az
-        if hasattr(effect, "internal_rate"):
-            out.extend(effect.internal_rate(t, w, y[7 + own.start : 7 + own.stop], p[place]))
-    out[4:7] = [tx, ty, tz]
+    having = acting.having
+    for torque, place, _ in having["torque"]:
+        ax, ay, az = torque(t, y[0:4], w, p[place], six, around)
+        tx, ty, tz = tx + ax, ty + ay, tz + az
+    out = [*quaternion_rate(y[0], y[1], y[2], y[3], *w), tx, ty, tz]
+    for rate, place, own in having["internal_rate"]:
+        out.extend(rate(t, w, y[own], p[place]))
     return out
 
 
@@ -220,11 +231,13 @@ def sensitivities(
     acting: Acting,
     p: np.ndarray,
     around: Surroundings,
+    times_too: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of attitude (a small turn in body axes) and angular velocity at the times.
 
     Args:
         directions: (d, 3, 3) changes of the inertia, one for each inertia parameter.
+        times_too: also by time parameters, whose columns stay zero otherwise.
 
     Returns:
         (n, 3, m) and (n, 3, m) by m = 3 (attitude at the start, body axes) + 3 (w0) + d + len(p) parameters. Columns
@@ -314,7 +327,7 @@ def sensitivities(
     S = all_S[path.steps.after]
     at = path.y[path.steps.after]
     turn, rate = _outputs(times, at, S, six, moves, acting, flat_p, d, timed)
-    for j in timed:
+    for j in timed if times_too else ():
         # a thousandth of the median interval: far above rounding, far below what an event's time can be known to
         delta = 1e-3 * float(np.median(np.diff(times)))
         sides = []

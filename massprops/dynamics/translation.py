@@ -59,11 +59,9 @@ def _fall(
     o = around.orbit
     assert o is not None
     longest = STEP_OF_ORBIT * float(np.sqrt((o.semi_major_axis_m * (1 - o.eccentricity)) ** 3 / o.mu_m3_s2))
-    gaps = np.diff(times)
-    counts = np.maximum(1, np.ceil(gaps / longest)).astype(int)
-    size = np.repeat(gaps / counts, counts)
-    first = np.concatenate([[0], np.cumsum(counts)])
-    start = np.repeat(times[:-1], counts) + (np.arange(counts.sum()) - np.repeat(first[:-1], counts)) * size
+    count = max(2, int(np.ceil((times[-1] - times[0]) / longest)))
+    grid_times = np.linspace(times[0], times[-1], count + 1)
+    start, size = grid_times[:-1], np.diff(grid_times)
     leader = [np.stack(around.position(start + c * size), axis=-1).tolist() for c in (0.0, 0.5, 1.0)]
     y = [*(float(x) for x in r0), *(float(x) for x in v0)]
     stages = np.empty((len(size), 4, 6))
@@ -86,11 +84,11 @@ def _fall(
         states[k + 1] = y
     A = np.zeros((len(size), 4, 6, 6))
     A[..., :3, 3:] = np.eye(3)
-    grid = np.stack([np.array(leader[0]), np.array(leader[1]), np.array(leader[1]), np.array(leader[2])], axis=1)
+    pulls = np.stack([np.array(leader[0]), np.array(leader[1]), np.array(leader[1]), np.array(leader[2])], axis=1)
     for j in range(3):
         # Battin's form holds powers of large numbers: a complex step of a metre's size stays exact
         moved = [stages[..., i] + (1e-20j if i == j else 0) for i in range(3)]
-        pull = differential_gravity(around.mu, *(grid[..., i] for i in range(3)), *moved)
+        pull = differential_gravity(around.mu, *(pulls[..., i] for i in range(3)), *moved)
         A[..., 3:, j] = np.stack([np.imag(x) for x in pull], axis=-1) / 1e-20
     h = size[:, None, None]
     K1 = A[:, 0]
@@ -102,5 +100,17 @@ def _fall(
     Phi[0] = np.eye(6)
     for k in range(len(size)):
         Phi[k + 1] = M[k] @ Phi[k]
-    at = np.concatenate([[0], np.cumsum(counts)])
-    return states[at, :3], states[at, 3:], Phi[at]
+    every = np.concatenate([states[:, :, None], Phi], axis=2)
+    r, v = _between(grid_times, every[:, :3], every[:, 3:], times)
+    return r[:, :, 0], v[:, :, 0], np.concatenate([r[:, :, 1:], v[:, :, 1:]], axis=1)
+
+
+def _between(grid: np.ndarray, r: np.ndarray, v: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic Hermite interpolation of places with their velocities: the path bends little within a step."""
+    k = np.clip(np.searchsorted(grid, times, side="right") - 1, 0, len(grid) - 2)
+    h = (grid[k + 1] - grid[k])[:, None, None]
+    x = ((times - grid[k])[:, None, None]) / h
+    a, b, c, d = r[k], h * v[k], r[k + 1], h * v[k + 1]
+    place = a + x * (b + x * (3 * (c - a) - 2 * b - d + x * (2 * (a - c) + b + d)))
+    speed = (b + x * (2 * (3 * (c - a) - 2 * b - d) + 3 * x * (2 * (a - c) + b + d))) / h
+    return place, speed

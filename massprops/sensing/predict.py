@@ -92,12 +92,12 @@ def in_chaser(
     late = delays(seen, sensed, p)
     X = points
     if late is not None:
-        X = np.einsum("oij,oj->oi", rotation_of(motion.w[seen.epoch] * late[:, None]), X)
-    Y = np.einsum("oij,oj->oi", motion.R[seen.epoch], X) + motion.r[seen.epoch]
+        X = (rotation_of(motion.w[seen.epoch] * late[:, None]) @ X[..., None])[..., 0]
+    Y = (motion.R[seen.epoch] @ X[..., None])[..., 0] + motion.r[seen.epoch]
     if late is not None:
         Y = Y + motion.v[seen.epoch] * late[:, None]
     C = camera_turn(motion, sensed, p)
-    return np.einsum("oij,oj->oi", C[seen.epoch], Y), X, late
+    return (C[seen.epoch] @ Y[..., None])[..., 0], X, late
 
 
 def image(cameras: tuple[Pinhole, ...], camera: np.ndarray, X: np.ndarray, sensed: Sensed, p: np.ndarray) -> np.ndarray:

@@ -25,4 +25,4 @@ def displacement(t, p):
 
 def starts(span, speed):
     """No knock, at moments spread over the record."""
-    return [(span * (k + 0.5) / 24, 0, 0, 0, 0, 0, 0) for k in range(24)]
+    return [(span * (k + 0.5) / 16, 0, 0, 0, 0, 0, 0) for k in range(16)]

@@ -26,4 +26,4 @@ def shift(t, p):
 
 def starts(span, speed):
     """No change, at moments spread over the record."""
-    return [(span * (k + 0.5) / 16, 0, 0, 0, 0, 0, 0, 0, 0, 0) for k in range(16)]
+    return [(span * (k + 0.5) / 10, 0, 0, 0, 0, 0, 0, 0, 0, 0) for k in range(10)]

@@ -243,9 +243,11 @@ def _reduce(
         Fw = F * weights[:o, None, None]
         order = np.argsort(m.seen.feature, kind="stable")
         who, first = np.unique(m.seen.feature[order], return_index=True)
-        V[who] = np.add.reduceat(np.einsum("oki,okj->oij", Fw, F)[order], first, axis=0)
-        c[who] = np.add.reduceat(np.einsum("oki,ok->oi", Fw, linear.residuals.tracks)[order], first, axis=0)
-        cross = np.einsum("okp,oki->opi", JW[: 2 * o].reshape(o, 2, -1), F)
+        V[who] = np.add.reduceat((Fw.transpose(0, 2, 1) @ F)[order], first, axis=0)
+        c[who] = np.add.reduceat(
+            (Fw.transpose(0, 2, 1) @ linear.residuals.tracks[..., None])[order, :, 0], first, axis=0
+        )
+        cross = JW[: 2 * o].reshape(o, 2, -1).transpose(0, 2, 1) @ F
         W[who] = np.add.reduceat(cross[order], first, axis=0)
         V += 1e-9 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
         Vi = np.linalg.inv(V)
