@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
+from massprops.estimators.alignment import align, horn, inverse_of
 from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.principal_frame import SignRule, paper_frame, sign_rule, unique_frame
 
@@ -14,6 +15,24 @@ SURE_AXES = np.radians(5.0)
 """1-sigma of the axes below which the frame is adopted and its sign rule kept."""
 SURE_GAP = 5.0
 """Sigmas by which the moments must differ then."""
+
+
+def attitude_of_points(points: np.ndarray, information: np.ndarray, early: int) -> np.ndarray:
+    """Attitude (n, 4) of points (n, m, 3) against their mean shape in the first `early` epochs, by their own weights:
+    a stereo point is known across the line of sight many times better than along it."""
+    n, m = points.shape[:2]
+    use = np.ones((n, m), bool)
+    shape = points[0] - points[0].mean(axis=0)
+    for last in (early, early, early, n):
+        p, W = points[:last], information[:last]
+        q, shift = horn(np.broadcast_to(shape, p.shape), p, np.ones(p.shape[:2]))
+        q, shift, _, _ = align(shape, p, W, use[:last], q, shift)
+        if last < n or early == n:
+            R = rotation_matrix(q)[:, None]
+            turned = np.swapaxes(R, -1, -2) @ W
+            right = np.einsum("nmij,nmj->mi", turned, p - shift[:, None])
+            shape = np.einsum("mij,mj->mi", inverse_of((turned @ R).sum(axis=0)), right)
+    return q
 
 
 def local_rates(times: np.ndarray, q: np.ndarray, half: int, every: int) -> tuple[np.ndarray, np.ndarray]:
@@ -109,8 +128,9 @@ def determined_frames(growth: Growth) -> Frames:
         sure &= np.einsum("...a,...ab,...b->...", turn, covariance, turn) < SURE_AXES**2
         sure &= np.einsum("...a,...ab,...b->...", change, covariance, change) * SURE_GAP**2 < gap**2
     sure &= finite & (moments[..., 0] > 0)
-    adopted = np.where(sure.any(axis=1), np.argmax(sure, axis=1), sure.shape[1])
-    at = np.minimum(adopted, sure.shape[1] - 1)
+    count = moments.shape[1]
+    adopted = np.where(sure.any(axis=1), np.argmax(sure, axis=1), count)
+    at = np.minimum(adopted, count - 1)
     rule = sign_rule(growth.inertia[np.arange(len(at)), at])
     spread = SignRule(*(np.broadcast_to(r[:, None], sure.shape) for r in (rule.x, rule.z)))
     return Frames(

@@ -24,9 +24,15 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
-from massprops.estimators.alignment import horn
+from massprops.estimators.alignment import inverse_of
 from massprops.estimators.chaser_path import chaser_path
-from massprops.estimators.frame_growth import determined_frames, growing_inertia, local_rates
+from massprops.estimators.frame_growth import (
+    Growth,
+    attitude_of_points,
+    determined_frames,
+    growing_inertia,
+    local_rates,
+)
 from massprops.estimators.methods.principal_axis_ekf import followed, run_over
 from massprops.estimators.principal_axis import start_in_frame
 from massprops.estimators.principal_frame import SignRule, ratios_of_moments, unique_frame
@@ -67,6 +73,7 @@ def configuration(case: str) -> dict[str, Any]:
         "start_s": 20.0,
         "torque_noise": 2.5e-5,
         "force_noise": 2e-6,
+        "shape_s": [5.0, 15.0, 30.0],
         "rate_window_s": 3.0,
         "rate_every_s": 0.5,
     }
@@ -143,20 +150,29 @@ def _frames(c: dict[str, Any], level: float, seeds: list[int]) -> list[dict[str,
     times = truth["times"]
     measured = [_measured(c, truth, level, seed)[0] for seed in seeds]
     sigma = np.full(2, FOCAL * level)
-    points = np.stack([triangulate(_cameras(c), np.moveaxis(uv, 1, 2), sigma)[0] for uv in measured])
-    # frame G: the camera's axes at the first epoch, held by the mean shape of the first second
-    weight = np.ones(points.shape[:-1])
-    first = points[:, 0] - points[:, 0].mean(axis=1, keepdims=True)
+    found = [triangulate(_cameras(c), np.moveaxis(uv, 1, 2), sigma) for uv in measured]
+    points = np.stack([p for p, _ in found])
     there = np.isfinite(points).all(axis=(0, 2, 3))
-    early = np.flatnonzero(there)[: round(c["rate_hz"])]
-    q = _against(first, points[:, early], weight[:, early])
-    centred = points[:, early] - points[:, early].mean(axis=2, keepdims=True)
-    shape = np.einsum("bnji,bnmj->bmi", rotation_matrix(q), centred) / len(early)
-    q = np.full((*points.shape[:2], 4), np.nan)
-    q[:, there] = _against(shape, points[:, there], weight[:, there])
     half, every = round(c["rate_window_s"] * c["rate_hz"] / 2), round(c["rate_every_s"] * c["rate_hz"])
-    place, w = local_rates(times, q, half, every)
-    frames = determined_frames(growing_inertia(q[:, place], w, (2 * half + 1) / every))
+    parts = []
+    for seconds, end in zip(c["shape_s"], [*c["shape_s"][1:], np.inf], strict=True):
+        now = there & (times <= end + c["rate_window_s"])
+        early = np.flatnonzero(there)[: round(seconds * c["rate_hz"])]
+        q = np.full((*points.shape[:2], 4), np.nan)
+        for b, (p, covariance) in enumerate(found):
+            q[b, now] = attitude_of_points(p[now], inverse_of(covariance[now]), len(early))
+        place, w = local_rates(times, q, half, every)
+        growth = growing_inertia(q[:, place], w, (2 * half + 1) / every)
+        # nothing is taken from before the shape's own time: every row rests on the past alone
+        parts.append((times[place] >= seconds, q, growth))
+    q, growth = parts[0][1].copy(), parts[0][2]
+    for later, other, grown in parts[1:]:
+        q[:, place[later][0] :] = other[:, place[later][0] :]
+        growth = Growth(
+            np.where(later[:, None, None], grown.inertia, growth.inertia),
+            np.where(later[:, None, None], grown.covariance, growth.covariance),
+        )
+    frames = determined_frames(growth)
     # at the end of a window the frame is known for its last epoch
     now = np.minimum(place + half, len(times) - 1)
     seen = np.isfinite(q[:, now]).all(axis=-1)
@@ -178,11 +194,6 @@ def _frames(c: dict[str, Any], level: float, seeds: list[int]) -> list[dict[str,
             row[f"angle_deg {t}"] = float(np.degrees(angle[k]))
         rows.append(row)
     return rows
-
-
-def _against(shape: np.ndarray, points: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Attitude (b, n, 4) of points (b, n, m, 3) against a shape (b, m, 3)."""
-    return horn(np.broadcast_to(shape[:, None], points.shape), points, weight)[0]
 
 
 def _true_frame(q_true: np.ndarray, q: np.ndarray, early: np.ndarray, rule: SignRule) -> list[np.ndarray]:
@@ -226,22 +237,11 @@ def _motion(c: dict[str, Any], seed: int) -> dict[str, Any]:
 def _problem(c: dict[str, Any], times: np.ndarray, uv: np.ndarray, sigma_px: float) -> Problem:
     n, m = len(times), uv.shape[2]
     none = np.full((n, 4), np.nan)
+    stamp = np.round(times * 1e9).astype(np.int64)
     return Problem(
-        np.round(times * 1e9).astype(np.int64),
-        times,
-        _cameras(c),
-        uv,
-        np.full(2, sigma_px),
-        np.arange(m),
-        none[:, 0],
-        np.nan,
-        none[:, :3],
-        np.nan,
-        none,
-        none[:, 0],
-        None,
-        _environment(c),
-    )
+        stamp, times, _cameras(c), uv, np.full(2, sigma_px), np.arange(m), none[:, 0], np.nan, none[:, :3], np.nan,
+        none, none[:, 0], None, _environment(c),
+    )  # fmt: skip
 
 
 def _with_frame(c: dict[str, Any], problem: Problem) -> Any:
@@ -253,15 +253,8 @@ def _without_frame(c: dict[str, Any], problem: Problem) -> Any:
     """The same filter from the usual start: the first frame's axes taken as principal ones, nothing known of k."""
     points = triangulate(problem.cameras, np.moveaxis(problem.uv[:1], 1, 2), problem.sigma_px)[0][0]
     centre = points.mean(axis=0)
-    sigma: dict[str, Any] = {
-        "attitude": 1.0,
-        "rate": 0.2,
-        "k": np.array([0.3, 0.3]),
-        "axes": 0.0,
-        "position": 1.0,
-        "velocity": 0.1,
-        "features": 1.0,
-    }
+    sigma: dict[str, Any] = {"attitude": 1.0, "rate": 0.2, "k": np.full(2, 0.3), "axes": 0.0}
+    sigma |= {"position": 1.0, "velocity": 0.1, "features": 1.0}
     start = start_in_frame(
         np.eye(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.array([-0.1, -0.1]), centre, np.zeros(3),
         points - centre, sigma,

@@ -151,7 +151,8 @@ def _pointing(r: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
         return from_rotation_matrix(np.stack([x, np.cross(z, x), z], axis=-1))
     old = rotate(before, np.array([0.0, 0.0, 1.0]))
     axis = np.cross(old, z)
-    turn = axis * (np.arcsin(min(1.0, np.linalg.norm(axis))) / max(float(np.linalg.norm(axis)), 1e-15))
+    sine = min(1.0, float(np.linalg.norm(axis)))
+    turn = axis * (np.arcsin(sine) / max(sine, 1e-15))
     return normalise(multiply(from_rotation_vector(turn), before))
 
 

@@ -169,7 +169,7 @@ def _placed(
     """Position and velocity (inertial) at the start's first time, features (m, 3) in its body axes, and covariance."""
     rows = np.searchsorted(problem.times, start.times - 1e-9)
     points, covariance = triangulate(
-        problem.cameras, np.moveaxis(problem.uv[np.ix_(rows, [0, 1], chosen)], 1, 2), problem.sigma_px
+        problem.cameras, np.moveaxis(problem.uv[rows][:, :, chosen], 1, 2), problem.sigma_px
     )
     there = rows - rows[0]
     C = rotation_matrix(path.q[there])[:, None]
