@@ -281,7 +281,7 @@ def into_frame(given: FilterPrior, start: Any, reference: Estimate | None, probl
     """The prior in the estimators' body frame, and what tied the frames: `attitude0`, `features` or `none`."""
     prior = given.prior
     if getattr(start, "body_frame", "own") == "attitude0" and _same_footage(given, problem):
-        return (prior if given.metric else _in_metres(prior, start, problem)), "attitude0"
+        return replace(prior if given.metric else _in_metres(prior, start, problem), attitude=True), "attitude0"
     found = _common(prior, problem, getattr(start, "features", None))
     if found is None and reference is not None and reference.features is not None and reference.feature_ids is not None:
         found = _common(prior, replace(problem, features=reference.feature_ids), reference.features)
@@ -290,7 +290,7 @@ def into_frame(given: FilterPrior, start: Any, reference: Estimate | None, probl
         turned = None if prior.inertia is None else R @ prior.inertia @ R.T
         points = None if prior.features is None else scale * prior.features @ R.T
         sigma = None if prior.feature_sigma is None else scale * prior.feature_sigma
-        return replace(prior, inertia=turned, features=points, feature_sigma=sigma), "features"
+        return replace(prior, inertia=turned, features=points, feature_sigma=sigma, attitude=True), "features"
     # the ratios stand without the axes
     inertia = prior.inertia
     known = getattr(start, "inertia", None)
@@ -299,7 +299,8 @@ def into_frame(given: FilterPrior, start: Any, reference: Estimate | None, probl
     if inertia is not None and known is not None:
         inertia = inertia_of(ratios(inertia)[0], ratios(known)[1])
     unknown = np.full(3, AXES_UNKNOWN)
-    return replace(prior, inertia=inertia, axes_sigma=unknown, features=None, feature_ids=None), "none"
+    alone = replace(prior, inertia=inertia, axes_sigma=unknown, features=None, feature_ids=None, attitude=False)
+    return alone, "none"
 
 
 def _same_footage(given: FilterPrior, problem: Problem) -> bool:

@@ -15,7 +15,7 @@ class Prior:
         inertia: (3, 3) in body axes, any scale, tensor signs; k_sigma: 1-sigma of k1 and k2.
         axes_sigma: 1-sigma of the principal axes [rad], for small turns about each of them (3,).
         features: (m, 3) feature points from the centre of mass, body axes [m]; feature_ids (m,); feature_sigma [m].
-        attitude: whether the body axes are those of `attitude0` of the same footage.
+        attitude: whether these axes are the start's body axes; if not, the ratios count and the axes do not.
         process_noise: recommended 1-sigma of angular acceleration [rad/s^2 per sqrt(s)].
     """
 
@@ -26,6 +26,7 @@ class Prior:
     feature_ids: np.ndarray | None = None
     feature_sigma: float | None = None
     process_noise: float | None = None
+    attitude: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from estimators.tumbling import AXES, TRUE_K, make_sequence, simple_method
+from estimators.made_sequence import AXES, TRUE_K, make_sequence, simple_method
 
 import massprops
 from massprops.errors import InputError, NotPossible

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
-from estimators.tumbling import make_sequence
+from estimators.made_sequence import make_sequence
 
 from massprops.estimators.prior import read_filter
 from massprops.estimators.result import ratios
