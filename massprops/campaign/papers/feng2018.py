@@ -2,7 +2,7 @@
 
 What the paper leaves open, chosen here: the target's inertia; the four features, drawn for each run within half the
 reference dimension of the centre of mass along each axis; rates in deg/s (in rad/s the body would turn 190 degrees a
-step); the noise of image velocities, which only the paper's own chain takes, such that its rates come out about as
+step); the noise of image velocities, which only the paper's own chain takes, such that its rates come out nearly as
 good as printed. The paper's y axis looks at the target; here z does. Errors are the paper's (eq 30-32), attitudes counted from the given
 first one.
 """
