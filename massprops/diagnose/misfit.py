@@ -9,7 +9,7 @@ from massprops.estimators.batch.measurements import Measurements
 
 TRIMMED = 0.02
 """Share of the largest residuals that never counts: wrong tracks."""
-WHITE = 5.0
+WHITE = 4.0
 """Score of the correlation between neighbours beyond which residuals have structure."""
 
 

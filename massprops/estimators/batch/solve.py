@@ -19,6 +19,8 @@ GATE = 5.0
 """Beyond this it is an outlier, left out of the result and counted."""
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
+LONGEST_TIME_STEP = 0.03
+"""Of an event's time in one iteration, over the record."""
 LARGEST_STEP = 1.0
 """Of the inertia's shape in one iteration, as a change of logarithms."""
 
@@ -96,6 +98,7 @@ def fit(
         while damping < LARGEST_DAMPING:
             d, points = _step(reduced, damping, free, state)
             size = reduced.significance(d[free])
+            _hold_times(d, state, problem)
             trial = moved(state, d, points)
             with np.errstate(all="ignore"):
                 at_trial = predict(problem, trial, around)
@@ -139,6 +142,19 @@ def fit(
         converged,
         iterations,
     )
+
+
+def _hold_times(d: np.ndarray, state: BatchState, problem: Problem) -> None:
+    """Steps of event times kept short and inside the record: the motion is far from linear in them."""
+    first, last = float(problem.times[0]), float(problem.times[-1])
+    at = 17
+    for module, values in zip(state.model.modules, state.model.values, strict=True):
+        for k, q in enumerate(module.PARAMETERS):
+            if q.kind == "time":
+                longest = LONGEST_TIME_STEP * (last - first)
+                d[at + k] = np.clip(d[at + k], -longest, longest)
+                d[at + k] = np.clip(values[k] + d[at + k], first, last) - values[k]
+        at += len(values)
 
 
 def robust(r: Residuals) -> np.ndarray:
