@@ -17,6 +17,7 @@ _VERBS = {
     "estimate": "massprops.estimators",
     "compare": "massprops.exchange.compare",
     "crosscheck": "massprops.crosscheck",
+    "diagnose": "massprops.diagnose",
     "export": "massprops.exchange.export",
     "simulate": "massprops.simulate",
 }
