@@ -18,15 +18,15 @@ FRAMES, RATE_HZ, TURN_DEG = 240, 2.0, 3.0
 FEATURES, SPAN_M, DISTANCE_M = 14, 2.0, 9.0
 BASELINE_M, FOCAL_PX, SIZE = 1.0, 1000.0, (1280, 1024)
 SIGMA_PX, SIGMA_RANGE_M = 0.3, 0.02
-SUBSTEPS = 100
-"""Steps of MuJoCo's fourth-order Runge-Kutta method in a frame: 5 ms."""
+SUBSTEPS = 200
+"""Steps of MuJoCo's fourth-order Runge-Kutta method in a frame: 2.5 ms."""
 MASS, MOMENTS = 40.0, (8.0, 11.0, 14.0)
 """Main part [kg], [kg m^2]."""
 WHEEL_MOMENT, WHEEL_SPEED = 0.05, 8.0
 """[kg m^2], [rad/s] against the body: 0.4 N m s beside the body's 1.2."""
 SPHERE_MOMENT, SPHERE_DAMPING = 0.6, 0.06
 """[kg m^2], [N m s]: the sphere follows in 10 s, about a radian of the body's turning."""
-KNOCK_S, KNOCK_STEPS, KNOCK_N = 61.3, 6, (2.5, -1.5, 2.0)
+KNOCK_S, KNOCK_STEPS, KNOCK_N = 61.3, 12, (2.5, -1.5, 2.0)
 """A force in world axes for 30 ms, at KNOCK_AT in the body."""
 KNOCK_AT = (0.7, 0.5, -0.3)
 DEPLOY_S, DEPLOYED_KG, DEPLOYED_M = 58.1, 1.5, 0.5
