@@ -93,13 +93,12 @@ def begin(configuration: dict[str, Any], z: np.ndarray) -> tuple[State, int]:
     Raises:
         NotPossible: the first seconds show no rotation.
     """
-    from massprops.estimators.fast_spin import with_free_rotation
     from massprops.estimators.start import first_guess
     from massprops.estimators.unscented.setup import setup
 
     until = float(configuration["start_s"])
     problem = as_problem(configuration, z[: int(until) + 1])
-    start = with_free_rotation(problem, first_guess(problem, Prior(), until_s=until))
+    start = first_guess(problem, Prior(), until_s=until)
     ready = setup(problem, Prior(), start, most=len(configuration["features_m"]))
     full = ready.state
     rows = np.r_[0:8, 14 : len(full.P)]

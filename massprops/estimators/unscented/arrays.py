@@ -14,7 +14,7 @@ from massprops.estimators.unscented.components import (
     turned,
     unit,
 )
-from massprops.estimators.unscented.loops import LOST, WIDEST_TURN, bounded
+from massprops.estimators.unscented.loops import BEYOND, LOST, WIDEST_TURN, bounded
 
 
 def factor(A: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
     else:
         attitude = list(turn_between(*centre[3:], *(x[1:] for x in out[3:])))
     odd, even, mean = _pairs(np.array(rates + attitude).reshape(nf, 2, nd).transpose(1, 2, 0), gamma)
-    if not np.isfinite(sum(centre) + np.sum(odd**2) + np.sum(even**2)):
+    if not sum(x * x for x in centre) + np.sum(odd**2) + np.sum(even**2) < BEYOND:
         P[np.diag_indices(n)] += Q * dt
         w *= 0.5
         bounded(w, P, na)
@@ -196,6 +196,8 @@ def run_loop(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """As `loops.run_loop`."""
     nb = block_out.shape[1]
+    # a lost filter meets infinities; they are caught where they would enter the state
+    old = np.seterr(all="ignore")
     for t in range(len(dt)):
         if dt[t] > 0.0:
             propagate(
@@ -208,3 +210,4 @@ def run_loop(  # type: ignore[no-untyped-def]
         mean_out[t] = np.concatenate([w, q, k, s, r, v])
         sigma_out[t] = np.sqrt(np.diag(P))
         block_out[t] = P[:nb, :nb]
+    np.seterr(**old)

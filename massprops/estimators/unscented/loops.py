@@ -26,6 +26,8 @@ WIDEST_RATE, WIDEST_TURN, WIDEST_RATIO = 10.0, 3.0, 2.0
 """1-sigma of rates [rad/s], attitude [rad] and k beyond which nothing is known of them: wider is not carried."""
 FASTEST = 100.0
 """Largest rate that a mean is allowed to reach [rad/s]."""
+BEYOND = 1e9
+"""Sum of squares of rates and turns [rad, s] of a propagation that has left all meaning."""
 
 
 def add_rows(t, A, k, begin, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
@@ -35,6 +37,17 @@ def add_rows(t, A, k, begin, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
     c, d = A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
     for i in range(n):
         t[i] += f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i]
+
+
+def take_rows(t, A, k, begin, column):  # type: ignore[no-untyped-def]
+    """t -= sum over eight rows j from k of A[j, column] A[j, begin:], as long as t."""
+    n = t.shape[0]
+    a, b, c, d = A[k, begin : begin + n], A[k + 1, begin : begin + n], A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
+    e, f, g, h = A[k + 4, begin : begin + n], A[k + 5, begin : begin + n], A[k + 6, begin : begin + n], A[k + 7, begin : begin + n]
+    f0, f1, f2, f3 = A[k, column], A[k + 1, column], A[k + 2, column], A[k + 3, column]
+    g0, g1, g2, g3 = A[k + 4, column], A[k + 5, column], A[k + 6, column], A[k + 7, column]
+    for i in range(n):
+        t[i] -= f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i] + g0 * e[i] + g1 * f[i] + g2 * g[i] + g3 * h[i]
 
 
 def add_pairs(t, A, B, k, begin, column):  # type: ignore[no-untyped-def]
@@ -59,7 +72,10 @@ def upper_factor(T, rows):  # type: ignore[no-untyped-def]
         original = T[i, i]
         row = T[i, i:]
         k = 0
-        while k + 4 <= i:
+        while k + 8 <= i:
+            take_rows(row, T, k, i, i)
+            k += 8
+        if k + 4 <= i:
             add_rows(row, T, k, i, -T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i])
             k += 4
         while k < i:
@@ -147,12 +163,12 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
                     odd[j, 3 + i] += sign * a[i]
                     even[j, 3 + i] += half * a[i]
     mean = np.zeros(nf)
-    size = c0 + c1 + c2 + c3 + c4 + c5 + c6
+    size = c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3 + c4 * c4 + c5 * c5 + c6 * c6
     for j in range(nd):
         for i in range(nf):
             mean[i] += even[j, i] / gamma
             size += odd[j, i] * odd[j, i] + even[j, i] * even[j, i]
-    if not np.isfinite(size):
+    if not size < BEYOND:
         # a motion beyond what can be integrated: the state stands still and its doubt grows
         for i in range(n):
             P[i, i] += Q[i] * dt
@@ -429,8 +445,11 @@ def correct(  # type: ignore[no-untyped-def]
     tally[1] += nu
     for a in range(n):
         c = 0
-        while c + 4 <= nu:
-            g = nu + a
+        g = nu + a
+        while c + 8 <= nu:
+            take_rows(P[a, a:], T, c, g, g)
+            c += 8
+        if c + 4 <= nu:
             add_rows(P[a, a:], T, c, g, -T[c, g], -T[c + 1, g], -T[c + 2, g], -T[c + 3, g])
             c += 4
         while c < nu:

@@ -10,7 +10,8 @@ import numpy as np
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.chaser_path import chaser_path
-from massprops.estimators.momentum import ratio_covariance
+from massprops.estimators.free_fit import FreeFit, free_fit
+from massprops.estimators.momentum import DIRECTIONS, ratio_covariance
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior, ratios
 from massprops.estimators.unscented.state import Measurements, Noise, State
@@ -54,12 +55,6 @@ class Setup:
 
 def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
     """The first guess from the first part of the data only; the given one where that part does not show enough."""
-    from massprops.estimators.fast_spin import with_free_rotation
-
-    return with_free_rotation(problem, _early(problem, prior, given))
-
-
-def _early(problem: Problem, prior: Prior, given: Any) -> Any:
     from massprops.estimators.start import first_guess
 
     speed = float(np.nanmedian(np.linalg.norm(given.w, axis=1)))
@@ -94,47 +89,63 @@ def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES)
     Raises:
         NotPossible: no rotation or no inertia in the first guess.
     """
-    inertia = prior.inertia if prior.inertia is not None else start.inertia
-    if inertia is None or not len(start.q):
-        raise NotPossible("ukf: the first guess found no rotation or no inertia to start from")
+    if not len(start.q):
+        raise NotPossible("ukf: the first guess found no rotation to start from")
+    fit = free_fit(problem, start)
+    inertia = start.inertia if fit is None else fit.inertia
+    if prior.inertia is not None:
+        inertia = prior.inertia
+    if inertia is None:
+        raise NotPossible("ukf: the first guess found no inertia to start from")
     k, frame = ratios(inertia)
     if np.linalg.det(frame) < 0:
         frame = frame * np.array([1.0, 1.0, -1.0])
-    k_sigma, axes_sigma = _sigmas(prior, start, inertia, frame)
-    row = settled_epoch(start)
-    first = int(np.searchsorted(problem.times, start.times[row] - 1e-9))
+    if fit is None:
+        row = settled_epoch(start)
+        first = int(np.searchsorted(problem.times, start.times[row] - 1e-9))
+        q, w = start.q[row], start.w[row]
+    else:
+        row = int(np.argmin(np.abs(start.times - problem.times[fit.rows[0]])))
+        first, q, w = int(fit.rows[0]), fit.q, fit.w
     points = problem.stereo and start.features is not None and start.position is not None
     attitude = not points and problem.has_attitude
-    rates = problem.has_rates and (attitude or not points)
-    if points and problem.has_rates:
-        # imu0 and the tracks need not share body axes: rates help only where their axes are those of attitude0
-        rates = False
+    # imu0 and the tracks need not share body axes
+    rates = problem.has_rates and not points
     turn = from_rotation_matrix(frame)
-    spread = WIDER * np.sqrt(np.maximum(np.einsum("nii->ni", start.covariance)[row], 0.0))
-    sigma = [np.full(3, max(spread[3:].max(), 1e-9)), np.full(3, max(spread[:3].max(), 1e-5)), k_sigma]
-    if not points:
-        sigma[1] = np.full(3, max(spread[:3].max(), 1e-6)) if attitude else np.full(3, 1e-6)
-        sigma.append(np.full(3, 1e-9))
-        chosen = np.zeros(0, int)
-        features, position, velocity = np.zeros((0, 3)), np.zeros(3), np.zeros(3)
-    else:
+    features, position, velocity = np.zeros((0, 3)), np.zeros(3), np.zeros(3)
+    chosen = np.zeros(0, int)
+    others = [np.full(3, 1e-9)]
+    if points:
         # the principal frame belongs to the dynamics: tracks do not fix it, so features and attitude turn with it
         chosen = _longest(problem, start, first, most)
         features = start.features[chosen] @ frame
-        position = start.position[row]
         velocity = np.zeros(3) if start.velocity is None else start.velocity
+        position = start.position[row]
+        if start.velocity is not None:
+            position = position + (problem.times[first] - start.times[row]) * velocity
         place = point_sigma(problem, float(np.linalg.norm(position)))
         length = max(float(start.times[-1] - start.times[0]), 1e-9)
-        sigma += [np.full(3, place), np.full(3, 10 * place / length), np.full(3 * len(chosen), place)]
-    P = _with_frame(np.diag(np.concatenate(sigma) ** 2), features, start.w[row] @ frame, axes_sigma, frame)
+        others = [np.full(3, place), np.full(3, 10 * place / length), np.full(3 * len(chosen), place)]
+    if fit is not None and prior.inertia is None:
+        P, k_sigma = _fitted_covariance(fit, frame, k, features, np.concatenate(others))
+    else:
+        k_sigma, axes_sigma = _sigmas(prior, start, inertia, frame)
+        spread = np.maximum(np.einsum("nii->ni", start.covariance)[row], 0.0)
+        if fit is not None:
+            spread = np.diag(fit.covariance)[:6]
+        spread = WIDER * np.sqrt(spread)
+        sigma = [np.full(3, max(spread[3:].max(), 1e-9)), np.full(3, max(spread[:3].max(), 1e-6)), k_sigma, *others]
+        if not points and not attitude:
+            sigma[1] = np.full(3, 1e-6)
+        P = _with_frame(np.diag(np.concatenate(sigma) ** 2), features, w @ frame, axes_sigma, frame)
     speed = float(np.nanmedian(np.linalg.norm(start.w, axis=1)))
     push = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
     drift = ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
     step = float(np.median(np.diff(problem.times)))
     noise = Noise(w=push**2, attitude=push**2 * step**2 / 3.0, k=1e-14, velocity=drift**2)
     state = State(
-        w=start.w[row] @ frame,
-        q=multiply(start.q[row], turn),
+        w=w @ frame,
+        q=multiply(q, turn),
         k=k,
         features=features,
         P=P,
@@ -148,19 +159,63 @@ def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES)
     return Setup(state, chosen, noise, first, points, sensors, frame, k_sigma, tuple(start.warnings))
 
 
+def _fitted_covariance(
+    fit: FreeFit, frame: np.ndarray, k: np.ndarray, features: np.ndarray, others: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """P of rates, attitude, ratios and principal frame together from the fit, widened, with the `others` apart.
+
+    Returns:
+        P (N, N), and the 1-sigma of k1, k2 (2,).
+    """
+    moments = np.array([np.exp(k[0]), 1.0, np.exp(-k[1])])
+    moments *= np.trace(fit.inertia) / moments.sum()
+    inside = np.einsum("ia,nij,jb->nab", frame, DIRECTIONS, frame)  # each direction in principal axes
+    share = np.einsum("naa->an", inside) / moments[:, None]
+    to_k = np.array([share[0] - share[1], share[1] - share[2]])
+    # a small turn t of the axes changes the tensor's element ij by (I_i - I_j) times the turn about the third axis
+    turns = []
+    for i, j in ((1, 2), (2, 0), (0, 1)):
+        gap = moments[i] - moments[j]
+        turns.append(inside[:, i, j] / gap if abs(gap) > 1e-9 else np.full(5, 1e9))
+    to_turn = np.array(turns)
+    sigma = WIDER * np.sqrt(np.einsum("ai,ij,aj->a", to_turn, fit.covariance[6:, 6:], to_turn))
+    free = sigma > WIDEST_K
+    to_turn[free] = 0.0
+    G = np.zeros((8 + len(others), 11))
+    w = frame.T @ fit.w
+    theta = np.zeros((3, 11))
+    theta[:, 6:] = to_turn
+    G[:3, 3:6], G[3:6, :3], G[6:8, 6:] = frame.T, frame.T, to_k
+    lever = _lever(len(G), features, w, frame)
+    G += lever @ theta
+    P = WIDER**2 * G @ fit.covariance @ G.T
+    P += (lever * np.where(free, WIDEST_K, 0.0) ** 2) @ lever.T
+    P[np.arange(8, len(P)), np.arange(8, len(P))] += others**2
+    P[np.arange(8), np.arange(8)] += 1e-18
+    k_sigma = np.sqrt(np.diag(P)[6:8])
+    over = np.concatenate([np.ones(6), np.minimum(1.0, WIDEST_K / k_sigma), np.ones(len(others))])
+    return P * np.outer(over, over), np.minimum(k_sigma, WIDEST_K)
+
+
+def _lever(size: int, features: np.ndarray, w: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(N, 3): what a turn of the principal frame in the body does to rates, attitude, axes and features."""
+    from massprops.estimators.error_state import skew
+
+    J = np.zeros((size, 3))
+    J[3:6] = np.eye(3)
+    J[:3] = skew(w)
+    if size == 11:
+        J[8:11] = -frame
+    for i, p in enumerate(features):
+        J[14 + 3 * i : 17 + 3 * i] = skew(p)
+    return J
+
+
 def _with_frame(
     P: np.ndarray, features: np.ndarray, w: np.ndarray, axes_sigma: np.ndarray, frame: np.ndarray
 ) -> np.ndarray:
     """Adds the doubt about where the principal axes lie in the body: it turns attitude, rates, axes and features."""
-    from massprops.estimators.error_state import skew
-
-    J = np.zeros((len(P), 3))
-    J[3:6] = np.eye(3)
-    J[:3] = skew(w)
-    if len(P) == 11:
-        J[8:11] = -frame
-    for i, p in enumerate(features):
-        J[14 + 3 * i : 17 + 3 * i] = skew(p)
+    J = _lever(len(P), features, w, frame)
     return P + (J * axes_sigma**2) @ J.T
 
 

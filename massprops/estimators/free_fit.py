@@ -1,0 +1,233 @@
+"""Torque-free motion fitted to the attitudes, or rates, of the first part of a record: where a filter can begin.
+
+Local polynomials and conserved momentum begin the search; the fit then uses Euler's equations, so that it is as sharp
+as the data, its covariance is that of the state together, and it holds where the body turns by a radian from one frame
+to the next. The window grows from a few frames to the whole part, so that the phase is never lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.quaternion import (
+    conjugate,
+    from_rotation_matrix,
+    from_rotation_vector,
+    multiply,
+    normalise,
+    rotation_matrix,
+    rotation_vector,
+)
+from massprops.estimators.chaser_path import chaser_path
+from massprops.estimators.momentum import DIRECTIONS, physical
+from massprops.estimators.problem import Problem
+
+FEWEST = 8
+DOUBT = 0.15
+"""1-sigma of the inertia's directions (trace 1) before the fit."""
+LARGEST_TURN = 0.1
+OUTLIER = 6.0
+STEPS = 20
+POOR = 3.0
+"""Root mean square residual, in sigmas, of a fit that is not to be used."""
+
+
+@dataclass(frozen=True)
+class FreeFit:
+    """A fit to epochs `rows` (k,).
+
+    Attributes:
+        q: (4,) body to cam0, w: (3,) [rad/s] at rows[0]. inertia: (3, 3) trace 1, body axes.
+        covariance: (11, 11) of a small turn about body axes, of the rates, and of the inertia along `DIRECTIONS`.
+        residual: root mean square, in sigmas.
+        path: (k, 4) attitude in cam0.
+    """
+
+    rows: np.ndarray
+    q: np.ndarray
+    w: np.ndarray
+    inertia: np.ndarray
+    covariance: np.ndarray
+    residual: float
+    path: np.ndarray
+
+
+def free_fit(problem: Problem, start: Any) -> FreeFit | None:
+    """The fit to the start's span, in its body axes; None where there are too few epochs or the noise is not reached.
+
+    Args:
+        problem: the measurements. start: see `massprops.estimators.start`.
+    """
+    seen = _measured(problem, start)
+    if seen is None or len(seen[0]) < FEWEST:
+        return None
+    rows, values, sigma = seen
+    times = problem.times[rows]
+    chaser = chaser_path(problem.environment, problem.times).q[rows]
+    rates = values.shape[1] == 3
+    if not rates:
+        values = multiply(chaser, values)
+    guesses = [_begin(times, values)]
+    if start.inertia is not None and np.isfinite(start.w).all():
+        near = int(np.argmin(np.abs(start.times - times[0])))
+        q = np.array([1.0, 0, 0, 0]) if rates else multiply(chaser[0], start.q[near])
+        guesses.insert(0, (q, start.w[near], start.inertia))
+    best = None
+    for number, guess in enumerate(guesses):
+        found = _grown(times, values, sigma, guess, len(times) if number == 0 and len(guesses) > 1 else FEWEST)
+        if found is not None and (best is None or found[1] < best[1]):
+            best = found
+        if best is not None and best[1] < POOR:
+            break
+    if best is None or best[1] > POOR:
+        return None
+    (q, w, inertia), residual, covariance = best
+    states = _paths(times, [(q, w, inertia)])[0]
+    back = conjugate(chaser)
+    return FreeFit(
+        rows, multiply(back[0], q), w, inertia, covariance, residual, multiply(back, states[:, :4])
+    )
+
+
+Guess = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def _begin(times: np.ndarray, values: np.ndarray) -> Guess:
+    if values.shape[1] == 3:
+        return np.array([1.0, 0, 0, 0]), values[0], np.eye(3) / 3.0
+    turn = rotation_vector(multiply(conjugate(values[0]), values[1]))
+    return values[0], turn / (times[1] - times[0]), np.eye(3) / 3.0
+
+
+def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess, count: int):  # type: ignore[no-untyped-def]
+    while True:
+        found = _fitted(times[:count], values[:count], sigma[:count], guess)
+        if found is None or count == len(times):
+            return found
+        guess = found[0]
+        count = min(len(times), int(np.ceil(1.5 * count)))
+
+
+def _paths(times: np.ndarray, guesses: list[Guess]) -> list[np.ndarray]:
+    run = _kernel()
+    out = []
+    for q, w, I in guesses:
+        six = np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
+        out.append(run(np.concatenate([q, w]), six, times, LARGEST_TURN))
+    return out
+
+
+def _kernel():  # type: ignore[no-untyped-def]
+    try:
+        from massprops.estimators.compiling import compiled
+
+        return compiled("massprops.dynamics.kernels", "massprops.estimators.free_path")["free_path"]
+    except ImportError:
+        from massprops.estimators.free_path import free_path
+
+        return free_path
+
+
+def _residuals(times: np.ndarray, values: np.ndarray, guesses: list[Guess]) -> np.ndarray:
+    """(guess, n, 3): measured minus motion."""
+    states = np.array(_paths(times, guesses))
+    if values.shape[1] == 3:
+        return values - states[:, :, 4:]
+    return rotation_vector(multiply(conjugate(states[:, :, :4]), values))
+
+
+def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess):  # type: ignore[no-untyped-def]
+    """Levenberg-Marquardt, derivatives by differences, outliers weighed down: guess, residual, covariance (11, 11)."""
+    damping, cost = 1e-4, np.inf
+    gauge = 1e12 if values.shape[1] == 3 else 0.0  # rates say nothing of the attitude
+    prior = np.array([gauge] * 3 + [0.0] * 3 + [1.0 / DOUBT**2] * 5)
+    normal = np.eye(11)
+    for _ in range(STEPS):
+        speed = max(float(np.linalg.norm(guess[1])), 1e-9)
+        h = np.array([1e-6] * 3 + [1e-6 * speed] * 3 + [1e-6] * 5)
+        e = _residuals(times, values, [guess] + [moved(guess, x) for x in np.diag(h)])
+        J = ((e[1:] - e[:1]) / h[:, None, None]).transpose(1, 2, 0) / sigma[:, None, None]
+        r = e[0] / sigma[:, None]
+        length = np.linalg.norm(r, axis=1)
+        weight = 1.0 / np.maximum(1.0, (length / max(OUTLIER, 2.0 * float(np.median(length)))) ** 2)
+        normal = np.einsum("n,nia,nib->ab", weight, J, J) + np.diag(prior)
+        side = -np.einsum("n,nia,ni->a", weight, J, r) - prior * _away(guess)
+        cost = _cost(r, weight, guess, prior)
+        if not np.isfinite(cost):
+            return None
+        new, trial = cost, guess
+        for _ in range(8):
+            x = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), side)
+            trial = moved(guess, x)
+            trial = (trial[0], trial[1], physical(trial[2]))
+            new = _cost(_residuals(times, values, [trial])[0] / sigma[:, None], weight, trial, prior)
+            if new < cost:
+                break
+            damping *= 8.0
+        if not new < cost:
+            break
+        guess, damping = trial, max(damping / 8.0, 1e-12)
+        if cost - new < 1e-7 * cost:
+            break
+    r = _residuals(times, values, [guess])[0] / sigma[:, None]
+    scale = float(np.median(np.sum(r**2, axis=1))) / 2.366  # the median of chi-square with three degrees
+    inverse = np.linalg.pinv(normal / np.outer(*[np.sqrt(np.diag(normal))] * 2), hermitian=True)
+    covariance = inverse / np.outer(*[np.sqrt(np.diag(normal))] * 2) * max(scale, 1.0)
+    return guess, float(np.sqrt(scale)), covariance
+
+
+def moved(guess: Guess, x: np.ndarray) -> Guess:
+    """A state after a small turn about body axes, a change of rates, and one of the inertia along `DIRECTIONS`."""
+    q, w, inertia = guess
+    turned = normalise(multiply(q, from_rotation_vector(x[:3])))
+    return turned, w + x[3:6], inertia + np.einsum("a,aij->ij", x[6:], DIRECTIONS)
+
+
+def _away(guess: Guess) -> np.ndarray:
+    out = np.zeros(11)
+    out[6:] = np.einsum("aij,ij->a", DIRECTIONS, guess[2] - np.eye(3) / 3.0)
+    return out
+
+
+def _cost(r: np.ndarray, weight: np.ndarray, guess: Guess, prior: np.ndarray) -> float:
+    return float(np.sum(weight[:, None] * r**2) + np.sum(prior * _away(guess) ** 2))
+
+
+def _measured(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Epochs (k,), attitudes (k, 4) as measured at each alone, or rates (k, 3), and their 1-sigma (k,)."""
+    early = np.flatnonzero((problem.times <= start.times[-1] + 1e-9) & (problem.times >= start.times[0] - 1e-9))
+    if start.body_frame == "attitude0":
+        rows = early[np.isfinite(problem.attitude[early, 0])]
+        return rows, problem.attitude[rows], _filled(problem.sigma_attitude[rows])
+    if problem.stereo and start.features is not None:
+        from massprops.estimators import bodymodel
+        from massprops.sensing.stereo import triangulate
+
+        # the same epochs as the first guess had, so that the body axes are the same
+        whole = np.flatnonzero(problem.times <= start.times[-1] + 1e-9)
+        points, spread = triangulate(problem.cameras, np.moveaxis(problem.uv[whole], 1, 2), problem.sigma_px)
+        motion = bodymodel.body_motion(points, spread)
+        if motion is None:
+            return None
+        use = motion.used & np.isfinite(motion.q).all(axis=1)
+        sigma = np.sqrt(np.einsum("nii->n", motion.covariance[use][:, :3, :3]) / 3.0)
+        near = np.isin(start.times, problem.times[whole[use]])
+        if near.any():
+            i, j = np.flatnonzero(near)[0], np.searchsorted(problem.times[whole[use]], start.times[near][0])
+            # a first guess that saw other epochs has other body axes
+            turn = rotation_matrix(multiply(conjugate(motion.q[use][j]), start.q[i]))
+            if from_rotation_matrix(turn)[0] < np.cos(0.5):
+                return None
+        return whole[use], motion.q[use], _filled(sigma)
+    if problem.has_rates:
+        rows = early[np.isfinite(problem.rates[early]).all(axis=1)]
+        return rows, problem.rates[rows], np.full(len(rows), max(problem.sigma_rate, 1e-12))
+    return None
+
+
+def _filled(sigma: np.ndarray) -> np.ndarray:
+    ok = np.isfinite(sigma) & (sigma > 0)
+    return np.where(ok, sigma, np.median(sigma[ok]) if ok.any() else 1e-3)
