@@ -25,9 +25,10 @@ NOISY = 1.3
 WORTH_A_FIT = 0.1
 """Share of the best score gain that a candidate needs to be fitted."""
 FEWEST_FITS = 5
-BEAM = 3
+BEAM = 2
 FITS_OF_A_PAIR = 3
 FITS_OF_A_FORM = 4
+MOST_SCORES = 26
 SMALL = 1500
 """Scalar measurements up to which every start is fitted for a few iterations rather than scored."""
 NEARLY = 0.03
@@ -193,8 +194,9 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
                 short = sorted((refit(case, state, added, most=6) for state in begun), key=lambda s: s.bic)
                 states += [s.fit.state for s in short[:FITS_OF_A_FORM]]
             else:
+                offered = offered[:: max(1, len(offered) // MOST_SCORES)]
                 gains = [score_gain(case, base.fit.state, (), added[0], v) for v in offered]
-                best = np.argsort(gains)[::-1][:FITS_OF_A_FORM]
+                best = np.argsort(gains)[::-1][: FITS_OF_A_FORM // 2]
                 states += [with_effects(base.fit.state, added, {module.NAME: offered[i]}) for i in best]
-        out += [refit(case, state, added, most=40) for state in states]
+        out += [refit(case, state, added, most=40 if case.fitted.count <= SMALL else 20) for state in states]
     return out
