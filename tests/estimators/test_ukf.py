@@ -89,14 +89,18 @@ def filter_case(additive: bool, moving: bool, flow: bool, gate: float, n: int = 
     extra[n // 3 : n // 3 + int(gaps), :3] = np.nan
     na = 4 if additive else 3
     N = 5 + na + 3 + (6 if moving else 0) + 12
-    sigma = np.concatenate([[0.02] * 3, [0.02] * na, [0.1] * 2, [0.05] * 3, ([0.1] * 3 + [0.01] * 3) * moving, [0.1] * 12])
+    sigma = np.concatenate(
+        [[0.02] * 3, [0.02] * na, [0.1] * 2, [0.05] * 3, ([0.1] * 3 + [0.01] * 3) * moving, [0.1] * 12]
+    )
     mix = rng.normal(size=(N, N)) * 0.1 + np.eye(N)
     P = sigma[:, None] * (mix @ mix.T) * sigma
     state = State(w[0] * 1.02, q[0], K + 0.02, p + 0.05, P, position=r, axes_free=True, moving=moving)
     seen = Measurements(
         np.concatenate([[0.0], np.diff(t)]),
         np.concatenate([extra, z.reshape(n, -1)], axis=1),
-        np.concatenate([np.full((n, 3), 1e-4), np.full((n, 3), 1e-6), np.full((n, 1), 1e-2), np.full((n, z[0].size), SIGMA**2)], 1),
+        np.concatenate(
+            [np.full((n, 3), 1e-4), np.full((n, 3), 1e-6), np.full((n, 1), 1e-2), np.full((n, z[0].size), SIGMA**2)], 1
+        ),
         RIG,
         attitude=att,
         rates=True,
@@ -109,7 +113,8 @@ def filter_case(additive: bool, moving: bool, flow: bool, gate: float, n: int = 
 
 
 @pytest.mark.parametrize(
-    ("additive", "moving", "flow", "gate"), [(False, True, False, 5.0), (True, False, True, 0.0), (False, False, True, 4.0)]
+    ("additive", "moving", "flow", "gate"),
+    [(False, True, False, 5.0), (True, False, True, 0.0), (False, False, True, 4.0)],
 )
 def test_numpy_alone_gives_the_same_numbers(additive: bool, moving: bool, flow: bool, gate: float) -> None:
     state, seen, noise, settings = filter_case(additive, moving, flow, gate)

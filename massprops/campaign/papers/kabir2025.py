@@ -17,7 +17,10 @@ from massprops.errors import MasspropsError
 PAPER = "kabir2025"
 RATES = (0.025, 0.075, 0.125, 0.175)
 CASES = {
-    **{f"occlusion-{f}": f"UKF, benchmark and UKF-GP through 1500 s of occlusion at {f} Hz (Figures 5-9)" for f in RATES},
+    **{
+        f"occlusion-{f}": f"UKF, benchmark and UKF-GP through 1500 s of occlusion at {f} Hz (Figures 5-9)"
+        for f in RATES
+    },
     **{f"gp-{f}": f"error of the process over 2000 s against its training span at {f} Hz (Figure 4)" for f in RATES},
 }
 RUNS = dict.fromkeys(CASES, 20)

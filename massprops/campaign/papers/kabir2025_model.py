@@ -25,7 +25,9 @@ def truth(moments: tuple[float, ...], w0: tuple[float, ...], n: int) -> tuple[np
     from scipy.integrate import solve_ivp
 
     def slope(_: float, y: np.ndarray) -> list[Any]:
-        return [*quaternion_rate(*y), *euler_acceleration(*moments, 0.0, 0.0, 0.0, *y[4:], 0.0, 0.0, 0.0)]
+        a, b, c = moments
+        turn = euler_acceleration(a, b, c, 0.0, 0.0, 0.0, y[4], y[5], y[6], 0.0, 0.0, 0.0)
+        return [*quaternion_rate(*y), *turn]
 
     y0 = np.concatenate([[1.0, 0.0, 0.0, 0.0], w0])
     out = solve_ivp(slope, (0.0, n - 1.0), y0, "DOP853", np.arange(n, dtype=float), rtol=1e-12, atol=1e-14).y.T
@@ -157,9 +159,7 @@ TURNS = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]
 """Half turns about the principal axes: the frames that the principal axes leave open."""
 
 
-def errors(
-    configuration: dict[str, Any], run: Run, q: np.ndarray, w: np.ndarray, anchor: int
-) -> dict[str, np.ndarray]:
+def errors(configuration: dict[str, Any], run: Run, q: np.ndarray, w: np.ndarray, anchor: int) -> dict[str, np.ndarray]:
     """Errors at each epoch, in the principal frame that is nearest at epoch `anchor`.
 
     Returns:

@@ -122,7 +122,7 @@ def _gpy(GPy: Any, t: np.ndarray, y: np.ndarray, periods: np.ndarray) -> tuple[f
     base = GPy.kern.StdPeriodic(1, period=periods[0], lengthscale=1.0) * GPy.kern.StdPeriodic(
         1, period=periods[1], lengthscale=1.0
     )
-    kernel = base**GPy.kern.Coregionalize(1, output_dim=3, rank=3)
+    kernel = base ** GPy.kern.Coregionalize(1, output_dim=3, rank=3)
     X = np.vstack([np.column_stack([t[:SAMPLES], np.full(SAMPLES, i)]) for i in range(3)])
     model_ = GPy.models.GPRegression(X, np.concatenate([scaled[:SAMPLES, i] for i in range(3)])[:, None], kernel)
     model_.likelihood.variance = 1e-6

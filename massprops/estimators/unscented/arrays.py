@@ -1,10 +1,11 @@
-"""The filter with numpy alone: the sums of `loops` over all sigma points at once, with the same numbers."""
+"""The filter with numpy alone: the sums of `prediction` and `correction` over all sigma points at once, with the same numbers."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from massprops.dynamics.kernels import to_body
+from massprops.estimators.unscented.algebra import LOST, upper_factor
 from massprops.estimators.unscented.components import (
     feature_motion,
     image,
@@ -14,7 +15,7 @@ from massprops.estimators.unscented.components import (
     turned,
     unit,
 )
-from massprops.estimators.unscented.loops import BEYOND, LOST, WIDEST_TURN, bounded
+from massprops.estimators.unscented.prediction import BEYOND, WIDEST_TURN, bounded
 
 
 def factor(A: np.ndarray) -> np.ndarray:
@@ -25,8 +26,6 @@ def factor(A: np.ndarray) -> np.ndarray:
             return upper
     except np.linalg.LinAlgError:
         pass
-    from massprops.estimators.unscented.loops import upper_factor
-
     upper = A.copy()
     upper_factor(upper, len(A))
     return np.triu(upper)
@@ -47,7 +46,7 @@ def _pairs(deviation: np.ndarray, gamma: float) -> tuple[np.ndarray, np.ndarray,
 
 
 def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, additive, axes, moving):  # type: ignore[no-untyped-def]
-    """As `loops.propagate`."""
+    """As `prediction.propagate`."""
     n, na = len(P), 4 if additive else 3
     nd, nf = 5 + na, 3 + na
     speed = np.linalg.norm(w) + gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
@@ -124,7 +123,7 @@ def correct(  # type: ignore[no-untyped-def]
     w, q, k, s, r, v, p, P, z, var, att, pinned, reference, K, RC, TC, group,
     disparity, flow, extras, gamma, excess, gate, additive, axes, moving, tally,
 ):  # fmt: skip
-    """As `loops.correct`."""
+    """As `correction.correct`."""
     n, m, na = len(P), len(p), 4 if additive else 3
     nd = 5 + na
     tr = nd + (3 if axes else 0)
@@ -133,7 +132,9 @@ def correct(  # type: ignore[no-untyped-def]
     if not len(index):
         return
     U = factor(P)
-    d = np.concatenate([np.zeros((n, 1)), (U.T[:, None, :] * (np.array([1.0, -1.0])[:, None] * gamma)).reshape(n, -1)], 1)
+    d = np.concatenate(
+        [np.zeros((n, 1)), (U.T[:, None, :] * (np.array([1.0, -1.0])[:, None] * gamma)).reshape(n, -1)], 1
+    )
     place, pace = (reference, v) if pinned else (r, v)
     q1 = _turn(q, d[3 : 3 + na], additive)
     s1 = turned(*s, *d[nd : nd + 3]) if axes else tuple(s)
@@ -194,7 +195,7 @@ def run_loop(  # type: ignore[no-untyped-def]
     disparity, flow, extras, gamma, excess, gate, largest_turn, additive, axes, moving,
     mean_out, sigma_out, block_out, tally_out,
 ):  # fmt: skip
-    """As `loops.run_loop`."""
+    """As `correction.run_loop`."""
     nb = block_out.shape[1]
     # a lost filter meets infinities; they are caught where they would enter the state
     old = np.seterr(all="ignore")

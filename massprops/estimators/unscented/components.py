@@ -100,9 +100,7 @@ def image(
     return fu * u + cu, fv * v + cv, fu * du, fv * dv
 
 
-def feature_motion(
-    qw: N, qx: N, qy: N, qz: N, wx: N, wy: N, wz: N, px: N, py: N, pz: N
-) -> tuple[N, N, N, N, N, N]:
+def feature_motion(qw: N, qx: N, qy: N, qz: N, wx: N, wy: N, wz: N, px: N, py: N, pz: N) -> tuple[N, N, N, N, N, N]:
     """A body point seen from the centre of mass in the reference frame, and its velocity."""
     ax, ay, az = to_reference(qw, qx, qy, qz, px, py, pz)
     bx, by, bz = cross(wx, wy, wz, px, py, pz)

@@ -103,7 +103,7 @@ def _stereo_points(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray
     from massprops.sensing.stereo import triangulate
 
     X, covariance = triangulate(problem.cameras, np.moveaxis(problem.uv, 1, 2), problem.sigma_px)
-    seen = problem.seen.any(axis=1)
+    seen = np.asarray(problem.seen.any(axis=1))
     last = np.where(seen.any(axis=0), len(seen) - 1 - np.argmax(seen[::-1], axis=0), -1)
     return X, covariance, last, np.isfinite(X[..., 0]) & np.isfinite(covariance[..., 0, 0])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,13 +85,11 @@ def foresee_features(
     best: Foresight | None = None
     for y in outputs:
         trials = []
-        starts = [None] if best is None else [best.process.f]
+        starts: list[np.ndarray | None] = [None] if best is None else [best.process.f]
         while starts:
             start = starts.pop(0)
-            try:
+            with suppress(NotPossible, np.linalg.LinAlgError):
                 trials.append(foresee(t, y, ahead, start, noise_sigma))
-            except (NotPossible, np.linalg.LinAlgError):
-                pass
             poor = not trials or (best is not None and trials[-1].noise > 1.5 * best.noise)
             if start is not None and poor and len(trials) < 2:
                 starts.append(None)

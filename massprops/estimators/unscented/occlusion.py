@@ -77,12 +77,15 @@ def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:
     def spread(x: np.ndarray) -> np.ndarray:
         return np.concatenate([x, np.full((len(times), *x.shape[1:]), np.nan)])[order]
 
-    names = ("uv", "range_m", "rates", "attitude", "sigma_attitude")
     return replace(
         problem,
         stamp_ns=stamp,
         times=np.concatenate([problem.times, times])[order],
-        **{name: spread(getattr(problem, name)) for name in names},
+        uv=spread(problem.uv),
+        range_m=spread(problem.range_m),
+        rates=spread(problem.rates),
+        attitude=spread(problem.attitude),
+        sigma_attitude=spread(problem.sigma_attitude),
     )
 
 

@@ -90,9 +90,7 @@ def sorted_moments(k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.exp(rows @ k), order, np.array([rows[0] - rows[1], rows[1] - rows[2]])
 
 
-def _body(
-    problem: Problem, setup: Setup, passage: Passage, times: np.ndarray
-) -> tuple[str, np.ndarray, np.ndarray]:
+def _body(problem: Problem, setup: Setup, passage: Passage, times: np.ndarray) -> tuple[str, np.ndarray, np.ndarray]:
     """Name of the body frame, turn (4,) of principal vectors into it, covariance (3, 3) of the principal axes."""
     run, last = passage.run, passage.run.last
     if not setup.points:

@@ -12,7 +12,9 @@ from massprops.sensing.pinhole import Pinhole as Camera
 KERNEL = (
     "massprops.dynamics.kernels",
     "massprops.estimators.unscented.components",
-    "massprops.estimators.unscented.loops",
+    "massprops.estimators.unscented.algebra",
+    "massprops.estimators.unscented.prediction",
+    "massprops.estimators.unscented.correction",
 )
 
 
@@ -253,8 +255,9 @@ def filter_epochs(state: State, seen: Measurements, noise: Noise, settings: Sett
     run_loop(*arguments)
     spent = time.process_time() - begin
     w, q, k, axes, position, velocity = parts
-    last = replace(
-        state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features, P=P
+    last = replace(state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features, P=P)
+    w_out, q_out, k_out, axes_out, position_out, velocity_out = np.split(mean, [3, 7, 9, 13, 16], axis=1)
+    used, gated = tally[:, 1].astype(int), tally[:, 2].astype(int)
+    return Run(
+        w_out, q_out, k_out, axes_out, position_out, velocity_out, sigma, block, tally[:, 0], used, gated, last, spent
     )
-    columns = np.split(mean, [3, 7, 9, 13, 16], axis=1)
-    return Run(*columns, sigma, block, tally[:, 0], tally[:, 1].astype(int), tally[:, 2].astype(int), last, spent)

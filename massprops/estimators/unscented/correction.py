@@ -11,227 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.kernels import to_body
-from massprops.estimators.unscented.components import (
-    feature_motion,
-    image,
-    torque_free,
-    turn_between,
-    turned,
-    unit,
-)
-
-LOST = 1e-13
-"""A pivot below this share of its diagonal is rounding, and is held there."""
-WIDEST_RATE, WIDEST_TURN, WIDEST_RATIO = 10.0, 3.0, 2.0
-"""1-sigma of rates [rad/s], attitude [rad] and k beyond which nothing is known of them: wider is not carried."""
-FASTEST = 100.0
-"""Largest rate that a mean is allowed to reach [rad/s]."""
-BEYOND = 1e9
-"""Sum of squares of rates and turns [rad, s] of a propagation that has left all meaning."""
-
-
-def add_rows(t, A, k, begin, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
-    """t += f0 A[k, begin:] + f1 A[k + 1, begin:] + f2 ... + f3 ..., as long as t: four rows in one pass."""
-    n = t.shape[0]
-    a, b = A[k, begin : begin + n], A[k + 1, begin : begin + n]
-    c, d = A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
-    for i in range(n):
-        t[i] += f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i]
-
-
-def take_rows(t, A, k, begin, column):  # type: ignore[no-untyped-def]
-    """t -= sum over eight rows j from k of A[j, column] A[j, begin:], as long as t."""
-    n = t.shape[0]
-    a, b, c, d = A[k, begin : begin + n], A[k + 1, begin : begin + n], A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
-    e, f, g, h = A[k + 4, begin : begin + n], A[k + 5, begin : begin + n], A[k + 6, begin : begin + n], A[k + 7, begin : begin + n]
-    f0, f1, f2, f3 = A[k, column], A[k + 1, column], A[k + 2, column], A[k + 3, column]
-    g0, g1, g2, g3 = A[k + 4, column], A[k + 5, column], A[k + 6, column], A[k + 7, column]
-    for i in range(n):
-        t[i] -= f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i] + g0 * e[i] + g1 * f[i] + g2 * g[i] + g3 * h[i]
-
-
-def add_pairs(t, A, B, k, begin, column):  # type: ignore[no-untyped-def]
-    """t += sum over four rows j from k of A[j, column] A[j, begin:] + B[j, column] B[j, begin:]."""
-    n = t.shape[0]
-    a, b = A[k, begin : begin + n], A[k + 1, begin : begin + n]
-    c, d = A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
-    e, f = B[k, begin : begin + n], B[k + 1, begin : begin + n]
-    g, h = B[k + 2, begin : begin + n], B[k + 3, begin : begin + n]
-    f0, f1, f2, f3 = A[k, column], A[k + 1, column], A[k + 2, column], A[k + 3, column]
-    g0, g1, g2, g3 = B[k, column], B[k + 1, column], B[k + 2, column], B[k + 3, column]
-    for i in range(n):
-        t[i] += f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i] + g0 * e[i] + g1 * f[i] + g2 * g[i] + g3 * h[i]
-
-
-def upper_factor(T, rows):  # type: ignore[no-untyped-def]
-    """First `rows` rows of U with A = U^T U, written over T = [A, B] with zeros below the diagonal; never fails.
-
-    Columns beyond the square become U^-T B.
-    """
-    for i in range(rows):
-        original = T[i, i]
-        row = T[i, i:]
-        k = 0
-        while k + 8 <= i:
-            take_rows(row, T, k, i, i)
-            k += 8
-        if k + 4 <= i:
-            add_rows(row, T, k, i, -T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i])
-            k += 4
-        while k < i:
-            f, other = T[k, i], T[k, i:]
-            for c in range(row.shape[0]):
-                row[c] -= f * other[c]
-            k += 1
-        pivot = np.sqrt(max(T[i, i], LOST * original, 1e-290))
-        inverse = 1.0 / pivot
-        for c in range(row.shape[0]):
-            row[c] *= inverse
-        T[i, i] = pivot
-        for c in range(i):
-            T[i, c] = 0.0
-
-
-def perturbed(q, ax, ay, az, aw, additive):  # type: ignore[no-untyped-def]
-    """A sigma point's attitude: turned, or with the four components added (aw, ax, ay, az)."""
-    if additive:
-        return unit(q[0] + aw, q[1] + ax, q[2] + ay, q[3] + az)
-    return turned(q[0], q[1], q[2], q[3], ax, ay, az)
-
-
-def bounded(w, P, na):  # type: ignore[no-untyped-def]
-    """Holds rates and covariance where a long time without measurements would take them past all meaning."""
-    speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
-    if not speed <= FASTEST:
-        for i in range(3):
-            w[i] = w[i] * (FASTEST / speed) if np.isfinite(w[i]) and np.isfinite(speed) else 0.0
-    for i in range(5 + na):
-        widest = WIDEST_RATE if i < 3 else (WIDEST_TURN if i < 3 + na else WIDEST_RATIO)
-        if P[i, i] > widest * widest:
-            f = widest / np.sqrt(P[i, i])
-            P[i] *= f
-            P[:, i] *= f
-
-
-def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, additive, axes, moving):  # type: ignore[no-untyped-def]
-    """State and covariance dt later, in place."""
-    n = P.shape[0]
-    na = 4 if additive else 3
-    nd, nf = 5 + na, 3 + na
-    speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) + gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
-    # where the attitude is lost there is no accuracy to keep
-    most = 50 if P[3, 3] > 0.25 * WIDEST_TURN * WIDEST_TURN else 10000
-    steps = min(max(1, int(np.ceil(speed * abs(dt) / largest_turn))), most)
-    U = P.copy()
-    upper_factor(U, nd)
-    c0, c1, c2, c3, c4, c5, c6 = torque_free(w[0], w[1], w[2], q[0], q[1], q[2], q[3], k[0], k[1], dt, steps)
-    odd, even = np.zeros((nd, nf)), np.zeros((nd, nf))
-    for j in range(nd):
-        for side in range(2):
-            g = gamma if side == 0 else -gamma
-            if additive:
-                p0, p1, p2, p3 = perturbed(q, g * U[j, 4], g * U[j, 5], g * U[j, 6], g * U[j, 3], True)
-            else:
-                p0, p1, p2, p3 = perturbed(q, g * U[j, 3], g * U[j, 4], g * U[j, 5], 0.0, False)
-            x0, x1, x2, p0, p1, p2, p3 = torque_free(
-                w[0] + g * U[j, 0],
-                w[1] + g * U[j, 1],
-                w[2] + g * U[j, 2],
-                p0,
-                p1,
-                p2,
-                p3,
-                k[0] + g * U[j, 3 + na],
-                k[1] + g * U[j, 4 + na],
-                dt,
-                steps,
-            )
-            half = 0.5 / gamma
-            sign = half if side == 0 else -half
-            d = (x0 - c0, x1 - c1, x2 - c2)
-            for i in range(3):
-                odd[j, i] += sign * d[i]
-                even[j, i] += half * d[i]
-            if additive:
-                f = (p0 - c3, p1 - c4, p2 - c5, p3 - c6)
-                for i in range(4):
-                    odd[j, 3 + i] += sign * f[i]
-                    even[j, 3 + i] += half * f[i]
-            else:
-                a = turn_between(c3, c4, c5, c6, p0, p1, p2, p3)
-                for i in range(3):
-                    odd[j, 3 + i] += sign * a[i]
-                    even[j, 3 + i] += half * a[i]
-    mean = np.zeros(nf)
-    size = c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3 + c4 * c4 + c5 * c5 + c6 * c6
-    for j in range(nd):
-        for i in range(nf):
-            mean[i] += even[j, i] / gamma
-            size += odd[j, i] * odd[j, i] + even[j, i] * even[j, i]
-    if not size < BEYOND:
-        # a motion beyond what can be integrated: the state stands still and its doubt grows
-        for i in range(n):
-            P[i, i] += Q[i] * dt
-        for i in range(3):
-            w[i] *= 0.5
-        bounded(w, P, na)
-        return
-    for a in range(nf):
-        for b in range(a, nf):
-            total = excess * mean[a] * mean[b]
-            for j in range(nd):
-                total += odd[j, a] * odd[j, b] + even[j, a] * even[j, b]
-            P[a, b] = total
-        for b in range(nf, n):
-            total = 0.0
-            for j in range(min(nd, b + 1)):
-                total += odd[j, a] * U[j, b]
-            P[a, b] = total
-    # attitude is now carried in the turned frame, rates and attitude first
-    if additive:
-        u = unit(c3 + mean[3], c4 + mean[4], c5 + mean[5], c6 + mean[6])
-    else:
-        u = turned(c3, c4, c5, c6, mean[3], mean[4], mean[5])
-    w[0], w[1], w[2] = c0 + mean[0], c1 + mean[1], c2 + mean[2]
-    q[0], q[1], q[2], q[3] = u[0], u[1], u[2], u[3]
-    if spin[1] != 0.0 or spin[2] != 0.0 or spin[3] != 0.0:
-        q0 = spin[0] * q[0] - spin[1] * q[1] - spin[2] * q[2] - spin[3] * q[3]
-        q1 = spin[0] * q[1] + spin[1] * q[0] + spin[2] * q[3] - spin[3] * q[2]
-        q2 = spin[0] * q[2] - spin[1] * q[3] + spin[2] * q[0] + spin[3] * q[1]
-        q3 = spin[0] * q[3] + spin[1] * q[2] - spin[2] * q[1] + spin[3] * q[0]
-        q[0], q[1], q[2], q[3] = q0, q1, q2, q3
-    for a in range(n):
-        for b in range(a):
-            P[a, b] = P[b, a]
-    if moving:
-        t = nd + (3 if axes else 0)
-        old = np.empty(6)
-        old[:3], old[3:] = r, v
-        for i in range(6):
-            total = 0.0
-            for j in range(6):
-                total += F[i, j] * old[j]
-            if i < 3:
-                r[i] = total
-            else:
-                v[i - 3] = total
-        rows = P[t : t + 6].copy()
-        for i in range(6):
-            for c in range(n):
-                total = 0.0
-                for j in range(6):
-                    total += F[i, j] * rows[j, c]
-                P[t + i, c] = total
-        columns = P[:, t : t + 6].copy()
-        for c in range(n):
-            for i in range(6):
-                total = 0.0
-                for j in range(6):
-                    total += columns[c, j] * F[i, j]
-                P[c, t + i] = total
-    for i in range(n):
-        P[i, i] += Q[i] * dt
-    bounded(w, P, na)
+from massprops.estimators.unscented.algebra import add_pairs, add_rows, difference, take_rows, upper_factor
+from massprops.estimators.unscented.components import feature_motion, image, turn_between, turned, unit
+from massprops.estimators.unscented.prediction import bounded, perturbed, propagate
 
 
 def sight(  # type: ignore[no-untyped-def]
@@ -263,16 +45,12 @@ def sight(  # type: ignore[no-untyped-def]
         if not used[i]:
             continue
         o = extras[0] + extras[1] + extras[2] + per * i
-        x, y, z, dx, dy, dz = feature_motion(
-            q[0], q[1], q[2], q[3], w[0], w[1], w[2], p[i, 0], p[i, 1], p[i, 2]
-        )
+        x, y, z, dx, dy, dz = feature_motion(q[0], q[1], q[2], q[3], w[0], w[1], w[2], p[i, 0], p[i, 1], p[i, 2])
         if not still:
             dx, dy, dz = dx + v[0], dy + v[1], dz + v[2]
         x, y, z = x + r[0], y + r[1], z + r[2]
         for c in range(cams):
-            eye = image(
-                K[c, 0], K[c, 1], K[c, 2], K[c, 3], RC[c], TC[c, 0], TC[c, 1], TC[c, 2], x, y, z, dx, dy, dz
-            )
+            eye = image(K[c, 0], K[c, 1], K[c, 2], K[c, 3], RC[c], TC[c, 0], TC[c, 1], TC[c, 2], x, y, z, dx, dy, dz)
             h[o + 2 * c], h[o + 2 * c + 1] = eye[0], eye[1]
             if flow:
                 f = o + 2 * cams + (1 if disparity else 0) + 2 * c
@@ -351,23 +129,33 @@ def correct(  # type: ignore[no-untyped-def]
                     v1[i] = v[i] + g * U[j, tr + 3 + i]
             for i in range(f0, m):
                 for c in range(3):
-                    p1[i, c] = p[i, c] + g * U[j, off + 3 * i + c] if off + 3 * i + c >= j else p[i, c]
+                    p1[i, c] = p[i, c] + g * U[j, off + 3 * i + c]
             sight(h, used, f0, w1, q1, s1, r1, v1, p1, K, RC, TC, disparity, flow, extras, mid, pinned)
         w1[:], q1[:], s1[:], r1[:], v1[:] = w, q, s, place, pace
         half = 0.5 / gamma
-        for c in range(start[f0], nu):
-            i = index[c]
-            odd[j, c] = half * (hp[i] - hm[i])
-            even[j, c] = half * (hp[i] + hm[i] - 2.0 * h0[i])
+        if nu == ny:
+            difference(
+                odd[j, start[f0] :], even[j, start[f0] :], hp[start[f0] :], hm[start[f0] :], h0[start[f0] :], half
+            )
+        else:
+            for c in range(start[f0], nu):
+                i = index[c]
+                odd[j, c] = half * (hp[i] - hm[i])
+                even[j, c] = half * (hp[i] + hm[i] - 2.0 * h0[i])
         if j >= off:
             for c in range(3):
                 p1[f0, c] = p[f0, c]
     mean, nu_vector, spread = np.zeros(nu), np.zeros(nu), np.zeros(nu)
     for j in range(n):
-        f0 = 0 if j < off else (j - off) // 3
-        for c in range(start[f0], nu):
-            mean[c] += even[j, c] / gamma
-            spread[c] += odd[j, c] * odd[j, c] + even[j, c] * even[j, c]
+        row = even[j]
+        for c in range(nu):
+            mean[c] += row[c]
+        if gate > 0.0:
+            other = odd[j]
+            for c in range(nu):
+                spread[c] += other[c] * other[c] + row[c] * row[c]
+    for c in range(nu):
+        mean[c] *= 1.0 / gamma
     if extras[0]:
         seen = turn_between(mid[0], mid[1], mid[2], mid[3], att[0], att[1], att[2], att[3])
     else:
