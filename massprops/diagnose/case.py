@@ -54,15 +54,19 @@ class Case:
     warnings: tuple[str, ...]
 
 
-def case_of(problem: Problem) -> Case:
+def case_of(problem: Problem, doubt: float = 1.0) -> Case:
     """Splits the record and finds the first state.
+
+    Args:
+        doubt: how many times the stated noise of tracks the first guess allows for: sensors that are wrong together
+            otherwise look like outliers to it.
 
     Raises:
         NotPossible: no attitude or rates to begin with.
     """
     around = Surroundings(problem.environment)
     warnings = list(problem.warnings)
-    guess = first_guess(problem, Prior())
+    guess = first_guess(replace(problem, sigma_px=doubt * problem.sigma_px), Prior())
     warnings += guess.warnings
     first = batch_start(problem, guess, around)
     warnings += first.notes

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 VIOLATED = 5.0
 """Root of the belief's chi-square per element beyond which an assumed inertia is contradicted."""
 
+ASTRAY = 8.0
+"""Residual over the noise at which the first guess may have gone astray."""
+DOUBTS = (8.0, 40.0)
+"""Times the stated noise that further guesses allow for."""
+
 Watch = Callable[[str, int, int], None]
 
 
@@ -81,6 +86,13 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
     case = case_of(problem)
     progress("base model", 0, 1)
     base = refit(case, case.first.state, (), most=40)
+    for doubt in DOUBTS if case.first.observed.any() else ():
+        if base.fitted < ASTRAY:
+            break
+        other = case_of(problem, doubt)
+        tried = refit(other, other.first.state, (), most=40)
+        if tried.fitted < base.fitted:
+            case, base = other, tried
     violated = False
     if case.belief.inertia is not None:
         base, violated = _judged(case, base)

@@ -10,6 +10,7 @@ import numpy as np
 
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import WHITE
+from massprops.diagnose.moment import best_moment
 from massprops.diagnose.refit import Added, Scored, refit, score_gain, start_values, with_effects
 from massprops.effects import effects, forms
 from massprops.model import lacks
@@ -198,5 +199,6 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
                 gains = [score_gain(case, base.fit.state, (), added[0], v) for v in offered]
                 best = np.argsort(gains)[::-1][: FITS_OF_A_FORM // 2]
                 states += [with_effects(base.fit.state, added, {module.NAME: offered[i]}) for i in best]
-        out += [refit(case, state, added, most=40 if case.fitted.count <= SMALL else 20) for state in states]
+        fits = [refit(case, state, added, most=40 if case.fitted.count <= SMALL else 20) for state in states]
+        out += [s if explained(s) else best_moment(case, s) for s in fits]
     return out
