@@ -76,9 +76,10 @@ def case_of(problem: Problem, doubt: float = 1.0) -> Case:
         sigma = body.inertia_sigma or ASSUMED_SIGMA
         if not body.inertia_sigma:
             warnings.append(f"body.yaml states no inertia_sigma: {100 * ASSUMED_SIGMA:g} % assumed")
-        belief = Belief(3.0 * body.inertia / np.trace(body.inertia), max(sigma, 1e-5))
+        assumed = 3.0 * body.inertia / np.trace(body.inertia)
+        belief = Belief(assumed, max(sigma, 1e-5))
         if first.body_frame == "own" and not problem.has_rates:
-            first = _in_body_axes(first, belief.inertia)
+            first = _in_body_axes(first, assumed)
     n = len(problem.times)
     held_epochs = np.zeros(n, bool)
     held_tracks = np.zeros_like(problem.seen)

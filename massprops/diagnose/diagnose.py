@@ -95,7 +95,7 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
             case, base = other, tried
     violated = False
     if case.belief.inertia is not None:
-        base, violated = _judged(case, base)
+        base, violated = _judged(case, base, case.belief.inertia)
     blind = _blind(case, base)
     selection = Selection(base, best=base) if blind else select(case, base, progress, violated)
     torque = None
@@ -110,7 +110,7 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
     return Diagnosis(document, _model(case, base, best), case, selection, torque, history)
 
 
-def _judged(case: Case, base: Scored) -> tuple[Scored, bool]:
+def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:
     """The base model with its inertia held at what is assumed, when the data contradict that assumption."""
     from massprops.diagnose.refit import refit
     from massprops.estimators.batch.solve import _believed
@@ -119,7 +119,7 @@ def _judged(case: Case, base: Scored) -> tuple[Scored, bool]:
     if np.sqrt(np.mean(value**2)) < VIOLATED:
         return base, False
     firm = replace(case, belief=replace(case.belief, sigma=1e-3 * case.belief.sigma))
-    state = replace(base.fit.state, inertia=case.belief.inertia)
+    state = replace(base.fit.state, inertia=assumed)
     held = refit(firm, state, (), most=40)
     return replace(held, bic=base.bic), True
 

@@ -40,6 +40,6 @@ def point_mass(assumed: np.ndarray, found: np.ndarray) -> dict[str, Any]:
     return {
         "direction": (best.x / max(size, 1e-300)).tolist(),
         "second_moment": size**2,
-        "left": float(np.linalg.norm(best.fun) / max(np.linalg.norm(target), 1e-300)),
+        "left": float(np.linalg.norm(best.fun)) / max(float(np.linalg.norm(target)), 1e-300),
         "unknown": "which of the two opposite sides, and mass apart from distance: the motion shows mass times distance squared",
     }

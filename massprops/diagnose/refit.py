@@ -120,6 +120,10 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     implausible = ""
     for module, values in zip(found.state.model.modules, found.state.model.values, strict=True):
         own = np.sqrt(np.diag(covariance))[at : at + len(values)]
+        for i, q in enumerate(module.PARAMETERS):
+            if q.kind == "time" and not found.free[at + i]:
+                # anywhere between two epochs
+                own[i] = float(np.median(np.diff(case.problem.times))) / np.sqrt(12.0)
         at += len(values)
         sigma[module.NAME] = own
         implausible = implausible or _implausible(module, values, own, case)

@@ -69,7 +69,7 @@ def _fall(
     states[0] = y
 
     def slope(l: list, y: list) -> list:
-        return [y[3], y[4], y[5], *differential_gravity(around.mu, *l, y[0], y[1], y[2])]
+        return [y[3], y[4], y[5], *differential_gravity(around.mu, l[0], l[1], l[2], y[0], y[1], y[2])]
 
     for k, h in enumerate(size.tolist()):
         f1 = slope(leader[0][k], y)

@@ -89,7 +89,7 @@ def reconstruct_surface(
     if len(cloud) < 200:
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
     thinned = thin(cloud, points, seed)
-    if not len(thinned):
+    if not len(thinned.xyz):
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
     progress(1, 6, "points thinned")
     hull = make_hull(views, masks, thinned.xyz, support=support)
