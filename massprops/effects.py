@@ -10,7 +10,8 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
 - `inertia(t, six, p)`: (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) at time t in place of `six`;
 - `internal(t, z, p)`: angular momentum stored inside the body; with `STATES`, `internal_start(w, p)` and
   `internal_rate(t, w, z, p)` when it has states z of its own;
-- `jump(p)`: momentum added at the time parameter, body axes; `displacement(t, p)`: what is added to the path of the
+- `jump(p)`: momentum added at the time parameter, body axes; `swing(p)`: turn of the body at that time, body axes, its
+  momentum left where it was in space; `displacement(t, p)`: what is added to the path of the
   centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes;
 - `penalty(p)`: numbers, linear in p, that are zero give or take 1 where the data say nothing;
 - `starts(span, speed)`: parameter vectors to begin a search with, where zero will not do.
@@ -72,8 +73,13 @@ def effects() -> dict[str, ModuleType]:
 
 
 def searched(effect: ModuleType, form: int = 0) -> list[bool]:
-    """Which of an effect's parameters are found in a form of it."""
-    return [q.kind != "span" and q.form <= form for q in effect.PARAMETERS]
+    """Which of an effect's parameters are found in a form of it.
+
+    A free turn at one moment takes up what a moment a little earlier or later, between the same two epochs, would
+    change: the moment stays where the search over epochs put it.
+    """
+    swings = form > 0 and hasattr(effect, "swing")
+    return [q.kind != "span" and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
 
 
 def forms(effect: ModuleType) -> int:
@@ -83,4 +89,4 @@ def forms(effect: ModuleType) -> int:
 
 def changes_motion(effect: ModuleType) -> bool:
     """Whether the effect acts on the body rather than on the sensors."""
-    return any(hasattr(effect, f) for f in ("torque", "inertia", "internal", "jump", "displacement"))
+    return any(hasattr(effect, f) for f in ("torque", "inertia", "internal", "jump", "swing", "displacement"))

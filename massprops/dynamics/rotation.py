@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.events import acts_at_once, struck, struck_slopes
 from massprops.dynamics.kernels import cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.surroundings import Surroundings
 
@@ -72,7 +73,7 @@ def six_of(inertia: np.ndarray) -> tuple[Any, ...]:
     return tuple(inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
-def angular_velocity(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence) -> tuple:
+def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence) -> tuple:
     """w from the state y = (q, h, extra): I(t) w = h - internal momentum; components."""
     hx, hy, hz = y[4], y[5], y[6]
     having = acting.having
@@ -81,7 +82,8 @@ def angular_velocity(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequ
     for internal, place, own in having["internal"]:
         ax, ay, az = internal(t, y[own], p[place])
         hx, hy, hz = hx - ax, hy - ay, hz - az
-    return symmetric_solve(*six, hx, hy, hz)
+    a, b, c, d, e, f = six
+    return symmetric_solve(a, b, c, d, e, f, hx, hy, hz)
 
 
 def slope(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence, around: Surroundings) -> list:
@@ -90,7 +92,7 @@ def slope(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence, aroun
     h_dot = torque - w x h (Euler's equations for the momentum), q_dot = q (0, w) / 2.
     """
     w = angular_velocity(t, y, six, acting, p)
-    gx, gy, gz = cross(*w, y[4], y[5], y[6])
+    gx, gy, gz = cross(w[0], w[1], w[2], y[4], y[5], y[6])
     tx, ty, tz = -gx, -gy, -gz
     having = acting.having
     for torque, place, _ in having["torque"]:
@@ -146,7 +148,7 @@ def steps_through(times: np.ndarray, speed: float, acting: Acting, p: np.ndarray
     jumps = tuple(
         (int(first[np.searchsorted(ends, t)]), k)
         for t, k in events
-        if times[0] < t < times[-1] and hasattr(acting.effects[k], "jump")
+        if times[0] < t < times[-1] and acts_at_once(acting.effects[k])
     )
     return Steps(start, size, after, jumps)
 
@@ -163,13 +165,15 @@ def event_times(acting: Acting, p: Any) -> list[tuple[int, Any]]:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """q (n, 4), w (n, 3) at the times; stages (s, 4, ny) and steps for the derivatives."""
+    """q (n, 4), w (n, 3) at the times; stages (s, 4, ny), steps, and the state before a jump by its step, for the
+    derivatives."""
 
     q: np.ndarray
     w: np.ndarray
     y: np.ndarray
     stages: np.ndarray
     steps: Steps
+    before: dict[int, list]
 
 
 def trajectory(
@@ -196,12 +200,12 @@ def trajectory(
     stages = np.empty((len(steps.size), 4, len(y)))
     states = np.empty((len(steps.size) + 1, len(y)))
     states[0] = y
-    jumps = dict(steps.jumps)
+    jumps, before = dict(steps.jumps), {}
     for k, (t, h) in enumerate(zip(steps.start.tolist(), steps.size.tolist(), strict=True)):
         if k in jumps:
             effect, place = acting.effects[jumps[k]], acting.places[jumps[k]]
-            y = y[:4] + [a + b for a, b in zip(y[4:7], effect.jump(values[place]), strict=True)] + y[7:]
-            states[k] = y
+            before[k] = y
+            states[k] = y = struck(y, effect, values[place])
         half = 0.5 * h
         f1 = slope(t + INSIDE * h, y, six, acting, values, around)
         y2 = [a + half * b for a, b in zip(y, f1, strict=True)]
@@ -218,7 +222,7 @@ def trajectory(
     columns = [at[:, i] for i in range(at.shape[1])]
     w = np.stack(np.broadcast_arrays(*angular_velocity(times + INSIDE, columns, six, acting, values)), axis=-1)
     q = at[:, :4] / np.linalg.norm(at[:, :4], axis=1, keepdims=True)
-    return Trajectory(q, w, states, stages, steps)
+    return Trajectory(q, w, states, stages, steps, before)
 
 
 def sensitivities(
@@ -292,14 +296,14 @@ def sensitivities(
         return np.imag(np.array(start_state(q, w, s, acting, v), complex)) / step
 
     for j in range(3):
-        turn = [1j * step / 2 if i == j else 0 for i in range(3)]
+        small = [1j * step / 2 if i == j else 0 for i in range(3)]
         qw, qx, qy, qz = base_q
         # q (1, e/2)
         q = [
-            qw - qx * turn[0] - qy * turn[1] - qz * turn[2],
-            qx + qw * turn[0] + qy * turn[2] - qz * turn[1],
-            qy + qw * turn[1] - qx * turn[2] + qz * turn[0],
-            qz + qw * turn[2] + qx * turn[1] - qy * turn[0],
+            qw - qx * small[0] - qy * small[1] - qz * small[2],
+            qx + qw * small[0] + qy * small[2] - qz * small[1],
+            qy + qw * small[1] - qx * small[2] + qz * small[0],
+            qz + qw * small[2] + qx * small[1] - qy * small[0],
         ]
         S[:, j] = started(q, base_w, flat_six, flat_p)
         w = [v + (1j * step if i == j else 0) for i, v in enumerate(base_w)]
@@ -316,11 +320,11 @@ def sensitivities(
     all_S[0] = S
     for k in range(len(h)):
         if k in jumps:
-            place = acting.places[jumps[k]]
-            for i in range(place.start, place.stop):
-                if i not in timed:
-                    moved = [v + (1j * step if j == i else 0) for j, v in enumerate(flat_p)]
-                    S[4:7, 6 + d + i] += np.imag(np.array(acting.effects[jumps[k]].jump(moved[place]), complex)) / step
+            effect, place = acting.effects[jumps[k]], acting.places[jumps[k]]
+            by_state, own = struck_slopes(path.before[k], effect, flat_p[place])
+            own[:, [i - place.start for i in timed if place.start <= i < place.stop]] = 0.0
+            S = by_state @ S
+            S[:, 6 + d + place.start : 6 + d + place.stop] += own
         S = M[k, :, :ny] @ S
         S += M[k, :, ny:]
         all_S[k + 1] = S
@@ -332,9 +336,9 @@ def sensitivities(
         delta = 1e-3 * float(np.median(np.diff(times)))
         sides = []
         for sign in (1, -1):
-            moved = np.array(p, float)
-            moved[j] += sign * delta
-            sides.append(trajectory(times, q0, w0, inertia, acting, moved, around))
+            shifted = np.array(p, float)
+            shifted[j] += sign * delta
+            sides.append(trajectory(times, q0, w0, inertia, acting, shifted, around))
         dq = (sides[0].q - sides[1].q) / (2 * delta)
         turn[:, :, 6 + d + j] = _small_turn(path.q, dq)
         rate[:, :, 6 + d + j] = (sides[0].w - sides[1].w) / (2 * delta)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,9 @@ SUBSTEPS = 200
 """Steps of MuJoCo's fourth-order Runge-Kutta method in a frame: 2.5 ms."""
 MASS, MOMENTS = 40.0, (8.0, 11.0, 14.0)
 """Main part [kg], [kg m^2]."""
-WHEEL_MOMENT, WHEEL_SPEED = 0.05, 8.0
-"""[kg m^2], [rad/s] against the body: 0.4 N m s beside the body's 1.2."""
-SPHERE_MOMENT, SPHERE_DAMPING = 0.6, 0.06
+WHEEL_MOMENT, WHEEL_SPEED = 0.05, 2.0
+"""[kg m^2], [rad/s] against the body: 0.1 N m s beside the body's 1.2."""
+SPHERE_MOMENT, SPHERE_DAMPING = 1.0, 0.1
 """[kg m^2], [N m s]: the sphere follows in 10 s, about a radian of the body's turning."""
 KNOCK_S, KNOCK_STEPS, KNOCK_N = 61.3, 12, (2.5, -1.5, 2.0)
 """A force in world axes for 30 ms, at KNOCK_AT in the body."""
@@ -40,6 +41,7 @@ class Motion:
     Attributes:
         times (n,) [s]; R (n, 3, 3) main part's axes to world; origin, centre (n, 3) of the main part and of all mass [m].
         momentum (n, 3) angular, about the centre of all mass, world axes [N m s]; energy (n,) kinetic [J].
+        moment (n,) mean of the three moments of inertia of all mass about its centre [kg m^2].
     """
 
     times: np.ndarray
@@ -48,6 +50,7 @@ class Motion:
     centre: np.ndarray
     momentum: np.ndarray
     energy: np.ndarray
+    moment: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ BODIES = {
 turns a little the other way while the mass travels."""
 
 
+@cache
 def moved(body: Body, seed: int) -> Motion:
     """MuJoCo's motion of a body, its first attitude and spin drawn from the seed."""
     import mujoco
@@ -138,8 +142,9 @@ def moved(body: Body, seed: int) -> Motion:
         mujoco.mj_subtreeVel(model, data)
         mujoco.mj_energyVel(model, data)
         R = data.xmat[1].reshape(3, 3).copy()
-        now = (data.xpos[1].copy(), data.subtree_com[1].copy(), data.subtree_angmom[1].copy(), float(data.energy[1]))
-        rows.append((data.time, R, *now))
+        centre, momentum = data.subtree_com[1].copy(), data.subtree_angmom[1].copy()
+        moment = float(data.crb[1][:3].mean())
+        rows.append((data.time, R, data.xpos[1].copy(), centre, momentum, float(data.energy[1]), moment))
         for _ in range(SUBSTEPS):
             body.push(mujoco, model, data, data.time)
             mujoco.mj_step(model, data)

@@ -8,6 +8,7 @@ PARAMETERS = (
     Parameter("time", "s", 1.0, None, "time"),
     *(Parameter(f"inertia_{n}", "1", 0.05, 3.0) for n in ("xx", "yy", "zz", "xy", "xz", "yz")),
     *(Parameter(f"centre_{a}", "m", 0.05, 10.0) for a in "xyz"),
+    *(Parameter(f"swing_{a}", "rad", 0.02, 1.0, form=1) for a in "xyz"),
 )
 NEEDS = ()
 
@@ -24,6 +25,16 @@ def shift(t, p):
     return -after * p[7], -after * p[8], -after * p[9]
 
 
+def swing(p):
+    """Turn of the body, its axes, while the mass travels: what moves beside the centre of mass is answered by the rest."""
+    return p[10], p[11], p[12]
+
+
+def penalty(p):
+    """A moment about an axis that the body hardly turns about does not show: its change stays below the mean moment."""
+    return p[1:7]
+
+
 def starts(span, speed):
     """No change, at moments spread over the record."""
-    return [(span * (k + 0.5) / 10, 0, 0, 0, 0, 0, 0, 0, 0, 0) for k in range(10)]
+    return [(span * (k + 0.5) / 10, *[0] * 12) for k in range(10)]
