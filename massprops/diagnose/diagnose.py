@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from massprops.estimators.problem import Problem
     from massprops.sequence.data import Sequence
 
-VIOLATED = 5.0
-"""Root of the belief's chi-square per element beyond which an assumed inertia is contradicted."""
-
 ASTRAY = 8.0
 """Residual over the noise at which the first guess may have gone astray."""
 DOUBTS = (8.0, 40.0)
@@ -113,10 +110,9 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
 def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:
     """The base model with its inertia held at what is assumed, when the data contradict that assumption."""
     from massprops.diagnose.refit import refit
-    from massprops.estimators.batch.solve import _believed
+    from massprops.diagnose.select import contradicts
 
-    value, _ = _believed(base.fit.state, case.belief)
-    if np.sqrt(np.mean(value**2)) < VIOLATED:
+    if not contradicts(case, base):
         return base, False
     firm = replace(case, belief=replace(case.belief, sigma=1e-3 * case.belief.sigma))
     state = replace(base.fit.state, inertia=assumed)

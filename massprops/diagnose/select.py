@@ -10,11 +10,14 @@ import numpy as np
 
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import WHITE
-from massprops.diagnose.moment import best_moment
+from massprops.diagnose.moment import best_moment, between_epochs
 from massprops.diagnose.refit import Added, Scored, refit, score_gain, start_values, with_effects
 from massprops.effects import effects, forms
+from massprops.estimators.batch.solve import _believed
 from massprops.model import lacks
 
+VIOLATED = 3.0
+"""Root-mean-square departure of the six elements of the inertia from what is assumed, in sigmas, that contradicts it."""
 EVIDENCE = 10.0
 """Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
 CLOSE = 6.0
@@ -104,6 +107,10 @@ def select(
     if done:
         done.sort(key=lambda s: s.bic)
         out.best = done[0]
+        whole = _with_mass(case, done[0], usable)
+        if whole is not None:
+            out.tried.append(whole)
+            out.best, done = whole, [whole, *(s for s in done if len(s.added) > 1)]
         out.rivals = [
             s for s in _distinct(done)[1:] if s.bic - done[0].bic < CLOSE and len(s.added) == len(done[0].added)
         ]
@@ -118,6 +125,24 @@ def select(
             return out
     out.verdict = "unexplained"
     return out
+
+
+def contradicts(case: Case, s: Scored) -> bool:
+    """Whether a fit had to leave the inertia that is assumed."""
+    if case.belief.inertia is None:
+        return False
+    value, _ = _believed(s.fit.state, case.belief)
+    return float(np.sqrt(np.mean(value**2))) > VIOLATED
+
+
+def _with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
+    """The model with its inertia set free, where it explains the motion only by leaving the assumed one."""
+    free = [m for m in usable if m.NAME == "nonuniform-density" and m.NAME not in s.names]
+    if not free or not contradicts(case, s):
+        return None
+    added = (*s.added, Added(free[0]))
+    found = refit(case, with_effects(replace(s.fit.state, inertia=case.belief.inertia), added, {}), added)
+    return found if s.bic - found.bic > EVIDENCE and not found.implausible else None
 
 
 def _rivals_of(models: list[Scored]) -> list[Scored]:
@@ -155,7 +180,8 @@ def _round(case: Case, upon: Scored, modules: list[ModuleType], fewest: int, wat
         starts = start_values(case, module)
         own = [score_gain(case, upon.fit.state, upon.added, Added(module), v) for v in starts]
         order = np.argsort(own)[::-1]
-        gains.append((float(own[order[0]]), module, [starts[i] for i in order[:2]]))
+        most = 2 if any(q.kind == "time" for q in module.PARAMETERS) else 3
+        gains.append((float(own[order[0]]), module, [starts[i] for i in order[:most]]))
     gains.sort(key=lambda g: -g[0])
     top = gains[0][0] if gains else 0.0
     chosen = [g for i, g in enumerate(gains) if i < fewest or g[0] > WORTH_A_FIT * top and fewest >= FEWEST_FITS]
@@ -173,7 +199,7 @@ def _best_fit(case: Case, upon: Scored, module: ModuleType, starts: list[np.ndar
         tried = refit(case, with_effects(upon.fit.state, added, {module.NAME: values}), added)
         if best is None or tried.bic < best.bic:
             best = tried
-        if explained(best):
+        if explained(best) and module.PARAMETERS[0].kind == "time":
             break
     assert best is not None
     return best
@@ -184,7 +210,7 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
     out = []
     for form in range(1, forms(module)):
         added = (Added(module, form),)
-        states = [s.fit.state for s in singles if s.names == (module.NAME,)]
+        states = [between_epochs(case, s.fit.state, added[0]) for s in singles if s.names == (module.NAME,)]
         if hasattr(module, "longer_starts"):
             offered = [np.array(v, float) for v in module.longer_starts(case.span, case.speed)]
             watch(f"{module.NAME}, form {form + 1}", 0, 1)
