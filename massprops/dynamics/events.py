@@ -23,7 +23,7 @@ def struck(y: Sequence, effect: ModuleType, p: Sequence) -> list:
         sx, sy, sz = effect.swing(p)
         # the quaternion (1, swing / 2) over its length: smooth at zero, where an angle is not
         scale = (1.0 + 0.25 * (sx * sx + sy * sy + sz * sz)) ** -0.5
-        rate = quaternion_rate(*q, sx, sy, sz)
+        rate = quaternion_rate(q[0], q[1], q[2], q[3], sx, sy, sz)
         q = [scale * (a + b) for a, b in zip(q, rate, strict=True)]
         half = 0.5 * scale
         h = list(to_body(scale, half * sx, half * sy, half * sz, *h))
