@@ -17,8 +17,8 @@ from massprops.effects import searched
 from massprops.estimators.batch.state import BatchState
 from massprops.model import Model
 
-WIDEST = 16
-"""Epochs by which the moment is moved at first; halved whenever neither side is better."""
+WIDEST = 0.2
+"""Share of the epochs by which the moment is moved at first; halved whenever neither side is better."""
 TRIAL = 5
 """Iterations after which two moments are compared."""
 MOST_TRIALS = 24
@@ -45,7 +45,8 @@ def best_moment(case: Case, s: Scored, most: int = 40) -> Scored:
     place = _place(effect)
     if place is None or not moves_at_once(effect):
         return s
-    best, away, trials, tried = s, WIDEST, 0, set()
+    away = max(1, round(WIDEST * len(case.problem.times)))
+    best, trials, tried = s, 0, set()
     while away >= 1 and trials < MOST_TRIALS:
         middles, now = _gap(case, best.fit.state, effect, place)
         found = None

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import WHITE
-from massprops.diagnose.moment import best_moment, between_epochs
+from massprops.diagnose.moment import best_moment, between_epochs, moves_at_once
 from massprops.diagnose.refit import Added, Scored, refit, score_gain, start_values, with_effects
 from massprops.effects import effects, forms
 from massprops.estimators.batch.solve import _believed
@@ -138,7 +138,7 @@ def contradicts(case: Case, s: Scored) -> bool:
 def _with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
     """The model with its inertia set free, where it explains the motion only by leaving the assumed one."""
     free = [m for m in usable if m.NAME == "nonuniform-density" and m.NAME not in s.names]
-    if not free or not contradicts(case, s):
+    if not free or case.belief.inertia is None or not contradicts(case, s):
         return None
     added = (*s.added, Added(free[0]))
     found = refit(case, with_effects(replace(s.fit.state, inertia=case.belief.inertia), added, {}), added)
@@ -208,6 +208,12 @@ def _best_fit(case: Case, upon: Scored, module: ModuleType, starts: list[np.ndar
 def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Scored], watch: Watch) -> list[Scored]:
     """Fits of an effect's longer forms, from its simple form and from its own starts with the best score."""
     out = []
+    if moves_at_once(module):
+        # before more is let in: the simple form at the moment that suits it best
+        out = [best_moment(case, s) for s in singles if s.names == (module.NAME,)]
+        singles = out
+        if any(explained(s) for s in out):
+            return out
     for form in range(1, forms(module)):
         added = (Added(module, form),)
         states = [between_epochs(case, s.fit.state, added[0]) for s in singles if s.names == (module.NAME,)]
