@@ -57,12 +57,15 @@ def draw(seed: int, frames: int = 480, kind: str | None = None) -> tuple[TrackSc
         effects=tuple(f"{n}:{p:.3f}" for n, p in zip(names, pixels, strict=True)),
         seed=seed,
     )
-    if {"rolling-shutter", "stereo-time-offset"} & set(names):
-        # pictures a fraction of a second late show where the body fills the picture and its points move fast
+    if {"rolling-shutter", "stereo-time-offset", "lens-distortion"} & set(names):
+        # a late picture or a bent one shows where the body fills the picture
         scenario = replace(scenario, distance_m=3.4, baseline_m=0.4)
     if "gravity-gradient-torque" in names:
         # the pull of the planet is what it is: the record is as slow as shows it
-        scenario = replace(scenario, rate_hz=natural_rate(scenario))
+        natural = tuple(e for e in scenario.effects if not e.startswith("gravity"))
+        scenario = replace(
+            scenario, rate_hz=natural_rate(scenario), effects=("gravity-gradient-torque:strength=1", *natural)
+        )
     return scenario, names, kind
 
 
@@ -81,13 +84,24 @@ def hide(seed: int, sequence: Path, answer: Path, frames: int = 480, kind: str |
         outside = (outside_torque(np.random.default_rng([seed, 78]), speed, frames / scenario.rate_hz),)
     try:
         made = simulate_tracks(scenario, outside)
+        plausible = all(_plausible(n, p) for n, p in made.truth["effects"].items() if n in names)
     except NotPossible:
+        plausible = False
+    if not plausible:
         hide(seed + 100_000, sequence, answer, frames, kind)
         return
     write_sequence(sequence, made.sequence)
     answer.mkdir(parents=True, exist_ok=True)
     content = {"kind": kind, "names": names, "parameters": made.truth["effects"], "pixels": made.pixels["rms"]}
     (answer / "answer.json").write_text(json.dumps(content))
+
+
+def _plausible(name: str, parameters: dict) -> bool:
+    """Whether an effect of that size is one that the catalogue holds for possible."""
+    return all(
+        (q.limit is None or abs(parameters[q.name]) < q.limit) and (q.least is None or parameters[q.name] > q.least)
+        for q in effects()[name].PARAMETERS
+    )
 
 
 def judge(document: dict, answer: dict) -> dict:
