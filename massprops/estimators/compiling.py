@@ -12,14 +12,15 @@ from typing import Any
 
 
 @cache
-def compiled(*modules: str, fastmath: bool = True) -> dict[str, Callable[..., Any]]:
-    """Functions of the named modules, compiled by numba when first called and cached on disk.
+def compiled(entry: str, *modules: str, fastmath: bool = True) -> Callable[..., Any]:
+    """The function `entry` of the last module, compiled by numba when first called and cached on disk.
 
     The functions of all the modules see each other's compiled form under their own names, so a module may import a
     function from another by name, but not call it through the module.
 
     Args:
-        modules: full names, e.g. "massprops.dynamics.kernels".
+        entry: name of the function that is called from Python.
+        modules: full names, e.g. "massprops.dynamics.kernels", of all that it calls and of its own.
         fastmath: lets sums be reordered and fused (infinite and NaN values keep their meaning).
 
     Raises:
@@ -34,12 +35,22 @@ def compiled(*modules: str, fastmath: bool = True) -> dict[str, Callable[..., An
     for module in loaded:
         scope |= {k: v for k, v in vars(module).items() if not k.startswith("__")}
     flags: Any = {"contract", "reassoc", "nsz"} if fastmath else False
-    made: dict[str, Callable[..., Any]] = {}
     for module in loaded:
         for name, function in list(vars(module).items()):
             if isinstance(function, FunctionType) and function.__module__ == module.__name__:
                 copy = FunctionType(function.__code__, scope, name, function.__defaults__)
                 copy.__qualname__ = f"{name}_{digest}"
                 copy.__module__ = module.__name__
-                made[name] = scope[name] = numba.njit(copy, cache=True, fastmath=flags, error_model="numpy")
-    return made
+                inner = (
+                    name != entry
+                )  # what only compiled code calls needs no way in from Python, which is slow to make
+                scope[name] = numba.njit(
+                    copy,
+                    cache=True,
+                    fastmath=flags,
+                    error_model="numpy",
+                    no_cpython_wrapper=inner,
+                    no_cfunc_wrapper=True,
+                )
+    found: Callable[..., Any] = scope[entry]
+    return found

@@ -87,9 +87,7 @@ def free_fit(problem: Problem, start: Any) -> FreeFit | None:
     (q, w, inertia), residual, covariance = best
     states = _paths(times, [(q, w, inertia)])[0]
     back = conjugate(chaser)
-    return FreeFit(
-        rows, multiply(back[0], q), w, inertia, covariance, residual, multiply(back, states[:, :4])
-    )
+    return FreeFit(rows, multiply(back[0], q), w, inertia, covariance, residual, multiply(back, states[:, :4]))
 
 
 Guess = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -124,7 +122,7 @@ def _kernel():  # type: ignore[no-untyped-def]
     try:
         from massprops.estimators.compiling import compiled
 
-        return compiled("massprops.dynamics.kernels", "massprops.estimators.free_path")["free_path"]
+        return compiled("free_path", "massprops.dynamics.kernels", "massprops.estimators.free_path")
     except ImportError:
         from massprops.estimators.free_path import free_path
 

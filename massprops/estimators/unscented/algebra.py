@@ -85,3 +85,17 @@ def difference(odd, even, plus, minus, middle, half):  # type: ignore[no-untyped
     for i in range(odd.shape[0]):
         odd[i] = half * (plus[i] - minus[i])
         even[i] = half * (plus[i] + minus[i] - 2.0 * middle[i])
+
+
+def middle(values):  # type: ignore[no-untyped-def]
+    """The median, for short arrays."""
+    n = values.shape[0]
+    sorted_values = values.copy()
+    for i in range(1, n):
+        x = sorted_values[i]
+        j = i - 1
+        while j >= 0 and sorted_values[j] > x:
+            sorted_values[j + 1] = sorted_values[j]
+            j -= 1
+        sorted_values[j + 1] = x
+    return 0.5 * (sorted_values[(n - 1) // 2] + sorted_values[n // 2])

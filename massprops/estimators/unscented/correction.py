@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.kernels import to_body
-from massprops.estimators.unscented.algebra import add_pairs, add_rows, difference, take_rows, upper_factor
+from massprops.estimators.unscented.algebra import add_pairs, add_rows, difference, middle, take_rows, upper_factor
 from massprops.estimators.unscented.components import feature_motion, image, turn_between, turned, unit
 from massprops.estimators.unscented.prediction import bounded, perturbed, propagate
 
@@ -93,7 +93,9 @@ def correct(  # type: ignore[no-untyped-def]
         start[i] = count
     start[0] = 0  # what is not a feature's is touched by the rows before the features
     U = np.zeros((n + 3, n))
-    U[:n] = P
+    for i in range(n):
+        for c in range(n):
+            U[i, c] = P[i, c]
     upper_factor(U, n)
     mid = np.empty(4)
     mid[0] = q[0] * s[0] - q[1] * s[1] - q[2] * s[2] - q[3] * s[3]
@@ -101,9 +103,7 @@ def correct(  # type: ignore[no-untyped-def]
     mid[2] = q[0] * s[2] - q[1] * s[3] + q[2] * s[0] + q[3] * s[1]
     mid[3] = q[0] * s[3] + q[1] * s[2] - q[2] * s[1] + q[3] * s[0]
     h0, hp, hm = np.zeros(ny), np.zeros(ny), np.zeros(ny)
-    place, pace = r.copy(), v.copy()
-    if pinned:
-        place[:] = reference
+    place, pace = reference if pinned else r, v
     sight(h0, used, 0, w, q, s, place, pace, p, K, RC, TC, disparity, flow, extras, mid, pinned)
     odd, even = np.zeros((n + 3, nu)), np.zeros((n + 3, nu))
     w1, q1, s1, r1, v1, p1 = w.copy(), q.copy(), s.copy(), place.copy(), pace.copy(), p.copy()
@@ -131,7 +131,9 @@ def correct(  # type: ignore[no-untyped-def]
                 for c in range(3):
                     p1[i, c] = p[i, c] + g * U[j, off + 3 * i + c]
             sight(h, used, f0, w1, q1, s1, r1, v1, p1, K, RC, TC, disparity, flow, extras, mid, pinned)
-        w1[:], q1[:], s1[:], r1[:], v1[:] = w, q, s, place, pace
+        for i in range(3):
+            w1[i], q1[i], s1[i], r1[i], v1[i] = w[i], q[i], s[i], place[i], pace[i]
+        q1[3], s1[3] = q[3], s[3]
         half = 0.5 / gamma
         if nu == ny:
             difference(
@@ -177,9 +179,9 @@ def correct(  # type: ignore[no-untyped-def]
                 bad += 1
         if 2 * bad > nu:
             # most measurements disagree: the filter is at fault, or the whole frame; listen, but less
-            inflate = max(1.0, np.median(ratio))
+            inflate = max(1.0, middle(ratio))
         elif bad > 0:
-            wrong = np.zeros(np.max(group) + 1, np.bool_)
+            wrong = np.zeros(group[group.shape[0] - 1] + 1, np.bool_)
             for c in range(nu):
                 if ratio[c] > gate * gate:
                     wrong[group[index[c]]] = True
@@ -288,8 +290,13 @@ def run_loop(  # type: ignore[no-untyped-def]
             w, q, k, s, r, v, p, P, z[t], var[t], att[t], pinned[t], reference, K, RC, TC, group,
             disparity, flow, extras, gamma, excess, gate, additive, axes, moving, tally_out[t],
         )  # fmt: skip
-        mean_out[t, 0:3], mean_out[t, 3:7], mean_out[t, 7:9] = w, q, k
-        mean_out[t, 9:13], mean_out[t, 13:16], mean_out[t, 16:19] = s, r, v
+        for i in range(3):
+            mean_out[t, i], mean_out[t, 13 + i], mean_out[t, 16 + i] = w[i], r[i], v[i]
+        for i in range(4):
+            mean_out[t, 3 + i], mean_out[t, 9 + i] = q[i], s[i]
+        mean_out[t, 7], mean_out[t, 8] = k[0], k[1]
         for i in range(n):
             sigma_out[t, i] = np.sqrt(P[i, i])
-        block_out[t] = P[:nb, :nb]
+        for i in range(nb):
+            for j in range(nb):
+                block_out[t, i, j] = P[i, j]

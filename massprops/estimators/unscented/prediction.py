@@ -32,8 +32,9 @@ def bounded(w, P, na):  # type: ignore[no-untyped-def]
         widest = WIDEST_RATE if i < 3 else (WIDEST_TURN if i < 3 + na else WIDEST_RATIO)
         if P[i, i] > widest * widest:
             f = widest / np.sqrt(P[i, i])
-            P[i] *= f
-            P[:, i] *= f
+            for j in range(P.shape[0]):
+                P[i, j] *= f
+                P[j, i] *= f
 
 
 def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, additive, axes, moving):  # type: ignore[no-untyped-def]
@@ -129,7 +130,8 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
     if moving:
         t = nd + (3 if axes else 0)
         old = np.empty(6)
-        old[:3], old[3:] = r, v
+        for i in range(3):
+            old[i], old[3 + i] = r[i], v[i]
         for i in range(6):
             total = 0.0
             for j in range(6):
@@ -138,19 +140,21 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
                 r[i] = total
             else:
                 v[i - 3] = total
-        rows = P[t : t + 6].copy()
-        for i in range(6):
-            for c in range(n):
-                total = 0.0
-                for j in range(6):
-                    total += F[i, j] * rows[j, c]
-                P[t + i, c] = total
-        columns = P[:, t : t + 6].copy()
         for c in range(n):
+            for j in range(6):
+                old[j] = P[t + j, c]
             for i in range(6):
                 total = 0.0
                 for j in range(6):
-                    total += columns[c, j] * F[i, j]
+                    total += F[i, j] * old[j]
+                P[t + i, c] = total
+        for c in range(n):
+            for j in range(6):
+                old[j] = P[c, t + j]
+            for i in range(6):
+                total = 0.0
+                for j in range(6):
+                    total += F[i, j] * old[j]
                 P[c, t + i] = total
     for i in range(n):
         P[i, i] += Q[i] * dt

@@ -187,7 +187,7 @@ def _kernel(backend: str):  # type: ignore[no-untyped-def]
         try:
             from massprops.estimators.compiling import compiled
 
-            return compiled(*KERNEL)["run_loop"]
+            return compiled("run_loop", *KERNEL)
         except ImportError:
             if backend == "numba":
                 raise
