@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene import INERTIA, RATE, scene
+from motion_scene import INERTIA, RATE, scene
 
 from massprops.campaign.papers import feng2018
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix

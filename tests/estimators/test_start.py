@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene import Scene, scene
+from motion_scene import Scene, scene
 
 from massprops.dynamics.quaternion import (
     angle_between,
