@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.errors import InputError
+from massprops.errors import InputError, NotPossible
 from massprops.estimators.result import ratios
 
 if TYPE_CHECKING:
@@ -80,16 +80,7 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
     from massprops.diagnose.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
-    case = case_of(problem)
-    progress("base model", 0, 1)
-    base = refit(case, case.first.state, (), most=40)
-    for doubt in DOUBTS if case.first.observed.any() else ():
-        if base.fitted < ASTRAY:
-            break
-        other = case_of(problem, doubt)
-        tried = refit(other, other.first.state, (), most=40)
-        if tried.fitted < base.fitted:
-            case, base = other, tried
+    case, base = _begin(case_of, refit, problem, progress)
     violated = False
     if case.belief.inertia is not None:
         base, violated = _judged(case, base, case.belief.inertia)
@@ -105,6 +96,31 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
         document["reason"] = blind
     best = selection.best if selection.best is not None else base
     return Diagnosis(document, _model(case, base, best), case, selection, torque, history)
+
+
+def _begin(case_of: Callable, refit: Callable, problem: Problem, progress: Watch) -> tuple[Case, Scored]:
+    """The base model from the first guess that leads somewhere: sensors that are wrong together look like outliers to it.
+
+    Raises:
+        NotPossible: no guess shows an attitude.
+    """
+    best: tuple[Case, Scored] | None = None
+    refused: NotPossible | None = None
+    for doubt in (1.0, *DOUBTS):
+        try:
+            case = case_of(problem, doubt)
+        except NotPossible as error:
+            refused = refused or error
+            continue
+        progress("base model", 0, 1)
+        base = refit(case, case.first.state, (), most=40)
+        if best is None or base.fitted < best[1].fitted:
+            best = case, base
+        if best[1].fitted < ASTRAY or not case.first.observed.any():
+            break
+    if best is None:
+        raise refused or NotPossible("nothing in the sequence shows how the body moves")
+    return best
 
 
 def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:

@@ -20,6 +20,8 @@ VIOLATED = 3.0
 """Root-mean-square departure of the six elements of the inertia from what is assumed, in sigmas, that contradicts it."""
 EVIDENCE = 10.0
 """Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
+WORSE = 0.01
+"""Rise of the held-out residual over the noise with which an effect is still believed."""
 CLOSE = 6.0
 """Difference of BIC below which two explanations cannot be told apart."""
 ENOUGH = 1.02
@@ -156,7 +158,8 @@ def _rivals_of(models: list[Scored]) -> list[Scored]:
 
 
 def _may_be(s: Scored, base: Scored) -> bool:
-    return not s.implausible and np.isfinite(s.bic) and base.bic - s.bic > EVIDENCE
+    predicts = not np.isfinite(s.held) or s.held < base.held + WORSE
+    return bool(not s.implausible and np.isfinite(s.bic) and base.bic - s.bic > EVIDENCE and predicts)
 
 
 def _distinct(models: list[Scored]) -> list[Scored]:

@@ -40,6 +40,18 @@ def outside_torque(rng: np.random.Generator, speed: float, span: float) -> Simpl
     )
 
 
+def stranger(seed: int, scenario: TrackScenario) -> tuple[SimpleNamespace, ...]:
+    """A torque outside the catalogue that moves the tracks by 2.5 to 20 px rms."""
+    rng = np.random.default_rng([seed, 78])
+    speed = np.radians(scenario.rate_deg) * scenario.rate_hz
+    effect = outside_torque(rng, speed, scenario.frames / scenario.rate_hz)
+    pixels = np.exp(rng.uniform(np.log(2.5), np.log(20.0)))
+    for _ in range(4):
+        moved = simulate_tracks(scenario, (effect,)).pixels["rms"]
+        effect.SIMULATED[0] *= pixels / moved
+    return (effect,)
+
+
 def draw(seed: int, frames: int = 480, kind: str | None = None) -> tuple[TrackScenario, tuple[str, ...], str]:
     """A scenario, the names of its effects, and its kind: none, one, two or outside."""
     rng = np.random.default_rng([seed, 77])
@@ -78,10 +90,7 @@ def natural_rate(scenario: TrackScenario) -> float:
 def hide(seed: int, sequence: Path, answer: Path, frames: int = 480, kind: str | None = None) -> None:
     """Writes a sequence without its truth, and the answer elsewhere."""
     scenario, names, kind = draw(seed, frames, kind)
-    outside = ()
-    if kind == "outside":
-        speed = np.radians(scenario.rate_deg) * scenario.rate_hz
-        outside = (outside_torque(np.random.default_rng([seed, 78]), speed, frames / scenario.rate_hz),)
+    outside = stranger(seed, scenario) if kind == "outside" else ()
     try:
         made = simulate_tracks(scenario, outside)
         plausible = all(_plausible(n, p) for n, p in made.truth["effects"].items() if n in names)
