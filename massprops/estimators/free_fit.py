@@ -85,7 +85,7 @@ def free_fit(problem: Problem, start: Any) -> FreeFit | None:
     if best is None or best[1] > POOR:
         return None
     (q, w, inertia), residual, covariance = best
-    states = _paths(times, [(q, w, inertia)])[0]
+    states = free_paths(times, [(q, w, inertia)])[0]
     back = conjugate(chaser)
     return FreeFit(rows, multiply(back[0], q), w, inertia, covariance, residual, multiply(back, states[:, :4]))
 
@@ -109,7 +109,8 @@ def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gues
         count = min(len(times), int(np.ceil(1.5 * count)))
 
 
-def _paths(times: np.ndarray, guesses: list[Guess]) -> list[np.ndarray]:
+def free_paths(times: np.ndarray, guesses: list[Guess]) -> list[np.ndarray]:
+    """States (n, 7), attitude and body rates, of free motion at times (n,) from each guess at the first of them."""
     run = _kernel()
     out = []
     for q, w, I in guesses:
@@ -131,7 +132,7 @@ def _kernel():  # type: ignore[no-untyped-def]
 
 def _residuals(times: np.ndarray, values: np.ndarray, guesses: list[Guess]) -> np.ndarray:
     """(guess, n, 3): measured minus motion."""
-    states = np.array(_paths(times, guesses))
+    states = np.array(free_paths(times, guesses))
     if values.shape[1] == 3:
         return values - states[:, :, 4:]
     return rotation_vector(multiply(conjugate(states[:, :, :4]), values))

@@ -67,6 +67,33 @@ def sigmas(configuration: dict[str, Any]) -> np.ndarray:
     return np.array([projection] * 4 + [disparity] + [configuration["sigma_flow"]] * 4)
 
 
+def foresight_limit(configuration: dict[str, Any], span: int, ahead: int) -> float:
+    """Cramer-Rao limit of the images' rms error over `ahead` seconds after `span` [rad], for one feature.
+
+    It holds for whoever knows Euler's equations and the position, and fits attitude, rates, ratios and feature; a
+    process that knows none of that cannot be expected below it.
+    """
+    from massprops.dynamics.quaternion import from_rotation_vector
+    from massprops.estimators.free_fit import free_paths
+
+    t = np.arange(span + ahead, dtype=float)
+    moments, w0 = np.array(configuration["moments"]), np.array(configuration["w0"])
+
+    def seen(x: np.ndarray) -> np.ndarray:
+        inertia = np.diag(moments * np.exp([x[6], 0.0, x[7]]))
+        path = free_paths(t, [(from_rotation_vector(x[:3]), w0 + x[3:6], inertia)])[0]
+        moved = {**configuration, "features_m": [list(np.array(configuration["features_m"][0]) + x[8:])]}
+        return images(moved, path[:, :4], path[:, 4:])[:, 0, :3].ravel()
+
+    h = np.array([1e-6] * 3 + [1e-7] * 3 + [1e-6] * 5)
+    J = np.stack([(seen(d) - seen(-d)) / (2.0 * step) for d, step in zip(np.diag(h), h, strict=True)], axis=-1)
+    past, future = J[: 3 * span], J[3 * span :]
+    scale = np.linalg.norm(past, axis=0)
+    covariance = np.linalg.inv((past / scale).T @ (past / scale)) * configuration["sigma_projection"] ** 2
+    future = future / scale
+    return float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", future, covariance, future))))
+
+
 def as_problem(configuration: dict[str, Any], z: np.ndarray) -> Problem:
     """The image positions alone, as any sequence gives them."""
     n, m = z.shape[:2]
