@@ -8,47 +8,43 @@ LOST = 1e-13
 """A pivot below this share of its diagonal is rounding, and is held there."""
 
 
-def add_rows(t, A, k, begin, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
-    """t += f0 A[k, begin:] + f1 A[k + 1, begin:] + f2 ... + f3 ..., as long as t: four rows in one pass."""
-    n = t.shape[0]
-    a, b = A[k, begin : begin + n], A[k + 1, begin : begin + n]
-    c, d = A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
-    for i in range(n):
-        t[i] += f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i]
+def add_rows(T, row, first, width, A, k, place, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
+    """T[row, first : first + width] += f0 A[k, place :] + f1 A[k + 1, ...] + f2 ... + f3 ..., in one pass.
+
+    Indices are unsigned, and rows are not sliced: a check for negative ones, or the counting of references to a view,
+    would cost as much as the sum.
+    """
+    r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
+    k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
+    for i in range(np.uint64(width)):
+        T[r, a + i] += f0 * A[k0, b + i] + f1 * A[k1, b + i] + f2 * A[k2, b + i] + f3 * A[k3, b + i]
 
 
-def take_rows(t, A, k, begin, column):  # type: ignore[no-untyped-def]
-    """t -= sum over eight rows j from k of A[j, column] A[j, begin:], as long as t."""
-    n = t.shape[0]
-    a, b, c, d = (
-        A[k, begin : begin + n],
-        A[k + 1, begin : begin + n],
-        A[k + 2, begin : begin + n],
-        A[k + 3, begin : begin + n],
-    )
-    e, f, g, h = (
-        A[k + 4, begin : begin + n],
-        A[k + 5, begin : begin + n],
-        A[k + 6, begin : begin + n],
-        A[k + 7, begin : begin + n],
-    )
-    f0, f1, f2, f3 = A[k, column], A[k + 1, column], A[k + 2, column], A[k + 3, column]
-    g0, g1, g2, g3 = A[k + 4, column], A[k + 5, column], A[k + 6, column], A[k + 7, column]
-    for i in range(n):
-        t[i] -= f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i] + g0 * e[i] + g1 * f[i] + g2 * g[i] + g3 * h[i]
+def take_rows(T, row, first, width, A, k, place, column):  # type: ignore[no-untyped-def]
+    """T[row, first : first + width] -= sum over eight rows j from k of A[j, column] A[j, place :]."""
+    r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
+    k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
+    k4, k5, k6, k7 = np.uint64(k + 4), np.uint64(k + 5), np.uint64(k + 6), np.uint64(k + 7)
+    f0, f1, f2, f3 = A[k0, column], A[k1, column], A[k2, column], A[k3, column]
+    f4, f5, f6, f7 = A[k4, column], A[k5, column], A[k6, column], A[k7, column]
+    for i in range(np.uint64(width)):
+        c = b + i
+        one = f0 * A[k0, c] + f1 * A[k1, c] + f2 * A[k2, c] + f3 * A[k3, c]
+        two = f4 * A[k4, c] + f5 * A[k5, c] + f6 * A[k6, c] + f7 * A[k7, c]
+        T[r, a + i] -= one + two
 
 
-def add_pairs(t, A, B, k, begin, column):  # type: ignore[no-untyped-def]
-    """t += sum over four rows j from k of A[j, column] A[j, begin:] + B[j, column] B[j, begin:]."""
-    n = t.shape[0]
-    a, b = A[k, begin : begin + n], A[k + 1, begin : begin + n]
-    c, d = A[k + 2, begin : begin + n], A[k + 3, begin : begin + n]
-    e, f = B[k, begin : begin + n], B[k + 1, begin : begin + n]
-    g, h = B[k + 2, begin : begin + n], B[k + 3, begin : begin + n]
-    f0, f1, f2, f3 = A[k, column], A[k + 1, column], A[k + 2, column], A[k + 3, column]
-    g0, g1, g2, g3 = B[k, column], B[k + 1, column], B[k + 2, column], B[k + 3, column]
-    for i in range(n):
-        t[i] += f0 * a[i] + f1 * b[i] + f2 * c[i] + f3 * d[i] + g0 * e[i] + g1 * f[i] + g2 * g[i] + g3 * h[i]
+def add_pairs(T, row, width, A, B, k):  # type: ignore[no-untyped-def]
+    """T[row, row : row + width] += sum over four rows j from k of A[j, row] A[j, row :] + B[j, row] B[j, row :]."""
+    r = np.uint64(row)
+    k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
+    f0, f1, f2, f3 = A[k0, r], A[k1, r], A[k2, r], A[k3, r]
+    g0, g1, g2, g3 = B[k0, r], B[k1, r], B[k2, r], B[k3, r]
+    for i in range(np.uint64(width)):
+        c = r + i
+        one = f0 * A[k0, c] + f1 * A[k1, c] + f2 * A[k2, c] + f3 * A[k3, c]
+        two = g0 * B[k0, c] + g1 * B[k1, c] + g2 * B[k2, c] + g3 * B[k3, c]
+        T[r, c] += one + two
 
 
 def upper_factor(T, rows):  # type: ignore[no-untyped-def]
@@ -58,33 +54,46 @@ def upper_factor(T, rows):  # type: ignore[no-untyped-def]
     """
     for i in range(rows):
         original = T[i, i]
-        row = T[i, i:]
+        width = T.shape[1] - i
+        r = np.uint64(i)
         k = 0
         while k + 8 <= i:
-            take_rows(row, T, k, i, i)
+            take_rows(T, i, i, width, T, k, i, i)
             k += 8
         if k + 4 <= i:
-            add_rows(row, T, k, i, -T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i])
+            add_rows(T, i, i, width, T, k, i, -T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i])
             k += 4
         while k < i:
-            f, other = T[k, i], T[k, i:]
-            for c in range(row.shape[0]):
-                row[c] -= f * other[c]
+            f, j = T[k, i], np.uint64(k)
+            for c in range(np.uint64(width)):
+                T[r, r + c] -= f * T[j, r + c]
             k += 1
         pivot = np.sqrt(max(T[i, i], LOST * original, 1e-290))
         inverse = 1.0 / pivot
-        for c in range(row.shape[0]):
-            row[c] *= inverse
+        for c in range(np.uint64(width)):
+            T[r, r + c] *= inverse
         T[i, i] = pivot
         for c in range(i):
             T[i, c] = 0.0
 
 
-def difference(odd, even, plus, minus, middle, half):  # type: ignore[no-untyped-def]
-    """Half difference and half sum of a pair of sigma points' measurements, scaled."""
-    for i in range(odd.shape[0]):
-        odd[i] = half * (plus[i] - minus[i])
-        even[i] = half * (plus[i] + minus[i] - 2.0 * middle[i])
+def difference(odd, even, row, first, last, plus, minus, middle_point, half):  # type: ignore[no-untyped-def]
+    """Half difference and half sum of a pair of sigma points' measurements, scaled, into columns first to last."""
+    r, a = np.uint64(row), np.uint64(first)
+    for i in range(np.uint64(last - first)):
+        c = a + i
+        odd[r, c] = half * (plus[c] - minus[c])
+        even[r, c] = half * (plus[c] + minus[c] - 2.0 * middle_point[c])
+
+
+def add_to_mean(mean, spread, odd, even, row, spreads):  # type: ignore[no-untyped-def]
+    """mean += even[row]; and spread += odd[row]^2 + even[row]^2 when it is wanted."""
+    r = np.uint64(row)
+    for c in range(np.uint64(mean.shape[0])):
+        mean[c] += even[r, c]
+    if spreads:
+        for c in range(np.uint64(mean.shape[0])):
+            spread[c] += odd[r, c] * odd[r, c] + even[r, c] * even[r, c]
 
 
 def middle(values):  # type: ignore[no-untyped-def]

@@ -11,7 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.kernels import to_body
-from massprops.estimators.unscented.algebra import add_pairs, add_rows, difference, middle, take_rows, upper_factor
+from massprops.estimators.unscented.algebra import (
+    add_pairs,
+    add_rows,
+    add_to_mean,
+    difference,
+    middle,
+    take_rows,
+    upper_factor,
+)
 from massprops.estimators.unscented.components import feature_motion, image, turn_between, turned, unit
 from massprops.estimators.unscented.prediction import bounded, perturbed, propagate
 
@@ -136,9 +144,7 @@ def correct(  # type: ignore[no-untyped-def]
         q1[3], s1[3] = q[3], s[3]
         half = 0.5 / gamma
         if nu == ny:
-            difference(
-                odd[j, start[f0] :], even[j, start[f0] :], hp[start[f0] :], hm[start[f0] :], h0[start[f0] :], half
-            )
+            difference(odd, even, j, start[f0], nu, hp, hm, h0, half)
         else:
             for c in range(start[f0], nu):
                 i = index[c]
@@ -149,13 +155,7 @@ def correct(  # type: ignore[no-untyped-def]
                 p1[f0, c] = p[f0, c]
     mean, nu_vector, spread = np.zeros(nu), np.zeros(nu), np.zeros(nu)
     for j in range(n):
-        row = even[j]
-        for c in range(nu):
-            mean[c] += row[c]
-        if gate > 0.0:
-            other = odd[j]
-            for c in range(nu):
-                spread[c] += other[c] * other[c] + row[c] * row[c]
+        add_to_mean(mean, spread, odd, even, j, gate > 0.0)
     for c in range(nu):
         mean[c] *= 1.0 / gamma
     if extras[0]:
@@ -215,8 +215,8 @@ def correct(  # type: ignore[no-untyped-def]
     while j < n:
         begin = start[0 if j < off else (j - off) // 3]
         for c in range(begin, nu):
-            add_pairs(T[c, c:nu], odd, even, j, c, c)
-            add_rows(T[c, nu + j : nu + n], U, j, j, odd[j, c], odd[j + 1, c], odd[j + 2, c], odd[j + 3, c])
+            add_pairs(T, c, nu - c, odd, even, j)
+            add_rows(T, c, nu + j, n - j, U, j, j, odd[j, c], odd[j + 1, c], odd[j + 2, c], odd[j + 3, c])
         j += 4
     upper_factor(T, nu)
     step = np.zeros(n)
@@ -237,10 +237,10 @@ def correct(  # type: ignore[no-untyped-def]
         c = 0
         g = nu + a
         while c + 8 <= nu:
-            take_rows(P[a, a:], T, c, g, g)
+            take_rows(P, a, a, n - a, T, c, g, g)
             c += 8
         if c + 4 <= nu:
-            add_rows(P[a, a:], T, c, g, -T[c, g], -T[c + 1, g], -T[c + 2, g], -T[c + 3, g])
+            add_rows(P, a, a, n - a, T, c, g, -T[c, g], -T[c + 1, g], -T[c + 2, g], -T[c + 3, g])
             c += 4
         while c < nu:
             f = T[c, nu + a]
