@@ -20,6 +20,8 @@ VIOLATED = 3.0
 """Root-mean-square departure of the six elements of the inertia from what is assumed, in sigmas, that contradicts it."""
 EVIDENCE = 10.0
 """Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
+STRAYS = 1.5
+"""Held-out residual over the noise at which a model that fits does not predict."""
 WORSE = 0.01
 """Rise of the held-out residual over the noise with which an effect is still believed."""
 CLOSE = 6.0
@@ -63,7 +65,8 @@ class Selection:
 
 def explained(s: Scored) -> bool:
     """Nothing but noise is left."""
-    return s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY)
+    predicts = not np.isfinite(s.held) or s.held < STRAYS
+    return bool(predicts and (s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY)))
 
 
 def select(
