@@ -7,6 +7,7 @@ The verbs of the command line are functions of this package; each is imported wh
 # pycolmap's extension exports its own zlib: the system's must be loaded before it, or the heap is corrupted.
 import zlib as _zlib  # noqa: F401
 from importlib import import_module as _import_module
+from types import ModuleType as _ModuleType
 from typing import Any as _Any
 
 __version__ = "0.1.0"
@@ -22,6 +23,14 @@ _VERBS = {
     "simulate": "massprops.simulate",
 }
 __all__ = sorted(_VERBS)
+
+
+class _Verb(_ModuleType):
+    """A package of the name of a verb takes that verb's place once imported, so it answers as the verb does."""
+
+    def __call__(self, *args: _Any, **kwargs: _Any) -> _Any:
+        name = self.__name__.rpartition(".")[2]
+        return getattr(_import_module(_VERBS[name]), name)(*args, **kwargs)
 
 
 def __getattr__(name: str) -> _Any:

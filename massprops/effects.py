@@ -25,7 +25,6 @@ Functions of the measurement:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -54,9 +53,6 @@ class Parameter:
     kind: str = "number"
     least: float | None = None
     form: int = 0
-
-
-Torque = Callable[..., tuple]
 
 
 @cache

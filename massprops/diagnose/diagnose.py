@@ -203,16 +203,10 @@ def _document(
 
 def whole_inertia(s: Scored) -> np.ndarray:
     """(3, 3) inertia at the start of the record with what effects change of it, mean moment 1."""
-    from massprops.dynamics.rotation import six_of
+    from massprops.dynamics.rotation import inertia_at_start
 
     state = s.fit.state
-    p = state.model.flat(True)
-    six = six_of(state.inertia)
-    for effect, place, _ in state.model.acting:
-        if hasattr(effect, "inertia"):
-            six = effect.inertia(0.0, six, p[place])
-    a, b, c, d, e, f = (float(v) for v in six)
-    inertia = np.array([[a, d, e], [d, b, f], [e, f, c]])
+    inertia = inertia_at_start(state.inertia, state.model.acting, state.model.flat(True))
     return 3.0 * inertia / np.trace(inertia)
 
 

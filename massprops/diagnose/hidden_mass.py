@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.rotation import six_of
+
 
 def point_mass(assumed: np.ndarray, found: np.ndarray) -> dict[str, Any]:
     """The point mass that explains the difference best.
@@ -22,13 +24,12 @@ def point_mass(assumed: np.ndarray, found: np.ndarray) -> dict[str, Any]:
     """
     from scipy.optimize import least_squares
 
-    pick = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    target = np.array([(found - assumed)[i] for i in pick])
+    target = np.array(six_of(found - assumed))
 
     def off(x: np.ndarray) -> np.ndarray:
         whole = assumed + x @ x * np.eye(3) - np.outer(x, x)
         whole = 3.0 * whole / np.trace(whole)
-        return np.array([(whole - found)[i] for i in pick])
+        return np.array(six_of(whole - found))
 
     best = None
     for axis in (*np.eye(3), *np.linalg.eigh(found - assumed)[1].T):

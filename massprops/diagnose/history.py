@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.quaternion import rotate
+from massprops.dynamics.rigid_body import angular_momentum, kinetic_energy
 
 
 def momentum_and_energy(times: np.ndarray, q: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> dict[str, Any]:
@@ -19,8 +19,7 @@ def momentum_and_energy(times: np.ndarray, q: np.ndarray, w: np.ndarray, inertia
         `momentum` (n, 3) and `energy` (n,) over their first values, `size_drift` and `energy_drift` (relative, over the
         record), `direction_drift_deg`, each with its scatter.
     """
-    h = rotate(q, np.einsum("ij,nj->ni", inertia, w))
-    energy = 0.5 * np.einsum("ni,ij,nj->n", w, inertia, w)
+    h, energy = angular_momentum(q, w, inertia), kinetic_energy(w, inertia)
     size = np.linalg.norm(h, axis=1)
     tenth = max(2, len(times) // 10)
     first, last = h[:tenth].mean(axis=0), h[-tenth:].mean(axis=0)

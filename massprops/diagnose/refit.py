@@ -11,7 +11,7 @@ from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count, mean_square, whiteness
 from massprops.effects import changes_motion, searched
 from massprops.estimators.batch.linearise import linearise, predict, residuals
-from massprops.estimators.batch.solve import Fit, _believed, _reduce, fit, robust
+from massprops.estimators.batch.solve import Fit, believed, fit, reduced_equations, robust
 from massprops.estimators.batch.state import BatchState
 from massprops.estimators.methods.smoother import covariance_of
 from massprops.model import Model
@@ -109,7 +109,7 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     r = found.residuals
     n = count(r)
     ms = mean_square(r)
-    value, _ = _believed(found.state, case.belief)
+    value, _ = believed(found.state, case.belief)
     unit = _unit(found.information)
     parameters = int(np.linalg.matrix_rank(unit, tol=1e-10)) if np.isfinite(unit).all() else len(unit)
     bic = n * np.log(max(ms, 1e-12) + float(value @ value) / n) + parameters * np.log(n)
@@ -159,7 +159,7 @@ def score_gain(case: Case, state: BatchState, added: tuple[Added, ...], new: Add
             weights = robust(residuals(case.problem, case.scored, at))
             linear = linearise(case.problem, case.scored, at, case.around, times_too=False)
             free = free_of(case, trial, (*added, new), times_too=False)
-            reduced = _reduce(linear, case.scored, weights, free, trial, case.belief)
+            reduced = reduced_equations(linear, case.scored, weights, free, trial, case.belief)
         scale = np.sqrt(np.maximum(np.diag(reduced.full), 1e-300))
         H, b = reduced.H / scale[:, None] / scale, reduced.b / scale
         H = H + 1e-9 * np.eye(len(H))

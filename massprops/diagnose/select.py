@@ -13,7 +13,7 @@ from massprops.diagnose.misfit import WHITE
 from massprops.diagnose.moment import best_moment, between_epochs, moves_at_once
 from massprops.diagnose.refit import Added, Scored, refit, score_gain, start_values, with_effects
 from massprops.effects import effects, forms
-from massprops.estimators.batch.solve import _believed
+from massprops.estimators.batch.solve import believed
 from massprops.model import lacks
 
 VIOLATED = 3.0
@@ -136,7 +136,7 @@ def contradicts(case: Case, s: Scored) -> bool:
     """Whether a fit had to leave the inertia that is assumed."""
     if case.belief.inertia is None:
         return False
-    value, _ = _believed(s.fit.state, case.belief)
+    value, _ = believed(s.fit.state, case.belief)
     return float(np.sqrt(np.mean(value**2))) > VIOLATED
 
 

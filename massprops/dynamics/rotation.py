@@ -121,6 +121,15 @@ def start_state(q0: Sequence, w0: Sequence, six: Sequence, acting: Acting, p: Se
     return [*q0, *(a + b for a, b in zip(h, add, strict=True)), *extra]
 
 
+def inertia_at_start(inertia: np.ndarray, acting: Acting, p: np.ndarray) -> np.ndarray:
+    """The inertia (3, 3) at the start of the record with what effects change of it; its size too is theirs."""
+    six = six_of(inertia)
+    for change, place, _ in acting.having["inertia"]:
+        six = change(0.0, six, p[place])
+    a, b, c, d, e, f = six
+    return np.array([[a, d, e], [d, b, f], [e, f, c]], float)
+
+
 @dataclass(frozen=True)
 class Steps:
     """A grid of steps through all times and events. start, size (s,) [s]; after (n,): steps done at each time;

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics import orbit
 from massprops.sequence.data import Environment, Orbit
 
 
@@ -79,14 +80,7 @@ def eccentric_anomaly(mean: Any, eccentricity: float) -> Any:
             if abs(step) < 1e-14 * max(1.0, abs(E)):
                 break
         return E
-    M = np.asarray(mean, float)
-    E = M + eccentricity * np.sin(M)
-    for _ in range(30):
-        step = (E - eccentricity * np.sin(E) - M) / (1 - eccentricity * np.cos(E))
-        E = E - step
-        if np.max(np.abs(step), initial=0.0) < 1e-13:
-            break
-    return E
+    return orbit.eccentric_anomaly(np.asarray(mean, float), eccentricity)
 
 
 def _three(vector: np.ndarray | None) -> tuple[float, float, float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.dynamics.orbit import lvlh_rate, true_anomaly
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators import bodymodel, centre, rates
@@ -234,22 +235,10 @@ def chaser_attitude(problem: Problem, times: np.ndarray) -> tuple[np.ndarray, np
     orbit = environment.orbit
     if environment.chaser_attitude != "lvlh" or orbit is None:
         return None
-    from scipy.optimize import newton
-
-    e, a = orbit.eccentricity, orbit.semi_major_axis_m
-    motion = np.sqrt(orbit.mu_m3_s2 / a**3)
-    half = np.sqrt((1 - e) / (1 + e))
-    first = 2 * np.arctan(half * np.tan(orbit.true_anomaly_rad / 2))
-    mean = first - e * np.sin(first) + motion * times
-    eccentric = newton(lambda E: E - e * np.sin(E) - mean, mean, fprime=lambda E: 1 - e * np.cos(E))
-    nu = 2 * np.arctan2(np.sqrt(1 + e) * np.sin(eccentric / 2), np.sqrt(1 - e) * np.cos(eccentric / 2))
-    start = 2 * np.arctan2(np.sqrt(1 + e) * np.sin(first / 2), np.sqrt(1 - e) * np.cos(first / 2))
-    turned = np.unwrap(nu - start)
+    turned = np.unwrap(true_anomaly(orbit, times) - true_anomaly(orbit, np.zeros(1)))
+    # the turn is about the rate's own axis, which is therefore the same in cam0's axes
     normal = np.asarray(orbit.R_inertial_perifocal)[:, 2]
-    rate = motion * (1 + e * np.cos(nu)) ** 2 / (1 - e * e) ** 1.5
-    q = from_rotation_vector(turned[:, None] * normal)
-    axis = np.einsum("nji,j->ni", rotation_matrix(q), normal)
-    return q, rate[:, None] * axis
+    return from_rotation_vector(turned[:, None] * normal), lvlh_rate(orbit, times)[0]
 
 
 def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:

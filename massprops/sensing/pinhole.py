@@ -37,14 +37,3 @@ def project(camera: Pinhole, X: np.ndarray) -> np.ndarray:
     Y = (X - camera.t) @ camera.R.T
     depth = np.where(np.real(Y[..., 2]) > 0, Y[..., 2], np.nan)
     return np.stack([fu * Y[..., 0] / depth + cu, fv * Y[..., 1] / depth + cv], axis=-1)
-
-
-def project_with_jacobian(camera: Pinhole, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (..., 2) and their derivative by the point (..., 2, 3), of points (..., 3) in the chaser's frame."""
-    fu, fv, cu, cv = camera.intrinsics
-    Y = (X - camera.t) @ camera.R.T
-    depth = np.where(Y[..., 2] > 0, Y[..., 2], np.nan)
-    x, y = Y[..., 0] / depth, Y[..., 1] / depth
-    row_u = (fu / depth)[..., None] * (camera.R[0] - x[..., None] * camera.R[2])
-    row_v = (fv / depth)[..., None] * (camera.R[1] - y[..., None] * camera.R[2])
-    return np.stack([fu * x + cu, fv * y + cv], axis=-1), np.stack([row_u, row_v], axis=-2)

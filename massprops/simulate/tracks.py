@@ -15,6 +15,7 @@ from massprops.dynamics.quaternion import (
     normalise,
     rotation_matrix,
 )
+from massprops.dynamics.rotation import inertia_at_start
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import InputError, NotPossible
 from massprops.estimators.batch.linearise import Predicted, body_points, predict
@@ -477,13 +478,7 @@ def _measure(
 def _truth(
     s: TrackScenario, times: np.ndarray, at: Any, state: BatchState, axes: np.ndarray, model: Model
 ) -> dict[str, Any]:
-    whole = state.inertia
-    for effect, place, _ in model.acting:
-        if hasattr(effect, "inertia"):
-            from massprops.dynamics.rotation import six_of
-
-            a, b, c, d, e, f = effect.inertia(0.0, six_of(whole), model.flat(True)[place])
-            whole = np.array([[a, d, e], [d, b, f], [e, f, c]])
+    whole = inertia_at_start(state.inertia, model.acting, model.flat(True))
     moments, principal = np.linalg.eigh(whole)
     cam = camera_turn(at.motion, model.sensed, model.flat(False))
     return {

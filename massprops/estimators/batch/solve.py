@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.dynamics.rotation import six_of
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.estimators.batch.measurements import Measurements
@@ -93,7 +94,7 @@ def fit(
     cost = _cost(linear.residuals, weights, state, belief)
     converged, iterations = False, 0
     for iterations in range(1, most + 1):
-        reduced = _reduce(linear, m, weights, free, state, belief)
+        reduced = reduced_equations(linear, m, weights, free, state, belief)
         accepted = False
         while damping < LARGEST_DAMPING:
             d, points = _step(reduced, damping, free, state)
@@ -124,7 +125,7 @@ def fit(
             converged = True
             break
     weights = robust(linear.residuals)
-    reduced = _reduce(linear, m, weights, free, state, None)
+    reduced = reduced_equations(linear, m, weights, free, state, None)
     kept = weights > 0
     dims = _dimensions(m)
     placed = len(np.unique(m.seen.feature)) if len(m.uv) else 0
@@ -183,22 +184,20 @@ def _dimensions(m: Measurements) -> np.ndarray:
 
 
 def _cost(r: Residuals, weights: np.ndarray, state: BatchState, belief: Belief) -> float:
-    value = np.concatenate([_believed(state, belief)[0], *(v for _, v, _ in penalties(state))])
+    value = np.concatenate([believed(state, belief)[0], *(v for _, v, _ in penalties(state))])
     # an outlier costs what it would at the gate, so that throwing measurements out never pays
     return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
 
 
-def _believed(state: BatchState, belief: Belief | None) -> tuple[np.ndarray, np.ndarray]:
+def believed(state: BatchState, belief: Belief | None) -> tuple[np.ndarray, np.ndarray]:
     """Residuals of the belief and their derivatives by the five inertia parameters."""
     if belief is None:
         return np.zeros(0), np.zeros((0, 5))
     if belief.inertia is None:
         return -log_shape(state.inertia) / belief.weak, np.eye(5) / belief.weak
-    pick = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    off = state.inertia - belief.inertia
-    ways = inertia_directions(state.inertia)
-    value = np.array([off[i, j] for i, j in pick]) / belief.sigma
-    return -value, np.array([[w[i, j] for w in ways] for i, j in pick]) / belief.sigma
+    value = np.array(six_of(state.inertia - belief.inertia)) / belief.sigma
+    ways = np.array([six_of(w) for w in inertia_directions(state.inertia)])
+    return -value, ways.T / belief.sigma
 
 
 def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -232,7 +231,7 @@ class Reduced:
         return float(np.sqrt(max(0.0, d @ self.H @ d)))
 
 
-def _reduce(
+def reduced_equations(
     linear: Linear, m: Measurements, weights: np.ndarray, free: np.ndarray, state: BatchState, belief: Belief | None
 ) -> Reduced:
     w = weights[linear.unit]
@@ -241,7 +240,7 @@ def _reduce(
     full = JW.T @ J
     b = JW.T @ linear.value
     if belief is not None:
-        value, slopes = _believed(state, belief)
+        value, slopes = believed(state, belief)
         place = np.flatnonzero(free[12:17])
         at = free[:12].sum() + np.arange(len(place))
         full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]
