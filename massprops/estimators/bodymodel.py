@@ -97,7 +97,7 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
         inside = np.flatnonzero(used)[[0, -1]]
         # a body known from few epochs is vague: those near in time join first, then twice as far
         rows = enough[(enough >= inside[0] - reach) & (enough <= inside[1] + reach)]
-        reach *= 2
+        reach = min(2 * reach, n)
         if len(rows) < len(enough) and not len(rows):
             continue
         joined = 0
