@@ -10,6 +10,8 @@ SOFT_ROUNDS = 4
 HARD_ROUNDS = 3
 LARGEST_MAHALANOBIS = 16.27
 """Squared Mahalanobis distance of a point in three dimensions that one in a thousand good points exceeds."""
+LARGEST_INVERSE = 1e9
+"""Element of an inverse, in units of the diagonal, up to which the plain inverse is as good as any."""
 LEAST_SPREAD = 1e-3
 """Second singular value of a point set over its first, below which the points lie on a line."""
 
@@ -127,10 +129,22 @@ def _squares(error: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 def inverse_of(normal: np.ndarray) -> np.ndarray:
     """Inverse of symmetric matrices (..., k, k) of mixed units; a direction without information gets none."""
-    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", normal), 1e-300))
+    size = np.einsum("...ii->...i", normal)
+    scale = np.sqrt(np.maximum(size, 1e-300))
     both = scale[..., :, None] * scale[..., None, :]
-    done: np.ndarray = np.linalg.pinv(normal / both, rcond=1e-12, hermitian=True) / both
-    return done
+    unit = normal / both
+    idle = size <= 0
+    unit[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] += idle
+    try:
+        done: np.ndarray = np.linalg.inv(unit)
+    except np.linalg.LinAlgError:
+        done = np.full(unit.shape, np.nan)
+    # the pseudo-inverse costs ten times as much, and only nearly singular matrices need it
+    poor = ~(np.abs(done).max(axis=(-1, -2), initial=0.0) < LARGEST_INVERSE)
+    if poor.any():
+        done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
+    done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
+    return 0.5 * (done + np.swapaxes(done, -1, -2)) / both
 
 
 def _middle(values: np.ndarray) -> np.ndarray:

@@ -166,11 +166,12 @@ def run_methods(
     warnings = list(problem.warnings)
     total = len(able) + 1
     progress(0, total, "start")
+    start = bench.start(any(getattr(method, "BEGINS_EARLY", False) for method in able))
     verdict = None
     if prior is not None:
         from massprops.estimators.prior import judge
 
-        reference, plain = None, bench.start(None)
+        reference, plain = None, start
         judges = [m for m in _all_methods().values() if m.NAME == REFERENCE and not unmet(m, problem)] or able[:1]
         try:
             reference = bench.run(judges[0], None, plain)
@@ -179,7 +180,6 @@ def run_methods(
         verdict = judge(prior, reference, plain, problem)
         warnings += verdict.warnings
     belief = None if verdict is None else verdict.prior
-    start = bench.start(belief)
     warnings += [line for line in getattr(start, "warnings", ()) if line not in warnings]
     estimates, cpu = [], {}
     for number, method in enumerate(able, 1):
@@ -228,15 +228,18 @@ class _Bench:
     def __init__(self, problem: Problem, model: Any) -> None:
         self.problem, self.model = problem, model
 
-    def start(self, prior: Prior | None) -> Any:
-        """`first_guess` of the problem; None when it cannot be had, for methods that need none."""
+    def start(self, early: bool) -> Any:
+        """`first_guess` of the problem, with its early part where a method begins there; the reason when it cannot be
+        had, for methods that need none."""
         from massprops.estimators.result import Prior
         from massprops.estimators.start import first_guess
+        from massprops.estimators.unscented.setup import early_start
 
         try:
-            return first_guess(self.problem, prior or Prior())
+            whole = first_guess(self.problem, Prior())
         except NotPossible as stop:
             return _NoStart(str(stop))
+        return replace(whole, early=early_start(self.problem, Prior(), whole)) if early else whole
 
     def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
         """One estimate, checked.

@@ -14,11 +14,9 @@ import numpy as np
 
 from massprops.dynamics.quaternion import (
     conjugate,
-    from_rotation_matrix,
     from_rotation_vector,
     multiply,
     normalise,
-    rotation_matrix,
     rotation_vector,
 )
 from massprops.estimators.chaser_path import chaser_path
@@ -197,32 +195,11 @@ def _cost(r: np.ndarray, weight: np.ndarray, guess: Guess, prior: np.ndarray) ->
 
 def _measured(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Epochs (k,), attitudes (k, 4) as measured at each alone, or rates (k, 3), and their 1-sigma (k,)."""
-    early = np.flatnonzero((problem.times <= start.times[-1] + 1e-9) & (problem.times >= start.times[0] - 1e-9))
-    if start.body_frame == "attitude0":
-        rows = early[np.isfinite(problem.attitude[early, 0])]
-        return rows, problem.attitude[rows], _filled(problem.sigma_attitude[rows])
-    if problem.stereo and start.features is not None:
-        from massprops.estimators import bodymodel
-        from massprops.sensing.stereo import triangulate
-
-        # the same epochs as the first guess had, so that the body axes are the same
-        whole = np.flatnonzero(problem.times <= start.times[-1] + 1e-9)
-        points, spread = triangulate(problem.cameras, np.moveaxis(problem.uv[whole], 1, 2), problem.sigma_px)
-        motion = bodymodel.body_motion(points, spread)
-        if motion is None:
-            return None
-        use = motion.used & np.isfinite(motion.q).all(axis=1)
-        sigma = np.sqrt(np.einsum("nii->n", motion.covariance[use][:, :3, :3]) / 3.0)
-        near = np.isin(start.times, problem.times[whole[use]])
-        if near.any():
-            i, j = np.flatnonzero(near)[0], np.searchsorted(problem.times[whole[use]], start.times[near][0])
-            # a first guess that saw other epochs has other body axes
-            turn = rotation_matrix(multiply(conjugate(motion.q[use][j]), start.q[i]))
-            if from_rotation_matrix(turn)[0] < np.cos(0.5):
-                return None
-        return whole[use], motion.q[use], _filled(sigma)
+    if start.poses is not None:
+        return start.poses.rows, start.poses.q, _filled(start.poses.sigma)
     if problem.has_rates:
-        rows = early[np.isfinite(problem.rates[early]).all(axis=1)]
+        there = (problem.times <= start.times[-1] + 1e-9) & (problem.times >= start.times[0] - 1e-9)
+        rows = np.flatnonzero(there & np.isfinite(problem.rates).all(axis=1))
         return rows, problem.rates[rows], np.full(len(rows), max(problem.sigma_rate, 1e-12))
     return None
 

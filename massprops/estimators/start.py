@@ -39,6 +39,8 @@ class Start:
         outliers: measurements left out. warnings: what was assumed.
         index: (k,) which of the problem's epochs these are. velocities: (k, 3) along the path, or None.
         cpu_s: CPU time that it took [s].
+        poses: attitudes as each epoch alone shows them, None from body rates.
+        early: a start from the first part of the data only, for the filters (`unscented.setup.early_start`), or None.
     """
 
     times: np.ndarray
@@ -59,6 +61,17 @@ class Start:
     index: np.ndarray | None = None
     velocities: np.ndarray | None = None
     cpu_s: float = 0.0
+    poses: Poses | None = None
+    early: Start | None = None
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Epochs `rows` (k,) of the problem, attitudes q (k, 4) in the start's body axes to cam0, and their 1-sigma (k,)."""
+
+    rows: np.ndarray
+    q: np.ndarray
+    sigma: np.ndarray
 
 
 def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) -> Start:
@@ -125,6 +138,7 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
         motion.outliers + int((~fit.good).sum()),
         rows,
         path.velocity,
+        poses=Poses(rows, q, np.sqrt(np.einsum("nii->n", motion.covariance[used][:, :3, :3]) / 3.0)),
     )
 
 
@@ -167,6 +181,7 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
         scaled,
         int((~fit.good).sum()),
         rows,
+        poses=Poses(rows, q, sigma),
     )
 
 

@@ -6,6 +6,7 @@ Each file has `NAME`, `SENTENCE` (one line for users), `NEEDS` (what the sequenc
 `NEEDS` is a tuple of the words tracks, stereo, range, rates, attitude, all of which must be there; alternatives in one
 entry are parted by `|`: ("stereo", "range"), ("attitude|rates",). A file may also have `unmet(problem) -> str`, one
 line of what else is missing, or an empty string. An `estimate` that takes `model` is given the one the user named.
+`BEGINS_EARLY`: it begins with the first part of the data, of which `start.early` is the first guess.
 """
 
 from __future__ import annotations

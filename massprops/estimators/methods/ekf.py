@@ -11,6 +11,7 @@ NAME = "ekf"
 ORDER = 20
 SENTENCE = "extended Kalman filter of second order for motion, inertia and feature points (pesce2017)"
 NEEDS = ("stereo|attitude|rates",)
+BEGINS_EARLY = True
 
 
 def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:

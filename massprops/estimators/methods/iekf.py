@@ -11,6 +11,7 @@ NAME = "iekf"
 ORDER = 25
 SENTENCE = "iterated extended Kalman filter for motion, inertia and feature points (pesce2017)"
 NEEDS = ("stereo|attitude|rates",)
+BEGINS_EARLY = True
 
 
 def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:

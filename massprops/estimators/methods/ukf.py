@@ -11,6 +11,7 @@ NAME = "ukf"
 ORDER = 30
 SENTENCE = "unscented Kalman filter for motion, k1, k2 and feature points (kabir2025)"
 NEEDS = ("stereo|attitude|rates",)
+BEGINS_EARLY = True
 
 
 def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:

@@ -18,6 +18,7 @@ NAME = "ukf-gp"
 ORDER = 40
 SENTENCE = "the unscented filter with Gaussian processes in place of measurements during occlusions (kabir2025)"
 NEEDS = ("stereo|attitude|rates",)
+BEGINS_EARLY = True
 
 
 def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:

@@ -57,6 +57,8 @@ def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
     """The first guess from the first part of the data only; the given one where that part does not show enough."""
     from massprops.estimators.start import first_guess
 
+    if given.early is not None:
+        return given.early
     speed = float(np.nanmedian(np.linalg.norm(given.w, axis=1)))
     begin = float(given.times[0])
     rows = min(FIRST_EPOCHS, len(given.times)) - 1
