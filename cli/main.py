@@ -113,7 +113,7 @@ def run(arguments: list[str]) -> int:
     except typer.Exit as stop:
         return stop.exit_code
     except (typer.Abort, KeyboardInterrupt):
-        _say("interrupted: the same command continues where it stood")
+        _say(f"interrupted: {_after_interrupt(arguments)}")
         return 130
     except USAGE as error:
         hint = getattr(error, "ctx", None)
@@ -131,6 +131,13 @@ def run(arguments: list[str]) -> int:
         if os.environ.get("MASSPROPS_DEBUG"):
             raise
         return 3
+
+
+def _after_interrupt(arguments: list[str]) -> str:
+    command, kept = arguments[0], any(a.startswith(("-o", "--out")) for a in arguments)
+    if kept and command in ("reconstruct", "campaign", "reproduce") and "--only" not in arguments:
+        return "the same command continues where it stood"
+    return "the same command begins anew" + (" (with -o FOLDER it would continue)" if command == "reproduce" else "")
 
 
 def _say(text: str) -> None:

@@ -18,11 +18,11 @@ ANSWER_S = 6.0
 _workers: list[Workers] = []
 
 
-def do_on_worker(task: dict[str, Any]) -> dict[str, Any]:
-    """A chunk of runs, on a Dask worker."""
+def do_on_worker(tasks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Chunks of runs, on a Dask worker."""
     if not _workers:
         _workers.append(Workers())
-    return _workers[0].do(task)
+    return _workers[0].do_in_turn(tasks)
 
 
 def _knock(address: str) -> None:
@@ -116,23 +116,20 @@ class Cluster:
             check_versions(str(address), theirs)
 
     def slots(self) -> int:
-        """Chunks that run at the same time: the threads of all workers that are there now."""
+        """Runs at the same time: the threads of all workers that are there now."""
         try:
             return sum(self.client.nthreads().values())
         except (OSError, TimeoutError, RuntimeError) as error:
             raise self._lost(error) from None
 
-    def submit(self, key: Hashable, task: dict[str, Any]) -> None:
-        """Gives a chunk to the scheduler; a worker that dies has its chunks done again elsewhere."""
-        name = f"massprops-{self.session}-" + "-".join(
-            str(part) for part in (key if isinstance(key, tuple) else (key,))
-        )
-        future = self.client.submit(do_on_worker, task, key=name, pure=False)
+    def submit(self, key: Hashable, tasks: list[dict[str, Any]]) -> None:
+        """Gives chunks to the scheduler; a worker that dies has its chunks done again elsewhere."""
+        future = self.client.submit(do_on_worker, tasks, key=f"massprops-{self.session}-{key}", pure=False)
         self.flying[key] = future
         future.add_done_callback(lambda done: self.done.put((key, done)))
 
-    def wait(self, seconds: float) -> list[tuple[Hashable, Any]]:
-        """What has come, after at most so long: (key, reply or exception); replies come in one message."""
+    def wait(self, seconds: float) -> list[tuple[Hashable, list[Any]]]:
+        """What has come, after at most so long: (key, replies or one exception); all come in one message."""
         try:
             ended = [self.done.get(timeout=seconds)]
         except queue.Empty:
@@ -142,12 +139,12 @@ class Cluster:
         while not self.done.empty():
             ended.append(self.done.get())
         good = [(key, future) for key, future in ended if future.status == "finished"]
-        found: list[tuple[Hashable, Any]] = []
+        found: list[tuple[Hashable, list[Any]]] = []
         for key, future in ended:
             if future.status in ("cancelled", "lost"):
                 raise self._lost(future.status)
             if future.status == "error":
-                found.append((key, future.exception()))
+                found.append((key, [future.exception()]))
         try:
             found += zip([key for key, _ in good], self.client.gather([future for _, future in good]), strict=True)
         except Exception as error:

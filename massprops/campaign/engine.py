@@ -1,14 +1,17 @@
 """Brings a plan's chunks to a backend and its rows to the store.
 
-A backend has `place`, `strict`, `ahead`, `slots()`, `submit(key, task)`, `wait(seconds) -> [(key, reply)]` and `close()`; there are `Local`
-and `Cluster`. What a run is given and what its row holds are the same with both, and so are the chunks.
+A backend has `place`, `strict`, `ahead`, `slots()`, `submit(key, tasks)`, `wait(seconds) -> [(key, replies)]` and
+`close()`; there are `Local` and `Cluster`. What a run is given and what its row holds are the same with both, and so are
+the chunks. Short chunks travel several at a time: a message through a scheduler costs as much as a short run.
 """
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,6 +24,8 @@ from massprops.errors import NotPossible
 
 LOOK_S = 0.5
 """Longest time between two looks at the number of slots, and between two words of progress."""
+MOST_TOGETHER = 32
+"""Chunks that are given out together at most."""
 
 
 class Backend(Protocol):
@@ -28,13 +33,15 @@ class Backend(Protocol):
 
     place: str
     strict: bool  # refuses processes with other versions of the code
-    ahead: int  # chunks given out per slot, the one at work included
+    ahead: int  # submissions per slot, the one at work included
 
     def slots(self) -> int: ...
 
-    def submit(self, key: Any, task: dict[str, Any]) -> None: ...
+    def submit(self, key: Any, tasks: list[dict[str, Any]]) -> None:
+        """Gives out tasks that one worker does in turn (`Workers.do_in_turn`)."""
 
-    def wait(self, seconds: float) -> list[tuple[Any, Any]]: ...
+    def wait(self, seconds: float) -> list[tuple[Any, list[Any]]]:
+        """What has come, after at most so long: replies of the first tasks, those left out undone; or one exception."""
 
     def close(self) -> None: ...
 
@@ -93,17 +100,28 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
     """
     store.begin(backend.place, versions())
     total, done, failed = plan.total, sum(store.counts().values()), store.failed()
-    todo, flying = missing(plan, store), dict[tuple[int, int], Chunk]()
-    begun, before, slots, looked = time.monotonic(), done, backend.slots(), time.monotonic()
+    todo, back, flying, numbers = missing(plan, store), deque[Chunk](), dict[int, list[Chunk]](), count()
+    begun, before, slots, looked, size = time.monotonic(), done, backend.slots(), time.monotonic(), 1
+
+    def taken() -> list[Chunk]:
+        # few at a time towards the end, for no slot to be idle; and of one point, for short runs not to wait for long ones
+        most = min(size, 1 + (total - done) // (2 * plan.chunk * max(1, slots)))
+        chunks: list[Chunk] = []
+        while len(chunks) < most:
+            chunk = back.popleft() if back else next(todo, None)
+            if chunk is None:
+                break
+            if chunks and chunk.point != chunks[0].point:
+                back.appendleft(chunk)
+                break
+            chunks.append(chunk)
+        return chunks
 
     def fill() -> None:
-        while len(flying) < backend.ahead * max(1, slots):
-            chunk = next(todo, None)
-            if chunk is None:
-                return
-            key = (chunk.point, chunk.seeds[0])
-            flying[key] = chunk
-            backend.submit(key, task_of(plan, chunk, folder, backend.strict))
+        while len(flying) < backend.ahead * max(1, slots) and (chunks := taken()):
+            key = next(numbers)
+            flying[key] = chunks
+            backend.submit(key, [task_of(plan, chunk, folder, backend.strict) for chunk in chunks])
 
     def say() -> None:
         if watch is not None:
@@ -114,12 +132,15 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
     fill()
     say()
     while flying:
-        came = backend.wait(LOOK_S)
         rows: list[Row] = []
-        for key, reply in came:
-            chunk = flying.pop(key, None)
-            if chunk is not None:
+        for key, replies in backend.wait(LOOK_S):
+            chunks = flying.pop(key)
+            if len(chunks) > 1 and _killed(replies[0]):  # one of them may be at fault: which?
+                replies = []
+            for chunk, reply in zip(chunks, replies, strict=False):
                 rows += rows_of(chunk, reply)
+            back.extend(chunks[len(replies) :])
+            size = min(2 * size, MOST_TOGETHER) if len(replies) == len(chunks) else max(1, len(replies))
         if rows:
             store.add(rows)
             done, failed = done + len(rows), failed + sum(r.error is not None for r in rows)
@@ -129,6 +150,11 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
         say()
 
 
+def _killed(reply: Any) -> bool:
+    """Whether Dask gave a task up because workers that had it died."""
+    return type(reply).__name__ == "KilledWorker"
+
+
 def rows_of(chunk: Chunk, reply: Any) -> list[Row]:
     """A worker's reply as rows of the store.
 
@@ -136,7 +162,7 @@ def rows_of(chunk: Chunk, reply: Any) -> list[Row]:
         InputError: the worker has other versions.
         NotPossible: the worker itself failed, which says nothing about the runs.
     """
-    if type(reply).__name__ == "KilledWorker":
+    if _killed(reply):
         return [Row(chunk.point, seed, {}, "every worker that it was given to died") for seed in chunk.seeds]
     if isinstance(reply, BaseException):
         said = " ".join(str(reply).split())[:300]

@@ -27,26 +27,26 @@ class Local:
         self.count = count
         self.workers = Workers()
         self.threads = ThreadPoolExecutor(count, thread_name_prefix="campaign")
-        self.done: queue.SimpleQueue[tuple[Hashable, Any]] = queue.SimpleQueue()
+        self.done: queue.SimpleQueue[tuple[Hashable, list[Any]]] = queue.SimpleQueue()
 
     def slots(self) -> int:
-        """Chunks that run at the same time."""
+        """Runs at the same time."""
         return self.count
 
-    def submit(self, key: Hashable, task: dict[str, Any]) -> None:
-        """Gives a chunk to the next free process."""
-        self.threads.submit(self._do, key, task)
+    def submit(self, key: Hashable, tasks: list[dict[str, Any]]) -> None:
+        """Gives chunks to the next free process."""
+        self.threads.submit(self._do, key, tasks)
 
-    def _do(self, key: Hashable, task: dict[str, Any]) -> None:
+    def _do(self, key: Hashable, tasks: list[dict[str, Any]]) -> None:
         try:
-            self.done.put((key, self.workers.do(task)))
+            self.done.put((key, self.workers.do_in_turn(tasks)))
         except Closed:
             pass
         except BaseException as error:
-            self.done.put((key, error))
+            self.done.put((key, [error]))
 
-    def wait(self, seconds: float) -> list[tuple[Hashable, Any]]:
-        """What has come, after at most so long: (key, reply or exception)."""
+    def wait(self, seconds: float) -> list[tuple[Hashable, list[Any]]]:
+        """What has come, after at most so long: (key, replies or one exception)."""
         try:
             found = [self.done.get(timeout=seconds)]
         except queue.Empty:

@@ -111,10 +111,10 @@ def run_alone(plan: Plan, seed: int, out: str | Path | None, scheduler: str | No
         chunks = {number: Chunk(number, parameters, (seed,)) for number, _, parameters in chosen}
         try:
             for number, chunk in chunks.items():
-                backend.submit((number, seed), task_of(plan, chunk, folder, backend.strict))
+                backend.submit(number, [task_of(plan, chunk, folder, backend.strict)])
             while len(rows) < len(chunks):
-                for (number, _), reply in backend.wait(1.0):
-                    rows[number] = rows_of(chunks[number], reply)
+                for number, replies in backend.wait(1.0):
+                    rows[number] = rows_of(chunks[number], replies[0])
         finally:
             backend.close()
     return [Point(number, cell, parameters, rows[number]) for number, cell, parameters in chosen]

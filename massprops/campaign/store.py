@@ -141,7 +141,8 @@ class Store:
             self.base.executemany(statement, values)
             self.base.execute("COMMIT")
         except BaseException:
-            self.base.execute("ROLLBACK")
+            if self.base.in_transaction:  # an interrupt may come just after the commit
+                self.base.execute("ROLLBACK")
             raise
 
     def counts(self) -> dict[int, int]:

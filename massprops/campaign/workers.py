@@ -21,6 +21,8 @@ LOOK_S = 0.05
 """How often a run's memory is looked at."""
 START_S = 600.0
 """Longest time for a process to start and import what it needs."""
+TOGETHER_S = 0.25
+"""After so long, chunks that came together are handed back, those not yet begun undone."""
 
 
 class Closed(Exception):
@@ -176,6 +178,15 @@ class Workers:
         self.idle: list[Process] = []
         self.busy: set[Process] = set()
         self.closed = False
+
+    def do_in_turn(self, tasks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Replies of the first, and of as many more chunks as begin within `TOGETHER_S`."""
+        end, replies = time.monotonic() + TOGETHER_S, [self.do(tasks[0])]
+        for task in tasks[1:]:
+            if time.monotonic() > end:
+                break
+            replies.append(self.do(task))
+        return replies
 
     def do(self, task: dict[str, Any]) -> dict[str, Any]:
         """A chunk of runs.

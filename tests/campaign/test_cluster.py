@@ -119,6 +119,28 @@ def test_the_same_table_from_a_cluster_of_which_half_dies(tmp_path: Path, cluste
         assert (out / name).read_bytes() == (tmp_path / "local" / name).read_bytes()
 
 
+def test_single_runs_through_a_scheduler_cost_less_than_5_ms(tmp_path: Path, cluster: Cluster) -> None:
+    """Chunks of one run that does next to nothing; processor time of client, scheduler, worker and the run's process."""
+    cluster.add_worker()
+    cluster.wait_for(1)
+    warm, plan = (plan_of({"kind": "drill", "draws": 1, "runs": n, "chunk": 1}) for n in (10, 1000))
+    run_campaign(warm, tmp_path / "warm", scheduler=cluster.address)
+
+    def spent() -> float:
+        return time.process_time() + sum(_cpu(p.pid) for p in (cluster.scheduler, *cluster.workers))
+
+    before = spent()
+    run_campaign(plan, tmp_path / "out", scheduler=cluster.address)
+    assert (spent() - before) / 1000 < 5e-3
+
+
+def _cpu(pid: int) -> float:
+    """Processor time of a process and of those that it runs [s]."""
+    words = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    below = [int(k) for t in Path(f"/proc/{pid}/task").iterdir() for k in (t / "children").read_text().split()]
+    return sum(map(int, words[11:13])) / os.sysconf("SC_CLK_TCK") + sum(_cpu(k) for k in below)
+
+
 def test_workers_with_another_version_are_refused(
     tmp_path: Path, cluster: Cluster, capsys: pytest.CaptureFixture[str]
 ) -> None:

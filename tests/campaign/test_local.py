@@ -20,6 +20,7 @@ import yaml
 
 from massprops.campaign.configuration import plan_of
 from massprops.campaign.engine import Progress, rows_of, run_plan, task_of
+from massprops.campaign.kinds import load_kind
 from massprops.campaign.local import Local
 from massprops.campaign.run import run_alone, run_campaign
 from massprops.campaign.store import FILE, Row, Store
@@ -175,6 +176,16 @@ def test_interrupted_gives_130_and_leaves_no_process(tmp_path: Path) -> None:
     assert not any(_running(pid) for pid in below)
 
 
+def test_what_keeps_nothing_does_not_promise_to_continue() -> None:
+    code = "from massprops_cli.main import main; main()"
+    command = [sys.executable, "-c", code, "reproduce", "hu2024", "--runs", "50", "--workers", "1"]
+    client = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    until(lambda: children(client.pid), "a run")
+    client.send_signal(signal.SIGINT)
+    said = client.communicate(timeout=60)[1]
+    assert client.returncode == 130 and "begins anew" in said and "-o FOLDER" in said and "stood" not in said, said
+
+
 def test_any_run_can_be_made_again_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = {**SMALL, "draw": {"draws": {"integer": [10, 500]}}, "seed": 1000}
     plan = plan_of(content)
@@ -252,6 +263,59 @@ def test_a_process_with_other_versions_is_refused(tmp_path: Path) -> None:
             ("0.1", 0),
             (task["versions"]["numpy"], 2),
         ]
+
+
+class Odd:
+    """A backend that does its tasks at once, never more than three of those that came together, and dies of one seed."""
+
+    place, strict, ahead, fatal = "odd", False, 2, 7
+
+    def __init__(self) -> None:
+        self.came: list[tuple[Any, list[Any]]] = []
+        self.sizes: list[int] = []
+
+    def slots(self) -> int:
+        return 1
+
+    def submit(self, key: Any, tasks: list[dict[str, Any]]) -> None:
+        self.sizes.append(len(tasks))
+        points = {task["parameters"]["sigma"] for task in tasks}
+        assert len(points) == 1, "runs of one point only travel together"
+        if any(self.fatal in task["seeds"] for task in tasks):
+            self.came.append((key, [type("KilledWorker", (Exception,), {})()]))
+            return
+        kind, rows = load_kind("drill"), []
+        for task in tasks[:3]:
+            made = kind.runs(task["parameters"], task["seeds"], None)
+            rows.append(
+                [
+                    {"seed": s, "data": r, "error": None, "wall_s": 0.0, "cpu_s": 0.0, "versions": None}
+                    for s, r in zip(task["seeds"], made, strict=True)
+                ]
+            )
+        self.came.append((key, [{"rows": r, "worker": "w"} for r in rows]))
+
+    def wait(self, seconds: float) -> list[tuple[Any, list[Any]]]:
+        came, self.came = self.came, []
+        return came
+
+    def close(self) -> None: ...
+
+
+def test_chunks_that_travel_together_come_back_undone_or_are_told_apart(tmp_path: Path) -> None:
+    plan = plan_of({"kind": "drill", "runs": 200, "chunk": 2, "grid": {"sigma": [1, 2]}})
+    odd = Odd()
+    with Store(tmp_path, plan.document(), plan.digest) as store:
+        run_plan(plan, store, odd, tmp_path)
+        rows = [store.rows(0), store.rows(1)]
+    run_campaign(plan, tmp_path / "whole", workers=1)
+    with Store(tmp_path / "whole", plan.document(), plan.digest) as store:
+        whole = [store.rows(0), store.rows(1)]
+    assert max(odd.sizes) > 3
+    for some, all_ in zip(rows, whole, strict=True):
+        assert [r.seed for r in some] == list(range(200))
+        assert {r.seed for r in some if r.error} == {6, 7}, "the chunk at fault and no other"
+        assert [r.data for r in some if not r.error] == [w.data for w in all_ if w.seed not in (6, 7)]
 
 
 def test_one_campaign_at_a_time_in_a_folder(tmp_path: Path) -> None:

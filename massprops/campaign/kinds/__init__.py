@@ -9,13 +9,16 @@ A file has
 `runs(parameters, seeds, folder) -> rows`: one flat row per seed in order, `error` in a row that failed; `folder` is
 where a run may leave files, or None;
 `tables(plan, points)`: tables of its own, [] for none; `boxes(plan)`: columns to draw, None for all.
+What is the same whatever is asked is written with `always`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 
 def kinds() -> list[str]:
@@ -26,3 +29,8 @@ def kinds() -> list[str]:
 def load_kind(name: str) -> ModuleType:
     """The file of one kind, which must be one of `kinds()`."""
     return import_module(f"{__name__}.{name}")
+
+
+def always(value: Any) -> Callable[..., Any]:
+    """A function of anything that gives `value`."""
+    return lambda *_: value

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.campaign.kinds import estimate
+from massprops.campaign.kinds import always, estimate
 from massprops.errors import InputError, NotPossible
 
 SENTENCE = "Simulated tracks with any effects, and whether the diagnosis names them."
@@ -38,19 +38,9 @@ def check(values: dict[str, Any], where: str) -> None:
         raise InputError(f"{where}: {error}") from None
 
 
-def default_runs(values: dict[str, Any]) -> int:
-    """Seeds per point."""
-    return 10
-
-
-def chunk(fixed: dict[str, Any]) -> int:
-    """One by one: a diagnosis takes seconds to minutes."""
-    return 1
-
-
-def basis(plan: Any) -> Any:
-    """Nothing from elsewhere."""
-    return None
+default_runs = always(10)
+chunk = always(1)  # a diagnosis takes seconds to minutes
+basis = always(None)
 
 
 def runs(values: dict[str, Any], seeds: list[int], folder: Path | None) -> list[dict[str, Any]]:
@@ -113,6 +103,4 @@ def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
     return [{"title": "What was named against what acted", "columns": columns, "rows": rows, "notes": [note]}]
 
 
-def boxes(plan: Any) -> list[str] | None:
-    """The gaps."""
-    return ["fitted_before", "fitted_after", "held_out_before", "held_out_after"]
+boxes = always(["fitted_before", "fitted_after", "held_out_before", "held_out_after"])

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.campaign.kinds import always
 from massprops.errors import InputError
 
 SENTENCE = "Practice runs that cost, fail, hang, grow or die on demand."
@@ -52,19 +53,9 @@ def check(values: dict[str, Any], where: str) -> None:
             raise InputError(f"{where}: {name} {value}: give a number from {low:g} to {high:g}")
 
 
-def default_runs(values: dict[str, Any]) -> int:
-    """Seeds per point."""
-    return 100
-
-
-def chunk(fixed: dict[str, Any]) -> int:
-    """Runs per chunk."""
-    return 10
-
-
-def basis(plan: Any) -> Any:
-    """Nothing from elsewhere."""
-    return None
+default_runs = always(100)
+chunk = always(10)
+basis = always(None)
 
 
 def runs(values: dict[str, Any], seeds: list[int], folder: Path | None) -> list[dict[str, Any]]:
@@ -100,11 +91,5 @@ def _misbehave(what: str, seed: int) -> None:
         time.sleep(0.01)
 
 
-def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
-    """None of its own."""
-    return []
-
-
-def boxes(plan: Any) -> list[str] | None:
-    """All columns."""
-    return None
+tables = always([])
+boxes = always(None)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.campaign.kinds import always
 from massprops.campaign.nearest import unknown
 from massprops.errors import InputError, NotPossible
 
@@ -102,19 +103,9 @@ def scenario_of(values: dict[str, Any], seed: int) -> TrackScenario:
     return TrackScenario(**chosen, seed=seed)
 
 
-def default_runs(values: dict[str, Any]) -> int:
-    """Seeds per point."""
-    return 20
-
-
-def chunk(fixed: dict[str, Any]) -> int:
-    """Runs per chunk."""
-    return 2
-
-
-def basis(plan: Any) -> Any:
-    """Nothing from elsewhere."""
-    return None
+default_runs = always(20)
+chunk = always(2)
+basis = always(None)
 
 
 def runs(values: dict[str, Any], seeds: list[int], folder: Path | None) -> list[dict[str, Any]]:
@@ -226,6 +217,4 @@ def _root(values: np.ndarray) -> float | None:
     return float(np.sqrt(np.mean(np.sort(values**2)))) if len(values) else None
 
 
-def boxes(plan: Any) -> list[str] | None:
-    """The errors."""
-    return ["k1_error", "k2_error", "nees_k", "w_deg_s", "attitude_deg", "position_m"]
+boxes = always(["k1_error", "k2_error", "nees_k", "w_deg_s", "attitude_deg", "position_m"])

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from massprops.campaign.kinds import always
 from massprops.errors import InputError
 
 SENTENCE = "Reconstructions of a list of videos, each in its own run folder."
@@ -40,7 +42,8 @@ def _paths(entry: str, folder: Path, where: str) -> list[str]:
     path = folder / entry
     if path.exists():
         return [str(path.resolve())]
-    found = sorted(str(p.resolve()) for p in path.parent.glob(path.name)) if any(c in entry for c in "*?[") else []
+    root = Path(path.anchor)
+    found = sorted(str(p.resolve()) for p in root.glob(str(path.relative_to(root))))
     if not found:
         raise InputError(f"{where}: videos: {path}: no such file or folder")
     return found
@@ -66,14 +69,8 @@ def check(values: dict[str, Any], where: str) -> None:
         raise InputError(f"{where}: {error}") from None
 
 
-def default_runs(values: dict[str, Any]) -> int:
-    """One."""
-    return 1
-
-
-def chunk(fixed: dict[str, Any]) -> int:
-    """One by one."""
-    return 1
+default_runs = always(1)
+chunk = always(1)
 
 
 def basis(plan: Any) -> Any:
@@ -121,8 +118,11 @@ def _run(values: dict[str, Any], seed: int, folder: Path | None) -> dict[str, An
 def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
     """One line per reconstruction."""
     names = list(dict.fromkeys(n for p in points for r in p.rows for n in r.data if n not in ("run", "exit_code")))
+    folders = [str(Path(p.parameters["video"]).parent) for p in points]
+    shared = os.path.commonpath(folders) if folders else "."
     rows = [
-        [Path(p.parameters["video"]).name, _others(p.cell), r.seed, *(r.data.get(n) for n in names), r.error or ""]
+        [os.path.relpath(p.parameters["video"], shared), _others(p.cell), r.seed]
+        + [*(r.data.get(n) for n in names), r.error or ""]
         for p in points
         for r in p.rows
     ]
@@ -134,6 +134,4 @@ def _others(cell: dict[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in cell.items() if name != "video")
 
 
-def boxes(plan: Any) -> list[str] | None:
-    """None: each video is another body."""
-    return []
+boxes = always([])  # each video is another body
