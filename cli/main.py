@@ -97,6 +97,8 @@ def app() -> Any:
 
 def main() -> None:
     """Entry point: exit codes 0 done, 2 wrong input, 3 in part, 130 interrupted."""
+    # small matrices throughout: a second BLAS thread only spins; large stages set their own threads
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(run(sys.argv[1:]))
 
 

@@ -14,15 +14,21 @@ def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     p, q = np.asarray(p), np.asarray(q)
     pw, px, py, pz = (p[..., i] for i in range(4))
     qw, qx, qy, qz = (q[..., i] for i in range(4))
-    return np.stack(
-        [
-            pw * qw - px * qx - py * qy - pz * qz,
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-        ],
-        axis=-1,
+    return _filled(
+        (4,),
+        pw * qw - px * qx - py * qy - pz * qz,
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
     )
+
+
+def _filled(shape: tuple[int, ...], *parts: np.ndarray) -> np.ndarray:
+    """(..., *shape) from its elements, each (...): several times quicker than stacking them."""
+    out = np.empty((*np.shape(parts[0]), len(parts)), np.asarray(parts[0]).dtype)
+    for i, part in enumerate(parts):
+        out[..., i] = part
+    return out.reshape(*out.shape[:-1], *shape)
 
 
 def conjugate(q: np.ndarray) -> np.ndarray:
@@ -38,12 +44,12 @@ def normalise(q: np.ndarray) -> np.ndarray:
 def rotation_matrix(q: np.ndarray) -> np.ndarray:
     """(..., 3, 3) with v_ref = R v_body, of unit quaternions (..., 4)."""
     w, x, y, z = (np.asarray(q)[..., i] for i in range(4))
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return _filled(
+        (3, 3),
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    )  # fmt: skip
 
 
 def from_rotation_matrix(R: np.ndarray) -> np.ndarray:

@@ -162,7 +162,8 @@ def _third_smallest(values: np.ndarray) -> np.ndarray:
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:
     """(..., 3, 3) with cross_matrix(v) a = v x a."""
-    x, y, z = (v[..., i] for i in range(3))
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out

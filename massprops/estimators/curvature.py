@@ -63,43 +63,36 @@ def image_curvature(
         P = P[:, x[:, None], x]
     B, m = state.X.shape[:2]
     start = 9 + free.inertia
-    # the point and its velocity in inertial axes by (W, U, r, k, X)
-    J = np.zeros((B, m, 6, P.shape[-1]))
-    for i in range(m):
-        J[:, i, :3, start + 3 * i : start + 3 * i + 3] = np.eye(3)
-        J[:, i, 3:, start + 3 * i : start + 3 * i + 3] = skew(state.W - spin)
-    J[:, :, 3:, 0:3] = -skew(state.X)
-    J[:, :, 3:, 3:6] = np.eye(3)
-    joint = J @ P[:, None] @ np.swapaxes(J, -1, -2)
-    velocity = state.U[:, None] + cross(state.W[:, None] - spin, state.X)
-    own = np.stack([P[:, start + 3 * i : start + 3 * i + 3, start + 3 * i : start + 3 * i + 3] for i in range(m)], 1)
-    with_w = np.stack([P[:, 0:3, start + 3 * i : start + 3 * i + 3] for i in range(m)], 1)
-    turning = cross_covariance(np.broadcast_to(P[:, None, 0:3, 0:3], own.shape), own, with_w)
-    count = 4 if flow else 2
+    each = start + 3 * np.arange(m)[:, None] + np.arange(3)
+    own = P[:, each[:, :, None], each[:, None, :]]
+    joint = own
+    if flow:
+        joint, velocity, turning = _moving(state, P, each, own, spin)
     means, spreads, depths = [], [], []
     for camera in cameras:
         rows = camera.R @ frame.T
-        both = np.kron(np.eye(2), rows)
+        both = np.kron(np.eye(2), rows) if flow else rows
         S = both @ joint @ both.T
-        Y, V = state.X @ rows.T - camera.R @ camera.t, velocity @ rows.T
-        C, Vc = np.maximum(Y[..., 2], NEAREST), V[..., 2]
-        mean, spread = np.zeros((B, m, count)), np.zeros((B, m, count))
+        Y = state.X @ rows.T - camera.R @ camera.t
+        C = np.maximum(Y[..., 2], NEAREST)
+        mean, spread = np.zeros((2, B, m, 4 if flow else 2))
         for axis in (0, 1):
-            A, Va, focal = Y[..., axis], V[..., axis], camera.intrinsics[axis]
-            pick = np.array([axis, 2, 3 + axis, 5])
-            local = S[..., pick[:, None], pick]
-            H = np.zeros((B, m, 4, 4))
+            A, focal = Y[..., axis], camera.intrinsics[axis]
+            H = np.zeros((B, m, 2, 2))
             H[..., 0, 1], H[..., 1, 1] = -1 / C**2, 2 * A / C**3
-            mean[..., axis], spread[..., axis] = _moments(H, local, focal)
+            mean[..., axis], spread[..., axis] = _moments(H, S[..., [[axis], [2]], [axis, 2]], focal)
             if flow:
+                V = velocity @ rows.T
+                Va, Vc = V[..., axis], V[..., 2]
+                pick = np.array([axis, 2, 3 + axis, 5])
                 H = np.zeros((B, m, 4, 4))
                 H[..., 0, 1], H[..., 0, 3], H[..., 1, 2] = 2 * Vc / C**3, -1 / C**2, -1 / C**2
                 H[..., 1, 3], H[..., 1, 1] = 2 * A / C**3, 2 * Va / C**3 - 6 * A * Vc / C**4
-                mean[..., 2 + axis], spread[..., 2 + axis] = _moments(H, local, focal)
+                mean[..., 2 + axis], spread[..., 2 + axis] = _moments(H, S[..., pick[:, None], pick], focal)
                 g = (rows[axis] - (A / C)[..., None] * rows[2]) / C[..., None] * focal
                 spread[..., 2 + axis] += np.einsum("...i,...ij,...j->...", g, turning, g)
-        means.append(mean.reshape(B, m * count))
-        spreads.append(spread.reshape(B, m * count))
+        means.append(mean.reshape(B, -1))
+        spreads.append(spread.reshape(B, -1))
         depths.append((C, S[..., 2, 2], camera))
     if disparity:
         # u1 - u0 = -(fu b)/C: second derivative -2 fu b / C^3
@@ -109,6 +102,25 @@ def image_curvature(
         means.append(0.5 * bend * var)
         spreads.append(0.5 * (bend * var) ** 2)
     return np.concatenate(means, axis=1), SHARED * np.concatenate(spreads, axis=1)
+
+
+def _moving(
+    state: State, P: np.ndarray, each: np.ndarray, own: np.ndarray, spin: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariance (B, m, 6, 6) of the points and their velocities, inertial axes; the velocities (B, m, 3); covariance
+    (B, m, 3, 3) of the error of the rate times that of the place."""
+    B, m = state.X.shape[:2]
+    # the point and its velocity in inertial axes by (W, U, r, k, X)
+    J = np.zeros((B, m, 6, P.shape[-1]))
+    for i in range(m):
+        J[:, i, :3, each[i, 0] : each[i, 2] + 1] = np.eye(3)
+        J[:, i, 3:, each[i, 0] : each[i, 2] + 1] = skew(state.W - spin)
+    J[:, :, 3:, 0:3] = -skew(state.X)
+    J[:, :, 3:, 3:6] = np.eye(3)
+    joint = J @ P[:, None] @ np.swapaxes(J, -1, -2)
+    with_w = np.moveaxis(P[:, 0:3][:, :, each], 1, 2)
+    turning = cross_covariance(np.broadcast_to(P[:, None, 0:3, 0:3], own.shape), own, with_w)
+    return joint, state.U[:, None] + cross(state.W[:, None] - spin, state.X), turning
 
 
 def bends(layout: Layout, state: State, P: np.ndarray, sigma_flow: float) -> np.ndarray:
@@ -132,7 +144,7 @@ def constraint_curvature(layout: Layout, state: State, P: np.ndarray) -> np.ndar
 
 def _moments(H: np.ndarray, S: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean tr(H S)/2 and variance tr(H S H S)/2 of a quadratic form; H upper triangle given."""
-    H = H + np.swapaxes(H, -1, -2) * (1 - np.eye(4))
+    H = H + np.swapaxes(H, -1, -2) * (1 - np.eye(H.shape[-1]))
     HS = H @ S
     mean = 0.5 * np.trace(HS, axis1=-2, axis2=-1)
     return focal * mean, 0.5 * focal**2 * np.einsum("...ij,...ji->...", HS, HS)

@@ -81,6 +81,7 @@ def update(
     rule: Rule = IEKF,
     bend: tuple[np.ndarray, np.ndarray] | None = None,
     begin: State | None = None,
+    root: np.ndarray | None = None,
 ) -> Updated:
     """State and covariance after the measurements of one epoch.
 
@@ -89,6 +90,7 @@ def update(
         bend: mean and variance (B, rows) of the measurement's second order over the prior, for an EKF
             (`curvature.image_curvature`).
         begin: where an iterated update starts to look, in place of the prediction.
+        root: `square_root` of P, where it is known already.
     """
     B, n = P.shape[:2]
     if bend is not None:
@@ -99,7 +101,7 @@ def update(
             residual, H = plain(state, runs)
             return residual - mean[runs], H
 
-    S = square_root(P)
+    S = square_root(P) if root is None else root
     weight = np.where(np.isfinite(sigma), 1.0 / sigma, 0.0)
     y = np.zeros((B, n))
     now = state
@@ -189,24 +191,33 @@ def update_again(
     return Updated(done.state.put(runs, again.state), P, cost, count)
 
 
-def innovation(
-    state: State, P: np.ndarray, observe: Observe, sigma: np.ndarray, group: int, groups: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Squared innovations in units of their covariance, of the first `groups` sets of `group` neighbouring rows.
-
-    Returns:
-        (B, groups) values, NaN where nothing was measured; (B, groups) how many numbers each holds.
-    """
-    B = len(P)
+def whitened(observe: Observe, state: State, sigma: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (B, rows) and derivatives (B, rows, n) by y, error = S y, over sigma (B, rows); zero where not measured."""
     weight = np.where(np.isfinite(sigma), 1.0 / sigma, 0.0)
-    residual, A = _whitened(observe, state, np.arange(B), weight, square_root(P))
-    rows = group * groups
-    A = A[:, :rows].reshape(B, groups, group, -1)
-    residual = residual[:, :rows].reshape(B, groups, group)
-    whole = A @ np.swapaxes(A, -1, -2) + np.eye(group)
-    value = np.sum(residual * np.linalg.solve(whole, residual[..., None])[..., 0], axis=-1)
-    held = (weight[:, :rows] > 0).reshape(B, groups, group).sum(axis=-1)
-    return np.where(held > 0, value, np.nan), held
+    return _whitened(observe, state, np.arange(len(S)), weight, S)
+
+
+def innovations(
+    residual: np.ndarray, A: np.ndarray, measured: np.ndarray, groups: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squared innovations of one run in units of their covariance, and whether each was measured: (groups,) both.
+
+    Args:
+        residual, A: of `whitened`; measured: (1, rows). groups: how many neighbouring rows go together; equal ones stand
+        side by side.
+    """
+    value, held = np.zeros(len(groups)), np.zeros(len(groups), bool)
+    row = at = 0
+    while at < len(groups):
+        size = groups[at]
+        count = next((i for i, g in enumerate(groups[at:]) if g != size), len(groups) - at)
+        rows = slice(row, row + count * size)
+        own, off = A[0, rows].reshape(count, size, -1), residual[0, rows].reshape(count, size)
+        whole = own @ np.swapaxes(own, -1, -2) + np.eye(size)
+        value[at : at + count] = np.sum(off * np.linalg.solve(whole, off[..., None])[..., 0], axis=-1)
+        held[at : at + count] = measured[0, rows].reshape(count, size).any(axis=-1)
+        at, row = at + count, row + count * size
+    return value, held
 
 
 def _whitened(

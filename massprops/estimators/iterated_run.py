@@ -10,7 +10,7 @@ import numpy as np
 from massprops.dynamics.quaternion import from_rotation_matrix
 from massprops.estimators.curvature import image_curvature
 from massprops.estimators.error_state import State
-from massprops.estimators.iterated import Observe, Rule, innovation, update
+from massprops.estimators.iterated import Observe, Rule, innovations, square_root, update, whitened
 from massprops.estimators.iterated_setup import Setup, body_points, place_feature
 from massprops.estimators.observation import attitude, body_rate, distance, images
 from massprops.estimators.problem import Problem
@@ -57,6 +57,7 @@ def run_through(problem: Problem, setup: Setup, rule: Rule, second_order: bool) 
     covariances = np.empty((n, *P.shape[1:]))
     squares, numbers, gated = np.zeros(n), np.zeros(n, int), np.zeros(n, int)
     misses = np.zeros(len(slots), int)
+    leaders = setup.surroundings.leaders(problem.times[setup.first :])
     for step, epoch in enumerate(range(setup.first, len(problem.times))):
         if step:
             state, P = predict(
@@ -68,6 +69,7 @@ def run_through(problem: Problem, setup: Setup, rule: Rule, second_order: bool) 
                 setup.surroundings,
                 setup.noise,
                 setup.largest_rate,
+                None if leaders is None else leaders[step - 1],
             )
         if setup.points:
             state, P = _newcomers(problem, setup, epoch, state, P, slots, last_seen, points)
@@ -77,11 +79,11 @@ def run_through(problem: Problem, setup: Setup, rule: Rule, second_order: bool) 
             if second_order and setup.points:
                 bend = _bend(problem, setup, epoch, state, P, sigma.shape[1])
             wide = sigma if bend is None else np.sqrt(sigma**2 + bend[1])
-            P, keep, counts = _gate(state, P, observe, wide, groups)
+            P, S, keep, counts = _gate(state, P, observe, wide, groups)
             squares[step], numbers[step], gated[step] = counts
             if setup.points:
                 _give_up(slots, misses, np.isfinite(sigma), keep, len(problem.cameras))
-            done = update(setup.layout, state, P, observe, np.where(keep, sigma, np.inf), rule, bend)
+            done = update(setup.layout, state, P, observe, np.where(keep, sigma, np.inf), rule, bend, root=S)
             if np.isfinite(done.P).all() and np.isfinite(done.state.W).all():
                 state, P = done.state, done.P
         states.append(state)
@@ -95,7 +97,6 @@ def run_through(problem: Problem, setup: Setup, rule: Rule, second_order: bool) 
 def _channels(problem: Problem, setup: Setup, epoch: int, slots: np.ndarray) -> tuple[Observe, np.ndarray, list[int]]:
     """Residuals of one epoch, their sigmas (1, rows), and the rows' grouping: how many numbers go together."""
     C, spin = setup.surroundings.camera_frame(float(problem.times[epoch]))
-    turn = from_rotation_matrix(C)[None]
     layout, cameras = setup.layout, problem.cameras
     parts, groups = [], []
     if setup.points:
@@ -136,7 +137,7 @@ def _channels(problem: Problem, setup: Setup, epoch: int, slots: np.ndarray) -> 
             residual.append(np.where(front, np.nan_to_num(z - value), 1e6 * np.isfinite(z)))
             slope.append(H)
         if told:
-            value, H = attitude(layout, state, turn, measured)
+            value, H = attitude(layout, state, from_rotation_matrix(C)[None], measured)
             residual.append(value)
             slope.append(H)
         if spinning:
@@ -176,49 +177,28 @@ def _bend(
 
 def _gate(
     state: State, P: np.ndarray, observe: Observe, sigma: np.ndarray, groups: list[int]
-) -> tuple[np.ndarray, np.ndarray, tuple[float, int, int]]:
-    """Covariance, rows to use (1, rows), and (squared innovations used, how many numbers, how many refused)."""
-    edges = np.concatenate([[0], np.cumsum(groups)])
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, int, int]]:
+    """Covariance and its square root, rows to use (1, rows), and (squared innovations used, how many numbers, how many
+    refused)."""
+    size = np.array(groups)
+    edges = np.concatenate([[0], np.cumsum(size)])
     keep = np.isfinite(sigma)
     limit = np.array([LIMIT[g] for g in groups])
-    value, held = _innovations(state, P, observe, sigma, groups)
-    pairs = np.array(groups) == 2
-    there = held & pairs if (held & pairs).sum() >= 3 else held
+    S = square_root(P)
+    residual, A = whitened(observe, state, sigma, S)
+    value, held = innovations(residual, A, keep, groups)
+    there = held & (size == 2)
+    there = there if there.sum() >= 3 else held
     wrong = held & (value > limit)
     if (wrong & there).sum() > MAJORITY * there.sum():
-        P = P * max(1.0, float(np.median(value[there] / np.array(groups)[there])) / 0.7)
-        value, held = _innovations(state, P, observe, sigma, groups)
+        wider = max(1.0, float(np.median(value[there] / size[there])) / 0.7)
+        P, S, A = P * wider, S * np.sqrt(wider), A * np.sqrt(wider)
+        value, held = innovations(residual, A, keep, groups)
         wrong = held & (value > limit)
     for g in np.flatnonzero(wrong):
         keep[:, edges[g] : edges[g + 1]] = False
     good = held & ~wrong
-    size = np.array(groups)
-    return P, keep, (float(value[good].sum()), int(size[good].sum()), int(size[wrong].sum()))
-
-
-def _innovations(
-    state: State, P: np.ndarray, observe: Observe, sigma: np.ndarray, groups: list[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Squared innovation (groups,) of each group in units of its covariance, and whether it was measured."""
-    value, held = np.zeros(len(groups)), np.zeros(len(groups), bool)
-    images_ = groups.count(2)
-    if images_:
-        found, count = innovation(state, P, observe, sigma, 2, images_)
-        value[:images_], held[:images_] = np.nan_to_num(found[0]), count[0] > 0
-    at = 2 * images_
-    for g in range(images_, len(groups)):
-        found, count = innovation(state, P, _only(observe, at, groups[g]), sigma[:, at : at + groups[g]], groups[g], 1)
-        value[g], held[g] = np.nan_to_num(found[0, 0]), count[0, 0] > 0
-        at += groups[g]
-    return value, held
-
-
-def _only(observe: Observe, start: int, rows: int) -> Observe:
-    def part(state: State, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        residual, H = observe(state, runs)
-        return residual[:, start : start + rows], H[:, start : start + rows]
-
-    return part
+    return P, S, keep, (float(value[good].sum()), int(size[good].sum()), int(size[wrong].sum()))
 
 
 def _last_seen(problem: Problem) -> np.ndarray:

@@ -21,6 +21,13 @@ class Surroundings:
         """(3,) chaser from the Earth's centre [m], inertial axes, at t [s] after the first epoch."""
         return None if self.orbit is None else position_velocity(self.orbit, np.asarray(t))[0]
 
+    def leaders(self, times: np.ndarray) -> np.ndarray | None:
+        """(n - 1, 3, 3) the chaser at the beginning, middle and end of each step between `times` (n,) [s]."""
+        if self.orbit is None:
+            return None
+        ways = np.stack([times[:-1], 0.5 * (times[:-1] + times[1:]), times[1:]], axis=1)
+        return position_velocity(self.orbit, ways)[0]
+
     def camera_frame(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """C (3, 3), cam0 axes at t into inertial axes (cam0's at the first epoch), and their rate (3,) [rad/s]."""
         if self.orbit is None or not self.turning:

@@ -11,13 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.kernels import (
-    differential_gravity,
-    euler_acceleration,
-    quaternion_rate,
-    to_body,
-    to_reference,
-)
 from massprops.dynamics.orbit import position_velocity
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.estimators.curvature import cross_covariance
@@ -27,8 +20,6 @@ from massprops.estimators.surroundings import Surroundings
 
 LARGEST_TURN = 0.12
 """Rotation [rad] per integration step: 1e-7 rad a step, far under what any epoch measures."""
-
-TINY = 1e-150
 
 COHERENCE = 40.0
 """The second-order terms below repeat from step to step while they last (they are not white): they count this many
@@ -58,14 +49,16 @@ def predict(
     surroundings: Surroundings,
     noise: ProcessNoise,
     largest_rate: float,
+    leaders: np.ndarray | None = None,
 ) -> tuple[State, np.ndarray]:
     """State and error covariance (B, n, n) at t1 [s] from those at t0.
 
     Args:
         largest_rate: [rad/s] that sets the number of integration steps; the same for every run, so that no run's
             result depends on which others are with it.
+        leaders: (3, 3) the chaser at t0, amid and at t1, where that is known already (`Surroundings.leaders`).
     """
-    ahead, F = transition(layout, state, t0, t1, surroundings, largest_rate)
+    ahead, F = transition(layout, state, t0, t1, surroundings, largest_rate, leaders)
     bend, places = _second_order(layout, F, P), _second_order_places(layout, state, ahead, F, P)
     P = F @ P @ np.swapaxes(F, -1, -2) + _process_noise(layout, ahead, t1 - t0, noise)
     P[:, layout.u, layout.u] += COHERENCE * bend
@@ -75,14 +68,20 @@ def predict(
 
 
 def transition(
-    layout: Layout, state: State, t0: float, t1: float, surroundings: Surroundings, largest_rate: float
+    layout: Layout,
+    state: State,
+    t0: float,
+    t1: float,
+    surroundings: Surroundings,
+    largest_rate: float,
+    leaders: np.ndarray | None = None,
 ) -> tuple[State, np.ndarray]:
     """State at t1 and the error's transition (B, n, n) from t0."""
     dt = t1 - t0
     free = layout.free
     steps = max(1, int(np.ceil(largest_rate * abs(dt) / LARGEST_TURN)))
     q1, W1, core = _rotation(free, state, dt, steps)
-    r1, v1, G = _translation(state, t0, dt, surroundings)
+    r1, v1, G = _translation(state, t0, dt, surroundings, leaders)
     R0, R1 = rotation_matrix(state.q), rotation_matrix(q1)
     turn = R1 @ np.swapaxes(R0, -1, -2)
     lever = np.einsum("bij,bmj->bmi", turn, state.X - state.r[:, None])
@@ -119,62 +118,29 @@ def transition(
 
 def _rotation(free: Layout, state: State, dt: float, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q and W after dt, and the rows of W and theta (B, 6, n) of the transition."""
-    B, count = len(state.W), 6 + free.inertia
-    q = np.repeat(state.q[:, :, None].astype(complex), count, axis=2)
-    W = np.repeat(state.W[:, :, None].astype(complex), count, axis=2)
-    k = np.repeat(state.k[:, :, None].astype(complex), count, axis=2)
-    for i in range(3):
-        W[:, i, i] += 1j * TINY
-    q[:, :, 3:6] += 0.5j * TINY * xi(state.q)
-    for i in range(free.inertia):
-        k[:, i, 6 + i] += 1j * TINY
-    inertia = components(np.moveaxis(k, 1, -1))
-    y = (*(q[:, i] for i in range(4)), *to_body(*(q[:, i] for i in range(4)), *(W[:, i] for i in range(3))))
+    from massprops.estimators.transition_kernel import TINY, rotated
 
-    def slope(y: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-        return (*quaternion_rate(*y), *euler_acceleration(*inertia, y[4], y[5], y[6], 0.0, 0.0, 0.0))
-
-    h = dt / steps
-    for _ in range(steps):
-        s1 = slope(y)
-        s2 = slope(tuple(a + h / 2 * b for a, b in zip(y, s1, strict=True)))
-        s3 = slope(tuple(a + h / 2 * b for a, b in zip(y, s2, strict=True)))
-        s4 = slope(tuple(a + h * b for a, b in zip(y, s3, strict=True)))
-        y = tuple(a + h / 6 * (b + 2 * c + 2 * d + e) for a, b, c, d, e in zip(y, s1, s2, s3, s4, strict=True))
-        length = np.sqrt(y[0] ** 2 + y[1] ** 2 + y[2] ** 2 + y[3] ** 2)
-        y = (*(a / length for a in y[:4]), *y[4:])
-    q1 = np.stack([a[:, 0].real for a in y[:4]], axis=-1)
-    W1 = np.stack(to_reference(*y), axis=1)
-    turned = np.stack([a.imag for a in y[:4]], axis=1) / TINY
-    core = np.zeros((B, 6, free.size))
-    columns = np.r_[free.w, free.theta, free.k]
-    core[:, :3, columns] = W1.imag / TINY
-    core[:, 3:, columns] = 2.0 * np.swapaxes(xi(q1), -1, -2) @ turned
-    return q1, W1[:, :, 0].real, core
+    k = np.repeat(state.k[:, None].astype(complex), 6 + free.inertia, axis=1)
+    k[:, range(6, 6 + free.inertia), range(free.inertia)] += 1j * TINY
+    q1, W1, own = rotated(state.q, state.W, np.stack(components(k), axis=1), dt, steps)
+    core = np.zeros((len(state.W), 6, free.size))
+    core[:, :, free.w], core[:, :, free.theta.start : free.k.stop] = own[:, :, :3], own[:, :, 3:]
+    return q1, W1, core
 
 
 def _translation(
-    state: State, t0: float, dt: float, surroundings: Surroundings
+    state: State, t0: float, dt: float, surroundings: Surroundings, leaders: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """r and v after dt, and the gravity gradient (3, 3) [1/s^2] amid."""
+    from massprops.estimators.transition_kernel import moved
+
     r, v = state.r, state.velocity
     if surroundings.orbit is None:
         return r + dt * v, v, np.zeros((3, 3))
     mu = surroundings.orbit.mu_m3_s2
-    leaders = position_velocity(surroundings.orbit, np.array([t0, t0 + dt / 2, t0 + dt]))[0]
-
-    def pull(leader: np.ndarray, r: np.ndarray) -> np.ndarray:
-        x, y, z = leader
-        return np.stack(differential_gravity(mu, x, y, z, r[:, 0], r[:, 1], r[:, 2]), axis=-1)
-
-    a1 = pull(leaders[0], r)
-    v2 = v + dt / 2 * a1
-    a2 = pull(leaders[1], r + dt / 2 * v)
-    v3 = v + dt / 2 * a2
-    a3 = pull(leaders[1], r + dt / 2 * v2)
-    a4 = pull(leaders[2], r + dt * v3)
-    r1 = r + dt / 6 * (v + 2 * v2 + 2 * v3 + (v + dt * a3))
-    v1 = v + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    if leaders is None:
+        leaders = position_velocity(surroundings.orbit, np.array([t0, t0 + dt / 2, t0 + dt]))[0]
+    r1, v1 = moved(r, v, leaders, mu, dt)
     far = np.linalg.norm(leaders[1])
     up = leaders[1] / far
     return r1, v1, mu / far**3 * (3.0 * np.outer(up, up) - np.eye(3))

@@ -1,0 +1,107 @@
+"""Free rotation and relative orbit over one step with the rotation's derivatives, compiled; import it late."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from massprops.estimators.compiled import (
+    differential_gravity,
+    euler_acceleration,
+    quaternion_rate,
+    to_body,
+    to_reference,
+)
+
+TINY = 1e-150
+
+
+@numba.njit(cache=True)
+def _slope(y, six):  # type: ignore[no-untyped-def]
+    a, b, c, d = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
+    e, f, g = euler_acceleration(six[0], six[1], six[2], six[3], six[4], six[5], y[4], y[5], y[6], 0j, 0j, 0j)
+    return np.array([a, b, c, d, e, f, g])
+
+
+@numba.njit(cache=True)
+def rotated(q, W, six, dt, steps):  # type: ignore[no-untyped-def]
+    """Attitude and rates of B runs after dt [s], by `steps` Runge-Kutta steps, and their derivatives by the complex step.
+
+    Args:
+        q: (B, 4) body to inertial; W: (B, 3) inertial axes [rad/s]; six: (B, 6, 6 + p) complex inertia elements, column
+            6 + i moved by i TINY along parameter i.
+
+    Returns:
+        q (B, 4), W (B, 3), and (B, 6, 6 + p): W and the small turn in body axes by W, the turn, and the parameters.
+    """
+    B, count = six.shape[0], six.shape[2]
+    q1, W1, core = np.empty((B, 4)), np.empty((B, 3)), np.empty((B, 6, count))
+    y = np.empty(7, np.complex128)
+    start, way = np.empty(7, np.complex128), np.empty((3, 4))
+    h = dt / steps
+    for b in range(B):
+        for j in range(count):
+            for i in range(4):
+                start[i] = q[b, i]
+            for i in range(3):
+                start[4 + i] = W[b, i]
+            if j < 3:
+                start[4 + j] += 1j * TINY
+            elif j < 6:
+                _along(q[b], way)
+                for i in range(4):
+                    start[i] += 0.5j * TINY * way[j - 3, i]
+            y[:4] = start[:4]
+            y[4], y[5], y[6] = to_body(start[0], start[1], start[2], start[3], start[4], start[5], start[6])
+            own = six[b, :, j]
+            for _ in range(steps):
+                s1 = _slope(y, own)
+                s2 = _slope(y + h / 2 * s1, own)
+                s3 = _slope(y + h / 2 * s2, own)
+                s4 = _slope(y + h * s3, own)
+                y += h / 6 * (s1 + 2 * s2 + 2 * s3 + s4)
+                y[:4] /= np.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
+            x, u, z = to_reference(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
+            core[b, 0, j], core[b, 1, j], core[b, 2, j] = x.imag / TINY, u.imag / TINY, z.imag / TINY
+            if j == 0:
+                q1[b] = y[:4].real
+                W1[b, 0], W1[b, 1], W1[b, 2] = x.real, u.real, z.real
+            _along(q1[b], way)
+            for i in range(3):
+                total = 0.0
+                for a in range(4):
+                    total += way[i, a] * y[a].imag
+                core[b, 3 + i, j] = 2.0 * total / TINY
+    return q1, W1, core
+
+
+@numba.njit(cache=True)
+def _along(q, way):  # type: ignore[no-untyped-def]
+    """Twice the derivative of q exp(theta) by theta, (3, 4)."""
+    w, x, y, z = q
+    way[0, 0], way[0, 1], way[0, 2], way[0, 3] = -x, w, z, -y
+    way[1, 0], way[1, 1], way[1, 2], way[1, 3] = -y, -z, w, x
+    way[2, 0], way[2, 1], way[2, 2], way[2, 3] = -z, y, -x, w
+
+
+@numba.njit(cache=True)
+def moved(r, v, leaders, mu, dt):  # type: ignore[no-untyped-def]
+    """Place and velocity (B, 3) after dt [s] beside a chaser that is at `leaders` (3, 3) first, amid and last."""
+    r1, v1 = np.empty_like(r), np.empty_like(v)
+    for b in range(len(r)):
+        a1 = _pull(mu, leaders[0], r[b])
+        v2 = v[b] + dt / 2 * a1
+        a2 = _pull(mu, leaders[1], r[b] + dt / 2 * v[b])
+        v3 = v[b] + dt / 2 * a2
+        a3 = _pull(mu, leaders[1], r[b] + dt / 2 * v2)
+        v4 = v[b] + dt * a3
+        a4 = _pull(mu, leaders[2], r[b] + dt * v3)
+        r1[b] = r[b] + dt / 6 * (v[b] + 2 * v2 + 2 * v3 + v4)
+        v1[b] = v[b] + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    return r1, v1
+
+
+@numba.njit(cache=True)
+def _pull(mu, leader, r):  # type: ignore[no-untyped-def]
+    x, y, z = differential_gravity(mu, leader[0], leader[1], leader[2], r[0], r[1], r[2])
+    return np.array([x, y, z])
