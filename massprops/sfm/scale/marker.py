@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.errors import InputError
+from massprops.sfm.marker_corners import refine
 from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
 from massprops.views import Views
 
@@ -68,7 +69,8 @@ def detect(image: np.ndarray, spec: MarkerSpec) -> dict[tuple[int, int], np.ndar
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(image)
     if ids is None:
         return {}
-    return {(int(i), k): c[0, k] for i, c in zip(ids.ravel(), corners, strict=True) for k in range(4)}
+    fine = [refine(image, c[0], dictionary.markerSize) for c in corners]
+    return {(int(i), k): c[k] for i, c in zip(ids.ravel(), fine, strict=True) for k in range(4)}
 
 
 def triangulate(views: Views, index: list[int], uv: np.ndarray) -> tuple[np.ndarray, float, float]:
