@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,8 +24,6 @@ def command(
 
     Example: massprops crosscheck runs/demo
     """
-    import json
-
     from massprops.crosscheck import crosscheck
     from massprops_cli.progress import StageProgress
 
@@ -43,6 +42,19 @@ def command(
     else:
         typer.echo(crosscheck_table(document))
         typer.echo(f"report: {run / 'report.html'}")
+
+
+def verdict_line(folder: Path) -> str:
+    """What the cross-check of a run came to, for the end of other commands."""
+    path = folder / "crosscheck.json"
+    if not path.is_file():
+        return f"shape against motion: not compared (massprops crosscheck {folder})"
+    return f"shape against motion: {_verdict(json.loads(path.read_text()))}"
+
+
+def _verdict(document: dict[str, Any]) -> str:
+    p = "" if document["p_value"] is None else f" (p = {document['p_value']:.2g})"
+    return f"{document['verdict']}{p}: {document['reason']}"
 
 
 def crosscheck_table(document: dict[str, Any]) -> str:
@@ -69,8 +81,7 @@ def crosscheck_table(document: dict[str, Any]) -> str:
         lines.append(f"  {s['name']:<20}skipped: {s['reason']}")
     for name, p in document["tests"].items():
         lines.append(f"  test of {name}: p = {p:.2g}")
-    p = "" if document["p_value"] is None else f" (p = {document['p_value']:.2g})"
-    lines.append(f"{document['verdict']}{p}: {document['reason']}")
+    lines.append(_verdict(document))
     lines += [f"  or {hint}" for hint in document["hints"][1:]]
     fused = document.get("fused")
     if fused:

@@ -55,6 +55,7 @@ def command(
     import json
 
     from massprops.run.reconstruct import reconstruct
+    from massprops_cli.crosscheck import verdict_line
     from massprops_cli.progress import StageProgress
     from massprops_cli.table import mass_table
 
@@ -88,6 +89,7 @@ def command(
             typer.echo(json.dumps(run.properties))
         else:
             typer.echo(mass_table(run.properties))
+            typer.echo(verdict_line(run.folder))
     elif json_output:
         typer.echo(json.dumps({"exit_code": run.exit_code, "reason": run.reason}))
     if not json_output:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.report.html import number, text
+from massprops.report.html import number, round_marks, text
 
 LEFT, RIGHT, TOP, BOTTOM = 68, 12, 10, 20
 MOST_DOTS = 60
@@ -78,17 +78,8 @@ def _box(x: float, half: float, values: np.ndarray, py, k: int) -> str:  # type:
 
 def _ticks(low: float, high: float, log: bool) -> list[float]:
     if not log:
-        return _round_marks(low, high)
+        return round_marks(low, high)
     whole = np.arange(np.ceil(low), np.floor(high) + 1)
     if len(whole) >= 2:
         return [float(10.0**t) for t in whole[:: max(1, len(whole) // 6)]]
-    return [t for t in _round_marks(10.0**low, 10.0**high) if t > 0]
-
-
-def _round_marks(low: float, high: float) -> list[float]:
-    """Three to seven round numbers between two."""
-    rough = (high - low) / 4
-    power = 10.0 ** np.floor(np.log10(rough))
-    step = power * next(m for m in (1, 2, 5, 10) if m * power >= 0.8 * rough)
-    marks = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
-    return [float(m * step) for m in marks]
+    return [t for t in round_marks(10.0**low, 10.0**high) if t > 0]

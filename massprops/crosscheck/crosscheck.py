@@ -119,7 +119,7 @@ def _check(
     centre = _centre(folder, mesh, frame)
     best = judge.reference_of(compared)
     residuals = {} if watched is None or stopped else _residuals(watched, mesh, best)
-    free = {name: series["rms"] for name, series in residuals.items() if name != "times"}
+    free = {name: series["rms"] for name, series in residuals.items() if "rms" in series}
     found = judge.decide(compared, mesh, centre, tumble, free)
     result = document(mesh, compared, found, centre, residuals, outcome.skipped)
     result["fused"] = _fused(folder, mesh, best, centre) if found.verdict == "consistent" else None
@@ -170,7 +170,10 @@ def _residuals(frame: Any, mesh: Any, best: Any) -> dict[str, Any]:
     if len(times) < 8:
         return {}
     keep = np.unique(np.linspace(0, len(times) - 1, min(len(times), MOST_POINTS)).round().astype(int))
-    out: dict[str, Any] = {"times": times[keep].tolist()}
+    out: dict[str, Any] = {
+        "times": times[keep].tolist(),
+        "noise_deg": np.degrees(np.sqrt(3.0) * frame.sigma[keep]).round(6).tolist(),
+    }
     inertias = {"mesh": mesh.inertia}
     if best is not None and best.turn is not None:
         inertias["motion"] = best.turn @ best.found.inertia @ best.turn.T
@@ -202,6 +205,7 @@ def document(
             "k2": float(mesh.k[1]),
             "sigma_k1": sigma[0],
             "sigma_k2": sigma[1],
+            "k_covariance": mesh.covariance[:2, :2] if mesh.stated else None,
             "principal_axes": mesh.axes,
             "center_of_mass": mesh.centre,
         },

@@ -84,7 +84,7 @@ def render(
 
 
 def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> str:
-    from massprops.report.sections.crosscheck import _plane
+    from massprops.report.ratio_plane import ratio_plane
 
     parts = [f'<div class="warning">{text(line)}</div>' for line in content["warnings"]]
     if content["reason"]:
@@ -135,8 +135,8 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
     sound = [e for e in content["estimators"] if e["converged"] and e["observable"]]
     if sound:
         true = None if truth is None else true_ratios(truth)
-        centre = {} if true is None else {"k1": float(true[0]), "k2": float(true[1]), "name": "truth"}
-        parts.append(f'<div class="narrow">{_plane(centre, sound)}</div>')
+        own = {} if true is None else {"name": "truth", "k1": float(true[0]), "k2": float(true[1])}
+        parts.append(f'<div class="narrow">{ratio_plane(own, sound, "smoother")}</div>')
     return "".join(parts)
 
 

@@ -58,6 +58,15 @@ def between(bounds: Sequence[float] | None, digits: int = 5) -> str:
     return "–" if not bounds else f"{number(bounds[0], digits)} … {number(bounds[1], digits)}"
 
 
+def round_marks(low: float, high: float) -> list[float]:
+    """Three to seven round numbers between two."""
+    rough = (high - low) / 4
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = power * next(m for m in (1, 2, 5, 10) if m * power >= 0.8 * rough)
+    marks = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
+    return [float(m * step) for m in marks]
+
+
 def swatch(colour: str, name: str) -> str:
     """A square of a colour with its name, for legends."""
     return f'<span class="key-item"><span class="swatch" style="background:{text(colour)}"></span>{text(name)}</span>'
@@ -106,15 +115,13 @@ def plot(
     parts = [
         f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="{text(y_label)} over {text(x_label)}">'
     ]
-    for tick in np.linspace(y0, y1, 5)[1:-1]:
+    for tick in round_marks(y0, y1):
         up = float(py(np.array(tick)))
         parts.append(f'<line class="grid" x1="{left}" x2="{width - right}" y1="{up:.1f}" y2="{up:.1f}"/>')
-        parts.append(f'<text x="{left - 6}" y="{up + 4:.1f}" text-anchor="end">{number(float(tick), 3)}</text>')
-    for tick in np.linspace(x0, x1, 5):
+        parts.append(f'<text x="{left - 6}" y="{up + 4:.1f}" text-anchor="end">{number(tick, 3)}</text>')
+    for tick in round_marks(x0, x1):
         along = float(px(np.array(tick)))
-        parts.append(
-            f'<text x="{along:.1f}" y="{height - bottom + 16}" text-anchor="middle">{number(float(tick), 4)}</text>'
-        )
+        parts.append(f'<text x="{along:.1f}" y="{height - bottom + 16}" text-anchor="middle">{number(tick, 4)}</text>')
     for x, low, high in bands:
         upper = [f"{a:.1f},{b:.1f}" for a, b in zip(px(x), py(high), strict=True)]
         lower = [f"{a:.1f},{b:.1f}" for a, b in zip(px(x)[::-1], py(low)[::-1], strict=True)]
@@ -124,10 +131,10 @@ def plot(
         path = " ".join(
             f"{a:.1f},{b:.1f}" for a, b in zip(px(np.asarray(x)[good]), py(np.asarray(y)[good]), strict=True)
         )
-        parts.append(f'<polyline class="s{k % 6}" points="{path}"/>')
+        parts.append(f'<polyline class="s{k % 8}" points="{path}"/>')
     parts.append(f'<text x="{(left + width) / 2:.0f}" y="{height - 4}" text-anchor="middle">{text(x_label)}</text>')
     parts.append(
         f'<text transform="translate(14 {height / 2:.0f}) rotate(-90)" text-anchor="middle">{text(y_label)}</text></svg>'
     )
-    legend = "".join(f'<span class="key s{k % 6}">{text(name)}</span>' for k, (name, _, _) in enumerate(series) if name)
+    legend = "".join(f'<span class="key s{k % 8}">{text(name)}</span>' for k, (name, _, _) in enumerate(series) if name)
     return "".join(parts) + (f'<div class="legend">{legend}</div>' if legend else "")

@@ -18,7 +18,7 @@ import massprops
 from massprops.errors import InputError
 from massprops.run.files import hash_of, plain, replace_folder, write_json, write_whole
 from massprops.run.job import ReconstructOptions
-from massprops.run.stages import ALWAYS, ORDER, load_stage
+from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
 
 Watch = Callable[[str, int, int, int, int, str], None]
 """`watch(stage, number, count, done, total, what)`: how far the run is."""
@@ -55,7 +55,7 @@ def run_stages(
 
     A stage is current when its folder is there under the key of its inputs: the package's version, its options, and
     the keys of the stages it reads. A stage that cannot finish ends the chain; `ALWAYS` stages still run on what is
-    there, and are never kept as current then.
+    there, and are never kept as current then. Of `EXTRA` stages a failure is a warning, and they are tried again.
 
     Args:
         run: the run folder, locked by the caller.
@@ -86,7 +86,10 @@ def run_stages(
                 watch(name, number, len(order), 0, 0, "")
             entry, code, reason = _run_stage(run, name, package, options, key, number, len(order), watch)
             outcome.stages[name] = entry
-            if code and not outcome.exit_code:
+            if code and name in EXTRA:
+                entry.setdefault("warnings", []).append(f"no {name}: {reason}")
+                entry.pop("key", None)
+            elif code and not outcome.exit_code:
                 outcome.exit_code, outcome.reason = code, reason
             if outcome.exit_code:
                 entry.pop("key", None)

@@ -17,7 +17,7 @@ import yaml
 from massprops.errors import InputError
 from massprops.run.files import hash_input, locked, write_whole
 from massprops.run.job import ReconstructOptions
-from massprops.run.runner import run_stages
+from massprops.run.runner import Outcome, run_stages
 
 STAGES = {
     "first": """
@@ -50,6 +50,16 @@ STAGES = {
             value = float((job.work("first") / "n").read_text()) * job.options.density
             (job.out / "value").write_text(repr(value))
             return {"value": value}
+    """,
+    "crosscheck": """
+        READS, OPTIONS = ("second",), ()
+        def run(job):
+            count(job, "crosscheck")
+            if (job.run / "die").exists():
+                os.kill(os.getpid(), signal.SIGKILL)
+            if (job.run / "wrong").exists():
+                raise InputError("no such thing")
+            return {}
     """,
     "report": """
         READS, OPTIONS = ("second",), ()
@@ -108,6 +118,22 @@ def test_finished_stages_are_not_run_again_and_options_reach_their_dependents_on
     go(run, package, density=2.0, frames=10)
     assert calls(run) == ["first", "second", "second", "first", "second"]
     assert (run / "work/second/value").read_text() == "20.0"
+
+
+@pytest.mark.parametrize("how", ["die", "wrong"])
+def test_a_run_stands_without_an_extra_stage_which_is_tried_again(run: Path, package: str, how: str) -> None:
+    order = ("first", "crosscheck", "report")
+
+    def again() -> Outcome:
+        return run_stages(run, ReconstructOptions(), {"a": "1"}, order=order, package=package)
+
+    (run / how).touch()
+    found = again()
+    assert found.exit_code == 0 and found.stages["report"]["status"] == "done"
+    assert found.warnings[-1].startswith("no crosscheck: ")
+    (run / how).unlink()
+    assert again().warnings == [] and again().exit_code == 0
+    assert calls(run) == ["first", "crosscheck", "crosscheck"]
 
 
 def test_a_changed_input_runs_everything_again(run: Path, package: str) -> None:

@@ -1,4 +1,4 @@
-"""The papers, one file each, found by its name.
+"""The papers, one file each, found by its name; and `smoother`, which is held against the Cramer-Rao bound.
 
 A file has `PAPER`, `CASES` (case -> one sentence), `RUNS` (case -> default number of runs), `configuration(case)` (the
 whole set-up as plain JSON), `runs(configuration, seeds) -> rows` (one flat row per seed, in order; a failed run is a row
@@ -25,8 +25,8 @@ def papers() -> list[str]:
 
 
 def _is_paper(path: Path) -> bool:
-    """A paper's file is named for author and year; other files are parts of one."""
-    return not path.stem.startswith("_") and path.stem[-4:].isdigit()
+    """A paper's file is named for author and year; files with an underscore in their names are parts of one."""
+    return "_" not in path.stem
 
 
 def load_paper(name: str) -> ModuleType:

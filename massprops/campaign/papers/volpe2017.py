@@ -191,6 +191,7 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
             environment,
             camera[:n],
             tuple(windows),
+            two_sided=True,
         )
         begin, at = fit.last, n - 1
     uv[: at + 1], ranges[: at + 1] = (np.nan, np.nan) if at else (uv[: at + 1], ranges[: at + 1])

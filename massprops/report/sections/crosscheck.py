@@ -8,11 +8,10 @@ import numpy as np
 
 from massprops.report.data import RunData
 from massprops.report.html import between, number, plot, swatch, table, text
+from massprops.report.ratio_plane import ratio_plane
 from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Shape against motion", 5
-NINETY = 2.1460
-"""Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
 MEANING = {
     "consistent": "Mesh and motion agree within their uncertainties.",
     "inconsistent": "Mesh and motion disagree: the mass is not spread evenly, or one of the two is wrong.",
@@ -34,7 +33,7 @@ def render(data: RunData) -> str:
     rows = [("mesh", _value(mesh, "k1"), _value(mesh, "k2"), "", "", "")]
     for e in estimators:
         angle, sigma = e.get("axis_misalignment_deg"), e.get("sigma_axis_deg")
-        shown = f"{number(angle, 3)}°" + (f" ± {number(sigma, 2)}°" if sigma is not None else "")
+        shown = "–" if angle is None else f"{number(angle, 3)}°" + ("" if sigma is None else f" ± {number(sigma, 2)}°")
         yes = {True: "yes", False: "no"}
         rows.append(
             (
@@ -48,7 +47,9 @@ def render(data: RunData) -> str:
         )
     head = ("method", "k1 (± 1σ)", "k2 (± 1σ)", "axes turned by", "converged", "observable")
     parts += [f'<p class="soft">Or {text(hint)}.</p>' for hint in (document.get("hints") or [])[1:]]
-    parts.append(f'<div class="narrow">{_plane(mesh, estimators)}</div>{table(rows, head)}')
+    parts.append(
+        f'<div class="narrow">{ratio_plane(mesh, estimators, str(document.get("rests_on") or ""))}</div>{table(rows, head)}'
+    )
     parts += [
         f'<p class="soft">{text(s.get("name"))} not run: {text(s.get("reason"))}.</p>'
         for s in document.get("skipped") or []
@@ -110,6 +111,8 @@ def _residuals(series: dict[str, Any]) -> str:
         if series.get(key):
             size = np.linalg.norm(np.array(series[key]["turn_deg"], float), axis=1)
             curves.append((f"{name}: {number(series[key]['rms'], 3)} times the noise", times, size))
+    if series.get("noise_deg"):
+        curves.append(("noise of the attitudes", times, np.array(series["noise_deg"], float)))
     drawn = plot(curves, "time [s]", "left of the attitude [°]")
     return (
         f'<h3>Residuals over time</h3><div class="narrow">{drawn}</div><p class="soft">The best free rotation with each '
@@ -120,61 +123,3 @@ def _residuals(series: dict[str, Any]) -> str:
 def _value(entry: dict[str, Any], key: str) -> str:
     sigma = entry.get(f"sigma_{key}")
     return number(entry.get(key), 4) + (f" ± {number(sigma, 2)}" if sigma is not None else "")
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and np.isfinite(value) else None
-
-
-def _plane(mesh: dict[str, Any], estimators: list[dict[str, Any]]) -> str:
-    """Every method as a point with its 90 % ellipse in the plane of k1 and k2."""
-    # one that did not converge would shrink all the others
-    sound = [e for e in estimators if e.get("converged") is not False]
-    named = [("mesh", mesh), *((str(e.get("name", "")), e) for e in sound)]
-    marks = []
-    for name, entry in named:
-        k1, k2, a, b = (_finite(entry.get(key)) for key in ("k1", "k2", "sigma_k1", "sigma_k2"))
-        if k1 is not None and k2 is not None:
-            marks.append((name, k1, k2, NINETY * (a or 0.0), NINETY * (b or 0.0)))
-    if not marks:
-        return ""
-    place = np.array([m[1:3] for m in marks])
-    half = np.array([m[3:5] for m in marks])
-    typical = 3 * np.median(half, axis=0)
-    low, high = (place - np.minimum(half, typical)).min(0), (place + np.minimum(half, typical)).max(0)
-    pad = 0.15 * np.maximum(high - low, 1e-4)
-    low, high = low - pad, high + pad
-    wide, tall, left, bottom = 480, 360, 62, 40
-
-    def at(k: np.ndarray) -> np.ndarray:
-        share = (k - low) / (high - low)
-        return np.array([left + share[0] * (wide - left - 10), tall - bottom - share[1] * (tall - bottom - 10)])
-
-    unit = np.array([(wide - left - 10), (tall - bottom - 10)]) / (high - low)
-    parts = [
-        f'<svg viewBox="0 0 {wide} {tall}" role="img" aria-label="k1 and k2 of every method"><clipPath id="plane">'
-        f'<rect x="{left}" y="10" width="{wide - left - 10}" height="{tall - bottom - 10}"/></clipPath>'
-        f'<rect class="pane" x="{left}" y="10" width="{wide - left - 10}" height="{tall - bottom - 10}"/>'
-    ]
-    for share in (0.0, 0.5, 1.0):
-        k = low + share * (high - low)
-        x, y = at(k)
-        parts.append(
-            f'<text x="{x:.0f}" y="{tall - bottom + 15}" text-anchor="{"end" if share == 1 else "middle"}">{number(float(k[0]), 3)}</text>'
-        )
-        parts.append(f'<text x="{left - 5}" y="{y + 4:.0f}" text-anchor="end">{number(float(k[1]), 3)}</text>')
-    parts.append(
-        f'<text x="{(left + wide) / 2:.0f}" y="{tall - 6}" text-anchor="middle">k1</text><text x="12" y="{tall / 2:.0f}">k2</text>'
-    )
-    for i, (_, k1, k2, a, b) in enumerate(marks):
-        x, y = at(np.array([k1, k2]))
-        style = f"s{i % 6}"
-        parts.append(
-            f'<g clip-path="url(#plane)"><ellipse class="ring {style}" cx="{x:.1f}" cy="{y:.1f}" rx="{a * unit[0]:.1f}" '
-            f'ry="{b * unit[1]:.1f}"/><circle class="dot {style}" cx="{x:.1f}" cy="{y:.1f}" r="{5 if i == 0 else 3}"/></g>'
-        )
-    legend = "".join(f'<span class="key s{i % 6}">{text(m[0])}</span>' for i, m in enumerate(marks))
-    return (
-        "".join(parts)
-        + f'</svg><div class="legend">{legend}</div><p class="soft">Ellipses hold 90 %; methods that did not converge are left out.</p>'
-    )

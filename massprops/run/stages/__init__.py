@@ -9,10 +9,15 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
-ORDER = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "sequence", "publish", "report")
+ORDER = (
+    "capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "sequence", "publish", "crosscheck", "report",
+)  # fmt: skip
 
 ALWAYS = ("publish", "report")
 """Stages that run on whatever there is, even when an earlier one could not finish."""
+
+EXTRA = ("crosscheck",)
+"""Stages whose failure is a warning: the run's own results stand without them."""
 
 
 def load_stage(name: str, package: str = __name__) -> ModuleType:

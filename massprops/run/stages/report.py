@@ -7,7 +7,7 @@ import json
 from massprops.run.files import write_json
 from massprops.run.job import Job
 
-READS = ("publish",)
+READS = ("publish", "crosscheck")
 OPTIONS = ()
 
 

@@ -1,0 +1,133 @@
+"""The plane of k1 and k2: mesh (or truth) and estimators as points with their 90 % ellipses, as inline SVG."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from massprops.report.html import number, round_marks, text
+
+NINETY = 2.1460
+"""Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
+REACH = 3.0
+"""Methods farther off than so many times the reach of what is drawn thick are named instead of drawn."""
+OWN = "own"
+"""Style of the mesh, or of the truth."""
+WIDE, TALL, LEFT, BOTTOM, EDGE = 480, 360, 62, 40, 10
+
+
+@dataclass(frozen=True)
+class Mark:
+    """name: of one method, or of several that say the same; k (2,); outline (n, 2) of the ellipse, or (0, 2)."""
+
+    name: str
+    k: np.ndarray
+    outline: np.ndarray
+    style: str
+
+
+def ratio_plane(own: dict[str, Any], estimators: list[dict[str, Any]], reference: str = "") -> str:
+    """The plane, or nothing where nobody gives ratios.
+
+    Args:
+        own: `k1`, `k2` and what else `crosscheck.json` says of the mesh, or the truth (`name`); {} for none.
+        estimators: as in `crosscheck.json`.
+        reference: the estimator that counts most, drawn thick as `own` is.
+    """
+    # one that did not converge would shrink all the others
+    sound = [e for e in estimators if e.get("converged") is not False]
+    marks = _marks(own, sound)
+    if not marks:
+        return ""
+    core = [m for m in marks if m.style == OWN or reference in m.name.split(", ")]
+    if not any(len(m.outline) for m in core):
+        core = marks
+    low, high = _bounds(core)
+    middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-4)
+    near = [m for m in marks if (np.abs(m.k - middle) <= REACH * half).all()]
+    low, high = _bounds([*core, *(Mark(m.name, m.k, m.k[None], m.style) for m in near)])
+    pad = 0.08 * np.maximum(high - low, 1e-4)
+    low, high = low - pad, high + pad
+    drawn = [_drawn(m, low, high, thick=m in core) for m in near]
+    far = [m.name for m in marks if m not in near]
+    said = "Ellipses hold 90 %; methods that did not converge are left out." + (
+        f" Farther off than shown: {text(', '.join(far))}." if far else ""
+    )
+    legend = "".join(f'<span class="key {m.style}">{text(m.name)}</span>' for m in near)
+    box = f'x="{LEFT}" y="{EDGE}" width="{WIDE - LEFT - EDGE}" height="{TALL - BOTTOM - EDGE}"'
+    return (
+        f'<svg viewBox="0 0 {WIDE} {TALL}" role="img" aria-label="k1 and k2 of every method">'
+        f'<clipPath id="plane"><rect {box}/></clipPath><rect class="pane" {box}/>{_scales(low, high)}'
+        f'<g clip-path="url(#plane)">{"".join(drawn[::-1])}</g></svg>'
+        f'<div class="legend">{legend}</div><p class="soft">{said}</p>'
+    )
+
+
+def _marks(own: dict[str, Any], estimators: list[dict[str, Any]]) -> list[Mark]:
+    marks: list[Mark] = []
+    for entry in (own, *estimators):
+        name = str(entry.get("name") or "mesh")
+        k = np.array([_finite(entry.get("k1")), _finite(entry.get("k2"))])
+        if not np.isfinite(k).all():
+            continue
+        same = [i for i, m in enumerate(marks) if m.style != OWN and np.abs(m.k - k).max() < 1e-7]
+        if same:
+            old = marks[same[0]]
+            marks[same[0]] = Mark(f"{old.name}, {name}", old.k, old.outline, old.style)
+            continue
+        style = OWN if entry is own else f"s{sum(m.style != OWN for m in marks) % 8}"
+        marks.append(Mark(name, k, _outline(entry, k), style))
+    return marks
+
+
+def _outline(entry: dict[str, Any], k: np.ndarray) -> np.ndarray:
+    sigma = np.array([_finite(entry.get("sigma_k1")), _finite(entry.get("sigma_k2"))])
+    if not np.isfinite(sigma).all():
+        return np.zeros((0, 2))
+    whole = entry.get("k_covariance")
+    covariance = np.diag(sigma**2) if whole is None else np.array(whole, float).reshape(2, 2)
+    values, vectors = np.linalg.eigh(covariance)
+    turn = np.linspace(0.0, 2.0 * np.pi, 73)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    out: np.ndarray = k + NINETY * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    return out
+
+
+def _finite(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) and np.isfinite(value) else np.nan
+
+
+def _bounds(marks: list[Mark]) -> tuple[np.ndarray, np.ndarray]:
+    points = np.vstack([np.vstack([m.k[None], m.outline]) for m in marks])
+    return points.min(0), points.max(0)
+
+
+def _at(k: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    share = (k - low) / (high - low)
+    x = LEFT + share[..., 0] * (WIDE - LEFT - EDGE)
+    return np.stack([x, TALL - BOTTOM - share[..., 1] * (TALL - BOTTOM - EDGE)], axis=-1)
+
+
+def _drawn(mark: Mark, low: np.ndarray, high: np.ndarray, thick: bool) -> str:
+    x, y = _at(mark.k, low, high)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in _at(mark.outline, low, high))
+    kind = f"{mark.style}{' thick' if thick else ''}"
+    ring = f'<polygon class="ring {kind}" points="{points}"/>' if points else ""
+    return f'{ring}<circle class="dot {kind}" cx="{x:.1f}" cy="{y:.1f}" r="{4 if thick else 2.5}"/>'
+
+
+def _scales(low: np.ndarray, high: np.ndarray) -> str:
+    parts = []
+    for k1 in round_marks(low[0], high[0]):
+        x = _at(np.array([k1, low[1]]), low, high)[0]
+        parts.append(f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{EDGE}" y2="{TALL - BOTTOM}"/>')
+        parts.append(f'<text x="{x:.1f}" y="{TALL - BOTTOM + 15}" text-anchor="middle">{number(k1, 3)}</text>')
+    for k2 in round_marks(low[1], high[1]):
+        y = _at(np.array([low[0], k2]), low, high)[1]
+        parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDE - EDGE}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{number(k2, 3)}</text>')
+    parts.append(f'<text x="{(LEFT + WIDE) / 2:.0f}" y="{TALL - 6}" text-anchor="middle">k1</text>')
+    parts.append(f'<text transform="translate(12 {TALL / 2:.0f}) rotate(-90)" text-anchor="middle">k2</text>')
+    return "".join(parts)
