@@ -105,11 +105,12 @@ RANGES: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Simulated:
-    """A sequence, its truth (as `write_sequence` takes it) and the effects that acted."""
+    """A sequence, its truth (as `write_sequence` takes it), the effects that acted, and the true state at the start."""
 
     sequence: Sequence
     truth: dict[str, Any]
     model: Model
+    state: BatchState
     pixels: dict[str, float] = field(default_factory=dict)
 
 
@@ -160,7 +161,7 @@ def simulate_tracks(scenario: TrackScenario = TrackScenario(), outside: tuple[Mo
     exact = _pixels(problem, acted, view)
     sequence = _measure(s, problem, cameras, acted, view, exact, environment, inertia)
     pixels = {"rms": float(np.sqrt(np.mean(np.sum((exact - _pixels(problem, clean, view)) ** 2, axis=1))))}
-    return Simulated(sequence, _truth(s, times, acted, whole, axes, model), model, pixels)
+    return Simulated(sequence, _truth(s, times, acted, whole, axes, model), model, whole, pixels)
 
 
 def write_tracks(scenario: TrackScenario, out: Any) -> Any:
