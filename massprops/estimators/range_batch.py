@@ -21,6 +21,10 @@ from massprops.sequence.data import Environment
 
 STEPS = np.repeat([1e-5, 1e-7, 1e-5, 1e-3, 1e-6], [3, 3, 5, 3, 3])
 """Central differences of attitude, rate, inertia, position, velocity: error of rounding and of curvature both below 1e-8."""
+DRAWS = 64
+"""Pairs of states drawn to see how the motion bends over their uncertainty."""
+DECISIVE = 60.0
+"""Cost by which one of two mirrored answers must be worse to be given up."""
 HUBER = 2.5
 MOST_ROUNDS = 25
 
@@ -55,12 +59,14 @@ def fit_first(
     environment: Environment,
     camera: np.ndarray | None = None,
     windows: tuple[int, ...] = (),
+    two_sided: bool = False,
 ) -> BatchFit:
     """Levenberg-Marquardt on state, inertia and features, with the start's covariance as prior and Huber's loss.
 
     Args:
         start, times (n,), ...: as for `range_filter.range_filtered`, n epochs in all; windows: numbers of epochs of
-        the growing window before the last, all n.
+        the growing window before the last, all n; two_sided: the start does not say which way the body turns across
+        the sight: the mirrored answer is followed too, until the measurements decide.
     """
     path = chaser_path(environment, times)
     middle = np.zeros((max(len(times) - 1, 0), 3))
@@ -70,9 +76,15 @@ def fit_first(
     C = rotation_matrix(path.q if camera is None else camera)
     task = _Task(start, times, intrinsics, uv, sigma_px, ranges, sigma_range, path, middle, C)
     state = _State(start.q, start.w, from_inertia(start.tensor), start.r, start.v, start.f)
-    converged = False
+    rivals, first = [state], two_sided
     for n in (*[k for k in windows if k < len(times)], len(times)):
-        state, converged = task.solve(state, n)
+        solved = [task.solve(x, n) for x in rivals]
+        if first:
+            solved.append(task.solve(task.mirrored(solved[0][0]), n))
+            first = False
+        cost = np.array([task.cost(x, n) for x, _ in solved]) if len(solved) > 1 else np.zeros(1)
+        order = np.argsort(cost, kind="stable")
+        (state, converged), rivals = solved[order[0]], [solved[i][0] for i in order if cost[i] < cost.min() + DECISIVE]
     return task.result(state, converged)
 
 
@@ -226,15 +238,55 @@ class _Task:
         full[:, :6], full[:, 11:] = J[:, :6], J[:, 6:]
         full[:, 6:11, 6:11] = np.eye(5)
         block = full @ P[:BASE, :BASE] @ np.swapaxes(full, 1, 2)
-        last = P.copy()
-        last[:BASE] = full[-1] @ last[:BASE]
-        last[:, :BASE] = last[:, :BASE] @ full[-1].T
         tensor = inertia(x.s)
         first = RangeStart(x.q, x.w, tensor, x.r, x.v, x.f, P)
-        end = RangeStart(y[-1, :4], y[-1, 4:7], tensor, y[-1, 7:10], y[-1, 10:], x.f, 0.5 * (last + last.T))
         # what Huber's loss gives up of the information at normal noise is small: HUBER = 2.5 keeps 99 %
         square = float(np.sum(near**2)) / max(rows - far - len(P), 1)
-        return BatchFit(first, end, y, block, square, rows, far, converged)
+        return BatchFit(first, self.at_end(x, P, full[-1], y[-1], n), y, block, square, rows, far, converged)
+
+    def at_end(self, x: _State, P: np.ndarray, J: np.ndarray, y: np.ndarray, n: int) -> RangeStart:
+        """State and covariance at the last epoch, with the second order of the motion in both.
+
+        The body axes are known exactly at the first epoch. What ties later attitudes, rates and inertia to that is a
+        curved surface; a linear covariance would hold the state to its tangent, many times thinner than the surface
+        bends over the uncertainty, and the filter would go on from there sure of what is false.
+
+        Args:
+            P: at the first epoch; J (17, 17): derivative of the last epoch's errors by the first one's; y: motion there.
+        """
+        scale = np.sqrt(np.diag(P)[:BASE])
+        root = scale[:, None] * np.linalg.cholesky(P[:BASE, :BASE] / np.outer(scale, scale) + 1e-13 * np.eye(BASE))
+        moves = np.zeros((DRAWS, BASE + x.f.size))
+        moves[:, :BASE] = np.random.default_rng(DRAWS).standard_normal((DRAWS, BASE)) @ root.T
+        ahead = self.paths([*(x.moved(d) for d in moves), *(x.moved(-d) for d in moves)], n)[:, -1]
+        off = np.zeros((2 * DRAWS, BASE))
+        off[:, :3] = turn_of(multiply(conjugate(y[:4]), ahead[:, :4]))
+        off[:, 3:6], off[:, 11:] = ahead[:, 4:7] - y[4:7], ahead[:, 7:] - y[7:]
+        bend = 0.5 * (off[:DRAWS] + off[DRAWS:])
+        mean = bend.mean(axis=0)
+        last = P.copy()
+        last[:BASE] = J @ last[:BASE]
+        last[:, :BASE] = last[:, :BASE] @ J.T
+        last[:BASE, :BASE] += (bend - mean).T @ (bend - mean) / DRAWS
+        z = _State(y[:4], y[4:7], x.s, y[7:10], y[10:], x.f).moved(np.concatenate([mean, np.zeros(x.f.size)]))
+        return RangeStart(z.q, z.w, inertia(z.s), z.r, z.v, z.f, 0.5 * (last + last.T))
+
+    def mirrored(self, x: _State) -> _State:
+        """The state that one camera hardly tells from this one (Necker's reversal): depths mirrored about the points'
+        middle, the turn across the sight reversed, the inertia that of the mirrored body."""
+        R = rotation_matrix(x.q)
+        sight = R.T @ x.r / np.linalg.norm(x.r)
+        flip = np.eye(3) - 2 * np.outer(sight, sight)
+        middle = x.f.mean(axis=0)
+        w = -flip @ x.w
+        return _State(
+            x.q,
+            w,
+            from_inertia(flip @ inertia(x.s) @ flip),
+            x.r,
+            x.v + R @ np.cross(x.w - w, middle),
+            middle + (x.f - middle) @ flip,
+        )
 
 
 def _huber(size: np.ndarray) -> np.ndarray:
