@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprops.campaign.papers import _pesce2017_run as paper_run
+from massprops.campaign.papers import _pesce2017_limit as paper_limit
 from massprops.campaign.papers import pesce2017
 from massprops.dynamics.quaternion import from_rotation_vector, normalise, rotation_matrix
 from massprops.estimators import inertia_parameters as shape
@@ -170,8 +170,21 @@ def test_case_c_is_consistent_and_at_the_limit() -> None:
 
 
 def test_the_measurements_alone_reach_the_limit_of_the_errata() -> None:
-    sigma = paper_run.bound(pesce2017.configuration("C"), [0, 1, 2])[-1]
-    np.testing.assert_allclose(sigma.mean(axis=0), [0.0020, 0.0015], rtol=0.05)
+    sigma, errors = paper_limit.limit(pesce2017.configuration("C"), [0, 1, 2])
+    np.testing.assert_allclose(sigma[-1].mean(axis=0), [0.0020, 0.0015], rtol=0.05)
+    assert (errors[-1, :, :2] < 4 * sigma[-1]).all()
+
+
+def test_epochs_together_keep_every_run_where_a_first_image_misleads() -> None:
+    """Runs that end 0.15 off, or with NEES in the thousands, when each epoch is an update of its own."""
+    c = pesce2017.configuration("noise-10")
+    rows = pesce2017.runs(c, [1016, 1191])
+    for row in rows:
+        assert max(abs(row["final_k1"]), abs(row["final_k2"])) < 0.15
+        assert row["nees_100s"] < 59  # 1 of 1000 of chi-squared with 29 degrees of freedom
+        assert row["best_k1"] < 0.15 and row["best_rho_m"] < 1.5
+    short = {"steps": 12, "average_from_s": 5.0, "steady_from_s": 10.0, "limit": False}
+    assert pesce2017.runs({**c, **short, "batch_steps": []}, [1191])[0]["nees_10s"] > 1000
 
 
 @pytest.mark.parametrize("case", pesce2017.CASES)

@@ -16,9 +16,10 @@ from massprops.estimators.curvature import bends, constraint_curvature, image_cu
 from massprops.estimators.differentiator import rates_from_flow, slope
 from massprops.estimators.error_state import Layout, State, covariance_of, difference, state_of
 from massprops.estimators.inertia_parameters import from_ratios, principal_prior, ratios_jacobian, ratios_of
-from massprops.estimators.iterated import Rule, update, update_again
+from massprops.estimators.iterated import Observe, Rule, Updated, update, update_again
 from massprops.estimators.observation import euler_constraint, for_layout, images
 from massprops.estimators.surroundings import Surroundings
+from massprops.estimators.together import update_together
 from massprops.estimators.transition import (
     ProcessNoise,
     predict,
@@ -129,7 +130,7 @@ def _perifocal_in_lvlh(anomaly: float) -> np.ndarray:
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _draw(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, ...]:
+def draw(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, ...]:
     """Features, first estimates and all measurement noise, run by run from its own seed."""
     m, steps = c["features"], c["steps"]
     parts = []
@@ -143,7 +144,7 @@ def _draw(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, ...]:
     return tuple(np.stack(p) for p in zip(*parts, strict=True))
 
 
-def _first(c: dict[str, Any], setup: Setup, features: np.ndarray, draw: np.ndarray) -> tuple[State, np.ndarray]:
+def first_estimate(c: dict[str, Any], setup: Setup, features: np.ndarray, draw: np.ndarray) -> tuple[State, np.ndarray]:
     """The paper's first estimate: the truth plus an error drawn from the first covariance, in the paper's variables."""
     B, m = features.shape[:2]
     C, spin = setup.frames[0]
@@ -168,21 +169,34 @@ def _first(c: dict[str, Any], setup: Setup, features: np.ndarray, draw: np.ndarr
     return state, P
 
 
+def image_noise(c: dict[str, Any]) -> np.ndarray:
+    """(rows,) 1-sigma of one step's image positions and velocities and disparities."""
+    scale = np.repeat([c["image_sigma"], c["flow_sigma_per_s"]], 2)
+    return np.concatenate([np.tile(scale, 2 * c["features"]), np.full(c["features"], c["disparity_sigma"])])
+
+
 def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
     """The filter over all steps, all runs at once."""
     setup = Setup(c)
-    layout, m = setup.layout, c["features"]
-    features, start, noise, sensor = _draw(c, seeds)
-    state, P = _first(c, setup, features, start)
-    scale = np.repeat([c["image_sigma"], c["flow_sigma_per_s"]], 2)
-    sigma = np.concatenate([np.tile(scale, 2 * m), np.full(m, c["disparity_sigma"])])
+    layout = setup.layout
+    features, start, noise, sensor = draw(c, seeds)
+    state, P = first_estimate(c, setup, features, start)
+    sigma = image_noise(c)
     process = ProcessNoise(**c["process_noise"])
     rates = _Rates(c, setup)
     states, covariances, used = [], [], np.zeros(len(seeds))
+    exact = [
+        images(layout, setup.truth(i, features), setup.cameras, *setup.frames[i], True, True)[0]
+        for i in range(1, c["steps"] + 1)
+    ]
+    measured = [value + sigma * noise[:, i] for i, value in enumerate(exact)]
+    windows = c["batch_steps"]
+    if windows:
+        together = _together(setup, state, P, measured[: windows[-1]], sigma, windows)
+        state, P, used = together.state, together.P, used + together.iterations
     for step in range(1, c["steps"] + 1):
         C, spin = setup.frames[step]
-        exact, _, _ = images(layout, setup.truth(step, features), setup.cameras, C, spin, True, True)
-        z = exact + sigma * noise[:, step - 1]
+        z = measured[step - 1]
         acceleration, doubt = (
             setup.sensed(step, sensor[:, step - 1]) if c["pseudo"] == "sensor" else rates.take(step, z)
         )
@@ -200,7 +214,9 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
         state, P = predict(
             layout, state, P, setup.times[step - 1], setup.times[step], setup.surroundings, process, setup.largest_rate
         )
-        wide = np.broadcast_to(sigma, z.shape)
+        # images of the first steps may be in the state already
+        known = bool(windows) and step <= windows[-1]
+        wide = np.broadcast_to(np.inf if known else sigma, z.shape)
         if acceleration is not None:
             wide = np.concatenate([wide, np.sqrt(doubt**2 + constraint_curvature(layout, state, P))], axis=1)
 
@@ -229,39 +245,24 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
     return Passage(setup, features, states, covariances, used)
 
 
-def bound(c: dict[str, Any], seeds: list[int]) -> np.ndarray:
-    """(steps, B, 2) Cramer-Rao 1-sigma of k1, k2 after each step: the filter's covariance, linearised at the truth,
-    from the measurements alone (without the pseudo-measurement, which measures nothing)."""
-    setup = Setup(c)
-    layout, m = setup.layout, c["features"]
-    features, start, _, _ = _draw(c, seeds)
-    _, P = _first(c, setup, features, start)
-    spread = np.sqrt(c["variance_k"]) * np.ones((len(seeds), 2))
-    P[:, layout.k, layout.k] = principal_prior(np.repeat(setup.k[None], len(seeds), axis=0), spread[0])[1]
-    scale = np.repeat([c["image_sigma"], c["flow_sigma_per_s"]], 2)
-    sigma = np.concatenate([np.tile(scale, 2 * m), np.full(m, c["disparity_sigma"])])
-    J = ratios_jacobian(setup.a)
-    out = []
-    for step in range(1, c["steps"] + 1):
-        truth = setup.truth(step, features)
-        C, spin = setup.frames[step]
-        _, F = transition(
-            layout,
-            setup.truth(step - 1, features),
-            setup.times[step - 1],
-            setup.times[step],
-            setup.surroundings,
-            setup.largest_rate,
-        )
-        P = F @ P @ np.swapaxes(F, -1, -2)
-        _, H, _ = images(layout, truth, setup.cameras, C, spin, True, True)
+def _together(
+    setup: Setup, state: State, P: np.ndarray, measured: list[np.ndarray], sigma: np.ndarray, windows: list[int]
+) -> Updated:
+    """State and covariance at the start, from all images of the first steps."""
+    layout = setup.layout
 
-        def observe(s: State, which: np.ndarray, H=H) -> tuple[np.ndarray, np.ndarray]:
-            return np.zeros(H.shape[:2])[which], H[which]
+    def ahead(i: int, s: State) -> tuple[State, np.ndarray]:
+        return transition(layout, s, setup.times[i], setup.times[i + 1], setup.surroundings, setup.largest_rate)
 
-        P = update(layout, truth, P, observe, np.broadcast_to(sigma, H.shape[:2]), Rule(1)).P
-        out.append(np.sqrt(np.einsum("bii->bi", J @ P[:, layout.k, layout.k] @ J.T)))
-    return np.stack(out)
+    def observed(i: int) -> Observe:
+        def observe(s: State, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            value, H, _ = images(layout, s, setup.cameras, *setup.frames[i + 1], True, True)
+            return measured[i][which] - value, for_layout(layout, s, H)
+
+        return observe
+
+    wide = np.broadcast_to(sigma, measured[0].shape)
+    return update_together(layout, state, P, ahead, [observed(i) for i in range(len(measured))], wide, windows)
 
 
 class _Rates:
