@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from importlib import import_module
@@ -30,6 +31,11 @@ COMMANDS = {
 
 USAGE = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 """What typer raises for a command line it cannot read, whichever click it carries."""
+
+
+PLACES = dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), ": free some space or choose another place")
+PLACES |= dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), ": no permission there; choose another place")
+"""What to do about a place that cannot be written or read."""
 
 
 class Lazy(typer.core.TyperGroup):
@@ -124,7 +130,7 @@ def run(arguments: list[str]) -> int:
     except BrokenPipeError:
         return 0
     except OSError as error:
-        _say(f"{error.filename or 'file'}: {error.strerror or error}")
+        _say(f"{error.filename or 'output'}: {error.strerror or error}{PLACES.get(error.errno or 0, '')}")
         return 2
     except Exception as error:
         _say(

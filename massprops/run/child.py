@@ -52,18 +52,15 @@ def main() -> int:
     )
     try:
         facts = load_stage(request["stage"], request["package"]).run(job)
+        if _disk_full(job.out):  # some native libraries write half a file without a word
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(job.run))
         say({"facts": facts or {}, "warnings": job.notes})
     except MasspropsError as error:
         say({"error": str(error), "exit_code": error.exit_code, "warnings": job.notes})
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EACCES, errno.EROFS, errno.EDQUOT):
+        if error.errno not in NO_PLACE:
             return _unexpected(say, error, job)
-        say(
-            {
-                "error": f"{error.filename or job.out}: {error.strerror}: free some space or choose another -o",
-                "exit_code": 2,
-            }
-        )
+        say({"error": _no_place(error.filename or job.run, str(error.strerror)), "exit_code": 2})
     except MemoryError:
         say(
             {
@@ -77,7 +74,30 @@ def main() -> int:
     return 0
 
 
+NO_PLACE = (errno.ENOSPC, errno.EACCES, errno.EPERM, errno.EROFS, errno.EDQUOT, errno.EFBIG)
+"""Of the place of writing, not of the work."""
+
+
+def _no_place(where: str | Path, why: str) -> str:
+    return f"{where}: {why}: free some space or choose another -o"
+
+
+def _disk_full(folder: Path, probe: int = 1 << 18) -> bool:
+    """Whether `probe` more bytes do not fit; native libraries tell it in words of their own, or not at all."""
+    file = folder / ".probe"
+    try:
+        file.write_bytes(b"\0" * probe)
+    except OSError:
+        return True
+    finally:
+        file.unlink(missing_ok=True)
+    return False
+
+
 def _unexpected(say, error: Exception, job: Job) -> int:  # type: ignore[no-untyped-def]
+    if _disk_full(job.out):
+        say({"error": _no_place(job.run, "the disk is full"), "exit_code": 2})
+        return 0
     traceback.print_exc()
     say({"error": f"{type(error).__name__}: {error}".splitlines()[0], "unexpected": True, "warnings": job.notes})
     return 1

@@ -99,9 +99,24 @@ def checked_options(source: str | Path, options: dict[str, Any]) -> ReconstructO
             if not folder.is_dir():
                 raise InputError(f"--{name} {folder}: no such folder")
             options[name] = str(folder.resolve())
-    if options.get("distance") is not None and not options["distance"][2] > 0:
-        raise InputError(f"--distance: {options['distance'][2]} is not a length above 0 metres")
+    _check_early(source, options)
     return ReconstructOptions(source=str(source.resolve()), **options)
+
+
+def _check_early(source: Path, options: dict[str, Any]) -> None:
+    """What would otherwise be told after an hour's work."""
+    if options.get("sparse") is not None:
+        from massprops.sfm.model_folder import find_model
+
+        find_model(Path(options["sparse"]))
+    if options.get("distance") is not None:
+        from massprops.sfm.scale import distance
+
+        distance.check(options["distance"], distance.read_named(source))
+    if options.get("marker") is not None:
+        from massprops.sfm.scale import marker
+
+        marker.parse(options["marker"])
 
 
 def reconstruct(source: str | Path, out: str | Path, watch: Watch | None = None, **options: Any) -> Run:

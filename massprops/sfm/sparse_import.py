@@ -12,22 +12,9 @@ import pycolmap
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.model_folder import find_model
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
-
-
-def find_model(folder: Path) -> Path:
-    """The folder itself, or its `sparse/0`, `sparse` or `0`, that holds a COLMAP model.
-
-    Raises:
-        InputError: none of them does.
-    """
-    for place in (folder, folder / "sparse" / "0", folder / "sparse", folder / "0"):
-        if any((place / f"images.{ext}").is_file() for ext in ("bin", "txt")):
-            return place
-    raise InputError(
-        f"{folder}: no COLMAP model (cameras, images, points3D as .bin or .txt) there; give the folder of one"
-    )
 
 
 def import_sparse(

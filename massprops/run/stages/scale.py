@@ -19,6 +19,7 @@ def run(job: Job) -> dict:
     from massprops.sfm.footage import read_footage
     from massprops.sfm.points import SparsePoints
     from massprops.sfm.scale import ScaleInputs, find_scale
+    from massprops.sfm.scale.distance import read_named
     from massprops.views import Views
 
     job.progress(0, 1, "scale")
@@ -39,7 +40,7 @@ def run(job: Job) -> dict:
         given=o.scale,
         given_sigma=o.scale_sigma,
         distance=o.distance,
-        named=_named(Path(o.source)),
+        named=read_named(Path(o.source)),
         marker=o.marker,
     )
     scale = find_scale(inputs)
@@ -65,21 +66,3 @@ def _range(source: Path):
     from massprops.sequence.read import read_sequence
 
     return read_sequence(source).range
-
-
-def _named(source: Path) -> dict[str, np.ndarray]:
-    """`points.csv` beside the images: name,x,y,z in model units, written when points are picked."""
-    path = source / "points.csv"
-    if not path.is_file():
-        return {}
-    from massprops.errors import InputError
-
-    named = {}
-    for number, line in enumerate(path.read_text().splitlines(), 1):
-        if line.strip() and not line.startswith("#"):
-            try:
-                name, x, y, z = (part.strip() for part in line.split(","))
-                named[name] = np.array([float(x), float(y), float(z)])
-            except ValueError as error:
-                raise InputError(f"{path}:{number}: not a picked point; write name,x,y,z in model units") from error
-    return named

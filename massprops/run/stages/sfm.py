@@ -37,10 +37,8 @@ def _solve(job: Job, footage) -> dict:
     # with two threads the solver's sums round differently from run to run, and an outlier decided otherwise moves the
     # focal length by a tenth of a percent
     options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=1)
-    try:
-        result = reconstruct(footage, work, options, job.progress)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    result = reconstruct(footage, work, options, job.progress)
+    shutil.rmtree(work)
     result.views.save(job.out / "views.npz")
     result.points.save(job.out / "points.npz")
     np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
