@@ -22,6 +22,9 @@ WIDEST = 0.2
 TRIAL = 5
 """Iterations after which two moments are compared."""
 MOST_TRIALS = 24
+EVIDENCE = 10.0
+WORTH = 0.01
+"""Fall of BIC per measurement that another moment must bring: each frame that a jump lies wrong costs more."""
 
 
 def moves_at_once(effect: ModuleType) -> bool:
@@ -39,13 +42,18 @@ def between_epochs(case: Case, state: BatchState, added: Added) -> BatchState:
     return _at(state, effect, place, float(middles[now]))
 
 
-def best_moment(case: Case, s: Scored, most: int = 40) -> Scored:
-    """The fit `s`, or one with the moment of its last effect in another gap between epochs if that explains more."""
+def best_moment(case: Case, s: Scored, widest: float = WIDEST, most: int = 40) -> Scored:
+    """The fit `s`, or one with the moment of its last effect in another gap between epochs if that explains more.
+
+    Args:
+        widest: share of the epochs by which the moment is moved at first.
+    """
     effect = s.added[-1].effect
     place = _place(effect)
     if place is None or not moves_at_once(effect):
         return s
-    away = max(1, round(WIDEST * len(case.problem.times)))
+    away = max(1, round(widest * len(case.problem.times)))
+    worth = max(EVIDENCE, WORTH * case.fitted.count)
     best, trials, tried = s, 0, set()
     while away >= 1 and trials < MOST_TRIALS:
         middles, now = _gap(case, best.fit.state, effect, place)
@@ -57,7 +65,7 @@ def best_moment(case: Case, s: Scored, most: int = 40) -> Scored:
             trials += 1
             start = _at(best.fit.state, effect, place, float(middles[k]))
             trial = refit(case, start, s.added, most=TRIAL)
-            if trial.bic < min(best.bic, found.bic if found else np.inf):
+            if trial.bic < min(best.bic - worth, found.bic if found else np.inf):
                 found = trial
         if found is None:
             away //= 2

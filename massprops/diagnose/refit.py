@@ -10,13 +10,15 @@ import numpy as np
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count, mean_square, whiteness
 from massprops.effects import changes_motion, searched
-from massprops.estimators.batch.linearise import linearise, predict, residuals
-from massprops.estimators.batch.solve import Fit, believed, fit, reduced_equations, robust
+from massprops.estimators.batch.linearise import residuals
+from massprops.estimators.batch.solve import Fit, believed, fit
 from massprops.estimators.batch.state import BatchState
 from massprops.estimators.methods.smoother import covariance_of
 from massprops.model import Model
 
 MOST_ITERATIONS = 25
+IDLE = 0.3
+"""Fall of BIC per iteration below which a search is over; ten times that decides nothing."""
 IMPLAUSIBLE = 3.0
 """Sigmas beyond a parameter's plausible limits at which an effect is ruled out."""
 
@@ -86,21 +88,28 @@ def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
     return out
 
 
-def free_of(case: Case, state: BatchState, added: tuple[Added, ...], times_too: bool = True) -> np.ndarray:
+def free_of(case: Case, state: BatchState, added: tuple[Added, ...]) -> np.ndarray:
     """(size,) which parameters may move."""
     form = {a.name: a.form for a in added}
     mask = list(case.first.free)
     for module in state.model.modules:
-        for q, yes in zip(module.PARAMETERS, searched(module, form[module.NAME]), strict=True):
-            mask.append(yes and (times_too or q.kind != "time"))
+        mask += searched(module, form[module.NAME])
     return np.array(mask)
 
 
-def refit(case: Case, start: BatchState, added: tuple[Added, ...], most: int = MOST_ITERATIONS) -> Scored:
-    """Fits a model from a state that has its effects."""
+def refit(
+    case: Case,
+    start: BatchState,
+    added: tuple[Added, ...],
+    most: int = MOST_ITERATIONS,
+    against: float = np.inf,
+    idle: float = IDLE,
+) -> Scored:
+    """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.fit`."""
+    free = free_of(case, start, added)
     with np.errstate(all="ignore"):
         # wild trial steps overflow; the search turns back from them by itself
-        found = fit(case.problem, case.fitted, start, case.around, free_of(case, start, added), case.belief, most)
+        found = fit(case.problem, case.fitted, start, case.around, free, case.belief, most, idle=idle, against=against)
     return scored(case, found, added)
 
 
@@ -148,25 +157,6 @@ def _implausible(module: ModuleType, values: np.ndarray, sigma: np.ndarray, case
         if q.kind == "time" and not 0 < v < case.span:
             return f"{q.name} {v:.3g} s lies outside the record"
     return ""
-
-
-def score_gain(case: Case, state: BatchState, added: tuple[Added, ...], new: Added, values: np.ndarray) -> float:
-    """By how much chi-square would fall if an effect were let in, to second order (score test), at given start values."""
-    trial = with_effects(state, (*added, new), {new.name: values})
-    try:
-        with np.errstate(all="ignore"):
-            at = predict(case.problem, trial, case.around)
-            weights = robust(residuals(case.problem, case.scored, at))
-            linear = linearise(case.problem, case.scored, at, case.around, times_too=False)
-            free = free_of(case, trial, (*added, new), times_too=False)
-            reduced = reduced_equations(linear, case.scored, weights, free, trial, case.belief)
-        scale = np.sqrt(np.maximum(np.diag(reduced.full), 1e-300))
-        H, b = reduced.H / scale[:, None] / scale, reduced.b / scale
-        H = H + 1e-9 * np.eye(len(H))
-        gain = float(b @ np.linalg.solve(H, b))
-        return gain * case.fitted.count / max(1, case.scored.count) if np.isfinite(gain) else 0.0
-    except (np.linalg.LinAlgError, OverflowError, ZeroDivisionError, ValueError):
-        return 0.0
 
 
 def _unit(information: np.ndarray) -> np.ndarray:

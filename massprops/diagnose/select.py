@@ -11,7 +11,8 @@ import numpy as np
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import WHITE
 from massprops.diagnose.moment import best_moment, between_epochs, moves_at_once
-from massprops.diagnose.refit import Added, Scored, refit, score_gain, start_values, with_effects
+from massprops.diagnose.refit import Added, Scored, refit, start_values, with_effects
+from massprops.diagnose.score import Score, score_tests
 from massprops.effects import effects, forms
 from massprops.estimators.batch.solve import believed
 from massprops.model import lacks
@@ -33,6 +34,14 @@ NOISY = 1.3
 WORTH_A_FIT = 0.1
 """Share of the best score gain that a candidate needs to be fitted."""
 FEWEST_FITS = 5
+POLISH = 0.03
+"""Fall of BIC per iteration at which the search of the model chosen ends."""
+STARTS = 2
+"""Starts of one effect that are fitted."""
+NEAR_MOMENT = 0.05
+"""Share of the epochs by which the moment of a longer form is moved at first: its simple form was searched farther."""
+AS_GOOD = 0.5
+"""Share of the best gain of BIC at which an effect's longer forms come before pairs of effects."""
 BEAM = 2
 FITS_OF_A_PAIR = 3
 FITS_OF_A_FORM = 4
@@ -93,24 +102,32 @@ def select(
     longer: list[Scored] = []
     good = [s for s in first if _may_be(s, base)]
     done = [s for s in good if explained(s)]
-    if not done:
-        longer = [x for module in usable if forms(module) > 1 for x in _longer_forms(case, base, module, first, watch)]
-        out.tried += longer
-        good = sorted([*good, *(s for s in longer if _may_be(s, base))], key=lambda s: s.bic)
-        done = [s for s in good if explained(s)]
+    near, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
+
+    def lengthen(modules: list[ModuleType]) -> list[Scored]:
+        """Longer forms of some effects; those that explain the data."""
+        found = [x for module in modules for x in _longer_forms(case, base, module, first, watch)]
+        longer.extend(found)
+        out.tried.extend(found)
+        good[:] = sorted([*good, *(s for s in found if _may_be(s, base))], key=lambda s: s.bic)
+        return [s for s in good if explained(s)]
+
+    done = done or lengthen(near)
     if not done and good:
         pairs: list[Scored] = []
         for k, s in enumerate(_distinct(good)[:BEAM]):
             rest = [m for m in usable if m.NAME not in s.names]
             pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1}/{BEAM})")
+            better = [p for p in pairs if _may_be(p, base) and _all_needed(p, [*first, *longer])]
+            done = [p for p in better if explained(p)]
+            if done:
+                break
         out.tried += pairs
-        better = sorted(
-            [p for p in pairs if _may_be(p, base) and _all_needed(p, [*first, *longer])], key=lambda s: s.bic
-        )
-        done = [s for s in better if explained(s)]
         good = sorted([*good, *better], key=lambda s: s.bic)
+    done = done or lengthen(far)
     if done:
         done.sort(key=lambda s: s.bic)
+        done[0] = refit(case, done[0].fit.state, done[0].added, idle=POLISH)
         out.best = done[0]
         whole = _with_mass(case, done[0], usable)
         if whole is not None:
@@ -122,7 +139,7 @@ def select(
         out.verdict = "ambiguous" if out.rivals else "named"
         return out
     if good:
-        out.best = good[0]
+        out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
         left = good[0].fitted ** 2 - 1.0
         if left < NEARLY * (base.fitted**2 - 1.0) and not good[0].implausible:
             out.rivals = _rivals_of(good)
@@ -178,37 +195,67 @@ def _all_needed(pair: Scored, singles: list[Scored]) -> bool:
     return all(s.bic - pair.bic > EVIDENCE for s in singles if set(s.names) < set(pair.names))
 
 
+def _nearness(
+    case: Case, first: list[Scored], base: Scored, modules: list[ModuleType]
+) -> tuple[list[ModuleType], list[ModuleType]]:
+    """The effects whose simple form explains about as much as any other's, and the rest.
+
+    A small record is cheap: there all are near.
+    """
+    if case.fitted.count <= SMALL or not first:
+        return modules, []
+    most = base.bic - min(s.bic for s in first)
+    gained = {s.names[0]: base.bic - s.bic for s in first if len(s.names) == 1}
+    near = [m for m in modules if gained.get(m.NAME, -np.inf) > AS_GOOD * most]
+    return near, [m for m in modules if m not in near]
+
+
 def _round(case: Case, upon: Scored, modules: list[ModuleType], fewest: int, watch: Watch, what: str) -> list[Scored]:
     """Score tests of all candidates beside a model, then fits of the promising ones, best first."""
-    gains: list[tuple[float, ModuleType, list[np.ndarray]]] = []
-    for k, module in enumerate(modules):
-        watch(f"{what}: score of {module.NAME}", k, len(modules))
-        starts = start_values(case, module)
-        own = [score_gain(case, upon.fit.state, upon.added, Added(module), v) for v in starts]
-        order = np.argsort(own)[::-1]
-        most = 2 if any(q.kind == "time" for q in module.PARAMETERS) else 3
-        gains.append((float(own[order[0]]), module, [starts[i] for i in order[:most]]))
-    gains.sort(key=lambda g: -g[0])
-    top = gains[0][0] if gains else 0.0
-    chosen = [g for i, g in enumerate(gains) if i < fewest or g[0] > WORTH_A_FIT * top and fewest >= FEWEST_FITS]
-    out = []
-    for k, (_, module, starts) in enumerate(chosen):
-        watch(f"{what}: fit of {module.NAME}", k, len(chosen))
-        out.append(_best_fit(case, upon, module, starts))
+    watch(f"{what}: scores", 0, 1)
+    candidates = [(Added(m), v) for m in modules for v in start_values(case, m)]
+    tests = sorted(score_tests(case, upon, candidates), key=lambda t: -t.gain)
+    by: dict[str, list[Score]] = {}
+    for t in tests:
+        by.setdefault(t.added.name, []).append(t)
+    top = tests[0].gain if tests else 0.0
+    chosen = [
+        g for i, g in enumerate(by.values()) if i < fewest or g[0].gain > WORTH_A_FIT * top and fewest >= FEWEST_FITS
+    ]
+    out: list[Scored] = []
+    for k, starts in enumerate(chosen):
+        watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
+        least = min((s.fit.cost for s in out), default=np.inf)
+        out.append(_best_fit(case, upon, starts[:STARTS], 1.02 * least + 50.0))
     return sorted(out, key=lambda s: s.bic)
 
 
-def _best_fit(case: Case, upon: Scored, module: ModuleType, starts: list[np.ndarray]) -> Scored:
-    added = (*upon.added, Added(module))
+def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> Scored:
+    added = (*upon.added, starts[0].added)
     best: Scored | None = None
-    for values in starts:
-        tried = refit(case, with_effects(upon.fit.state, added, {module.NAME: values}), added)
+    for test in starts:
+        begin = with_effects(upon.fit.state, added, {test.added.name: _begun(test)})
+        tried = refit(case, begin, added, against=against)
         if best is None or tried.bic < best.bic:
             best = tried
-        if explained(best) and module.PARAMETERS[0].kind == "time":
+            against = min(against, 1.02 * tried.fit.cost + 50.0)
+        if explained(best):
             break
     assert best is not None
     return best
+
+
+def _begun(test: Score) -> np.ndarray:
+    """Parameters to begin with: an effect whose pace means nothing without a size begins with the size that the score
+    test gives it."""
+    pace = [q.kind == "pace" for q in test.added.effect.PARAMETERS]
+    if not any(pace):
+        return test.start
+    values = np.array(test.values)
+    for i, q in enumerate(test.added.effect.PARAMETERS):
+        if q.kind == "number":
+            values[i] = np.clip(values[i], 0.2 * q.size, 6.0 * q.size)
+    return values
 
 
 def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Scored], watch: Watch) -> list[Scored]:
@@ -234,9 +281,10 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
                 states += [s.fit.state for s in short[:FITS_OF_A_FORM]]
             else:
                 offered = offered[:: max(1, len(offered) // MOST_SCORES)]
-                gains = [score_gain(case, base.fit.state, (), added[0], v) for v in offered]
-                best = np.argsort(gains)[::-1][: FITS_OF_A_FORM // 2]
-                states += [with_effects(base.fit.state, added, {module.NAME: offered[i]}) for i in best]
+                tests = sorted(score_tests(case, base, [(added[0], v) for v in offered]), key=lambda t: -t.gain)
+                states += [
+                    with_effects(base.fit.state, added, {module.NAME: t.start}) for t in tests[: FITS_OF_A_FORM // 2]
+                ]
         fits = [refit(case, state, added, most=40 if case.fitted.count <= SMALL else 20) for state in states]
-        out += [s if explained(s) else best_moment(case, s) for s in fits]
+        out += [s if explained(s) else best_moment(case, s, NEAR_MOMENT) for s in fits]
     return out

@@ -6,7 +6,7 @@ NAME = "energy-dissipation"
 SENTENCE = "Something inside moves with friction (fuel, a damper): energy falls, angular momentum stays."
 PARAMETERS = (
     Parameter("share", "1", 0.05, 1.0, least=0.0),
-    Parameter("coupling", "s^-1", 0.1, 1e3, least=0.0),
+    Parameter("coupling", "s^-1", 0.1, 1e3, "pace", least=0.0),
 )
 NEEDS = ()
 STATES = 3
@@ -33,5 +33,5 @@ def internal_rate(t, w, z, p):
 
 
 def starts(span, speed):
-    """A small sphere, slow, even and fast against the body's turning."""
-    return [(0.02, 0.05 * speed), (0.02, speed), (0.02, 10.0 * speed)]
+    """Hardly any sphere, from slow to fast against the body's turning."""
+    return [(1e-4, k * speed) for k in (0.03, 0.15, 0.6, 2.5, 10.0)]

@@ -20,6 +20,10 @@ GATE = 5.0
 """Beyond this it is an outlier, left out of the result and counted."""
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
+PATIENCE = 2
+"""Iterations in a row that must say a search is over."""
+FIRST_JUDGED = 5
+"""Iteration before which no search is held to be lost."""
 LONGEST_TIME_STEP = 0.03
 """Of an event's time in one iteration, over the record."""
 LARGEST_STEP = 1.0
@@ -79,6 +83,8 @@ def fit(
     most: int = MOST_ITERATIONS,
     progress: Callable[[int, float], None] = lambda i, cost: None,
     tolerance: float = 1e-3,
+    idle: float = 0.0,
+    against: float = np.inf,
 ) -> Fit:
     """Searches the state that explains the measurements best.
 
@@ -86,13 +92,15 @@ def fit(
         free: (size,) parameters that may move; the others keep their values.
         belief: about the inertia.
         tolerance: of a step, in units of the parameters' 1-sigma, below which the search ends.
+        idle: fall of the logarithm of the cost times the measurements, per iteration, below which twice in a row it ends.
+        against: cost that the search is out to beat: it ends when twice what it gains now would not lead there.
     """
     state, at = start, predict(problem, start, around)
     damping = 1e-3
     weights = robust(residuals(problem, m, at))
     linear = linearise(problem, m, at, around)
     cost = _cost(linear.residuals, weights, state, belief)
-    converged, iterations = False, 0
+    converged, iterations, stalled, lost = False, 0, 0, 0
     for iterations in range(1, most + 1):
         reduced = reduced_equations(linear, m, weights, free, state, belief)
         accepted = False
@@ -123,6 +131,10 @@ def fit(
         damping = max(damping / 8.0, 1e-9)
         if size < tolerance or (gained < 1e-7 * cost and damping < 1e-4):
             converged = True
+            break
+        stalled = stalled + 1 if gained * m.count < idle * cost else 0
+        lost = lost + 1 if cost - 2.0 * gained * (most - iterations) > against else 0
+        if stalled == PATIENCE or lost == PATIENCE and iterations >= FIRST_JUDGED:
             break
     weights = robust(linear.residuals)
     reduced = reduced_equations(linear, m, weights, free, state, None)
