@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
+from massprops.dynamics.quaternion import rotation_matrix
 
 SOFT_ROUNDS = 4
 HARD_ROUNDS = 3
@@ -78,53 +78,23 @@ def align(
         q (n, 4), shift (n, 3), covariance (n, 6, 6) of a small turn about the reference axes [rad] and of the
         shift [m], squared Mahalanobis distances (n, m), infinite where not used.
     """
-    # few of many points are seen at a time: gather those
-    most = max(int(use.sum(axis=1).max(initial=0)), 1)
-    column = np.argsort(~use, axis=1, kind="stable")[:, :most]
-    row = np.arange(len(use))[:, None]
-    taken = use[row, column]
-    points = np.where(taken[..., None], body[column], 0.0)
-    target = np.where(taken[..., None], seen[row, column], 0.0)
-    given = np.where(taken[..., None, None], information[row, column], 0.0)
-    near = np.zeros(taken.shape)
-    normal = np.zeros((len(q), 6, 6))
-    for turn in range(soft + hard):
-        arm = points @ np.swapaxes(rotation_matrix(q), 1, 2)
-        error = target - shift[:, None] - arm
-        near = _squares(error, given)
-        distance = np.where(taken, near, np.inf)
-        if turn < soft:
-            # far from the answer everything is far off: lean on what is least so
-            size = np.maximum(LARGEST_MAHALANOBIS, _middle(distance))[:, None]
-            share = np.where(taken, 1.0 / (1.0 + near / size), 0.0)
-        else:
-            limit = np.maximum(LARGEST_MAHALANOBIS, 2.0 * _third_smallest(distance))
-            share = (taken & (near <= limit[:, None])).astype(float)
-        weight = given * share[..., None, None]
-        cross = cross_matrix(arm)
-        wc = weight @ cross
-        normal[:, :3, :3] = (np.swapaxes(cross, -1, -2) @ wc).sum(axis=1)
-        normal[:, 3:, :3] = -wc.sum(axis=1)
-        normal[:, :3, 3:] = np.swapaxes(normal[:, 3:, :3], 1, 2)
-        normal[:, 3:, 3:] = weight.sum(axis=1)
-        we = (weight @ error[..., None])[..., 0]
-        gradient = np.concatenate([np.cross(arm, we).sum(axis=1), we.sum(axis=1)], axis=1)
-        covariance = inverse_of(normal)
-        step = (covariance @ gradient[..., None])[..., 0]
-        length = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
-        step *= np.minimum(1.0, 0.3 / np.maximum(length, 1e-12))
-        q = normalise(multiply(from_rotation_vector(step[:, :3]), q))
-        shift = shift + step[:, 3:]
-    out = np.full(use.shape, np.inf)
-    # squares of the pose returned, not of the one before its last step
-    arm = points @ np.swapaxes(rotation_matrix(q), 1, 2)
-    near = _squares(target - shift[:, None] - arm, given)
-    np.put_along_axis(out, column, np.where(taken, near, np.inf), axis=1)
-    return q, shift, covariance, out
+    from massprops.estimators.alignment_kernel import aligned
 
-
-def _squares(error: np.ndarray, information: np.ndarray) -> np.ndarray:
-    return np.asarray(((information @ error[..., None])[..., 0] * error).sum(axis=-1))
+    third = min(2, max(int(use.sum(axis=1).max(initial=0)), 1) - 1)
+    q, shift = np.array(q, float), np.array(shift, float)
+    covariance, near = aligned(
+        np.ascontiguousarray(body, float),
+        np.ascontiguousarray(seen, float),
+        np.ascontiguousarray(information, float),
+        np.ascontiguousarray(use),
+        q,
+        shift,
+        soft,
+        hard,
+        LARGEST_MAHALANOBIS,
+        third,
+    )
+    return q, shift, covariance, near
 
 
 def inverse_of(normal: np.ndarray) -> np.ndarray:
@@ -145,19 +115,6 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
         done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
     done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
     return 0.5 * (done + np.swapaxes(done, -1, -2)) / both
-
-
-def _middle(values: np.ndarray) -> np.ndarray:
-    """Median of the finite values of each row, zero where there is none."""
-    count = np.isfinite(values).sum(axis=1)
-    middle = np.sort(values, axis=1)[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
-    return np.asarray(np.where(np.isfinite(middle), middle, 0.0))
-
-
-def _third_smallest(values: np.ndarray) -> np.ndarray:
-    k = min(2, values.shape[1] - 1)
-    third: np.ndarray = np.partition(values, k, axis=1)[:, k]
-    return np.where(np.isfinite(third), third, 0.0)
 
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:

@@ -49,11 +49,10 @@ def local_rates(times: np.ndarray, q: np.ndarray, half: int, every: int) -> tupl
     tau = times[near] - times[place][:, None]
     A = tau[..., None] ** np.arange(1, 4)
     A = np.concatenate([np.ones_like(A[..., :1]), A], axis=-1)
-    solver = np.linalg.pinv(A)[:, 1]
+    solver = np.linalg.pinv(A)
     turn = rotation_vector(multiply(conjugate(q[..., place, None, :]), q[..., near, :]))
-    first = np.linalg.pinv(A)[:, 0]
-    offset = np.einsum("pj,...pjc->...pc", first, turn)
-    slope = np.einsum("pj,...pjc->...pc", solver, turn)
+    offset = np.einsum("pj,...pjc->...pc", solver[:, 0], turn)
+    slope = np.einsum("pj,...pjc->...pc", solver[:, 1], turn)
     # the fit's own attitude at the centre is off by `offset`, in whose axes the rate is wanted
     return place, slope - 0.5 * np.cross(offset, slope)
 

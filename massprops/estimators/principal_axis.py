@@ -106,6 +106,29 @@ def start_in_frame(
     return FilterStart(multiply(q, turn), w, np.asarray(k, float), turn, r, v, f, P)
 
 
+def in_other_frame(start: FilterStart, turn: np.ndarray) -> FilterStart:
+    """The same start in another of the 24 principal frames: turn (3, 3) takes its axes to the present ones."""
+    order = np.argmax(np.abs(turn), axis=0)
+    # logarithms of the moments over the middle one by k, and k by those
+    log = np.array([[0.0, -1.0], [0.0, 0.0], [1.0, 0.0]])[order]
+    ratios = np.array([[0.0, -1.0, 1.0], [-1.0, 1.0, 0.0]]) @ log
+    T = np.eye(len(start.P))
+    for at in (0, 3, 8, *range(BASE, len(start.P), 3)):
+        T[at : at + 3, at : at + 3] = turn.T
+    T[6:8, 6:8] = ratios
+    other = from_rotation_matrix(turn)
+    return FilterStart(
+        multiply(start.q, other),
+        turn.T @ start.w,
+        ratios @ start.k,
+        multiply(start.axes, other),
+        start.r,
+        start.v,
+        start.f @ turn,
+        T @ start.P @ T.T,
+    )
+
+
 def filtered(
     start: FilterStart,
     times: np.ndarray,

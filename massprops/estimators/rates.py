@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.kernels import euler_acceleration, quaternion_rate
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_vector,
@@ -75,10 +74,15 @@ def from_attitude(
         nothing = np.full((n, 6, 6), np.nan)
         return LocalFit(q.copy(), np.full((n, 3), np.nan), nothing, n, 1.0, np.ones(n, bool))
     use = np.ones(n, bool)
-    size = _best_size(times, lambda rows, L: _attitude_fit(times, q, covariance, rows, L, use, near)[2:4], n, _sweep(q))
+    information = inverse_of(covariance)
+
+    def fit(rows: np.ndarray, size: int, wanted: bool = False) -> tuple[np.ndarray, ...]:
+        return _attitude_fit(times, q, information, rows, size, use, near, wanted)
+
+    size = _best_size(times, lambda rows, L: fit(rows, L)[2:4], n, _sweep(q))
     for _ in range(3):
         every = np.arange(n)
-        c, spread, square, freedom, own, influence = _attitude_fit(times, q, covariance, every, size, use, near)
+        c, spread, square, freedom, own, influence = fit(every, size, True)
         scale = _scale(square, freedom)
         bad = own > LARGEST_SQUARE * max(scale, 1e-12)
         if (bad == ~use).all():
@@ -167,20 +171,25 @@ def _windows(times: np.ndarray, rows: np.ndarray, size: int) -> tuple[np.ndarray
 
 
 def _basis(tau: np.ndarray, unit: float, degree: int) -> np.ndarray:
-    return (tau / unit)[..., None] ** np.arange(degree + 1)
+    x = tau / unit
+    out = np.ones((*x.shape, degree + 1))
+    for power in range(degree):
+        out[..., power + 1] = out[..., power] * x
+    return out
 
 
 def _attitude_fit(
     times: np.ndarray,
     q: np.ndarray,
-    covariance: np.ndarray,
+    information: np.ndarray,
     rows: np.ndarray,
     size: int,
     use: np.ndarray,
-    near: tuple[np.ndarray, np.ndarray] | None = None,
+    near: tuple[np.ndarray, np.ndarray] | None,
+    wanted: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Coefficients (r, 4, 3), covariance of the first two (r, 6, 6), chi-square and freedom (r,), own square (r,),
-    influence of each sample's turn about reference axes on the first two (r, L, 6, 3).
+    influence of each sample's turn about reference axes on the first two (r, L, 6, 3), where `wanted`.
     """
     index, close = _windows(times, rows, size)
     taken = close & use[index]
@@ -190,62 +199,44 @@ def _attitude_fit(
         relative = multiply(relative, conjugate(free))
     phi = rotation_vector(relative)
     R = rotation_matrix(q[rows])[:, None]
-    weight = np.swapaxes(R, -1, -2) @ inverse_of(covariance)[index] @ R
+    weight = np.swapaxes(R, -1, -2) @ information[index] @ R
     weight = np.where(taken[..., None, None], weight, 0.0)
     unit = float(np.median(np.diff(times))) * max(size / 2, 1.0)
     degree = 3 if min(size, len(times)) >= 6 else 2
     T = _basis(times[index] - times[rows][:, None], unit, degree)
     d = degree + 1
-    normal = np.einsum("rla,rlb,rlij->raibj", T, T, weight, optimize=True).reshape(len(rows), 3 * d, 3 * d)
-    side = np.einsum("rla,rlij,rlj->rai", T, weight, phi, optimize=True).reshape(len(rows), 3 * d)
+    # products of many small matrices: several times quicker as matmul than as einsum
+    r, L = taken.shape
+    pairs = (T[..., :, None] * T[..., None, :]).reshape(r, L, d * d)
+    blocks = (np.swapaxes(pairs, 1, 2) @ weight.reshape(r, L, 9)).reshape(r, d, d, 3, 3)
+    normal = blocks.transpose(0, 1, 3, 2, 4).reshape(r, 3 * d, 3 * d)
+    side = (np.swapaxes(T, 1, 2) @ (weight @ phi[..., None])[..., 0]).reshape(r, 3 * d)
     inverse = inverse_of(normal)
-    c = np.einsum("rij,rj->ri", inverse, side).reshape(len(rows), d, 3)
-    error = phi - np.einsum("rla,rai->rli", T, c)
-    each = np.einsum("rli,rlij,rlj->rl", error, weight, error)
+    c = (inverse @ side[..., None]).reshape(r, d, 3)
+    error = phi - T @ c
+    each = np.sum((weight @ error[..., None])[..., 0] * error, axis=-1)
     freedom = 3.0 * (taken.sum(axis=1) - d)
     c[:, 1] /= unit
     inverse = inverse.copy()
     inverse[:, 3:6] /= unit
     inverse[:, :, 3:6] /= unit
-    whole = np.swapaxes(R[:, 0], -1, -2) @ inverse_of(covariance)[rows] @ R[:, 0]
+    whole = np.swapaxes(R[:, 0], -1, -2) @ information[rows] @ R[:, 0]
     own = np.einsum("ri,rij,rj->r", c[:, 0], whole, c[:, 0])
-    first = inverse[:, :6].reshape(len(rows), 6, d, 3)
+    if not wanted:
+        return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own, np.zeros(0)
+    first = inverse[:, :6].reshape(r, 6, d, 3)
     first = np.concatenate([first[:, :, :1], first[:, :, 1:2] * unit, first[:, :, 2:]], axis=2)
-    influence = np.einsum("rxai,rla,rlij->rlxj", first, T, weight, optimize=True) @ np.swapaxes(R, -1, -2)
+    by_sample = (T @ first.transpose(0, 2, 1, 3).reshape(r, d, 18)).reshape(r, L, 6, 3)
+    influence = by_sample @ weight @ np.swapaxes(R, -1, -2)
     return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own, influence
 
 
 def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Free rotation (r, L, 4) from rates w (r, 3) at time zero to times tau (r, L), which ascend through zero."""
-    a, b, c, d, e, f = (float(x) for x in inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    out = np.zeros((*tau.shape, 4))
+    from massprops.estimators.free_windows import free_windows
 
-    def slope(y: np.ndarray) -> np.ndarray:
-        turn = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
-        return np.stack([*turn, *euler_acceleration(a, b, c, d, e, f, y[4], y[5], y[6], 0.0, 0.0, 0.0)])
-
-    middle = np.argmin(np.abs(tau), axis=1)
-    rows = np.arange(len(tau))
-    speed = float(np.nanmax(np.linalg.norm(w, axis=1)))
-    for side in (1, -1):
-        y = np.concatenate([np.tile([[1.0], [0], [0], [0]], len(w)), w.T])
-        before = np.zeros(len(w))
-        for away in range(tau.shape[1]):
-            at = middle + side * away
-            inside = (at >= 0) & (at < tau.shape[1])
-            if not inside.any():
-                break
-            now = np.where(inside, tau[rows, np.clip(at, 0, tau.shape[1] - 1)], before)
-            steps = max(1, int(np.ceil(speed * float(np.abs(now - before).max()) / LARGEST_STEP)))
-            h = (now - before) / steps
-            for _ in range(steps):
-                one = slope(y)
-                two = slope(y + h / 2 * one)
-                three = slope(y + h / 2 * two)
-                y = y + h / 6 * (one + 2 * two + 2 * three + slope(y + h * three))
-            out[rows[inside], at[inside]] = normalise(y[:4, inside].T)
-            before = now
-    return out
+    six = np.array(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], float)
+    return np.asarray(free_windows(np.ascontiguousarray(tau), np.ascontiguousarray(w, float), six, LARGEST_STEP))
 
 
 def _rate_fit(

@@ -57,7 +57,11 @@ def triangulate(
         good = np.isfinite(normal).all(axis=(-1, -2)) & np.isfinite(error).all(axis=-1)
         normal = np.where(good[..., None, None], normal, np.eye(3))
         scale = np.sqrt(np.einsum("...ii->...i", normal))
-        inverse = np.linalg.pinv(normal / (scale[..., :, None] * scale[..., None, :]), hermitian=True)
+        unit = normal / (scale[..., :, None] * scale[..., None, :])
+        try:
+            inverse = np.linalg.inv(unit)
+        except np.linalg.LinAlgError:
+            inverse = np.linalg.pinv(unit, hermitian=True)
         covariance = inverse / (scale[..., :, None] * scale[..., None, :])
         gradient = np.einsum("...ij,...i->...j", full, np.where(good[..., None], error, 0.0))
         state = state + np.einsum("...ij,...j->...i", covariance, gradient)

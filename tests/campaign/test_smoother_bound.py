@@ -25,10 +25,10 @@ def test_the_bound_falls_with_the_noise_and_with_more_cameras() -> None:
 
 @pytest.mark.parametrize("case", ["stereo", "attitude"])
 def test_a_run_is_scored_against_its_bound(case: str) -> None:
-    c = {**smoother.configuration(case), "frames": 80}
-    (row,) = smoother.runs(c, [3])
+    c = {**smoother.configuration(case), "frames": 120}
+    (row,) = smoother.runs(c, [1])
     assert "error" not in row and row["converged"] and row["observable"]
     assert max(abs(row["z_k1"]), abs(row["z_k2"])) < 4.0
     assert row["z_k1"] == pytest.approx(row["error_k1"] / row["bound_k1"])
-    table = smoother.table(case, [row, {"seed": 4, "error": "did not converge"}])
-    assert "2 runs, seeds 3 to 4: 1 failed" in table["notes"][0]
+    table = smoother.table(case, [row, {"seed": 2, "error": "did not converge"}])
+    assert "2 runs, seeds 1 to 2: 1 failed" in table["notes"][0]

@@ -103,10 +103,23 @@ def test_the_24_symmetries_are_the_rotations_of_the_cube():
     assert len(np.unique(hu2024.SYMMETRIES.reshape(24, 9), axis=0)) == 24
 
 
+def test_the_filter_is_the_same_in_all_24_frames_up_to_their_names():
+    s = scene(1)
+    start = first_guess(s.problem, Prior())
+    here = principal_axis_ekf.followed(s.problem, Prior(), start, 1e-6, 1e-6)
+    for turn in hu2024.SYMMETRIES[[5, 14]]:
+        there = principal_axis_ekf.followed(s.problem, Prior(), start, 1e-6, 1e-6, turn)
+        assert np.allclose(there.run.w, here.run.w @ turn, atol=1e-9)
+        assert np.allclose(there.run.f, here.run.f @ turn, atol=1e-7)
+        assert np.allclose(np.trace(there.run.P[17:, 17:]), np.trace(here.run.P[17:, 17:]), rtol=1e-5)
+
+
 @pytest.mark.bench
-def test_unique_frame_survives_occlusions_and_the_usual_start_does_not():
+def test_unique_frame_survives_occlusions_and_a_filter_without_a_start_does_not():
     rows = hu2024.runs(hu2024.configuration("motion"), list(range(5)))
     for level in ("1e-06", "5e-06", "2e-05", "5e-05"):
         assert sum(row[f"{level} with left_frame"] for row in rows) == 0
-        assert sum(row[f"{level} without left_frame"] for row in rows) >= 3
+        assert sum(row[f"{level} without left_frame"] for row in rows) == 0
+        assert min(row[f"{level} without unique_deg end"] for row in rows) > 60.0
+        assert sum(row[f"{level} unstarted left_frame"] for row in rows) >= 3
         assert max(row[f"{level} with attitude_deg hidden"] for row in rows) < 15.0

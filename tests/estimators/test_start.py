@@ -216,3 +216,18 @@ def test_features_on_a_line_are_not_enough():
     uv = np.stack([project(camera, world) for camera in made.problem.cameras], axis=1)
     with pytest.raises(NotPossible, match="line"):
         first_guess(replace(made.problem, uv=uv), Prior())
+
+
+def test_free_windows_are_free_rotation():
+    from massprops.dynamics.rigid_body import propagate
+    from massprops.estimators.rates import _free
+
+    inertia = np.array([[0.4, 0.02, 0.01], [0.02, 0.35, -0.03], [0.01, -0.03, 0.25]])
+    rates = np.array([[0.3, -0.2, 0.5], [0.0, 0.1, 0.0]])
+    tau = np.tile([-3.0, -1.2, 0.0, 0.4, 2.5], (2, 1))
+    found = _free(tau, rates, inertia)
+    for own, w in zip(found, rates, strict=True):
+        start = np.array([1.0, 0, 0, 0])
+        assert np.allclose(own[2], start)
+        assert np.allclose(own[2:], propagate(start, w, inertia, tau[0, 2:])[0], atol=1e-6)
+        assert np.allclose(own[2::-1], propagate(start, w, inertia, tau[0, 2::-1])[0], atol=1e-6)

@@ -16,6 +16,7 @@ from massprops.estimators.principal_axis import (
     FilterStart,
     axes_against_features,
     filtered,
+    in_other_frame,
     mean_turn,
     start_in_frame,
 )
@@ -72,11 +73,14 @@ class Followed:
     run: Filtered
 
 
-def followed(problem: Problem, prior: Prior, start: Any, noise: float, push: float) -> Followed:
+def followed(
+    problem: Problem, prior: Prior, start: Any, noise: float, push: float, turn: np.ndarray | None = None
+) -> Followed:
     """The filter in the unique principal frame of the start's inertia.
 
     Args:
         noise: unmodelled angular acceleration [rad/s^2 sqrt(s)]; push: unmodelled acceleration [m/s^2 sqrt(s)].
+        turn: (3, 3) to the unique frame from another of the 24, which is followed in its place from the same start.
     """
     first = int(np.searchsorted(problem.times, start.times[0] - 1e-9))
     moments, frame = unique_frame(start.inertia)
@@ -84,6 +88,8 @@ def followed(problem: Problem, prior: Prior, start: Any, noise: float, push: flo
     points = problem.stereo and start.features is not None and start.position is not None
     chosen = _longest(problem, start) if points else np.zeros(0, int)
     begin = _begin(problem, prior, start, frame, moments, chosen, points, path)
+    if turn is not None:
+        begin, frame = in_other_frame(begin, turn), frame @ turn
     return Followed(first, frame, chosen, points, path.q, run_over(problem, begin, first, chosen, path, noise, push))
 
 
