@@ -139,7 +139,8 @@ def fuse(
     inertia = inertia_from(x, mesh.axes)
     moments, axes = principal_frame(inertia)
     volume, density = float(np.exp(x[0])), float(mesh.document["density"])
-    drawn = np.linalg.eigvalsh(inertia_from(replicates, mesh.axes))
+    drawn_inertia = inertia_from(replicates, mesh.axes)
+    drawn = np.linalg.eigvalsh(drawn_inertia)
     k, k_drawn = inertia_ratios(moments), inertia_ratios(drawn)
 
     def bounds(values: np.ndarray, at: np.ndarray | float) -> list:
@@ -159,6 +160,7 @@ def fuse(
             "volume": bounds(volumes, volume),
             "mass": bounds(density * volumes, density * volume),
             "center_of_mass": bounds(replicates[:, 1:4], x[1:4]),
+            "inertia": bounds(drawn_inertia, inertia),
             "principal_moments": bounds(drawn, moments),
             "k1": bounds(k_drawn[:, 0], float(k[0])),
             "k2": bounds(k_drawn[:, 1], float(k[1])),

@@ -61,7 +61,7 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
     Raises:
         InputError: no mesh there, or a mass or inertia that no body has.
     """
-    import trimesh
+    from massprops.exchange.mesh_files import read_mesh, read_solid
 
     source = Path(source)
     if mass is not None and not (np.isfinite(mass) and mass > 0):
@@ -71,12 +71,13 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
         if not document_file.is_file() or not mesh_file.is_file():
             missing = document_file.name if not document_file.is_file() else mesh_file.name
             raise InputError(f"{source}: no {missing} in this run: finish it with 'massprops reconstruct' first")
-        document = json.loads(document_file.read_text())
-        mesh = trimesh.load(mesh_file, force="mesh", process=False)
+        document = _read_document(document_file)
+        mesh = read_mesh(mesh_file, process=False)
+        if not mesh.is_volume:
+            raise InputError(f"{mesh_file}: not watertight or inside out: make the run again, or repair the mesh")
         run: Path | None = source
         name = identifier(source.resolve().name)
     elif source.is_file():
-        from massprops.exchange.mesh_files import read_solid
         from massprops.mass.document import document as make_document
         from massprops.mass.properties import mass_properties
 
@@ -86,8 +87,20 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
         document = make_document(mass_properties(mesh, density), {}, scale, surface, list(notes))
         run, name = None, identifier(source.stem)
     else:
-        raise InputError(f"{source}: no such run folder or mesh file")
+        raise InputError(
+            f"{source}: no such run folder or mesh file; give what 'massprops reconstruct' wrote, or a mesh"
+        )
     return body_of(document, mesh, name, run, mass)
+
+
+def _read_document(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text())
+    except ValueError:  # UnicodeDecodeError and JSONDecodeError are
+        document = None
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: not a massprops.json: make the run again")
+    return document
 
 
 def body_of(

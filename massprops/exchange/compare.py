@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.errors import InputError
 from massprops.exchange.mesh_files import in_metres, read_solid
 
 if TYPE_CHECKING:
@@ -98,8 +97,6 @@ def compare(
     from massprops.mass.properties import mass_properties
 
     body = read_body(run_or_mesh)
-    if not body.mesh.is_volume:
-        raise InputError(f"{run_or_mesh}: its mesh is not watertight: make the run again, or repair the mesh")
     free = (not body.metric) if free_scale is None else free_scale
     target, notes = read_solid(cad)
     ours_length = None if free or not body.metric else greatest_length(np.asarray(body.mesh.vertices))[0]

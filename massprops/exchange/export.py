@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from massprops.errors import InputError
@@ -11,7 +12,12 @@ from massprops.exchange.formats import formats
 
 
 def export(
-    source: str | Path, to: str, out: str | Path | None = None, density: float = 1000.0, mass: float | None = None
+    source: str | Path,
+    to: str,
+    out: str | Path | None = None,
+    density: float = 1000.0,
+    mass: float | None = None,
+    warn: Callable[[str], None] = lambda text: None,
 ) -> Path:
     """Writes one export format.
 
@@ -21,6 +27,7 @@ def export(
         out: file to write; by default `<name><suffix>` in the run, or beside the mesh.
         density: [kg/m^3], for a mesh file.
         mass: measured mass [kg], in place of density times volume.
+        warn: told what had to be repaired in a mesh file.
 
     Returns:
         the file written.
@@ -37,6 +44,9 @@ def export(
         raise InputError(
             f"{source}: lengths are in model units and {to} needs metres: run again with --scale, --distance or --marker"
         )
+    if body.run is None:
+        for line in body.document["warnings"]:
+            warn(line)
     default = (body.run or Path(source).parent) / (body.name + style.SUFFIX)
     path = Path(out) if out is not None else default
     if path.is_dir():

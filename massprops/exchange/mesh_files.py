@@ -15,8 +15,12 @@ if TYPE_CHECKING:
 LARGEST_BYTES = 2_000_000_000
 
 
-def read_mesh(path: str | Path) -> trimesh.Trimesh:
+def read_mesh(path: str | Path, process: bool = True) -> trimesh.Trimesh:
     """One mesh of a file; the parts of a scene are joined.
+
+    Args:
+        path: the file.
+        process: join equal vertices, as formats without shared ones need.
 
     Raises:
         InputError: no such file, not a mesh, or no faces.
@@ -29,7 +33,7 @@ def read_mesh(path: str | Path) -> trimesh.Trimesh:
     if path.stat().st_size > LARGEST_BYTES:
         raise InputError(f"{path}: {path.stat().st_size / 1e9:.1f} GB is too large; reduce the mesh first")
     try:
-        mesh = trimesh.load(path, force="mesh")
+        mesh = trimesh.load(path, force="mesh", process=process)
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path}: not a mesh that can be read ({reason}); give STL, OBJ, PLY, GLB or OFF") from None

@@ -96,3 +96,29 @@ def test_axes_that_the_body_hardly_shows_are_at_most_half_a_turn() -> None:
     found = turn_covariance(np.eye(3) * 0.01**2, -1e-6, -0.3)
     assert np.sqrt(found[2, 2]) == pytest.approx(np.pi / 2, rel=1e-3) and np.sqrt(found[0, 0]) < 0.04
     assert np.linalg.eigvalsh(found)[0] > 0
+
+
+def test_what_mesh_and_motion_know_together_goes_before_the_mesh(run: Path, tmp_path: Path) -> None:
+    content = json.loads((run / "massprops.json").read_text())
+    k = {name: value + 0.01 for name, value in content["inertia_ratios"].items()}
+    moments = np.exp([k["k1"] + k["k2"], k["k2"], 0.0])
+    axes = np.array(content["principal_axes"])
+    J = axes @ np.diag(moments) @ axes.T
+    interval = {
+        "k1": [k["k1"] - 0.001, k["k1"] + 0.001],
+        "k2": [k["k2"] - 0.002, k["k2"] + 0.002],
+        "inertia": [[[J[i, j] - 1e-3, J[i, j] + 1e-3] for j in range(3)] for i in range(3)],
+    }
+    fused = {
+        "inertia": J.tolist(), "inertia_ratios": k, "principal_axes": axes.tolist(), "interval_90": interval,
+        "center_of_mass": [0.1, 0.2, 0.3],
+    }  # fmt: skip
+    found = {"mesh": {"k1": content["inertia_ratios"]["k1"]}, "fused": fused}
+    (run / "crosscheck.json").write_text(json.dumps(found))
+    prior = read_filter(export(run, "filter", tmp_path / "both.yaml")).prior
+    assert np.allclose(ratios(prior.inertia)[0], [k["k1"], k["k2"]], atol=1e-9)
+    assert prior.k_sigma == pytest.approx([0.001 / 1.645, 0.002 / 1.645], rel=1e-3)
+    for other in ({**found, "fused": None}, {**found, "mesh": {"k1": -9.0}}):  # not trusted, or of an earlier mesh
+        (run / "crosscheck.json").write_text(json.dumps(other))
+        prior = read_filter(export(run, "filter", tmp_path / "mesh.yaml")).prior
+        assert np.allclose(ratios(prior.inertia)[0], list(content["inertia_ratios"].values()), atol=1e-9)

@@ -1,13 +1,15 @@
 """Filter: the YAML that `massprops estimate --prior` reads.
 
 Ratios and axes in the run's body frame, that of its `sequence/attitude0`, with their covariances from the 90 %
-intervals; feature points from the centre of mass, under the numbers that they have in the run's `tracks0`; and how
+intervals, by mesh and motion together where the run's cross-check fused them; feature points from the centre of mass, under the numbers that they have in the run's `tracks0`; and how
 much process noise a filter of this motion deserves.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +49,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
 
 def filter_content(body: Body) -> dict[str, Any]:
     """What the file says."""
+    body, known_by = best_known(body)
     document = body.document
     inertia = body.inertia / np.trace(body.inertia)
     axes = np.array(document["principal_axes"], float)
@@ -59,7 +62,7 @@ def filter_content(body: Body) -> dict[str, Any]:
         k_cov, axes_cov = spread[:2, :2], turn_covariance(spread[2:, 2:], k1, k2)
     content: dict[str, Any] = {
         "format": "massprops-filter/1",
-        "source": f"{body.name}: mesh, constant density"
+        "source": f"{body.name}: {known_by}, constant density"
         + ("" if spread is not None else "; no intervals stated, 5 % assumed"),
         "units": {"length": "m" if body.metric else "model"},
         "inertia": inertia.tolist(),
@@ -74,6 +77,24 @@ def filter_content(body: Body) -> dict[str, Any]:
     if body.run is not None:
         content.update(_of_footage(body, body.run))
     return content
+
+
+def best_known(body: Body) -> tuple[Body, str]:
+    """The body by mesh and motion together where the run's cross-check trusts both, else by the mesh; and by what."""
+    plain = body, "mesh"
+    if body.run is None:
+        return plain
+    try:
+        found = json.loads((body.run / "crosscheck.json").read_text())
+        fused, of = found["fused"], found["mesh"]["k1"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return plain
+    # a mesh made again since is another one
+    if not fused or abs(of - body.document["inertia_ratios"]["k1"]) > 1e-9:
+        return plain
+    centre, inertia = np.array(fused["center_of_mass"]), np.array(fused["inertia"])
+    document = {**body.document, **fused}
+    return replace(body, center_of_mass=centre, inertia=inertia, document=document), "mesh and motion together"
 
 
 def turn_covariance(products: np.ndarray, k1: float, k2: float) -> np.ndarray:
