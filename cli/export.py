@@ -26,5 +26,5 @@ def command(
 
     from massprops.exchange.export import export
 
-    path = export(source, to, out, density, mass)
+    path = export(source, to, out, density, mass, lambda text: typer.echo(f"warning: {text}", err=True))
     typer.echo(json.dumps({"file": str(path), "format": to}) if json_output else f"{to}: {path}")

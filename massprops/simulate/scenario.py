@@ -100,14 +100,14 @@ def load_scenario(name: str | Path, **changes: Any) -> Scenario:
     folder = Path(str(files("massprops.simulate") / "meshes"))
     if path.suffix.lower() in MESHES:
         if not path.is_file():
-            raise InputError(f"{path}: no such mesh file")
+            raise InputError(f"{path}: no such mesh file; give STL, OBJ, PLY, GLB or OFF")
         given: dict[str, Any] = {"mesh": str(path.resolve()), "texture_m": None}
     else:
-        if not path.is_file():
+        if not (path.is_file() and path.suffix.lower() in (".yaml", ".yml")):
             path = Path(str(files("massprops.simulate.scenarios") / f"{name}.yaml"))
             if "/" in str(name) or not path.is_file():
                 raise InputError(
-                    f"{name}: no such scenario; give one of {', '.join(known())}, a YAML file or a mesh file"
+                    f"{name}: no such scenario; give one of {', '.join(known())}, a YAML file or a mesh file (STL, OBJ, PLY, GLB, OFF)"
                 )
         from massprops.sequence.read import load_yaml
 
