@@ -128,7 +128,10 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
     if tracks is not None:
         features, uv = _tracks(sequence, numbers, stamp, most_features, warnings)
         if len(cameras) == 2 and not (np.isfinite(uv[:, 0, :, 0]) & np.isfinite(uv[:, 1, :, 0])).any():
-            warnings.append("the two cameras never see a feature at the same time: their clocks differ")
+            apart = "the two cameras never see a feature at the same time: bring tracks0 to one clock"
+            if sequence.attitude is None and sequence.rates is None:
+                raise InputError(f"{sequence.folder or 'sequence'}: {apart}")
+            warnings.append(apart)
     sigma_px = np.array([_sigma_px(sequence.cameras[k], k, warnings) for k in numbers])
     ranges, rates = np.full(n, np.nan), np.full((n, 3), np.nan)
     attitude, sigma_attitude = np.full((n, 4), np.nan), np.full(n, np.nan)
