@@ -57,6 +57,9 @@ def command(
     ] = None,
     video: Annotated[bool, typer.Option("--video", help="Also write cam0/video.mp4 (H.264).")] = False,
     seed: Annotated[int, typer.Option(help="Of motion, Sun, texture and noise.")] = 0,
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print the folder as JSON on stdout and nothing else.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
 ) -> None:
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
@@ -65,6 +68,8 @@ def command(
 
     Example: massprops simulate tracks -o sequences/two --effects viscous-damping:6
     """
+    import json
+
     from massprops.simulate import simulate
     from massprops.simulate.simulate import is_tracks
     from massprops_cli.progress import StageProgress
@@ -101,7 +106,7 @@ def command(
             seed=seed,
             **of_tracks,
         )
-    typer.echo(str(folder))
+    typer.echo(json.dumps({"sequence": str(folder)}) if json_output else str(folder))
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

@@ -244,6 +244,27 @@ def choose_frames(source: Source, judged: Judged, most: int) -> Chosen:
     return Chosen(judged.index[picked], judged.timestamp_ns[picked], judged.sharp[picked], warnings)
 
 
+def choose_all(sources: list[Source], judged: list[Judged], most: int) -> list[Chosen]:
+    """The frames to use of every source; of a stereo pair the first camera's choice, at instants that both saw.
+
+    Raises:
+        NotPossible: fewer than three frames of a camera differ.
+        InputError: fewer than three instants were seen by both.
+    """
+    if len(sources) == 1:
+        return [choose_frames(sources[0], judged[0], most)]
+    first, other = choose_frames(sources[0], judged[0], most), judged[1]
+    mine, theirs = same_instant(first.index, first.timestamp_ns, other.index, other.timestamp_ns)
+    if len(mine) < 3:
+        raise InputError(
+            f"{len(mine)} frames of cam0 and cam1 were taken together; a stereo pair needs equal timestamps"
+        )
+    return [
+        Chosen(first.index[mine], first.timestamp_ns[mine], first.sharp[mine], first.warnings),
+        Chosen(other.index[theirs], other.timestamp_ns[theirs], other.sharp[theirs]),
+    ]
+
+
 def same_instant(
     index: np.ndarray, timestamp_ns: np.ndarray, other_index: np.ndarray, other_timestamp_ns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -183,3 +183,20 @@ def test_sharpness_orders_blur() -> None:
     grey = cv2.cvtColor(scene(20), cv2.COLOR_BGR2GRAY)
     values = [sharpness(cv2.GaussianBlur(grey, (0, 0), s)) for s in (0.5, 2, 5)]
     assert values[0] > values[1] > values[2]
+
+
+def test_frames_from_python(tmp_path: Path) -> None:
+    """A phone's video, turned and with a variable rate: upright frames with their own times."""
+    from massprops.capture import read_frames
+
+    stamps = [0, 40, 95, 300, 310, 500, 640, 1000]
+    video = write_video(tmp_path / "v.mp4", [scene(9 * i) for i in range(8)], stamps)
+    turn_header(video)
+    frames = list(read_frames(video, most=5, longest=80))
+    assert 3 <= len(frames) <= 5 and all(f.image.shape == (80, 60, 3) and f.camera == 0 for f in frames)
+    assert all(abs(f.timestamp_ns * 1e-6 - stamps[f.index]) < 0.2 for f in frames)
+    assert [f.index for f in frames] == sorted(f.index for f in frames)
+    nothing = tmp_path / "nothing"
+    nothing.mkdir()
+    with pytest.raises(InputError, match="no images here"):
+        next(read_frames(nothing))

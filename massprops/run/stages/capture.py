@@ -17,20 +17,19 @@ OPTIONS = ("source", "frames", "max_size", "motion", "masks", "focal")
 
 def run(job: Job) -> dict:
     """Writes frames/, footage.json and, for a body before a background that stays, masks/."""
-    from massprops.capture.footage import choose_frames, judge_frames, open_sources, refuse_useless
+    from massprops.capture.footage import choose_all, judge_frames, open_sources, refuse_useless
     from massprops.capture.motion import Scene, judge
 
     options, source = job.options, Path(job.options.source)
     sources = open_sources(source, options.focal)
     judged = [judge_frames(s, job.progress) for s in sources]
-    refuse_useless(judged[0], source.name)
+    for s, j in zip(sources, judged, strict=True):
+        refuse_useless(j, source.name if len(sources) == 1 else f"{source.name}/cam{s.camera}")
     ordered = sources[0].video is not None or sources[0].kind == "sequence"
     scene = judge(judged[0].grey[:: max(1, len(judged[0].grey) // 60)], ordered)
     if options.motion not in ("auto", scene.motion):
         scene = Scene(options.motion, scene.background, "as given by --motion", scene.plain)
-    chosen = [choose_frames(s, j, options.frames) for s, j in zip(sources, judged, strict=True)]
-    if len(sources) > 1:
-        chosen = _pairs(judged, chosen)
+    chosen = choose_all(sources, judged, options.frames)
     cameras, frames = [], []
     for s, c in zip(sources, chosen, strict=True):
         # COLMAP knows the two halves of a stereo pair by their equal names
@@ -61,29 +60,6 @@ def run(job: Job) -> dict:
     }
     (job.out / "footage.json").write_text(json.dumps(footage, indent=1))
     return {k: footage[k] for k in ("kind", "motion", "motion_reason", "background", "given", "used")}
-
-
-def _pairs(judged: list, chosen: list) -> list:
-    """The first camera's instants, in both cameras: a stereo pair needs both halves.
-
-    Frames belong together by their clocks where both cameras have one, else by their place in the series.
-
-    Raises:
-        InputError: fewer than three pairs.
-    """
-    from massprops.capture.footage import Chosen, same_instant
-
-    first, second = chosen
-    mine, theirs = same_instant(first.index, first.timestamp_ns, judged[1].index, judged[1].timestamp_ns)
-    if len(mine) < 3:
-        raise InputError(
-            f"{len(mine)} frames of cam0 and cam1 were taken together; a stereo pair needs equal timestamps"
-        )
-    other = judged[1]
-    return [
-        Chosen(first.index[mine], first.timestamp_ns[mine], first.sharp[mine], first.warnings),
-        Chosen(other.index[theirs], other.timestamp_ns[theirs], other.sharp[theirs], second.warnings),
-    ]
 
 
 def _write_frames(  # type: ignore[no-untyped-def]
