@@ -40,10 +40,11 @@ def depth_map(
     noise: float,
     seed: int,
 ) -> DepthMap:
-    """Depth and normal of every pixel of the mask.
+    """Depth and normal of every pixel of the mask that is wanted.
 
     Args:
-        image: (h, w) float32 grey, reference; mask: (h, w) uint8.
+        image: (h, w) float32 grey, reference; mask: (h, w) uint8, 0 not the object, 1 the object but no depth wanted
+            (windows may reach into it), 2 and above wanted.
         K: (3, 3) of the reference.
         sources: (s, h', w') float32 grey; Ks: (s, 3, 3); Rs (s, 3, 3), ts (s, 3): from the reference's camera.
         sparse: (m, 3) u, v, depth of sparse points seen here.
@@ -85,7 +86,7 @@ def depth_map(
     count, sh, sw = sources.shape
     flat = sources.reshape(count, -1)
     pm.polish(image, mask, depth, normal, cost, sigma, flat, sh, sw, inverse, each, Rs, ts, level, least, NOISE_PX)
-    lost = (mask == 0) | (cost >= 1.0) | (cost < 0) | (sigma <= 0)
+    lost = (mask < 2) | (cost >= 1.0) | (cost < 0) | (sigma <= 0)
     depth[lost] = 0.0
     return DepthMap(depth, normal, cost, sigma)
 

@@ -3,7 +3,9 @@
 Each pixel of the reference holds a plane (depth, normal in the reference's camera). Planes are judged by a
 bilaterally weighted normalised cross-correlation of an 9x9 window (every second pixel) with up to four sources, of
 which the best three count; they spread to neighbours in a red-black order and are refined by shrinking random steps
-(Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). Random numbers are a hash of pixel, iteration and
+(Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). The bilateral weights are taken from both images
+(Yoon, Kweon 2006, "Adaptive support-weight approach for correspondence search"): the body turns under a Sun that
+stands, so the edge of a shadow lies elsewhere in every frame, and must not be matched. Random numbers are a hash of pixel, iteration and
 seed, so the result does not depend on the number of threads.
 """
 
@@ -23,6 +25,8 @@ DY = np.repeat(_GRID, SIDE).astype(np.float32)
 BEST = 3
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
+LEAST_WEIGHT = 0.2
+"""Share of a window that must look like its middle in both images."""
 
 
 @nb.njit(cache=True, inline="always")
@@ -70,8 +74,9 @@ def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-u
 
 
 @nb.njit(cache=True, fastmath=True, error_model="numpy")
-def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, source, h, w, K_s, R_s, t_s):  # type: ignore[no-untyped-def]
-    """1 - NCC of the window warped by the plane into one source image, given flat."""
+def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, source, h, w, K_s, R_s, t_s, level_sigma):  # type: ignore[no-untyped-def]
+    """1 - NCC of the window warped by the plane into one source image, given flat, weighted by the likeness to the
+    middle in both."""
     rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
     offset = d * (n0 * rx + n1 * ry + n2)
     if abs(offset) < 1e-12:
@@ -102,6 +107,15 @@ def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sourc
     fv0, fv1, fv2 = np.float32(v0), np.float32(v1), np.float32(v2)
     fc1, fc2, one = np.float32(c1), np.float32(c2), np.float32(1.0)
     s1, s2, cross = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    total, v1, v2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    j, i = np.int32(fu0), np.int32(fv0)
+    fu, fv = fu0 - np.float32(j), fv0 - np.float32(i)
+    at = np.uint32(i * w + j)
+    top = source[at] + fu * (source[at + np.uint32(1)] - source[at])
+    at += np.uint32(w)
+    low = source[at] + fu * (source[at + np.uint32(1)] - source[at])
+    centre = top + fv * (low - top)
+    sharp = np.float32(0.5 / (level_sigma * level_sigma))
     for k in range(SAMPLES):
         dx, dy = DX[k], DY[k]
         e = one / (one + fc1 * dx + fc2 * dy)
@@ -112,24 +126,32 @@ def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sourc
         top = source[at] + fu * (source[at + np.uint32(1)] - source[at])
         at += np.uint32(w)
         low = source[at] + fu * (source[at + np.uint32(1)] - source[at])
-        s = top + fv * (low - top)
-        ws = weight[k] * s
-        s1 += ws
-        s2 += ws * s
-        cross += ws * value[k]
-    spread = s2 - s1 * s1
-    if spread < 0.05:
+        s = top + fv * (low - top) - centre
+        q = one / (one + s * s * sharp)
+        ws = weight[k] * q * q
+        r = value[k] - np.float32(mean)
+        total += ws
+        v1 += ws * r
+        v2 += ws * r * r
+        s1 += ws * s
+        s2 += ws * s * s
+        cross += ws * s * r
+    if total < LEAST_WEIGHT:
         return WORST
-    return 1.0 - (cross - s1 * mean) / math.sqrt(spread * variance)
+    s1, s2, v1, v2, cross = s1 / total, s2 / total, v1 / total, v2 / total, cross / total
+    spread, own = s2 - s1 * s1, v2 - v1 * v1
+    if spread < 0.05 or own < 0.05:
+        return WORST
+    return 1.0 - (cross - s1 * v1) / math.sqrt(spread * own)
 
 
 @nb.njit(cache=True, fastmath=True, error_model="numpy")
-def _cost(x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources, h, w, Ks, Rs, ts, each):  # type: ignore[no-untyped-def]
+def _cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, sources, h, w, Ks, Rs, ts, each, level_sigma):  # type: ignore[no-untyped-def]
     """Mean of the best BEST sources' costs."""
     count = len(sources)
     for s in range(count):
         each[s] = _ncc_cost(
-            x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources[s], h, w, Ks[s], Rs[s], ts[s]
+            x, y, d, n0, n1, n2, weight, value, mean, inverse, sources[s], h, w, Ks[s], Rs[s], ts[s], level_sigma
         )
     best = min(BEST, count)
     total = 0.0
@@ -171,7 +193,7 @@ def sweep(
     """One half of a red-black iteration, in place.
 
     Args:
-        image: (h, w) float32; mask: (h, w) uint8, nonzero where a depth is wanted.
+        image: (h, w) float32; mask: (h, w) uint8, 0 off the object, 1 on it, 2 and above where a depth is wanted.
         depth (h, w), normal (h, w, 3), cost (h, w): float32 state; cost < 0 means not judged yet.
         sources: (s, sh * sw) float32, flat images of sh rows and sw columns; Ks (s, 4) fu fv cu cv; Rs (s, 3, 3), ts (s, 3): reference camera to source camera.
         inverse: of the reference, (4,) 1/fu, -cu/fu, 1/fv, -cv/fv.
@@ -187,7 +209,7 @@ def sweep(
         value = np.empty(SAMPLES, np.float32)
         each = np.empty(len(sources), np.float64)
         for x in range((y + colour) % 2, w, 2):
-            if mask[y, x] == 0:
+            if mask[y, x] < 2:
                 continue
             variance, mean = _window(image, mask, x, y, weight, value, level_sigma)
             if variance < least_variance:
@@ -197,7 +219,7 @@ def sweep(
             d, n0, n1, n2, c = depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2], cost[y, x]
             if c < 0.0:
                 c = _cost(
-                    x, y, d, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                    x, y, d, n0, n1, n2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
                 )
             for k in range(4 * reach):
                 far_step = 1 + 2 * (k // 4)
@@ -223,7 +245,7 @@ def sweep(
                 if abs(e - d) < 3e-5 * d and m0 * n0 + m1 * n1 + m2 * n2 > 0.9995:
                     continue  # the same plane to a small part of a pixel
                 g = _cost(
-                    x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                    x, y, e, m0, m1, m2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
                 )
                 if g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
@@ -243,7 +265,7 @@ def sweep(
                 if m0 * rx + m1 * ry + m2 > -0.05 or e < near or e > far:
                     continue
                 g = _cost(
-                    x, y, e, m0, m1, m2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                    x, y, e, m0, m1, m2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
                 )
                 if g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
@@ -269,7 +291,7 @@ def polish(
         each = np.empty(len(sources), np.float64)
         for x in range(w):
             sigma[y, x] = 0.0
-            if mask[y, x] == 0 or cost[y, x] >= WORST or cost[y, x] < 0.0:
+            if mask[y, x] < 2 or cost[y, x] >= WORST or cost[y, x] < 0.0:
                 continue
             variance, mean = _window(image, mask, x, y, weight, value, level_sigma)
             if variance < least_variance:
@@ -294,10 +316,10 @@ def polish(
             step = 0.5 / parallax
             c = cost[y, x]
             low = _cost(
-                x, y, d - step, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                x, y, d - step, n0, n1, n2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
             )
             high = _cost(
-                x, y, d + step, n0, n1, n2, weight, value, mean, variance, inverse, sources, sh, sw, Ks, Rs, ts, each
+                x, y, d + step, n0, n1, n2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
             )
             bend = low + high - 2.0 * c
             if bend > 1e-4 and low < WORST and high < WORST:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.dense.fusion import DensePoints, fuse
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
@@ -14,9 +15,10 @@ from massprops.views import Views
 MOST_PIXELS = 40_000
 """Pixels of the object per reference view; larger images are reduced. Bounds time and memory."""
 
-PARTNERS = 8
-WIDEST_PARTNER = 35.0
-"""Maps that confirm a map: nearest in direction, within this angle [deg]."""
+PARTNERS, FURTHER_PARTNERS = 8, 6
+WIDEST_PARTNER, APART = 35.0, 4.0
+"""Maps that confirm a map, of the whole ones and of the others: nearest in direction, within the first angle [deg] and farther than the second from it and
+from each other: neighbours see the same shadows and err alike."""
 
 Image = Callable[[int], tuple[np.ndarray, np.ndarray]]
 """`image(i)`: colour (h, w, 3) uint8 BGR and mask (h, w) uint8 of view i, both undistorted."""
@@ -101,7 +103,6 @@ def dense_points(
     import numba
 
     from massprops.dense.depthmap import depth_map
-    from massprops.dense.fusion import fuse
 
     numba.set_num_threads(max(1, min(threads, numba.config.NUMBA_NUM_THREADS)))
     choice = select_views(views, xyz, obs_view, obs_point, most_references)
@@ -115,52 +116,56 @@ def dense_points(
     factor = float(min(1.0, np.sqrt(MOST_PIXELS / max(area, 1.0))))
     cut = {i: crop(*raw[i], views.K[i], factor) for i in needed if (raw[i][1] > 0).any()}
     del raw
-    keep = [k for k, i in enumerate(choice.reference) if i in cut]
+    keep = np.array([k for k, i in enumerate(choice.reference) if i in cut], np.int64)
+    reference, whole = choice.reference[keep], choice.whole[keep]
     h = max(c.grey.shape[0] for c in cut.values())
     w = max(c.grey.shape[1] for c in cut.values())
     r = len(keep)
     depth, sigma = np.zeros((r, h, w), np.float32), np.zeros((r, h, w), np.float32)
     normal = np.zeros((r, h, w, 3), np.float32)
-    K, R, t = np.zeros((r, 4)), np.zeros((r, 3, 3)), np.zeros((r, 3))
-    colour, measured, wanted = [], 0, 0
-    for n, k in enumerate(keep):
-        i = int(choice.reference[k])
-        mine = cut[i]
-        group = [int(s) for s in choice.sources[k] if int(s) in cut]
-        R_rel = np.stack([views.R[s] @ views.R[i].T for s in group])
-        t_rel = np.stack([views.t[s] - views.R[s] @ views.R[i].T @ views.t[i] for s in group])
-        seen = xyz[obs_point[obs_view == i]] @ views.R[i].T + views.t[i]
-        seen = seen[seen[:, 2] > 0]
-        uv = seen[:, :2] / seen[:, 2:] @ mine.K[:2, :2].T + mine.K[:2, 2]
-        sources = np.stack([_padded(cut[s].grey, h, w) for s in group])
-        grey, mask = _padded(mine.grey, h, w), _padded(mine.mask, h, w)
-        noise = grey_noise(mine.grey, mine.mask)
-        result = depth_map(
-            grey, mask, mine.K, sources, np.stack([cut[s].K for s in group]), R_rel, t_rel,
-            np.column_stack([uv, seen[:, 2]]), tuple(choice.depths[k]), noise, seed + 7919 * i,
-        )  # fmt: skip
-        depth[n] = _trusted(result, mask, mine.K)
-        normal[n], sigma[n] = result.normal, result.sigma
-        K[n] = mine.K[0, 0], mine.K[1, 1], mine.K[0, 2], mine.K[1, 2]
-        R[n], t[n] = views.R[i], views.t[i]
-        colour.append(_padded(mine.colour, h, w))
-        measured += int(np.count_nonzero(depth[n]))
-        wanted += int(np.count_nonzero(mine.mask))
-        progress(n + 1, r, "depth maps")
-    reference = choice.reference[keep]
-    sight = views.centres[reference] - np.median(xyz, axis=0)
-    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
-    partners = []
-    for n in range(r):
-        order = np.argsort(angle[n], kind="stable")
-        partners.append(
-            np.array([p for p in order if p != n and angle[n, p] < WIDEST_PARTNER][:PARTNERS], dtype=np.int64)
-        )
-    points = fuse(depth, normal, sigma, colour, K, R, t, partners, reference)
-    if len(points.xyz) < 500:
+    K = np.array([[cut[i].K[0, 0], cut[i].K[1, 1], cut[i].K[0, 2], cut[i].K[1, 2]] for i in reference])
+    R, t = views.R[reference], views.t[reference]
+    colour = [_padded(cut[i].colour, h, w) for i in reference]
+    partners = _partners(views.centres[reference] - np.median(xyz, axis=0), whole)
+    measured, wanted, done = 0, 0, 0
+
+    def fused(use: np.ndarray) -> DensePoints:
+        among = [p[use[p]] if use[n] else p[:0] for n, p in enumerate(partners)]
+        return fuse(depth, normal, sigma, colour, K, R, t, among, reference)
+
+    points = None
+    for turn in (whole, ~whole):
+        for n in np.flatnonzero(turn):
+            i, mine = int(reference[n]), cut[int(reference[n])]
+            group = [int(s) for s in choice.sources[keep[n]] if int(s) in cut]
+            R_rel = np.stack([views.R[s] @ views.R[i].T for s in group])
+            t_rel = np.stack([views.t[s] - views.R[s] @ views.R[i].T @ views.t[i] for s in group])
+            mask, seen = mine.mask, xyz[obs_point[obs_view == i]]
+            if points is not None:
+                facing = np.einsum("ij,ij->i", points.normal, views.centres[i] - points.xyz) > 0
+                seen = points.xyz[facing].astype(float)
+            seen = seen @ views.R[i].T + views.t[i]
+            seen = seen[seen[:, 2] > 0]
+            uv = seen[:, :2] / seen[:, 2:] @ mine.K[:2, :2].T + mine.K[:2, 2]
+            if points is not None:
+                mask = _unexplained(mask, uv)
+            sources = np.stack([_padded(cut[s].grey, h, w) for s in group])
+            result = depth_map(
+                _padded(mine.grey, h, w), _padded(mask, h, w), mine.K, sources,
+                np.stack([cut[s].K for s in group]), R_rel, t_rel, np.column_stack([uv, seen[:, 2]]),
+                tuple(choice.depths[keep[n]]), grey_noise(mine.grey, mine.mask), seed + 7919 * i,
+            )  # fmt: skip
+            depth[n] = _trusted(result, _padded(mine.mask, h, w), mine.K)
+            normal[n], sigma[n] = result.normal, result.sigma
+            measured += int(np.count_nonzero(depth[n]))
+            wanted += int(np.count_nonzero(mask > 1))
+            done += 1
+            progress(done, r, "depth maps")
+        if turn.any():
+            points = fused(turn | whole)
+    if points is None or len(points.xyz) < 500:
         raise NotPossible(
-            f"only {len(points.xyz)} surface points agree between views: more texture, light or overlap is needed"
+            f"only {0 if points is None else len(points.xyz)} surface points agree between views: more texture, light or overlap is needed"
         )
     facts = {
         "references": r,
@@ -172,6 +177,39 @@ def dense_points(
         "median_views": float(np.median(np.diff(points.view_start))),
     }
     return points, facts
+
+
+def _partners(sight: np.ndarray, whole: np.ndarray) -> list[np.ndarray]:
+    """Per map, the maps that may confirm it; sight (r, 3) from the object to the cameras, whole (r,) bool."""
+    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+    angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
+    out = []
+    for n in range(len(sight)):
+        both: list[int] = []
+        for kind, most in ((whole, PARTNERS), (~whole, FURTHER_PARTNERS)):
+            chosen: list[int] = []
+            for p in np.argsort(angle[n], kind="stable"):
+                if angle[n, p] >= WIDEST_PARTNER or len(chosen) == most:
+                    break
+                if kind[p] and all(angle[p, q] > APART for q in (n, *chosen)):
+                    chosen.append(int(p))
+            both += chosen
+        out.append(np.array(both, dtype=np.int64))
+    return out
+
+
+def _unexplained(mask: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """The mask with 1 where measured points project already and 2 where a depth is still wanted."""
+    import cv2
+
+    h, w = mask.shape
+    j, i = np.rint(uv).astype(np.int64).T
+    inside = (i >= 0) & (j >= 0) & (i < h) & (j < w)
+    dots = np.zeros((h, w), np.uint8)
+    dots[i[inside], j[inside]] = 1
+    known = cv2.morphologyEx(dots, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
+    want = cv2.morphologyEx(((mask > 0) & ~known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return np.where(mask > 0, 1 + want, 0).astype(np.uint8)
 
 
 def _padded(a: np.ndarray, h: int, w: int) -> np.ndarray:

@@ -9,7 +9,10 @@ import numpy as np
 from massprops.views import Views
 
 MOST_REFERENCES = 40
-"""Depth maps by default: beyond it the sphere of directions around a body is seen every few degrees already."""
+"""Whole depth maps: beyond it the sphere of directions around a body is seen every few degrees already."""
+
+MOST_FURTHER = 60
+"""Further views by default, which are matched only where the whole depth maps agreed on nothing."""
 
 SOURCES = 4
 BEST_ANGLE, NARROW, WIDE = 10.0, 3.0, 26.0
@@ -18,9 +21,11 @@ BEST_ANGLE, NARROW, WIDE = 10.0, 3.0, 26.0
 
 @dataclass(frozen=True)
 class Selection:
-    """reference (r,) view indices; sources: per reference (s,) view indices; depths (r, 2) nearest, farthest."""
+    """reference (r,) view indices; whole (r,) bool: which of them get a whole depth map; sources: per reference (s,)
+    view indices; depths (r, 2) nearest, farthest."""
 
     reference: np.ndarray
+    whole: np.ndarray
     sources: tuple[np.ndarray, ...]
     depths: np.ndarray
 
@@ -47,7 +52,7 @@ def select_views(
     Args:
         views: registered views.
         xyz: (m, 3) sparse points; obs_view, obs_point: (k,) which view saw which point.
-        most: largest number of references; 0 for the default.
+        most: largest number of references, the first `MOST_REFERENCES` of them whole; 0 for the default.
         stereo_angle: smallest angle between the lines of sight of a pair [deg].
 
     Returns:
@@ -61,7 +66,9 @@ def select_views(
     angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
     sources = [_sources(i, common[i], angle, stereo_angle) for i in range(n)]
     able = np.array([len(s) >= 2 for s in sources])
-    reference = _spread(angle, able, most or MOST_REFERENCES)
+    chosen = _spread(angle, able, most or MOST_REFERENCES + MOST_FURTHER)
+    whole = np.isin(np.sort(chosen), chosen[:MOST_REFERENCES])
+    reference = np.sort(chosen)
     depths = np.zeros((len(reference), 2))
     for k, i in enumerate(reference):
         mine = xyz[obs_point[obs_view == i]]
@@ -70,7 +77,7 @@ def select_views(
         low, high = np.percentile(z, [1, 99]) if len(z) > 5 else (0.5, 2.0)
         pad = 0.15 * (high - low) + 0.01 * high
         depths[k] = max(low - pad, 0.2 * low), high + pad
-    return Selection(reference, tuple(sources[i] for i in reference), depths)
+    return Selection(reference, whole, tuple(sources[i] for i in reference), depths)
 
 
 def _sources(i: int, common: np.ndarray, angle: np.ndarray, least: float) -> np.ndarray:
@@ -95,14 +102,16 @@ def _sources(i: int, common: np.ndarray, angle: np.ndarray, least: float) -> np.
 
 
 def _spread(angle: np.ndarray, able: np.ndarray, most: int) -> np.ndarray:
-    """Farthest-point choice of at most `most` able views; deterministic."""
+    """Farthest-point choice of at most `most` able views, in the order of choice; deterministic."""
     pool = np.flatnonzero(able)
-    if len(pool) <= most:
+    if len(pool) == 0:
         return pool
     chosen = [int(pool[0])]
     nearest = angle[pool[0], pool].copy()
-    while len(chosen) < most:
+    nearest[0] = -1.0
+    while len(chosen) < min(most, len(pool)):
         best = int(np.argmax(nearest))
         chosen.append(int(pool[best]))
         nearest = np.minimum(nearest, angle[pool[best], pool])
-    return np.array(sorted(chosen))
+        nearest[best] = -1.0
+    return np.array(chosen)

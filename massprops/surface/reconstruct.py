@@ -33,6 +33,8 @@ FILL = 0.02
 """Pull of the hull on space that nothing was measured in, per spacing cubed."""
 PRESS = 5e-4
 """The opposite, for the smallest body: enough to choose the inner one of two films of equal area, no more."""
+OFF_HULL = 1.0
+"""Points of the cloud farther than this outside the hull [px] are errors of matching."""
 HOLLOW = 0.5
 """Where an unmeasured side is put, from 0 on the hull to 1 on the smallest body."""
 
@@ -88,11 +90,14 @@ def reconstruct_surface(
     cloud = without_outliers(cloud)
     if len(cloud) < 200:
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
+    hull = make_hull(views, masks, cloud.xyz, support=support)
+    # What several views see against the sky is not there, however well its depths agreed.
+    cloud = cloud.take(np.flatnonzero(hull.value(cloud.xyz) < OFF_HULL))
     thinned = thin(cloud, points, seed)
     if not len(thinned.xyz):
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
     progress(1, 6, "points thinned")
-    hull = make_hull(views, masks, thinned.xyz, support=support)
+    hull = hull.sparing(thinned.xyz)
     tetra, kind = _tetrahedra(thinned, hull, views, seed)
     progress(2, 6, "tetrahedra")
     evidence = _evidence(tetra, thinned, hull, views)

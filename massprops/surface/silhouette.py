@@ -7,7 +7,7 @@ measured points themselves, which are known to exist, are spared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -49,6 +49,13 @@ class Hull:
             return value
         return np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
 
+    def sparing(self, measured: np.ndarray, least: int = 3) -> Hull:
+        """The same with the smallest `need`, at least `least`, that spares 99 % of the measured points (m, 3) by two
+        views."""
+        sample = np.ascontiguousarray(measured[:: max(1, len(measured) // 4000)])
+        false = _votes(sample, self.maps, self.size, self.P, 1.5)
+        return replace(self, need=max(least, int(np.quantile(false, 0.99)) + 2))
+
 
 def make_hull(
     views: Views, masks: list[np.ndarray], measured: np.ndarray, least: int = 3, support: np.ndarray | None = None
@@ -77,10 +84,7 @@ def make_hull(
     P = np.einsum("nij,njk->nik", views.K, np.concatenate([views.R, views.t[:, :, None]], axis=2))
     depth = np.einsum("ni,ni->n", views.R[:, 2], measured.mean(0)[None].repeat(len(views), 0)) + views.t[:, 2]
     pixel = float(np.median(depth / views.K[:, 0, 0]))
-    sample = np.ascontiguousarray(measured[:: max(1, len(measured) // 4000)])
-    false = _votes(sample, maps, size, P, 1.5)
-    need = max(least, int(np.quantile(false, 0.99)) + 2)
-    return Hull(maps, size, P, need, pixel, support)
+    return Hull(maps, size, P, least, pixel, support).sparing(measured, least)
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.dense.reconstruct import crop, dense_points, grey_noise
+from massprops.dense.reconstruct import _unexplained, crop, dense_points, grey_noise
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
@@ -106,6 +106,40 @@ def test_a_surface_without_texture_is_not_invented() -> None:
     views, images, xyz, view, point = sphere_views(5, flat=True)
     with pytest.raises(NotPossible, match="surface points agree"):
         dense_points(views, lambda i: images[i], xyz, view, point)
+
+
+def test_edges_of_shadows_that_move_are_not_matched() -> None:
+    views, images, xyz, view, point = sphere_views()
+    bright = len(dense_points(views, lambda i: images[i], xyz, view, point, seed=3)[0].xyz)
+    shaded = []
+    for i, (image, mask) in enumerate(images):
+        v, u = np.nonzero(mask)
+        ray = (
+            np.column_stack([(u - SIZE / 2 + 0.5) / FOCAL, (v - SIZE / 2 + 0.5) / FOCAL, np.ones(len(u))]) @ views.R[i]
+        )
+        centre = views.centres[i]
+        b, q = ray @ centre, np.einsum("ij,ij->i", ray, ray)
+        depth = (-b - np.sqrt(np.maximum(b * b - q * (centre @ centre - 1), 0))) / q
+        dark = np.sin(10 * (centre[0] + ray[:, 0] * depth) + 0.8 * i) > 0.2
+        image = image.copy()
+        image[v[dark], u[dark]] //= 5
+        shaded.append((image, mask))
+    points = dense_points(views, lambda i: shaded[i], xyz, view, point, seed=3)[0]
+    off = np.abs(np.linalg.norm(points.xyz, axis=1) - 1)
+    assert len(points.xyz) > 0.85 * bright
+    assert np.mean(off > 0.02) < 0.08
+
+
+def test_further_views_ask_only_for_what_is_not_known() -> None:
+    mask = np.zeros((40, 50), np.uint8)
+    mask[5:35, 5:45] = 255
+    v, u = np.mgrid[5:35, 5:25].reshape(2, -1)
+    found = _unexplained(mask, np.column_stack([u, v]) + 0.2)
+    assert np.all(found[mask == 0] == 0) and np.all(found[5:35, 5:25] == 1) and np.all(found[5:35, 25:45] == 2)
+    views, _, xyz, view, point = sphere_views(60, step=2.0)
+    choice = select_views(views, xyz, view, point)
+    assert len(choice.reference) > 40 and choice.whole.sum() == 40
+    assert np.array_equal(choice.reference[choice.whole], select_views(views, xyz, view, point, 40).reference)
 
 
 def test_sources_lie_at_useful_angles() -> None:

@@ -115,6 +115,19 @@ def test_one_wrong_silhouette_does_not_carve():
     assert solid(surface).volume == pytest.approx(mesh.volume, rel=0.01)
 
 
+def test_points_that_several_views_see_against_the_sky_are_dropped():
+    views = cameras(sphere_directions(36), 3.0, FOCAL, SIZE)
+    cloud, masks = observe(trimesh.creation.icosphere(5, radius=0.5), views, 0.001, 1)
+    rng = np.random.default_rng(0)
+    stray = np.flatnonzero(cloud.xyz[:, 2] > 0.49)
+    stray = rng.choice(stray, min(len(stray), len(cloud) // 200), replace=False)
+    xyz = cloud.xyz.copy()
+    xyz[stray] += [0, 0, 0.06]
+    wrong = Cloud(xyz, cloud.normal, cloud.sigma, cloud.view_start, cloud.view_index)
+    surface = reconstruct_surface(views, masks, wrong, points=POINTS, seed=1)
+    assert len(stray) > 30 and surface.vertices[:, 2].max() < 0.53
+
+
 def test_unseen_bounds_have_the_right_signs(seen_from_above):
     surface, _ = seen_from_above
     inward, outward = unseen_bounds(surface)
