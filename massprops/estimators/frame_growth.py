@@ -15,6 +15,9 @@ SURE_AXES = np.radians(5.0)
 """1-sigma of the axes below which the frame is adopted and its sign rule kept."""
 SURE_GAP = 5.0
 """Sigmas by which the moments must differ then."""
+STEADY = np.radians(10.0)
+"""Turn of the axes that must not have been exceeded for a while before: errors of attitudes that share a shape are alike
+over seconds, which the covariance of the fit does not know."""
 
 
 def attitude_of_points(points: np.ndarray, information: np.ndarray, early: int) -> np.ndarray:
@@ -59,10 +62,12 @@ def local_rates(times: np.ndarray, q: np.ndarray, half: int, every: int) -> tupl
 
 @dataclass(frozen=True)
 class Growth:
-    """b runs, p times: inertia (b, p, 3, 3) with trace 1; covariance (b, p, 5, 5) along `momentum.DIRECTIONS`."""
+    """b runs, p times: inertia (b, p, 3, 3) with trace 1; covariance (b, p, 5, 5) along `momentum.DIRECTIONS`; count
+    (b, p) of the epochs used."""
 
     inertia: np.ndarray
     covariance: np.ndarray
+    count: np.ndarray
 
 
 def growing_inertia(q: np.ndarray, w: np.ndarray, correlation: float) -> Growth:
@@ -92,7 +97,7 @@ def growing_inertia(q: np.ndarray, w: np.ndarray, correlation: float) -> Growth:
     inertia = np.eye(3) / 3.0 + np.einsum("...a,aij->...ij", x[..., :5], DIRECTIONS)
     covariance = variance[..., None, None] * inverse[..., :5, :5]
     covariance[rows <= 24] = np.inf
-    return Growth(inertia, covariance)
+    return Growth(inertia, covariance, np.cumsum(there, axis=1))
 
 
 @dataclass(frozen=True)
@@ -113,8 +118,9 @@ class Frames:
     rule: SignRule
 
 
-def determined_frames(growth: Growth) -> Frames:
-    """The principal frame at every time, adopted when its axes and the order of its moments are sure."""
+def determined_frames(growth: Growth, lasting: int) -> Frames:
+    """The principal frame at every time, adopted when its axes and the order of its moments are sure, and were and lay
+    still over the last `lasting` epochs with measurements."""
     moments, axes = np.linalg.eigh(growth.inertia)
     local = np.einsum("...ia,nij,...jb->...nab", axes, DIRECTIONS, axes)
     sure = np.ones(moments.shape[:-1], bool)
@@ -127,6 +133,7 @@ def determined_frames(growth: Growth) -> Frames:
         sure &= np.einsum("...a,...ab,...b->...", turn, covariance, turn) < SURE_AXES**2
         sure &= np.einsum("...a,...ab,...b->...", change, covariance, change) * SURE_GAP**2 < gap**2
     sure &= finite & (moments[..., 0] > 0)
+    sure = _steady(sure, axes, growth.count, lasting)
     count = moments.shape[1]
     adopted = np.where(sure.any(axis=1), np.argmax(sure, axis=1), count)
     at = np.minimum(adopted, count - 1)
@@ -139,3 +146,15 @@ def determined_frames(growth: Growth) -> Frames:
         adopted,
         rule,
     )
+
+
+def _steady(sure: np.ndarray, axes: np.ndarray, count: np.ndarray, lasting: int) -> np.ndarray:
+    """(b, p) True where all was sure, and the axes lay still, at every time over the last `lasting` epochs used."""
+    out = sure & (count > lasting)
+    for back in range(1, sure.shape[1]):
+        recent = count[:, back:] - count[:, :-back] <= lasting
+        if not recent.any():
+            break
+        cosine = np.abs(np.einsum("bpij,bpij->bpj", axes[:, back:], axes[:, :-back])).min(axis=-1)
+        out[:, back:] &= ~recent | (sure[:, :-back] & (cosine > np.cos(STEADY)))
+    return out

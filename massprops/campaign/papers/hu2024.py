@@ -49,7 +49,7 @@ CASES = {
     "motion": "figures 6-11: the filter through occlusions of 20 s, with the unique frame and without it",
 }
 RUNS = {"frame": 500, "motion": 500}
-CHUNK = 25
+CHUNK = 10
 LEVELS = [1e-6, 5e-6, 2e-5, 5e-5]
 FOCAL = 1000.0
 SEED = 2024
@@ -77,6 +77,7 @@ def configuration(case: str) -> dict[str, Any]:
         "shape_s": [5.0, 15.0, 30.0],
         "rate_window_s": 3.0,
         "rate_every_s": 0.5,
+        "steady_s": 10.0,
     }
 
 
@@ -176,8 +177,9 @@ def _frames(c: dict[str, Any], truth: dict[str, np.ndarray], level: float, seeds
         growth = Growth(
             np.where(later[:, None, None], grown.inertia, growth.inertia),
             np.where(later[:, None, None], grown.covariance, growth.covariance),
+            np.where(later, grown.count, growth.count),
         )
-    frames = determined_frames(growth)
+    frames = determined_frames(growth, round(c["steady_s"] / c["rate_every_s"]))
     # at the end of a window the frame is known for its last epoch
     now: np.ndarray = np.minimum(place + half, len(times) - 1)
     seen: np.ndarray = np.all(np.isfinite(q[:, now]), axis=-1)

@@ -23,6 +23,9 @@ from massprops.estimators.unscented.algebra import (
 from massprops.estimators.unscented.components import feature_motion, image, turn_between, turned, unit
 from massprops.estimators.unscented.prediction import bounded, perturbed, propagate
 
+SMALL = 200_000
+"""Products up to which BLAS is used: it is quicker than the loops, and keeps to one thread."""
+
 
 def sight(  # type: ignore[no-untyped-def]
     h, used, first, w, q, s, r, v, p, K, RC, TC, disparity, flow, extras, mid, still
@@ -113,7 +116,8 @@ def correct(  # type: ignore[no-untyped-def]
     h0, hp, hm = np.zeros(ny), np.zeros(ny), np.zeros(ny)
     place, pace = reference if pinned else r, v
     sight(h0, used, 0, w, q, s, place, pace, p, K, RC, TC, disparity, flow, extras, mid, pinned)
-    odd, even = np.zeros((n + 3, nu)), np.zeros((n + 3, nu))
+    both = np.zeros((2, n + 3, nu))
+    odd, even = both[0], both[1]
     w1, q1, s1, r1, v1, p1 = w.copy(), q.copy(), s.copy(), place.copy(), pace.copy(), p.copy()
     for j in range(n):
         f0 = 0 if j < off else (j - off) // 3
@@ -211,7 +215,16 @@ def correct(  # type: ignore[no-untyped-def]
             T[c, b] = f * mean[b]
         T[c, c] += inflate * noise[c]
         T[c, width - 1] = nu_vector[c]
-    j = 0
+    small = nu == odd.shape[1] and 2 * n * nu * nu <= SMALL
+    if small:
+        pairs = both.reshape(2 * n + 6, nu)
+        square, cross = np.dot(pairs.T, pairs), np.dot(odd.T, U)
+        for c in range(nu):
+            for b in range(c, nu):
+                T[c, b] += square[c, b]
+            for b in range(n):
+                T[c, nu + b] = cross[c, b]
+    j = n if small else 0
     while j < n:
         begin = start[0 if j < off else (j - off) // 3]
         for c in range(begin, nu):
@@ -233,7 +246,13 @@ def correct(  # type: ignore[no-untyped-def]
         return
     tally[0] += nis
     tally[1] += nu
-    for a in range(n):
+    if small:
+        gained = T[:, nu : nu + n].copy()
+        square = np.dot(gained.T, gained)
+        for a in range(n):
+            for b in range(a, n):
+                P[a, b] -= square[a, b]
+    for a in range(0 if small else n):
         c = 0
         g = nu + a
         while c + 8 <= nu:
