@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 
 ASTRAY = 8.0
 """Residual over the noise at which the first guess may have gone astray."""
+OTHER_PATH = 0.1
+"""Fall of BIC per measurement with which the base model shows the path by itself."""
+BETTER_PATH = 0.02
+"""Fall of BIC per measurement that makes another path worth a selection of its own."""
+PREDICTS = 1.1
+"""Residual held out up to which nothing better is looked for."""
 DOUBTS = (8.0, 40.0)
 """Times the stated noise that further guesses allow for."""
 
@@ -76,16 +82,17 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
     """`diagnose` on measurements in memory."""
     from massprops.diagnose.case import case_of
     from massprops.diagnose.refit import refit
-    from massprops.diagnose.select import Selection, select
+    from massprops.diagnose.select import Selection
     from massprops.diagnose.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress)
-    violated = False
-    if case.belief.inertia is not None:
-        base, violated = _judged(case, base, case.belief.inertia)
     blind = _blind(case, base)
-    selection = Selection(base, best=base) if blind else select(case, base, progress, violated)
+    if blind:
+        selection = Selection(base, best=base)
+    else:
+        case, selection = _on_some_path(case, base, progress)
+    base = selection.base
     torque = None
     if selection.verdict == "unexplained":
         progress("torque without a model", 0, 1)
@@ -121,6 +128,41 @@ def _begin(case_of: Callable, refit: Callable, problem: Problem, progress: Watch
     if best is None:
         raise refused or NotPossible("nothing in the sequence shows how the body moves")
     return best
+
+
+def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Selection]:
+    """The selection of effects on the path of free fall beside the chaser, or on a straight one where that explains more:
+    then one of the two is held in its place, or the record was made so."""
+    from massprops.diagnose.refit import refit
+    from massprops.diagnose.select import explained
+    from massprops.dynamics.surroundings import Surroundings
+
+    if not case.around.falls or not len(case.fitted.uv) or explained(base):
+        return case, _selected(case, base, progress)
+    said = "the path is straight, not that of free fall beside the chaser: one of the two is held, it seems"
+    other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))
+    other_base = refit(other, base.fit.state, (), most=40)
+    much = case.fitted.count
+    if other_base.bic < base.bic - OTHER_PATH * much or explained(other_base):
+        (case, base), (other, other_base) = (other, other_base), (case, base)
+    found = _selected(case, base, progress)
+    best = found.best or base
+    if explained(best) and not best.held > PREDICTS:
+        return case, found
+    same = refit(other, replace(best.fit.state, points=other_base.fit.state.points), best.added)
+    if same.bic > best.bic - BETTER_PATH * much:
+        return case, found
+    again = _selected(other, other_base, progress)
+    return (other, again) if (again.best or other_base).bic < best.bic else (case, found)
+
+
+def _selected(case: Case, base: Scored, progress: Watch) -> Selection:
+    from massprops.diagnose.select import select
+
+    violated = False
+    if case.belief.inertia is not None:
+        base, violated = _judged(case, base, case.belief.inertia)
+    return select(case, base, progress, violated)
 
 
 def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:

@@ -17,10 +17,12 @@ class Surroundings:
 
     Attributes:
         mu: [m^3/s^2], 0 without an orbit; sun, field: three components each, inertial; zeros when unknown.
+        falls: whether the target falls freely beside the chaser; otherwise its path is straight in inertial axes.
     """
 
-    def __init__(self, environment: Environment):
+    def __init__(self, environment: Environment, falls: bool = True):
         self.orbit = environment.orbit
+        self.falls = falls and environment.orbit is not None
         self.lvlh = environment.chaser_attitude == "lvlh" and environment.orbit is not None
         self.mu = environment.orbit.mu_m3_s2 if environment.orbit else 0.0
         self.sun = _three(environment.sun_direction)

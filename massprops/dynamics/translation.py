@@ -27,7 +27,7 @@ def path(
     n, count = len(times), len(p)
     t = times - times[0]
     dr, dv = np.zeros((n, 3, 6 + count)), np.zeros((n, 3, 6 + count))
-    if around.orbit is None:
+    if not around.falls:
         r, v = r0 + t[:, None] * v0, np.broadcast_to(v0, (n, 3)).copy()
         dr[:, :, :3] = dv[:, :, 3:6] = np.eye(3)
         dr[:, :, 3:6] = t[:, None, None] * np.eye(3)

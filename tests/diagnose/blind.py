@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from diagnose.half_turns import off
 
 from massprops.effects import Parameter, effects
 from massprops.errors import NotPossible
@@ -102,6 +103,7 @@ def hide(seed: int, sequence: Path, answer: Path, frames: int = 480, kind: str |
     write_sequence(sequence, made.sequence)
     answer.mkdir(parents=True, exist_ok=True)
     content = {"kind": kind, "names": names, "parameters": made.truth["effects"], "pixels": made.pixels["rms"]}
+    content["inertia"] = made.truth["inertia"]
     (answer / "answer.json").write_text(json.dumps(content))
 
 
@@ -126,11 +128,7 @@ def judge(document: dict, answer: dict) -> dict:
     listed = right or (bool(names) and (found[:1] == names or verdict == "ambiguous" and set(names) <= set(found)))
     z = []
     if right and names:
-        for e in document["effects"]:
-            for n, v in answer["parameters"][e["name"]].items():
-                s = e["sigma"][n]
-                if s and np.isfinite(s):
-                    z.append(abs(e["parameters"][n] - v) / s)
+        z = [abs(v) for _, v in off(document["effects"], answer["parameters"], np.array(answer["inertia"]))]
     gap = document["gap"]
     return {
         "kind": answer["kind"],
