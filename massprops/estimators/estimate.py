@@ -167,6 +167,7 @@ def run_methods(
     total = len(able) + 1
     progress(0, total, "start")
     start = bench.start(any(getattr(method, "BEGINS_EARLY", False) for method in able))
+    problem = bench.problem
     verdict = None
     if prior is not None:
         from massprops.estimators.prior import judge
@@ -230,13 +231,18 @@ class _Bench:
 
     def start(self, early: bool) -> Any:
         """`first_guess` of the problem, with its early part where a method begins there; the reason when it cannot be
-        had, for methods that need none."""
+        had, for methods that need none. Attitudes whose errors hang together are believed less from here on."""
+        from massprops.estimators.attitude_noise import believed
         from massprops.estimators.result import Prior
         from massprops.estimators.start import first_guess
         from massprops.estimators.unscented.setup import early_start
 
         try:
             whole = first_guess(self.problem, Prior())
+            self.problem, line = believed(self.problem, whole)
+            if line:
+                whole = first_guess(self.problem, Prior())
+                whole = replace(whole, warnings=(*whole.warnings, line))
         except NotPossible as stop:
             return _NoStart(str(stop))
         return replace(whole, early=early_start(self.problem, Prior(), whole)) if early else whole

@@ -102,7 +102,9 @@ def _channels(problem: Problem, setup: Setup, epoch: int, slots: np.ndarray) -> 
     if setup.points:
         uv = np.where((slots >= 0)[:, None], problem.uv[epoch][:, slots], np.nan)
         z = uv.reshape(1, -1)
-        noise = np.repeat(problem.sigma_px, 2 * len(slots))[None] / np.sqrt(setup.share[0])
+        # one camera's tracks are those that its attitudes were found from (as in `batch.one_camera`)
+        alike = 1.0 if problem.stereo else problem.alike
+        noise = alike * np.repeat(problem.sigma_px, 2 * len(slots))[None] / np.sqrt(setup.share[0])
         parts.append(np.where(np.isfinite(z), noise, np.inf))
         groups += [2] * (len(cameras) * len(slots))
     measured = problem.attitude[epoch][None]

@@ -78,7 +78,7 @@ def setup(problem: Problem, prior: Prior, given: Any) -> Setup:
         NotPossible: no rotation or no inertia in the first guess.
     """
     start = early_start(problem, prior, given)
-    inertia, spread = _inertia(prior, start)
+    inertia, spread = _inertia(prior, start, WIDER * problem.alike)
     if inertia is None or not len(start.q):
         raise NotPossible("the first guess found no rotation or no inertia to start from")
     row = settled_epoch(start)
@@ -89,7 +89,7 @@ def setup(problem: Problem, prior: Prior, given: Any) -> Setup:
     points = problem.has_tracks and start.features is not None and start.position is not None
     features, slots, size = np.zeros((0, 3)), np.zeros(0, int), 0.0
     position, velocity = np.zeros(3), np.zeros(3)
-    doubt = start.covariance[row] * WIDER**2
+    doubt = start.covariance[row] * (WIDER * problem.alike) ** 2
     fine = 1.0
     if points:
         known = np.flatnonzero(np.isfinite(start.features[:, 0]))
@@ -146,7 +146,7 @@ def setup(problem: Problem, prior: Prior, given: Any) -> Setup:
     )
 
 
-def _inertia(prior: Prior, start: Any) -> tuple[np.ndarray | None, np.ndarray]:
+def _inertia(prior: Prior, start: Any, wider: float) -> tuple[np.ndarray | None, np.ndarray]:
     """Inertia (3, 3) in the start's body axes, and the covariance (5, 5) of its parameters."""
     tensor = start.inertia
     if prior.inertia is not None:
@@ -168,7 +168,7 @@ def _inertia(prior: Prior, start: Any) -> tuple[np.ndarray | None, np.ndarray]:
     widest = WIDEST_K**2 * np.eye(GENERAL)
     if start.momentum is None:
         return tensor, widest
-    claimed = WIDER**2 * J @ start.momentum.covariance @ J.T + 1e-12 * np.eye(GENERAL)
+    claimed = wider**2 * J @ start.momentum.covariance @ J.T + 1e-12 * np.eye(GENERAL)
     # never wider than knowing nothing, along every direction
     return tensor, np.linalg.inv(np.linalg.inv(claimed) + np.linalg.inv(widest))
 

@@ -35,6 +35,8 @@ class Problem:
         body, environment: what the sequence assumes and knows.
         warnings: what was left out or assumed.
         rate_memory: epochs over which errors of the body rates stay alike; 1 for white noise.
+        alike: how many times wider attitudes' sigmas have been made because their errors hang together
+            (`attitude_noise`); so do those of one camera's pixels that they were found from. 1 for white noise.
     """
 
     stamp_ns: np.ndarray
@@ -53,6 +55,7 @@ class Problem:
     environment: Environment = field(default_factory=Environment)
     warnings: tuple[str, ...] = ()
     rate_memory: int = 1
+    alike: float = 1.0
 
     @property
     def seen(self) -> np.ndarray:

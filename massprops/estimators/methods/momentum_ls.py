@@ -53,7 +53,8 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
         warnings=start.warnings,
     )
     if found is not None:
-        motion = _with_inertia(motion, found)
+        # the momentum's own scatter knows nothing of errors that last longer than its windows
+        motion = _with_inertia(motion, replace(found, covariance=problem.alike**2 * found.covariance))
     spent = start.cpu_s + time.process_time() - begun
     return replace(motion, cpu_us_per_step=spent / max(len(start.times), 1) * 1e6)
 

@@ -34,11 +34,11 @@ NEEDS = ("tracks", "range")
 NEEDS_START = False
 MOST_FEATURES = 12
 """Feature points that the filter carries, as many as the paper's."""
-FIRST_TURN = 4.0
+FIRST_TURN = 12.0
 """Rotation [rad] that the batch fit at the start covers."""
 SHARE = 0.5
 """And no more than this share of the record, so that there is something left to filter."""
-MOST_BATCH = 200
+MOST_BATCH = 300
 QUIET = 1e-6
 """Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
 VAGUE = 0.3
@@ -65,11 +65,11 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
         raise NotPossible(f"{NAME}: fewer than three features could be placed")
     uv = np.ascontiguousarray(problem.uv[first:, 0, chosen])
     ranges = problem.range_m[first:].copy()
-    lens, sigma_px = problem.cameras[0].intrinsics, float(problem.sigma_px[0])
+    lens, sigma_px = problem.cameras[0].intrinsics, problem.alike * float(problem.sigma_px[0])
     camera = chaser_path(problem.environment, times).q
     begin = _begin(problem, prior, start, chosen, camera)
     n = _window(times, start)
-    windows = tuple(k for k in (6, 9, 14, 21, 32, 48, 72, 108) if k < n)
+    windows = tuple(k for k in (6, 9, 14, 21, 32, 48, 72, 108, 162, 243) if k < n)
     shift = problem.environment
     if problem.environment.orbit is not None and times[0] > 0:
         shift = replace(problem.environment, orbit=_later(problem.environment.orbit, float(times[0])))

@@ -94,8 +94,10 @@ def _body(problem: Problem, setup: Setup, passage: Passage, times: np.ndarray) -
     """Name of the body frame, turn (4,) of principal vectors into it, covariance (3, 3) of the principal axes."""
     run, last = passage.run, passage.run.last
     if not setup.points:
-        at = last.places()["axes"]
-        return ("attitude0" if setup.sensors[0] else "own"), conjugate(last.axes), last.P[at, at]
+        at, turn = last.places()["axes"], conjugate(last.axes)
+        body = rotation_matrix(turn)
+        # the state's own error of these is a turn about body axes
+        return ("attitude0" if setup.sensors[0] else "own"), turn, body.T @ last.P[at, at] @ body
     covariance = axes_covariance_of(last)
     epochs = np.searchsorted(problem.times, times - 1e-9)
     there = np.flatnonzero(np.isfinite(problem.attitude[epochs, 0])) if problem.has_attitude else np.zeros(0, int)
