@@ -16,6 +16,8 @@ GATE_2 = 13.8
 """Squared Mahalanobis distance in two dimensions that one in a thousand good measurements exceeds."""
 GATE_3 = 16.3
 MOST_ROUNDS = 6
+FASTEST = 100.0
+"""Rate [rad/s] of a filter that is lost: there is no accuracy to keep in small steps."""
 LOOSE = 100.0
 """The gate's factor while the point of linearisation is still being found."""
 BENT = 0.3
@@ -230,7 +232,7 @@ def run(
             gap = times[e] - times[e - 1]
             speed = np.sqrt(x[4] * x[4] + x[5] * x[5] + x[6] * x[6])
             steps = 1
-            if speed * gap > LARGEST_TURN:
+            if speed * gap > LARGEST_TURN and speed < FASTEST:
                 steps = int(min(2000.0, np.ceil(speed * gap / LARGEST_TURN)))
             h = gap / steps
             for s in range(steps):
