@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.campaign.consistency import consistency
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -270,10 +271,8 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     ]
     if k:
         size = np.sqrt(np.mean(np.square(np.array(k)[:, :2]), axis=0))
-        notes.append(
-            f"rms error of k1, k2: {size[0]:.2g}, {size[1]:.2g}; mean squared error in units of the stated "
-            f"covariance {np.mean([row[2] for row in k]) / 2:.2f} (1 when honest)"
-        )
+        notes.append(f"rms error of k1, k2: {size[0]:.2g}, {size[1]:.2g}")
+        notes.append(consistency("momentum-ls, k1, k2", np.array([row[2] for row in k]), 2))
     return {"title": f"feng2018, {CASES[case]}", "columns": columns, "rows": shown, "notes": notes}
 
 

@@ -185,7 +185,7 @@ def _limit_notes(good: list[dict[str, Any]], case: str) -> list[str]:
 
     names = ("k1", "k2", "rho_m")
     notes = [
-        "the same runs by Kalman's filter linearised at the truth, which no estimator can beat, 50 70 90 100 %: "
+        "the same runs by Kalman's filter linearised at the truth, which no estimator can beat on average, 50 70 90 100 %: "
         + "; ".join(f"{name} {spread(f'best_{name}')}" for name in names)
     ]
     if case == "A":

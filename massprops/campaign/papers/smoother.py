@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.campaign.consistency import consistency
 from massprops.errors import MasspropsError
 
 PAPER = "smoother"
@@ -162,7 +163,7 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
             f"{int(((chi2 >= WANTED[1][0]) & (chi2 <= WANTED[1][1])).sum())} of {len(chi2)} in 0.95 to 1.05"
         )
     if len(nees):
-        notes.append(f"NEES of (k1, k2) by the smoother's own covariance: mean {nees.mean():.3g}, 2 when consistent")
+        notes.append(consistency("smoother, k1, k2", nees, 2))
     columns = ["", "median |error|", "median bound", "rms error / bound", "50 %", "90 %", "100 %"]
     return {
         "title": f"smoother, {CASES[case]}: error against the bound",
