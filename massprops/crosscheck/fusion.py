@@ -1,6 +1,6 @@
 """Better together: the motion's ratios, axes and centre of mass correct what the images did not show of the shape.
 
-The mesh's replicates (`massprops.surface.spread`) say how volume, centre and inertia move together when the unseen
+The mesh's replicates (`replicates`) say how volume, centre and inertia move together when the unseen
 parts reach further out or less far, between the smallest body and the hull. Ten numbers describe each replicate: the
 logarithm of the volume, the centre, and the logarithm of the inertia in the mesh's principal frame. The motion
 measures eight combinations of them: two ratios, three axes, three of the centre. So the fused body is the mesh moved
@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from massprops.crosscheck.mesh_side import SHAPE_FLOOR, MeshSide
-from massprops.mass.integrals import central_inertia, model_length
+from massprops.crosscheck.replicates import read_replicates
+from massprops.mass.integrals import central_inertia
 from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
 
 TO_RATIOS = np.array(
@@ -42,19 +43,18 @@ class Draws:
 
 
 def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
-    """The mesh's replicates in final units, drawn as the mass stage draws them; None when the run keeps none."""
-    work = run / "work"
+    """The mesh's replicates in final units, the scale drawn as the mass stage draws it; None when the run keeps none."""
     try:
-        scale = json.loads((work / "scale" / "scale.json").read_text())
-        with np.load(work / "surface" / "surface.npz", allow_pickle=False) as z:
-            vertices, faces, observed = z["vertices"], z["faces"], z["observed"].astype(bool)
-            rows, lengths = z["replicate_integrals"], z["replicate_length"]
-    except (OSError, ValueError, KeyError):
+        scale = json.loads((run / "work" / "scale" / "scale.json").read_text())
+    except (OSError, ValueError):
         return None
-    length = model_length(vertices, faces, observed)[0]
+    found = read_replicates(run)
+    if found is None:
+        return None
     own = scale.get("source", "none") in OWN_LENGTH
     rng = np.random.default_rng([int(scale.get("seed") or 0), 5])
-    drawn = scaled_replicates(rows, lengths, length, mesh.factor, float(scale.get("relative_sigma") or 0.0), own, rng)
+    sigma = float(scale.get("relative_sigma") or 0.0)
+    drawn = scaled_replicates(found.rows, found.lengths, found.length, mesh.factor, sigma, own, rng)
     density = float(mesh.document["density"])
     _, centres, inertias = central_inertia(drawn, density)
     good = (drawn[:, 0] > 0) & (np.linalg.eigvalsh(inertias)[:, 0] > 0)

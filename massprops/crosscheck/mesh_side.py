@@ -87,7 +87,7 @@ def read_mesh_side(run: Path) -> MeshSide:
         factor = sfm_factor(run)
     except (OSError, ValueError):
         factor = 1.0
-    drawn = _replicates(run, document)
+    drawn = _replicates(run)
     if drawn is not None:
         centres, inertias = drawn
         covariance = covariance_of_replicates(inertias, inertia, axes) + SHAPE_FLOOR**2 * np.eye(5)
@@ -119,20 +119,15 @@ def _length(document: dict[str, Any]) -> float:
     return 2.0 * float(np.sqrt(5.0 / 6.0 * trace / mass)) if mass > 0 else 0.0
 
 
-def _replicates(run: Path, document: dict[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
-    """Centres (r, 3) [units of the structure from motion] and inertias (r, 3, 3) of the surface stage's replicates."""
+def _replicates(run: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Centres (r, 3) [units of the structure from motion] and inertias (r, 3, 3) of the mesh's replicates."""
+    from massprops.crosscheck.replicates import read_replicates
     from massprops.mass.integrals import central_inertia
 
-    path = run / "work" / "surface" / "surface.npz"
-    try:
-        with np.load(path, allow_pickle=False) as z:
-            rows = z["replicate_integrals"]
-    except (OSError, ValueError, KeyError):
+    found = read_replicates(run)
+    if found is None:
         return None
-    rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 0] > 0)]
-    if len(rows) < 20:
-        return None
-    _, centres, inertias = central_inertia(rows, 1.0)
+    _, centres, inertias = central_inertia(found.rows, 1.0)
     good = np.linalg.eigvalsh(inertias)[:, 0] > 0
     return centres[good], inertias[good]
 

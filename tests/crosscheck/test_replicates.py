@@ -1,0 +1,84 @@
+"""Unmeasured parts that lie farther out here and less far there, and what the motion makes of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+from massprops.crosscheck.fusion import fuse, read_draws
+from massprops.crosscheck.mesh_side import read_mesh_side
+from massprops.crosscheck.replicates import local_fills, read_replicates
+from massprops.mass.document import document
+from massprops.mass.integrals import mesh_integrals
+from massprops.mass.properties import mass_properties
+from massprops.mass.ratio_space import chi_square, log_components, p_value
+
+
+def partly_seen(seed: int) -> tuple[trimesh.Trimesh, np.ndarray, trimesh.Trimesh]:
+    """A mesh, which of its faces were measured (two thirds), and the true body, which bulges where nothing was."""
+    rng = np.random.default_rng(seed)
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    v = np.array(mesh.vertices) * [1.0, 0.75, 0.5]
+    v *= 1 + 0.15 * np.sin(2.5 * v @ rng.standard_normal(3))[:, None]
+    way = rng.standard_normal(3)
+    along = v @ way / np.linalg.norm(way)
+    hidden = along > np.quantile(along, 0.67)
+    away = np.where(hidden, cKDTree(v[~hidden]).query(v)[0], 0.0)
+    bulge = 0.5 * away * (0.6 * rng.choice([-1, 1]) + 0.6 * np.sin(4 * v @ rng.standard_normal(3)))
+    ours = trimesh.Trimesh(v, mesh.faces, process=False)
+    true = trimesh.Trimesh(v + bulge[:, None] * ours.vertex_normals, mesh.faces, process=False)
+    return ours, ~hidden[mesh.faces].any(axis=1), true
+
+
+def make_run(folder: Path, mesh: trimesh.Trimesh, observed: np.ndarray) -> Path:
+    """What the cross-check reads of a run, with replicates that differ by a thousandth."""
+    v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    surface = {"observed_fraction": float(observed.mean())}
+    content = document(mass_properties(mesh, 1000.0), {}, {"source": "given"}, surface, [])
+    (folder / "work" / "surface").mkdir(parents=True)
+    (folder / "work" / "scale").mkdir()
+    (folder / "massprops.json").write_text(json.dumps(content))
+    (folder / "work" / "scale" / "scale.json").write_text('{"source": "baseline", "metres_per_unit": 1.0}')
+    rows = mesh_integrals(v, f) * (1 + 1e-3 * np.random.default_rng(1).standard_normal((400, 1)))
+    np.savez(
+        folder / "work" / "surface" / "surface.npz",
+        vertices=v, faces=f, observed=observed, replicate_integrals=rows, replicate_length=np.full(400, 2.0),
+    )  # fmt: skip
+    return folder
+
+
+def test_a_wrong_fill_is_no_contradiction_and_the_motion_corrects_it(tmp_path: Path) -> None:
+    plain, together, p = [], [], []
+    for seed in range(6):
+        ours, observed, true = partly_seen(seed)
+        mesh = read_mesh_side(make_run(tmp_path / str(seed), ours, observed))
+        target = mass_properties(true, 1000.0)
+        y, sharp = log_components(target.inertia, mesh.axes), np.diag([2e-3, 2e-3, 5e-4, 5e-4, 5e-4]) ** 2
+        p.append(p_value(*chi_square(y - log_components(mesh.inertia, mesh.axes), mesh.covariance + sharp)))
+        draws = read_draws(tmp_path / str(seed), mesh)
+        assert draws is not None
+        both = fuse(draws, mesh, y, sharp, target.center_of_mass, 1e-3**2 * np.eye(3))
+        plain.append(np.abs(np.array(mesh.document["principal_moments"]) / target.principal_moments - 1).mean())
+        together.append(np.abs(np.array(both["principal_moments"]) / target.principal_moments - 1).mean())
+    assert np.mean(together) < 0.3 * np.mean(plain) and np.mean(plain) > 0.02
+    assert np.min(p) > 1e-3
+
+
+def test_nothing_is_added_where_all_was_measured(tmp_path: Path) -> None:
+    ours, observed, _ = partly_seen(3)
+    v, f, rng = np.asarray(ours.vertices), np.asarray(ours.faces), np.random.default_rng(0)
+    assert not local_fills(v, f, np.ones(len(f), bool), 2.0, 5, rng).any()
+    drawn = local_fills(v, f, observed, 2.0, 2000, rng)
+    assert np.abs(drawn.mean(axis=0)).max() < 0.1 * drawn.std(axis=0).max() and (drawn.std(axis=0) > 0).all()
+    # next to measured surface nothing can lie far off: a smaller gap leaves less than its share of the freedom
+    x = v[f].mean(axis=1) @ np.array([0.3, 0.5, 0.8])
+    middle = ~observed & (x > np.quantile(x[~observed], 0.8))
+    less = local_fills(v, f, ~middle, 2.0, 2000, rng)
+    assert less.std(axis=0)[0] < middle.sum() / (~observed).sum() * drawn.std(axis=0)[0]
+    again = [read_replicates(make_run(tmp_path / k, ours, observed)) for k in "ab"]
+    assert again[0] is not None and again[1] is not None and (again[0].rows == again[1].rows).all()
+    assert read_replicates(tmp_path) is None
