@@ -148,12 +148,21 @@ def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, arou
     span = max(FIRST_TURNS * 2 * np.pi / max(speed, 1e-12), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
 
-    def grown(inertia: np.ndarray, w0: np.ndarray) -> tuple[BatchState, float]:
+    still_inertia = free.copy()
+    still_inertia[12:17] = False
+
+    def grown(inertia: np.ndarray, w0: np.ndarray, free: np.ndarray = free) -> tuple[BatchState, float]:
         return _doubled(
             still, replace(state, inertia=inertia, w0=w0, points=np.zeros((0, 3))), quiet, free, span, whole
         )
 
     best, misfit = grown(state.inertia, state.w0)
+    if not misfit < POOR:
+        # a short span can lose the inertia that the whole record gave the guess
+        held, _ = grown(state.inertia, state.w0, still_inertia)
+        other, left = _doubled(still, held, quiet, free, whole, whole)
+        if not misfit <= left:
+            best, misfit = other, left
     if not misfit < POOR:
         # a flat spin or a ball gives a guess that means nothing: no preference is the better beginning
         other, left = grown(np.eye(3), np.median(start.w, axis=0))
