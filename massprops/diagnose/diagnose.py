@@ -40,6 +40,7 @@ class Diagnosis:
     Attributes:
         document: the content of `diagnosis.json`; model: of `model.yaml`.
         case, selection: the work behind it; torque: the recovered torque, when unexplained; history: momentum and energy.
+        surface: (s, 3) points of a run's mesh from its centre of mass, where the body axes are the mesh's, or None.
     """
 
     document: dict[str, Any]
@@ -48,6 +49,7 @@ class Diagnosis:
     selection: Selection
     torque: dict[str, Any] | None
     history: dict[str, Any] | None
+    surface: np.ndarray | None = None
 
 
 def diagnose(
@@ -71,11 +73,25 @@ def diagnose(
     if out is not None and Path(out).is_file():
         raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
     found = diagnose_problem(problem_of(sequence), progress)
+    if sequence.folder is not None and found.case.first.body_frame == "attitude0":
+        found = replace(found, surface=_surface(sequence.folder.parent))
     if out is not None:
         from massprops.diagnose.files import write_diagnosis
 
         write_diagnosis(Path(out), found)
     return found
+
+
+def _surface(run: Path) -> np.ndarray | None:
+    """(s, 3) corners of a run's mesh from its centre of mass; None where there is no run."""
+    if not (run / "mesh.ply").is_file() or not (run / "massprops.json").is_file():
+        return None
+    import json
+
+    import trimesh
+
+    corners = np.asarray(trimesh.load(run / "mesh.ply", process=False).vertices, float)  # type: ignore[union-attr]
+    return corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
 
 
 def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, total: None) -> Diagnosis:
@@ -229,6 +245,7 @@ def _document(
         },
         "whiteness": {"before": base.white, "after": after.white},
         "corrected": _corrected(base, after),
+        "axes": AXES[case.first.body_frame],
         "model": "model.yaml",
         "warnings": list(case.warnings),
     }
@@ -237,10 +254,18 @@ def _document(
     if history is not None:
         document["momentum"] = {k: v for k, v in history.items() if np.ndim(v) == 0}
     if named is not None and "nonuniform-density" in named.names and case.belief.inertia is not None:
-        from massprops.diagnose.hidden_mass import point_mass
+        from massprops.diagnose.hidden_mass import hidden_mass
 
-        document["hidden_mass"] = point_mass(case.belief.inertia, whole_inertia(named))
+        document["hidden_mass"] = hidden_mass(case.belief.inertia, whole_inertia(named))
     return document
+
+
+AXES = {
+    "attitude0": "body axes are those of attitude0",
+    "body.yaml": "body axes are those of body.yaml, but for half turns about its principal axes, which no motion shows",
+    "own": "body axes are cam0's at the first epoch that shows the body, or the gyroscope's: attitude0 or body.yaml would fix them",
+}
+"""What parameters in body axes refer to."""
 
 
 def whole_inertia(s: Scored) -> np.ndarray:

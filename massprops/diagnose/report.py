@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.diagnose.body_picture import body_picture
 from massprops.diagnose.diagnose import Diagnosis
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
@@ -39,7 +40,28 @@ def _verdict(doc: dict[str, Any]) -> str:
     for e in doc["effects"]:
         for name, value in e["parameters"].items():
             rows.append((e["name"], name, f"{number(value, 4)} ± {number(e['sigma'][name], 2)}", e["units"][name]))
-    return said + (table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,)) if rows else "")
+    found = table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,)) if rows else ""
+    axes = f"<p>{text(doc['axes'])}</p>" if rows else ""
+    return said + found + axes + _hidden_mass(doc)
+
+
+def _hidden_mass(doc: dict[str, Any]) -> str:
+    """A point mass and a density gradient, side by side, where the density was found to be uneven."""
+    if "hidden_mass" not in doc:
+        return ""
+    h = doc["hidden_mass"]
+    rows = []
+    for name, what, x, way in (
+        ("point mass", "mass × distance²", h, "direction"),
+        ("density gradient", "mass × shift of the centre²", h["gradient"], "direction"),
+    ):
+        direction = ", ".join(number(v, 3) for v in x[way])
+        rows.append((name, f"({direction})", what, number(x["second_moment"], 3), f"{number(100 * x['left'], 3)} %"))
+    head = ("mass that the even shape lacks", "direction, body axes", "size", "over the mean moment", "left over")
+    return (
+        table(rows, head, numeric=(3, 4))
+        + f"<p>Explains more: {text(h['better'])}. Not known: {text(h['unknown'])}.</p>"
+    )
 
 
 def _gap(d: Diagnosis) -> str:
@@ -103,7 +125,13 @@ def _where(d: Diagnosis) -> str:
             )
         )
     head = ("channel", "interval", "place", "z", "rms / σ", "mean / σ")
-    return table(rows, head, numeric=(3, 4, 5)) + _arrows(d)
+    return table(rows, head, numeric=(3, 4, 5)) + _arrows(d) + _on_the_body(d)
+
+
+def _on_the_body(d: Diagnosis) -> str:
+    base, best = d.selection.base, d.selection.best or d.selection.base
+    fit, features = base.fit, d.case.problem.features
+    return body_picture(fit.state.points, features, d.case.fitted, fit.residuals, best.fit.residuals, d.surface)
 
 
 def _arrows(d: Diagnosis) -> str:

@@ -1,0 +1,93 @@
+"""Where on the body: feature points in body axes, coloured by the size of their residuals, before and after."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.estimators.batch.linearise import Residuals
+from massprops.estimators.batch.measurements import Measurements
+from massprops.report.html import number, text
+
+SIDE = 190.0
+VIEWS = ((0, 1), (1, 2), (2, 0))
+"""Axes to the right and up of each view."""
+LARGEST = 36.0
+"""Squares beyond this (6 sigma) count no more: one wrong track is not a place."""
+COLOURS = ((39, 174, 96), (241, 196, 15), (192, 57, 43))
+FEWEST = 8
+MOST_SURFACE = 1500
+
+
+def feature_residuals(m: Measurements, r: Residuals, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """rms over the noise and z (how far beyond chance, in sigmas) of each feature (count,); NaN where hardly seen."""
+    squares = np.minimum(r.tracks**2, LARGEST)
+    total = np.bincount(m.seen.feature, squares.sum(axis=1), minlength=count)
+    n = 2.0 * np.bincount(m.seen.feature, minlength=count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rms, z = np.sqrt(total / n), (total - n) / np.sqrt(2.0 * n)
+    return np.where(n >= FEWEST, rms, np.nan), np.where(n >= FEWEST, z, np.nan)
+
+
+def body_picture(
+    points: np.ndarray,
+    numbers: np.ndarray,
+    m: Measurements,
+    before: Residuals,
+    after: Residuals,
+    surface: np.ndarray | None = None,
+) -> str:
+    """Three views of the features in body axes as inline SVG, one row before and one after; empty without features.
+
+    Args:
+        points: (k, 3) features from the centre of mass, body axes [m]; numbers: (k,) how the sequence calls them.
+        m: the measurements; before, after: their residuals.
+        surface: (s, 3) points of the body's surface in the same axes, drawn behind.
+    """
+    if not len(m.uv):
+        return ""
+    rows = [(name, *feature_residuals(m, r, len(points))) for name, r in (("before", before), ("after", after))]
+    shown = np.flatnonzero(np.isfinite(rows[0][1]))
+    if not len(shown):
+        return ""
+    skin = np.zeros((0, 3)) if surface is None else surface[:: max(1, len(surface) // MOST_SURFACE)]
+    reach = 1.1 * float(np.abs(np.concatenate([points[shown], skin])).max()) or 1.0
+    worst = max(float(np.nanmax(rows[0][1][shown])), 1.5)
+    width, height = SIDE * len(VIEWS), SIDE * len(rows)
+    parts = [
+        f'<svg class="plot" viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="residuals on the body, three views, '
+        'before and after">'
+    ]
+    for row, (name, rms, z) in enumerate(rows):
+        for column, (right, up) in enumerate(VIEWS):
+            x0, y0 = SIDE * (column + 0.5), SIDE * (row + 0.5)
+            scale = 0.44 * SIDE / reach
+            toward = 3 - right - up
+            parts.append(
+                f'<line class="grid" x1="{x0 - 0.46 * SIDE:.1f}" x2="{x0 + 0.46 * SIDE:.1f}" y1="{y0:.1f}" y2="{y0:.1f}"/>'
+                f'<line class="grid" x1="{x0:.1f}" x2="{x0:.1f}" y1="{y0 - 0.46 * SIDE:.1f}" y2="{y0 + 0.46 * SIDE:.1f}"/>'
+                f'<text x="{x0 - 0.46 * SIDE:.1f}" y="{y0 - 0.4 * SIDE:.1f}">{name}: {"xyz"[right]} right, {"xyz"[up]} up</text>'
+            )
+            parts += [
+                f'<circle cx="{x0 + scale * p[right]:.1f}" cy="{y0 - scale * p[up]:.1f}" r="1" fill="#8885"/>'
+                for p in skin
+            ]
+            for k in sorted(shown, key=lambda k: points[k, toward]):
+                near = 0.5 + 0.5 * points[k, toward] / reach
+                said = f"feature {numbers[k]}: rms {number(rms[k], 3)} σ, z {number(z[k], 3)}"
+                parts.append(
+                    f'<circle cx="{x0 + scale * points[k, right]:.1f}" cy="{y0 - scale * points[k, up]:.1f}" '
+                    f'r="{4 + 3 * near:.1f}" fill="{colour_of(rms[k], worst)}"><title>{text(said)}</title></circle>'
+                )
+    parts.append("</svg>")
+    return (
+        f"<p>Features on the body, seen along its axes (larger is nearer); green at the noise, red at {number(worst, 3)} "
+        "times the noise.</p>" + "".join(parts)
+    )
+
+
+def colour_of(rms: float, worst: float) -> str:
+    """Green at 1, over yellow, to red at `worst`, by the logarithm."""
+    share = float(np.clip(np.log(max(rms, 1.0)) / np.log(worst), 0.0, 1.0)) * (len(COLOURS) - 1)
+    k = min(int(share), len(COLOURS) - 2)
+    mixed = [round(a + (share - k) * (b - a)) for a, b in zip(COLOURS[k], COLOURS[k + 1], strict=True)]
+    return "#{:02x}{:02x}{:02x}".format(*mixed)
