@@ -17,20 +17,21 @@ differential_gravity = numba.njit(inline="always")(kernels.differential_gravity)
 def _bind(function, **names):  # type: ignore[no-untyped-def]
     """`function` compiled, with the functions that it calls replaced by their compiled forms."""
     bound = types.FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
-    return numba.njit(bound)
+    return numba.njit(bound, error_model="numpy")
 
 
 euler_acceleration = _bind(
     kernels.euler_acceleration,
     cross=cross,
     symmetric_times=numba.njit(kernels.symmetric_times),
-    symmetric_solve=numba.njit(kernels.symmetric_solve),
+    # an inertia that ran off to nothing gives no number, not an error
+    symmetric_solve=numba.njit(kernels.symmetric_solve, error_model="numpy"),
 )
 to_body = _bind(kernels.to_body, cross=cross)
 to_reference = _bind(kernels.to_reference, cross=cross)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def turned(qw, qx, qy, qz, x, y, z):  # type: ignore[no-untyped-def]
     """q times the small rotation (x, y, z) [rad] in body axes, as a unit quaternion."""
     square = x * x + y * y + z * z
@@ -48,7 +49,7 @@ def turned(qw, qx, qy, qz, x, y, z):  # type: ignore[no-untyped-def]
     return w / size, a / size, b / size, d / size
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def turn_between(pw, px, py, pz, qw, qx, qy, qz):  # type: ignore[no-untyped-def]
     """The rotation vector v in body axes with q = p exp(v)."""
     w = pw * qw + px * qx + py * qy + pz * qz
@@ -64,7 +65,7 @@ def turn_between(pw, px, py, pz, qw, qx, qy, qz):  # type: ignore[no-untyped-def
     return scale * x, scale * y, scale * z
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def matrix_of(qw, qx, qy, qz, R):  # type: ignore[no-untyped-def]
     """Writes the rotation matrix of a unit quaternion into R (3, 3)."""
     R[0, 0] = 1 - 2 * (qy * qy + qz * qz)

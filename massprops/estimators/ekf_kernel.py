@@ -24,7 +24,7 @@ BENT = 0.3
 """Sigmas of a measurement that a linear prediction may be off before the update is done again at its result."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _inverse(S):  # type: ignore[no-untyped-def]
     """Of a (2, 2) by hand, which is many times quicker, or any other."""
     if len(S) != 2:
@@ -36,7 +36,7 @@ def _inverse(S):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _absorb(P, dx, columns, H, z, R, gate):  # type: ignore[no-untyped-def]
     """One block of rows: measurement minus prediction z, Jacobian H on `columns`, noise R. Returns its normalised
     squared innovation, and whether it passed the gate; an accepted block changes P and the correction dx."""
@@ -81,7 +81,7 @@ def _absorb(P, dx, columns, H, z, R, gate):  # type: ignore[no-untyped-def]
     return near, True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _sight(x, f, R, C, lens, turn, shift, H):  # type: ignore[no-untyped-def]
     """Pixel of a feature f (3,) and, in H (2, 9), its derivative by attitude, position and the feature."""
     X, Y = np.empty(3), np.empty(3)
@@ -108,7 +108,7 @@ def _sight(x, f, R, C, lens, turn, shift, H):  # type: ignore[no-untyped-def]
     return lens[0] * u + lens[2], lens[1] * v + lens[3], X[2] > 1e-6
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _round(
     x, f, d, P, dx, uv, seen_q, seen_variance, c_q, lens, turn, shift, variance, widen, loose, tally, linear, pixel
 ):  # type: ignore[no-untyped-def]
@@ -166,7 +166,7 @@ def _round(
             tally[1] += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _bent(x, f, change, uv, c_q, lens, turn, shift, variance, linear, pixel):  # type: ignore[no-untyped-def]
     """Largest difference, in sigmas, between a pixel and its linear prediction after a change of the state."""
     R, C, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((2, 9))
@@ -188,7 +188,7 @@ def _bent(x, f, change, uv, c_q, lens, turn, shift, variance, linear, pixel):  #
     return most
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _moved(x0, f0, d, x, f):  # type: ignore[no-untyped-def]
     """Writes the state d from (x0, f0) into (x, f)."""
     x[0], x[1], x[2], x[3] = turned(x0[0], x0[1], x0[2], x0[3], d[0], d[1], d[2])
@@ -202,7 +202,7 @@ def _moved(x0, f0, d, x, f):  # type: ignore[no-untyped-def]
     x[7], x[8] = x0[7] + d[RATIO], x0[8] + d[RATIO + 1]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def run(
     times, x, f, P, lens, turn, shift, uv, variance, seen_q, seen_variance, chaser_q, chaser, mu, turn_noise, push_noise
 ):  # type: ignore[no-untyped-def]
@@ -272,7 +272,7 @@ def run(
     return out, sigma, total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _joined(c, q, a):  # type: ignore[no-untyped-def]
     """c^-1 q a^-1 of unit quaternions (4,)."""
     b = np.empty(4)

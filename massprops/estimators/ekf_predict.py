@@ -23,7 +23,7 @@ LARGEST_TURN = 0.05
 """Rotation [rad] per integration step."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def rate_derivatives(w, k1, k2, M, N):  # type: ignore[no-untyped-def]
     """Euler's equations in the principal frame: writes d(w_dot)/dw (3, 3) and d(w_dot)/dk (3, 2) (hu2024 eq 30)."""
     a, b = np.exp(k1), np.exp(-k2)
@@ -36,7 +36,7 @@ def rate_derivatives(w, k1, k2, M, N):  # type: ignore[no-untyped-def]
     N[2, 0], N[2, 1] = -pz * w[0] * w[1], -b / a * w[0] * w[1]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def step(q, w, k, r, v, h, mu, l0, l1, F):  # type: ignore[no-untyped-def]
     """One Runge-Kutta step of length h in place, and the transition F (17, 17) of the errors."""
     Ix, Iz = np.exp(-k[1]), np.exp(k[0])
@@ -123,7 +123,7 @@ def step(q, w, k, r, v, h, mu, l0, l1, F):  # type: ignore[no-untyped-def]
                 F[SPEED + i, SPEED + j] += G * h * h / 2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def predict(P, F, h, turn_noise, push_noise):  # type: ignore[no-untyped-def]
     """P <- F P F^T + Q; only the rows of attitude, rate, place and speed change."""
     D = P.shape[0]
