@@ -64,7 +64,7 @@ def _run(c: dict[str, Any], seed: int) -> dict[str, Any]:
 
     rng = np.random.default_rng([SEED, seed])
     pairs = ("rate_deg", "distance_m", "sigma_px", "attitude_sigma")
-    drawn = {
+    drawn: dict[str, Any] = {
         name: float(c[name][0] * (c[name][1] / c[name][0]) ** rng.random()) if c[name][0] else 0.0 for name in pairs
     }
     same = {name: c[name] for name in ("frames", "rate_hz", "features", "baseline_m", "range_sigma_m")}
