@@ -61,6 +61,10 @@ def noisy(image: np.ndarray, seed: int) -> np.ndarray:
     return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
+def blurred(sigma: float) -> list[np.ndarray]:
+    return [cv2.GaussianBlur(image, (0, 0), sigma) for image in turning()]
+
+
 def text_named_mp4(t: Path) -> Path:
     (t / "v.mp4").write_text("not a video " * 100)
     return t / "v.mp4"
@@ -123,11 +127,8 @@ BAD_FOOTAGE: dict[str, tuple[Callable[[Path], Path], int, tuple[str, ...]]] = {
     "identical": (lambda t: folder(t / "f", [view(0)] * 6), 2, ("the same picture", "must move")),
     "identical video": (lambda t: video(t / "v.mp4", [view(0)] * 9), 2, ("the same picture",)),
     "still body": (still_body, 3, ("make sure that the body turns",)),
-    "blurred": (
-        lambda t: folder(t / "f", [cv2.GaussianBlur(i, (0, 0), 9) for i in turning()]),
-        2,
-        ("every frame is blurred", "focus"),
-    ),
+    "blurred": (lambda t: folder(t / "f", blurred(14)), 2, ("every frame is blurred", "focus")),
+    "blurred less": (lambda t: folder(t / "f", blurred(9)), 3, ("enough texture", "sharper")),
     "drifting body": (drifting_body, 3, ("turn",)),
 }
 
