@@ -31,6 +31,10 @@ def _inverse(S):  # type: ignore[no-untyped-def]
         return np.ascontiguousarray(np.linalg.inv(S))
     out = np.empty((2, 2))
     whole = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+    if not whole > 0.0:
+        # no covariance any more: the measurement is refused
+        out[:] = np.nan
+        return out
     out[0, 0], out[1, 1] = S[1, 1] / whole, S[0, 0] / whole
     out[0, 1], out[1, 0] = -S[0, 1] / whole, -S[1, 0] / whole
     return out
