@@ -54,12 +54,13 @@ class Case:
     warnings: tuple[str, ...]
 
 
-def case_of(problem: Problem, doubt: float = 1.0) -> Case:
+def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) -> Case:
     """Splits the record and finds the first state.
 
     Args:
         doubt: how many times the stated noise of tracks the first guess allows for: sensors that are wrong together
             otherwise look like outliers to it.
+        own_attitudes: attitude0 does not come from the same pictures as the tracks.
 
     Raises:
         NotPossible: no attitude or rates to begin with.
@@ -68,7 +69,7 @@ def case_of(problem: Problem, doubt: float = 1.0) -> Case:
     warnings = list(problem.warnings)
     guess = first_guess(replace(problem, sigma_px=doubt * problem.sigma_px), Prior())
     warnings += guess.warnings
-    first = batch_start(problem, guess, around)
+    first = batch_start(problem, guess, around, own_attitudes=own_attitudes)
     warnings += first.notes
     belief = Belief()
     if problem.body is not None:

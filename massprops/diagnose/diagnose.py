@@ -72,9 +72,10 @@ def diagnose(
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
     if out is not None and Path(out).is_file():
         raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
-    found = diagnose_problem(problem_of(sequence), progress)
-    if sequence.folder is not None and found.case.first.body_frame == "attitude0":
-        found = replace(found, surface=_surface(sequence.folder.parent))
+    run = None if sequence.folder is None else sequence.folder.parent
+    found = diagnose_problem(problem_of(sequence), progress, run is None or not (run / "run.yaml").is_file())
+    if run is not None and found.case.first.body_frame == "attitude0":
+        found = replace(found, surface=_surface(run))
     if out is not None:
         from massprops.diagnose.files import write_diagnosis
 
@@ -94,15 +95,21 @@ def _surface(run: Path) -> np.ndarray | None:
     return corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
 
 
-def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, total: None) -> Diagnosis:
-    """`diagnose` on measurements in memory."""
+def diagnose_problem(
+    problem: Problem, progress: Watch = lambda what, done, total: None, own_attitudes: bool = True
+) -> Diagnosis:
+    """`diagnose` on measurements in memory.
+
+    Args:
+        own_attitudes: attitude0 does not come from the same pictures as the tracks, as it does in a run.
+    """
     from massprops.diagnose.case import case_of
     from massprops.diagnose.refit import refit
     from massprops.diagnose.select import Selection
     from massprops.diagnose.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
-    case, base = _begin(case_of, refit, problem, progress)
+    case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     blind = _blind(case, base)
     if blind:
         selection = Selection(base, best=base)
@@ -121,7 +128,9 @@ def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, tota
     return Diagnosis(document, _model(case, base, best), case, selection, torque, history)
 
 
-def _begin(case_of: Callable, refit: Callable, problem: Problem, progress: Watch) -> tuple[Case, Scored]:
+def _begin(
+    case_of: Callable, refit: Callable, problem: Problem, progress: Watch, own_attitudes: bool
+) -> tuple[Case, Scored]:
     """The base model from the first guess that leads somewhere: sensors that are wrong together look like outliers to it.
 
     Raises:
@@ -131,7 +140,7 @@ def _begin(case_of: Callable, refit: Callable, problem: Problem, progress: Watch
     refused: NotPossible | None = None
     for doubt in (1.0, *DOUBTS):
         try:
-            case = case_of(problem, doubt)
+            case = case_of(problem, doubt, own_attitudes)
         except NotPossible as error:
             refused = refused or error
             continue

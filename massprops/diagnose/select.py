@@ -38,6 +38,8 @@ POLISH = 0.03
 """Fall of BIC per iteration at which the search of the model chosen ends."""
 STARTS = 2
 """Starts of one effect that are fitted."""
+FIRST_SHARE = 0.35
+"""Share of the excess mean square that an effect's simple form may leave over to be thought of as the leading one."""
 NEAR_MOMENT = 0.05
 """Share of the epochs by which the moment of a longer form is moved at first: its simple form was searched farther."""
 AS_GOOD = 0.5
@@ -106,7 +108,11 @@ def select(
 
     def lengthen(modules: list[ModuleType]) -> list[Scored]:
         """Longer forms of some effects; those that explain the data."""
-        found = [x for module in modules for x in _longer_forms(case, base, module, first, watch)]
+        found: list[Scored] = []
+        for module in modules:
+            found += _longer_forms(case, base, module, first, watch)
+            if any(explained(s) and _may_be(s, base) for s in found):
+                break
         longer.extend(found)
         out.tried.extend(found)
         good[:] = sorted([*good, *(s for s in found if _may_be(s, base))], key=lambda s: s.bic)
@@ -198,16 +204,24 @@ def _all_needed(pair: Scored, singles: list[Scored]) -> bool:
 def _nearness(
     case: Case, first: list[Scored], base: Scored, modules: list[ModuleType]
 ) -> tuple[list[ModuleType], list[ModuleType]]:
-    """The effects whose simple form explains about as much as any other's, and the rest.
+    """The effects whose simple form explains about as much as any other's, and the rest that may be worth more.
 
-    A small record is cheap: there all are near.
+    A jump of the tracks that leaves most of the misfit in its simple form is not worth the search over its moment. A
+    small record is cheap: there all are near.
     """
     if case.fitted.count <= SMALL or not first:
         return modules, []
     most = base.bic - min(s.bic for s in first)
-    gained = {s.names[0]: base.bic - s.bic for s in first if len(s.names) == 1}
-    near = [m for m in modules if gained.get(m.NAME, -np.inf) > AS_GOOD * most]
-    return near, [m for m in modules if m not in near]
+    best = {m.NAME: min((s for s in first if s.names == (m.NAME,)), key=lambda s: s.bic, default=None) for m in modules}
+    near, far = [], []
+    for m in modules:
+        s = best[m.NAME]
+        much = s is not None and s.fitted**2 - 1.0 < FIRST_SHARE * (base.fitted**2 - 1.0)
+        if s is not None and much and base.bic - s.bic > AS_GOOD * most:
+            near.append(m)
+        elif much or not moves_at_once(m):
+            far.append(m)
+    return near, far
 
 
 def _round(case: Case, upon: Scored, modules: list[ModuleType], fewest: int, watch: Watch, what: str) -> list[Scored]:

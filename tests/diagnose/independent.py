@@ -152,12 +152,21 @@ def sized(world: World, name: str, pixels: float) -> World:
     if name == "gravity-gradient-torque":
         return replace(world, effects={**world.effects, name: numbers})
     grows = SCALED.get(name, slice(None))
+    period = world.times[1]
+    most = {
+        "rolling-shutter": period,
+        "stereo-time-offset": 2 * period,
+        "lens-distortion": 0.5,
+        "focal-length-error": 0.1,
+    }
     for _ in range(7):
         moved = _moved(world, replace(world, effects={**world.effects, name: numbers}))
         if not 1e-6 < moved < np.inf or abs(np.log(moved / pixels)) < 0.02:
             break
         numbers = numbers.copy()
         numbers[grows] *= np.clip(pixels / moved, 0.05, 20.0)
+    if name in most:
+        numbers = np.clip(numbers, -most[name], most[name])
     return replace(world, effects={**world.effects, name: numbers})
 
 

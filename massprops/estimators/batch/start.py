@@ -44,11 +44,18 @@ class BatchStart:
     notes: tuple[str, ...] = ()
 
 
-def batch_start(problem: Problem, start: Start, around: Surroundings, inertia: np.ndarray | None = None) -> BatchStart:
+def batch_start(
+    problem: Problem,
+    start: Start,
+    around: Surroundings,
+    inertia: np.ndarray | None = None,
+    own_attitudes: bool = False,
+) -> BatchStart:
     """A first state for the whole record.
 
     Args:
         start: the first guess; inertia: (3, 3) in body axes to begin with in place of the guess's.
+        own_attitudes: attitude0 is a sensor of its own, so that the tracks of one camera count beside it.
 
     Raises:
         NotPossible: no attitude to begin with.
@@ -79,7 +86,7 @@ def batch_start(problem: Problem, start: Start, around: Surroundings, inertia: n
     channels = ["range", "rates"]
     if problem.has_attitude:
         channels.append("attitude")
-    if tracks and not (problem.has_attitude and not problem.stereo):
+    if tracks and (own_attitudes or problem.stereo or not problem.has_attitude):
         channels.append("tracks")
     elif problem.has_tracks:
         notes.append("the attitude history of one camera's footage is used in place of the tracks it came from")
