@@ -48,7 +48,7 @@ def test_the_answer_is_near_the_truth(whole: Run, sequence: Path) -> None:
 
 
 def test_the_run_folder_is_complete(whole: Run) -> None:
-    for name in ("run.yaml", "mesh.ply", "mesh.glb", "cloud.ply", "massprops.json", "report.html", "report.json"):
+    for name in ("run.yaml", "mesh.ply", "mesh.glb", "cloud.ply", "massprops.json", "crosscheck.json", "report.html"):
         assert (whole.folder / name).stat().st_size > 20, name
     for name in ("sparse", "masks", "sequence/attitude0/data.csv", "sequence/tracks0/data.csv", "sequence/body.yaml"):
         assert (whole.folder / name).exists(), name
