@@ -81,26 +81,9 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
         belief = Belief(assumed, max(sigma, 1e-5))
         if first.body_frame == "own" and not problem.has_rates:
             first = _in_body_axes(first, assumed)
-    n = len(problem.times)
-    held_epochs = np.zeros(n, bool)
-    held_tracks = np.zeros_like(problem.seen)
-    if n >= FEWEST_TO_HOLD:
-        block = np.minimum((np.arange(n) * BLOCKS) // n, BLOCKS - 1)
-        held_epochs = np.isin(block, HELD_BLOCKS)
-        held_tracks |= held_epochs[:, None, None]
-        by_feature = np.arange(problem.seen.shape[2]) % EVERY_FEATURE == 2
-        held_tracks |= (block % 2 == 1)[:, None, None] & by_feature[None, None, :]
-    else:
-        warnings.append(f"{n} epochs are too few to hold any out: nothing tests the prediction")
-    seen = first.observed
-    fitted = measurements_of(problem, ~held_epochs, seen & ~held_tracks, first.channels)
-    # a feature that no fitted observation places cannot be predicted
-    placed = np.isin(np.arange(seen.shape[2]), np.unique(fitted.seen.feature))
-    held = measurements_of(problem, held_epochs, seen & held_tracks & placed[None, None, :], first.channels)
-    step = max(1, len(fitted.uv) // SCORED)
-    keep = np.zeros_like(seen)
-    keep[fitted.seen.epoch[::step], fitted.seen.camera[::step], fitted.seen.feature[::step]] = True
-    scored = measurements_of(problem, ~held_epochs, keep, first.channels)
+    if len(problem.times) < FEWEST_TO_HOLD:
+        warnings.append(f"{len(problem.times)} epochs are too few to hold any out: nothing tests the prediction")
+    fitted, held, scored = _split(problem, first)
     if fitted.count < 30:
         raise NotPossible("too few measurements for a diagnosis")
     return Case(
@@ -116,6 +99,38 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
         float(np.median(np.linalg.norm(guess.w, axis=1))),
         tuple(warnings),
     )
+
+
+def _split(problem: Problem, first: BatchStart) -> tuple[Measurements, Measurements, Measurements]:
+    """Measurements fitted, held out, and a part of the former for score tests."""
+    n = len(problem.times)
+    held_epochs = np.zeros(n, bool)
+    held_tracks = np.zeros_like(problem.seen)
+    if n >= FEWEST_TO_HOLD:
+        block = np.minimum((np.arange(n) * BLOCKS) // n, BLOCKS - 1)
+        held_epochs = np.isin(block, HELD_BLOCKS)
+        held_tracks |= held_epochs[:, None, None]
+        by_feature = np.arange(problem.seen.shape[2]) % EVERY_FEATURE == 2
+        held_tracks |= (block % 2 == 1)[:, None, None] & by_feature[None, None, :]
+    seen = first.observed
+    fitted = measurements_of(problem, ~held_epochs, seen & ~held_tracks, first.channels)
+    # a feature that no fitted observation places cannot be predicted
+    placed = np.isin(np.arange(seen.shape[2]), np.unique(fitted.seen.feature))
+    held = measurements_of(problem, held_epochs, seen & held_tracks & placed[None, None, :], first.channels)
+    step = max(1, len(fitted.uv) // SCORED)
+    keep = np.zeros_like(seen)
+    keep[fitted.seen.epoch[::step], fitted.seen.camera[::step], fitted.seen.feature[::step]] = True
+    scored = measurements_of(problem, ~held_epochs, keep, first.channels)
+    return fitted, held, scored
+
+
+def without_features(case: Case, wrong: np.ndarray) -> Case:
+    """The case without some features (m,), with a warning that names them."""
+    first = replace(case.first, observed=case.first.observed & ~wrong[None, None, :])
+    fitted, held, scored = _split(case.problem, first)
+    names = ", ".join(str(k) for k in case.problem.features[wrong])
+    said = f"features {names} do not move with the body: left out"
+    return replace(case, first=first, fitted=fitted, held=held, scored=scored, warnings=(*case.warnings, said))
 
 
 def _there(problem: Problem, around: Surroundings, first: BatchStart) -> set[str]:

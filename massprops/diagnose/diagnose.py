@@ -106,10 +106,12 @@ def diagnose_problem(
     from massprops.diagnose.case import case_of
     from massprops.diagnose.refit import refit
     from massprops.diagnose.select import Selection
+    from massprops.diagnose.strays import mended
     from massprops.diagnose.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
+    case, base = mended(case, base)
     blind = _blind(case, base)
     if blind:
         selection = Selection(base, best=base)
@@ -159,7 +161,7 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     """The selection of effects on the path of free fall beside the chaser, or on a straight one where that explains more:
     then one of the two is held in its place, or the record was made so."""
     from massprops.diagnose.refit import refit
-    from massprops.diagnose.select import explained
+    from massprops.diagnose.select import EVIDENCE, explained
     from massprops.dynamics.surroundings import Surroundings
 
     if not case.around.falls or not len(case.fitted.uv) or explained(base):
@@ -172,9 +174,11 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
         (case, base), (other, other_base) = (other, other_base), (case, base)
     found = _selected(case, base, progress)
     best = found.best or base
-    if explained(best) and not best.held > PREDICTS:
-        return case, found
     same = refit(other, replace(best.fit.state, points=other_base.fit.state.points), best.added)
+    if explained(best) and not best.held > PREDICTS:
+        if explained(same) and same.bic < best.bic - EVIDENCE:
+            return other, replace(found, base=other_base, best=same)
+        return case, found
     if same.bic > best.bic - BETTER_PATH * much:
         return case, found
     again = _selected(other, other_base, progress)

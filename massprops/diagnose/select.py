@@ -121,9 +121,9 @@ def select(
     done = done or lengthen(near)
     if not done and good:
         pairs: list[Scored] = []
-        for k, s in enumerate(_distinct(good)[:BEAM]):
+        for k, s in enumerate(_beam(good)):
             rest = [m for m in usable if m.NAME not in s.names]
-            pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1}/{BEAM})")
+            pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1})")
             better = [p for p in pairs if _may_be(p, base) and _all_needed(p, [*first, *longer])]
             done = [p for p in better if explained(p)]
             if done:
@@ -147,7 +147,8 @@ def select(
     if good:
         out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
         left = good[0].fitted ** 2 - 1.0
-        if left < NEARLY * (base.fitted**2 - 1.0) and not good[0].implausible:
+        predicts = not good[0].held > STRAYS
+        if left < NEARLY * (base.fitted**2 - 1.0) and predicts and not good[0].implausible:
             out.rivals = _rivals_of(good)
             out.verdict = "ambiguous" if out.rivals else "named"
             return out
@@ -199,6 +200,15 @@ def _distinct(models: list[Scored]) -> list[Scored]:
 def _all_needed(pair: Scored, singles: list[Scored]) -> bool:
     """Backward check: neither effect of a pair is idle beside the other."""
     return all(s.bic - pair.bic > EVIDENCE for s in singles if set(s.names) < set(pair.names))
+
+
+def _beam(good: list[Scored]) -> list[Scored]:
+    """The models that a second effect is tried beside: the best, and the best of those without a moment, as an effect that
+    begins at any time can follow much that it is not."""
+    models = _distinct(good)
+    smooth = [s for s in models if not any(q.kind == "time" for a in s.added for q in a.effect.PARAMETERS)]
+    first = models[:BEAM]
+    return first + [s for s in smooth[:1] if s not in first]
 
 
 def _nearness(
