@@ -309,6 +309,8 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
                 states += [
                     with_effects(base.fit.state, added, {module.NAME: t.start}) for t in tests[: FITS_OF_A_FORM // 2]
                 ]
-        fits = [refit(case, state, added, most=40 if case.fitted.count <= SMALL else 20) for state in states]
+        small = case.fitted.count <= SMALL
+        least = np.inf if small else 1.02 * min((s.fit.cost for s in singles), default=np.inf) + 50.0
+        fits = [refit(case, state, added, most=40 if small else 20, against=least) for state in states]
         out += [s if explained(s) else best_moment(case, s, NEAR_MOMENT) for s in fits]
     return out
