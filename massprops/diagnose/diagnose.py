@@ -66,6 +66,7 @@ def diagnose(
         InputError: an unreadable sequence, or a body file that contradicts itself.
         NotPossible: nothing in the sequence shows how the body moves.
     """
+    from massprops.diagnose.noise import with_track_noise
     from massprops.estimators.problem import problem_of
     from massprops.sequence.read import read_sequence
 
@@ -73,7 +74,8 @@ def diagnose(
     if out is not None and Path(out).is_file():
         raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
     run = None if sequence.folder is None else sequence.folder.parent
-    found = diagnose_problem(problem_of(sequence), progress, run is None or not (run / "run.yaml").is_file())
+    problem = with_track_noise(sequence, problem_of(sequence))
+    found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
     if run is not None and found.case.first.body_frame == "attitude0":
         found = replace(found, surface=_surface(run))
     if out is not None:
