@@ -91,6 +91,7 @@ def _check(
     folder: Path, mesh: Any, sequence: str | Path | None, methods: Iterable[str], progress: Progress
 ) -> CrossCheck:
     from massprops.crosscheck import verdict as judge
+    from massprops.crosscheck.fusion import agreement, fuse, read_draws
     from massprops.crosscheck.motion_side import frame_of, scale_against, to_mesh_axes, tumble_of
     from massprops.estimators.estimate import estimate_all
     from massprops.sequence.read import read_sequence
@@ -120,9 +121,13 @@ def _check(
     best = judge.reference_of(compared)
     residuals = {} if watched is None or stopped else _residuals(watched, mesh, best)
     free = {name: series["rms"] for name, series in residuals.items() if "rms" in series}
-    found = judge.decide(compared, mesh, centre, tumble, free)
+    draws, motion = read_draws(folder, mesh), _motion(mesh, best, centre)
+    joint = None if draws is None or motion is None else agreement(draws, motion, mesh.length)
+    found = judge.decide(compared, mesh, centre, tumble, free, joint)
     result = document(mesh, compared, found, centre, residuals, outcome.skipped)
-    result["fused"] = _fused(folder, mesh, best, centre) if found.verdict == "consistent" else None
+    result["fused"] = None
+    if draws is not None and motion is not None and found.verdict == "consistent":
+        result["fused"] = {"with": found.rests_on, **fuse(draws, mesh, motion)}
     return CrossCheck(folder, result, outcome.estimates, outcome.warnings)
 
 
@@ -147,19 +152,18 @@ def _centre(folder: Path, mesh: Any, frame: Any) -> Any:
     return centre_of_motion(stamps, views.R[rows], views.t[rows] * mesh.factor, mesh.length)
 
 
-def _fused(folder: Path, mesh: Any, best: Any, centre: Any) -> dict[str, Any] | None:
-    """Mass properties by mesh and motion together, where both are trusted; None where the axes are not tied."""
-    from massprops.crosscheck.fusion import fuse, read_draws
+def _motion(mesh: Any, best: Any, centre: Any) -> Any:
+    """What the trusted estimator and the centre of rotation say of the mesh's numbers; None where no axes are tied."""
+    from massprops.crosscheck.fusion import measured
     from massprops.crosscheck.motion_side import motion_covariance
     from massprops.mass.ratio_space import log_components
 
-    draws = read_draws(folder, mesh)
-    if draws is None or best is None or best.turn is None or best.found.axes_covariance is None:
+    if best is None or best.turn is None or best.found.axes_covariance is None:
         return None
     inertia = best.turn @ best.found.inertia @ best.turn.T
     R = motion_covariance(best.found, best.turn, mesh.axes)
-    place = (None, None) if centre is None else (centre.place, centre.covariance)
-    return {"with": best.found.name, **fuse(draws, mesh, log_components(inertia, mesh.axes), R, *place)}
+    place = () if centre is None else (centre.place, centre.covariance)
+    return measured(log_components(inertia, mesh.axes), R, *place)
 
 
 def _residuals(frame: Any, mesh: Any, best: Any) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from massprops.crosscheck.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.crosscheck.replicates import read_replicates
 from massprops.mass.integrals import central_inertia
 from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
+from massprops.mass.ratio_space import chi_square, p_value
 
 TO_RATIOS = np.array(
     [[1.0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]
@@ -85,46 +86,27 @@ def inertia_from(x: np.ndarray, axes: np.ndarray) -> np.ndarray:
     return out
 
 
-def best_linear(
-    draws: Draws, measured: np.ndarray, covariance: np.ndarray, H: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The mesh moved to where the motion is explained, and every replicate likewise.
+@dataclass(frozen=True)
+class Measured:
+    """What the motion says of a replicate x: y (m,) = H x, H (m, 10), with covariance R (m, m)."""
 
-    Args:
-        draws: the mesh's side.
-        measured: (m,) what the motion says of H x; covariance: (m, m); H: (m, 10).
-
-    Returns:
-        (10,) the estimate, and (r, 10) replicates whose spread about it is what is left of the uncertainty.
-    """
-    apart = draws.spread - draws.own
-    C = apart.T @ apart / len(apart)
-    S = H @ C @ H.T + covariance
-    gain = np.linalg.solve(S, H @ C).T
-    x = draws.own + gain @ (measured - H @ draws.own)
-    rng = np.random.default_rng(11)
-    noise = rng.multivariate_normal(np.zeros(len(measured)), covariance, len(apart), method="cholesky")
-    left = apart - (apart @ H.T + noise) @ gain.T
-    return x, x + left
+    y: np.ndarray
+    H: np.ndarray
+    R: np.ndarray
 
 
-def fuse(
-    draws: Draws,
-    mesh: MeshSide,
+def measured(
     ratios_and_axes: np.ndarray,
     covariance: np.ndarray,
     centre: np.ndarray | None = None,
     centre_covariance: np.ndarray | None = None,
-) -> dict[str, Any]:
-    """The fused mass properties, as in `massprops.json`, with their 90 % intervals.
+) -> Measured:
+    """Ratios, axes and, where known, centre of mass by the motion.
 
     Args:
-        draws: of `read_draws`. mesh: the mesh's side.
         ratios_and_axes: (5,) `log_components` of the motion's inertia in the mesh's principal frame; covariance (5, 5).
         centre: (3,) point that the body turns about, mesh axes [final units], or None; centre_covariance (3, 3).
     """
-    from massprops.mass.properties import inertia_ratios, principal_frame
-
     H = np.zeros((5, 10))
     H[:, 4:] = TO_RATIOS
     y, R = ratios_and_axes, covariance
@@ -134,8 +116,50 @@ def fuse(
         whole = np.zeros((8, 8))
         whole[:5, :5], whole[5:, 5:] = covariance, centre_covariance
         R = whole
-    R = R + np.diag(np.full(len(R), 1e-18))
-    x, replicates = best_linear(draws, y, R, H)
+    return Measured(y, H, R + np.diag(np.full(len(R), 1e-18)))
+
+
+def agreement(draws: Draws, motion: Measured, length: float) -> float:
+    """p-value of the motion's numbers all together, given how the replicates' move together.
+
+    A fill that is wrong somewhere moves the centre and the inertia alike; a mass that the surface does not show moves
+    them as no fill does.
+
+    Args:
+        length: of the body [final units]; brings the centre to the size of the other numbers.
+    """
+    apart = draws.spread - draws.own
+    size = np.where(np.arange(len(motion.y)) < 5, 1.0, 1.0 / length)
+    spread = motion.H @ (apart.T @ apart / len(apart)) @ motion.H.T + motion.R
+    return p_value(*chi_square((motion.y - motion.H @ draws.own) * size, spread * np.outer(size, size)))
+
+
+def best_linear(draws: Draws, motion: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh moved to where the motion is explained, and every replicate likewise.
+
+    Returns:
+        (10,) the estimate, and (r, 10) replicates whose spread about it is what is left of the uncertainty.
+    """
+    apart, H = draws.spread - draws.own, motion.H
+    C = apart.T @ apart / len(apart)
+    S = H @ C @ H.T + motion.R
+    gain = np.linalg.solve(S, H @ C).T
+    x = draws.own + gain @ (motion.y - H @ draws.own)
+    rng = np.random.default_rng(11)
+    noise = rng.multivariate_normal(np.zeros(len(motion.y)), motion.R, len(apart), method="cholesky")
+    left = apart - (apart @ H.T + noise) @ gain.T
+    return x, x + left
+
+
+def fuse(draws: Draws, mesh: MeshSide, motion: Measured) -> dict[str, Any]:
+    """The fused mass properties, as in `massprops.json`, with their 90 % intervals.
+
+    Args:
+        draws: of `read_draws`. mesh: the mesh's side. motion: of `measured`.
+    """
+    from massprops.mass.properties import inertia_ratios, principal_frame
+
+    x, replicates = best_linear(draws, motion)
     inertia = inertia_from(x, mesh.axes)
     moments, axes = principal_frame(inertia)
     volume, density = float(np.exp(x[0])), float(mesh.document["density"])

@@ -156,7 +156,12 @@ def reference_of(compared: list[Compared]) -> Compared | None:
 
 
 def decide(
-    compared: list[Compared], mesh: MeshSide, centre: Centre | None, tumble: Tumble | None, free: dict[str, float]
+    compared: list[Compared],
+    mesh: MeshSide,
+    centre: Centre | None,
+    tumble: Tumble | None,
+    free: dict[str, float],
+    joint: float | None = None,
 ) -> Verdict:
     """The verdict of all estimators, resting on the most trusted one.
 
@@ -166,6 +171,7 @@ def decide(
         centre: the point that the body turns about, where the footage shows it.
         tumble: how the attitude moved.
         free: rms residual over noise of free rotation with the motion's own inertia (`motion`) and the mesh's (`mesh`).
+        joint: p-value of `fusion.agreement`, which counts in place of the single tests where there is one.
     """
     stopped = not_turning(tumble)
     if stopped is not None:
@@ -186,6 +192,8 @@ def decide(
         apart = chi_square(centre.place - mesh.centre, centre.covariance + mesh.centre_covariance)
         tests["centre of mass"] = p_value(*apart)
     p = min(1.0, len(tests) * min(v for v in tests.values() if v is not None))
+    if joint is not None:
+        tests["all together"] = p = joint
     facts = {"tests": tests}
     if p >= SIGNIFICANT:
         return Verdict("consistent", p, _agreement(best), rests_on=best.found.name, facts=facts)
@@ -211,7 +219,7 @@ def _difference(best: Compared, mesh: MeshSide, tests: dict[str, float | None]) 
     centre = tests.get("centre of mass")
     if centre is not None and centre < SIGNIFICANT:
         parts.append("the body turns about another point than the mesh's centre of mass")
-    return ", ".join(parts) or "mesh and motion differ"
+    return ", ".join(parts) or "ratios, axes and centre of mass together differ as no unseen part explains"
 
 
 def hints_of(

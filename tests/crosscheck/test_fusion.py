@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from massprops.crosscheck.fusion import Draws, fuse, inertia_from, ten_numbers
+from massprops.crosscheck.fusion import Draws, fuse, inertia_from, measured, ten_numbers
 from massprops.crosscheck.mesh_side import MeshSide
 from massprops.mass.integrals import central_inertia, mesh_integrals, offset_response
 from massprops.mass.properties import inertia_ratios, properties_of_integrals
@@ -67,7 +67,7 @@ def test_fused_moments_are_twice_as_close_and_the_intervals_hold() -> None:
         y = log_components(inertia, side.axes) + rng.multivariate_normal(np.zeros(5), SHARP)
         place_sigma = np.eye(3) * 1e-3**2
         place = centre + rng.multivariate_normal(np.zeros(3), place_sigma)
-        fused = fuse(draws, side, y, SHARP, place, place_sigma)
+        fused = fuse(draws, side, measured(y, SHARP, place, place_sigma))
         got = np.array(fused["principal_moments"])
         plain.append(np.abs(found.principal_moments / moments - 1).mean())
         together.append(np.abs(got / moments - 1).mean())
@@ -82,6 +82,6 @@ def test_fused_moments_are_twice_as_close_and_the_intervals_hold() -> None:
 
 def test_a_motion_that_says_nothing_changes_nothing() -> None:
     found, draws, side, (_, _, inertia), _ = drawn_body(3)
-    fused = fuse(draws, side, log_components(inertia, side.axes), np.eye(5) * 1e4)
+    fused = fuse(draws, side, measured(log_components(inertia, side.axes), np.eye(5) * 1e4))
     assert np.allclose(fused["principal_moments"], found.principal_moments, rtol=1e-4)
     assert np.allclose(inertia_from(draws.own, side.axes), found.inertia, rtol=1e-9)

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from massprops.crosscheck.fusion import fuse, read_draws
+from massprops.crosscheck.fusion import agreement, fuse, measured, read_draws
 from massprops.crosscheck.mesh_side import read_mesh_side
 from massprops.crosscheck.replicates import local_fills, read_replicates
 from massprops.mass.document import document
@@ -18,15 +18,15 @@ from massprops.mass.properties import mass_properties
 from massprops.mass.ratio_space import chi_square, log_components, p_value
 
 
-def partly_seen(seed: int) -> tuple[trimesh.Trimesh, np.ndarray, trimesh.Trimesh]:
-    """A mesh, which of its faces were measured (two thirds), and the true body, which bulges where nothing was."""
+def partly_seen(seed: int, share: float = 0.67) -> tuple[trimesh.Trimesh, np.ndarray, trimesh.Trimesh]:
+    """A mesh, which of its faces were measured, and the true body, which bulges where nothing was."""
     rng = np.random.default_rng(seed)
     mesh = trimesh.creation.icosphere(subdivisions=3)
     v = np.array(mesh.vertices) * [1.0, 0.75, 0.5]
     v *= 1 + 0.15 * np.sin(2.5 * v @ rng.standard_normal(3))[:, None]
     way = rng.standard_normal(3)
     along = v @ way / np.linalg.norm(way)
-    hidden = along > np.quantile(along, 0.67)
+    hidden = along > np.quantile(along, share)
     away = np.where(hidden, cKDTree(v[~hidden]).query(v)[0], 0.0)
     bulge = 0.5 * away * (0.6 * rng.choice([-1, 1]) + 0.6 * np.sin(4 * v @ rng.standard_normal(3)))
     ours = trimesh.Trimesh(v, mesh.faces, process=False)
@@ -61,11 +61,29 @@ def test_a_wrong_fill_is_no_contradiction_and_the_motion_corrects_it(tmp_path: P
         p.append(p_value(*chi_square(y - log_components(mesh.inertia, mesh.axes), mesh.covariance + sharp)))
         draws = read_draws(tmp_path / str(seed), mesh)
         assert draws is not None
-        both = fuse(draws, mesh, y, sharp, target.center_of_mass, 1e-3**2 * np.eye(3))
+        motion = measured(y, sharp, target.center_of_mass, 1e-3**2 * np.eye(3))
+        p.append(agreement(draws, motion, 2.0))
+        both = fuse(draws, mesh, motion)
         plain.append(np.abs(np.array(mesh.document["principal_moments"]) / target.principal_moments - 1).mean())
         together.append(np.abs(np.array(both["principal_moments"]) / target.principal_moments - 1).mean())
     assert np.mean(together) < 0.3 * np.mean(plain) and np.mean(plain) > 0.02
     assert np.min(p) > 1e-3
+
+
+def test_a_hidden_mass_moves_centre_and_inertia_as_no_fill_does(tmp_path: Path) -> None:
+    for seed in range(3):
+        ours, observed, _ = partly_seen(seed, share=0.85)
+        mesh = read_mesh_side(make_run(tmp_path / str(seed), ours, observed))
+        draws = read_draws(tmp_path / str(seed), mesh)
+        place, share = np.array([0.4, 0.2, 0.1]), 0.08 / 1.08
+        point = share * (place @ place * np.eye(3) - np.outer(place, place))
+        heavy = np.array(mesh.document["inertia"]) / mesh.document["mass"] + point
+        y, sharp = log_components(heavy, mesh.axes), np.diag([2e-3, 2e-3, 5e-4, 5e-4, 5e-4]) ** 2
+        centre = mesh.centre + share * place, 1e-3**2 * np.eye(3)
+        assert draws is not None
+        assert agreement(draws, measured(y, sharp, *centre), 2.0) < 1e-4
+        same = measured(log_components(mesh.inertia, mesh.axes), sharp, mesh.centre, centre[1])
+        assert agreement(draws, same, 2.0) > 0.9
 
 
 def test_nothing_is_added_where_all_was_measured(tmp_path: Path) -> None:
