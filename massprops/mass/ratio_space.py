@@ -91,14 +91,14 @@ def covariance_of_replicates(inertias: np.ndarray, inertia: np.ndarray, axes: np
 
 
 def covariance_of_intervals(document: dict, axes: np.ndarray) -> np.ndarray | None:
-    """(5, 5) from `interval_90` of a `massprops.json`; None when it has none.
+    """(5, 5) from `interval_90` of a `massprops.json`; None when it has none, or one without ends.
 
     k1 and k2 as stated, without correlation; the rest from the intervals of the tensor's elements, taken as
     independent.
     """
     interval = document.get("interval_90") or {}
     ratios = document["inertia_ratios"]
-    if not interval.get("k1") or not interval.get("k2"):
+    if any(not interval.get(k) or None in interval[k] for k in ("k1", "k2")):
         return None
     out = np.diag([*(interval_sigma(interval[k], ratios[k]) ** 2 for k in ("k1", "k2")), 0.0, 0.0, 0.0])
     inertia = np.array(document["inertia"], float)

@@ -86,6 +86,15 @@ def test_a_hidden_mass_moves_centre_and_inertia_as_no_fill_does(tmp_path: Path) 
         assert agreement(draws, same, 2.0) > 0.9
 
 
+def test_intervals_without_ends_count_as_none(tmp_path: Path) -> None:
+    ours, observed, _ = partly_seen(1)
+    run = make_run(tmp_path, ours, observed)
+    content = json.loads((run / "massprops.json").read_text())
+    content["interval_90"] = {"k1": [None, None], "k2": [-0.2, -0.1]}
+    (run / "massprops.json").write_text(json.dumps(content))
+    assert np.isfinite(read_mesh_side(run).covariance).all()
+
+
 def test_nothing_is_added_where_all_was_measured(tmp_path: Path) -> None:
     ours, observed, _ = partly_seen(3)
     v, f, rng = np.asarray(ours.vertices), np.asarray(ours.faces), np.random.default_rng(0)
