@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.alignment import cross_matrix, inverse_of
+from massprops.estimators.geometry.alignment import cross_matrix, inverse_of
 from massprops.estimators.rates import LocalFit
 
 FEWEST = 6

@@ -14,7 +14,7 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
     rotation_vector,
 )
-from massprops.estimators.alignment import inverse_of
+from massprops.estimators.geometry.alignment import inverse_of
 
 SIZES = (5, 7, 9, 11, 13, 17, 21, 25, 31, 41, 51, 65, 81, 101)
 LARGEST_SWEEP = 2.0

@@ -10,9 +10,10 @@ import numpy as np
 from massprops.dynamics.orbit import lvlh_rate, true_anomaly
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
 from massprops.errors import NotPossible
-from massprops.estimators import bodymodel, centre, rates
+from massprops.estimators import rates
+from massprops.estimators.geometry import bodymodel, centre
+from massprops.estimators.geometry.onecamera import straight_path
 from massprops.estimators.momentum import Momentum, momentum_inertia
-from massprops.estimators.onecamera import straight_path
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.sensing.stereo import triangulate

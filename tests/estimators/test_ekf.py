@@ -11,17 +11,17 @@ from massprops.campaign.papers import _pesce2017_limit as paper_limit
 from massprops.campaign.papers import pesce2017
 from massprops.dynamics.quaternion import from_rotation_vector, normalise, rotation_matrix
 from massprops.estimators import inertia_parameters as shape
-from massprops.estimators import observation
-from massprops.estimators.curvature import cross_covariance
-from massprops.estimators.differentiator import slope
-from massprops.estimators.error_state import Layout, State, difference, retract, state_of
-from massprops.estimators.iterated import EKF, IEKF, update
+from massprops.estimators.extended import observation
+from massprops.estimators.extended.curvature import cross_covariance
+from massprops.estimators.extended.differentiator import slope
+from massprops.estimators.extended.error_state import Layout, State, difference, retract, state_of
+from massprops.estimators.extended.transition import ProcessNoise, predict, transition
+from massprops.estimators.extended.update import EKF, IEKF, update
 from massprops.estimators.methods import methods
 from massprops.estimators.problem import Problem, problem_of
 from massprops.estimators.result import Estimate, Prior
 from massprops.estimators.start import first_guess
 from massprops.estimators.surroundings import Surroundings
-from massprops.estimators.transition import ProcessNoise, predict, transition
 from massprops.sensing.pinhole import Pinhole
 from massprops.sequence.data import Orbit
 from massprops.simulate.tracks import TrackScenario, simulate_tracks

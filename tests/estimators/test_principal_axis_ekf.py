@@ -5,7 +5,7 @@ from tumbling import scene
 from massprops.campaign.papers import hu2024
 from massprops.dynamics.quaternion import normalise, rotation_matrix
 from massprops.estimators.methods import principal_axis_ekf
-from massprops.estimators.principal_frame import paper_frame, sign_rule, unique_frame
+from massprops.estimators.principal.frame import paper_frame, sign_rule, unique_frame
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 
@@ -40,7 +40,7 @@ def test_kept_rule_never_flips_under_noise_where_the_paper_rule_does():
 
 def test_transition_of_the_compiled_filter_is_the_derivative_of_its_motion():
     from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, rotation_vector
-    from massprops.estimators.ekf_predict import step
+    from massprops.estimators.principal.predict_kernel import step
 
     rng = np.random.default_rng(3)
     q, w, k = normalise(rng.standard_normal(4)), np.array([0.1, -0.2, 0.15]), np.array([-0.3, -0.2])

@@ -9,7 +9,7 @@ from massprops.dynamics.quaternion import conjugate, rotate
 from massprops.errors import NotPossible
 from massprops.estimators.inertia_parameters import from_inertia, inertia
 from massprops.estimators.methods import range_ukf
-from massprops.estimators.range_filter import ratio_jacobian
+from massprops.estimators.ranging.filter import ratio_jacobian
 from massprops.estimators.result import Prior, ratios
 from massprops.estimators.start import first_guess
 
@@ -21,7 +21,7 @@ def body():
 
 
 def test_kernel_inertia_is_that_of_the_general_parameters():
-    from massprops.estimators.range_kernel import six_elements
+    from massprops.estimators.ranging.kernel import six_elements
 
     s = from_inertia(body())
     xx, yy, zz, xy, xz, yz = six_elements(s)
@@ -31,7 +31,7 @@ def test_kernel_inertia_is_that_of_the_general_parameters():
 
 def test_kernel_motion_is_the_physics_of_the_simulator():
     from massprops.dynamics.rigid_body import propagate
-    from massprops.estimators.range_kernel import move
+    from massprops.estimators.ranging.kernel import move
 
     tensor = body()
     q, w = np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.02, -0.03, 0.01])

@@ -18,7 +18,7 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
 )
 from massprops.errors import NotPossible
-from massprops.estimators.alignment import align, horn, q_method
+from massprops.estimators.geometry.alignment import align, horn, q_method
 from massprops.estimators.result import Prior, ratios
 from massprops.estimators.start import Start, first_guess
 from massprops.sensing.pinhole import Pinhole, project

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from massprops.campaign.papers._pesce2017_run import Setup, draw, first_estimate, image_noise
-from massprops.estimators.error_state import State, difference
+from massprops.estimators.extended.error_state import State, difference
+from massprops.estimators.extended.observation import euler_constraint, images
+from massprops.estimators.extended.transition import transition
+from massprops.estimators.extended.update import Rule, update
 from massprops.estimators.inertia_parameters import principal_prior, ratios_jacobian
-from massprops.estimators.iterated import Rule, update
-from massprops.estimators.observation import euler_constraint, images
-from massprops.estimators.transition import transition
 
 
 def limit(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -12,15 +12,12 @@ from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import position_velocity
 from massprops.dynamics.quaternion import angle_between, from_rotation_matrix, normalise, rotate
 from massprops.dynamics.rigid_body import angular_acceleration, propagate
-from massprops.estimators.curvature import bends, constraint_curvature, image_curvature
-from massprops.estimators.differentiator import rates_from_flow, slope
-from massprops.estimators.error_state import Layout, State, covariance_of, difference, state_of
-from massprops.estimators.inertia_parameters import from_ratios, principal_prior, ratios_jacobian, ratios_of
-from massprops.estimators.iterated import Observe, Rule, Updated, update, update_again
-from massprops.estimators.observation import euler_constraint, for_layout, images
-from massprops.estimators.surroundings import Surroundings
-from massprops.estimators.together import update_together
-from massprops.estimators.transition import (
+from massprops.estimators.extended.curvature import bends, constraint_curvature, image_curvature
+from massprops.estimators.extended.differentiator import rates_from_flow, slope
+from massprops.estimators.extended.error_state import Layout, State, covariance_of, difference, state_of
+from massprops.estimators.extended.observation import euler_constraint, for_layout, images
+from massprops.estimators.extended.together import update_together
+from massprops.estimators.extended.transition import (
     ProcessNoise,
     predict,
     relative_attitude,
@@ -28,6 +25,9 @@ from massprops.estimators.transition import (
     relative_velocity,
     transition,
 )
+from massprops.estimators.extended.update import Observe, Rule, Updated, update, update_again
+from massprops.estimators.inertia_parameters import from_ratios, principal_prior, ratios_jacobian, ratios_of
+from massprops.estimators.surroundings import Surroundings
 from massprops.sensing.pinhole import Pinhole
 from massprops.sensing.stereo import triangulate
 from massprops.sequence.data import Orbit

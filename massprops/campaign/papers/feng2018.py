@@ -24,7 +24,7 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
-from massprops.estimators.alignment import cross_matrix, q_method
+from massprops.estimators.geometry.alignment import cross_matrix, q_method
 from massprops.estimators.methods import momentum_ls
 from massprops.estimators.momentum import momentum_inertia, physical, plain_inertia
 from massprops.estimators.problem import Problem

@@ -25,18 +25,18 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
-from massprops.estimators.alignment import inverse_of
 from massprops.estimators.chaser_path import chaser_path
-from massprops.estimators.frame_growth import (
+from massprops.estimators.geometry.alignment import inverse_of
+from massprops.estimators.methods.principal_axis_ekf import followed, run_over
+from massprops.estimators.principal.frame import SignRule, sign_rule, unique_frame
+from massprops.estimators.principal.frame_growth import (
     Growth,
     attitude_of_points,
     determined_frames,
     growing_inertia,
     local_rates,
 )
-from massprops.estimators.methods.principal_axis_ekf import followed, run_over
-from massprops.estimators.principal_axis import start_in_frame
-from massprops.estimators.principal_frame import SignRule, sign_rule, unique_frame
+from massprops.estimators.principal.run import start_in_frame
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess

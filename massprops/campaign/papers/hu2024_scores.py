@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.quaternion import rotate, rotation_matrix
-from massprops.estimators.principal_frame import ratios_of_moments
+from massprops.estimators.principal.frame import ratios_of_moments
 
 SYMMETRIES = np.array(
     [

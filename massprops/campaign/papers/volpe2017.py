@@ -35,8 +35,8 @@ from massprops.dynamics.quaternion import (
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.inertia_parameters import from_inertia
 from massprops.estimators.inertia_parameters import inertia as tensor_of
-from massprops.estimators.range_batch import fit_first
-from massprops.estimators.range_filter import BASE, RangeStart, range_filtered, ratios_over
+from massprops.estimators.ranging.filter import BASE, RangeStart, range_filtered, ratios_over
+from massprops.estimators.ranging.first_frames import fit_first
 from massprops.estimators.result import ratios
 from massprops.sequence.data import Environment, Orbit
 

@@ -9,9 +9,12 @@ import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotate, rotation_matrix
 from massprops.errors import NotPossible
+from massprops.estimators.attitude_information import shown_by
 from massprops.estimators.chaser_path import ChaserPath, chaser_path
+from massprops.estimators.geometry.stereo_path import linear_path
 from massprops.estimators.momentum import ratio_covariance
-from massprops.estimators.principal_axis import (
+from massprops.estimators.principal.frame import ratios_of_moments, unique_frame
+from massprops.estimators.principal.run import (
     Filtered,
     FilterStart,
     axes_against_features,
@@ -20,11 +23,8 @@ from massprops.estimators.principal_axis import (
     mean_turn,
     start_in_frame,
 )
-from massprops.estimators.principal_frame import ratios_of_moments, unique_frame
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
-from massprops.estimators.shown import shown_by
-from massprops.estimators.stereo_path import linear_path
 from massprops.sensing.stereo import triangulate
 
 NAME = "principal-axis-ekf"

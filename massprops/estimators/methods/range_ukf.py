@@ -9,13 +9,13 @@ import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, multiply, rotate, rotation_matrix
 from massprops.errors import NotPossible
+from massprops.estimators.attitude_information import shown_by
 from massprops.estimators.chaser_path import chaser_path
 from massprops.estimators.inertia_parameters import inertia as tensor_of
 from massprops.estimators.momentum import ratio_covariance
-from massprops.estimators.principal_axis import mean_turn
+from massprops.estimators.principal.run import mean_turn
 from massprops.estimators.problem import Problem
-from massprops.estimators.range_batch import BatchFit, fit_first
-from massprops.estimators.range_filter import (
+from massprops.estimators.ranging.filter import (
     BASE,
     RangeRun,
     RangeStart,
@@ -24,8 +24,8 @@ from massprops.estimators.range_filter import (
     ratio_jacobian,
     ratios_over,
 )
+from massprops.estimators.ranging.first_frames import BatchFit, fit_first
 from massprops.estimators.result import Estimate, Prior, ratios
-from massprops.estimators.shown import shown_by
 
 NAME = "range-ukf"
 ORDER = 45

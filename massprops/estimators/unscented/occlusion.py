@@ -144,7 +144,7 @@ def _attitudes(columns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _cross_matrix(v: np.ndarray) -> np.ndarray:
-    from massprops.estimators.error_state import skew
+    from massprops.estimators.extended.error_state import skew
 
     return np.asarray(skew(v))
 

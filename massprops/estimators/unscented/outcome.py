@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
+from massprops.estimators.attitude_information import shown_by
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
-from massprops.estimators.shown import shown_by
 from massprops.estimators.unscented.features import Passage
 from massprops.estimators.unscented.setup import Setup
 
@@ -117,7 +117,7 @@ def axes_covariance_of(last) -> np.ndarray:  # type: ignore[no-untyped-def]
     f, at = last.features, last.places()["features"]
     if len(f) < 2:
         return last.P[3:6, 3:6]
-    from massprops.estimators.error_state import skew
+    from massprops.estimators.extended.error_state import skew
 
     # the turn that best explains an error of the points, weighted by how well each is known
     J = np.concatenate([skew(p) for p in f])

@@ -201,7 +201,7 @@ def _fitted_covariance(
 
 def _lever(size: int, features: np.ndarray, w: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """(N, 3): what a turn of the principal frame in the body does to rates, attitude, axes and features."""
-    from massprops.estimators.error_state import skew
+    from massprops.estimators.extended.error_state import skew
 
     J = np.zeros((size, 3))
     J[3:6] = np.eye(3)

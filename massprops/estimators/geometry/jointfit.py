@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
-from massprops.estimators.alignment import cross_matrix, inverse_of
+from massprops.estimators.geometry.alignment import cross_matrix, inverse_of
 
 LARGEST_TURN = 0.3
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotate, rotation_matrix
 from massprops.errors import NotPossible
-from massprops.estimators.error_state import Layout, State, covariance_of, state_of
+from massprops.estimators.attitude_information import ratio_directions
+from massprops.estimators.extended.error_state import Layout, State, covariance_of, state_of
+from massprops.estimators.extended.transition import ProcessNoise
 from massprops.estimators.inertia_parameters import GENERAL, from_inertia
 from massprops.estimators.inertia_parameters import inertia as to_tensor
 from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
-from massprops.estimators.shown import ratio_directions
 from massprops.estimators.surroundings import Surroundings, surroundings_of
-from massprops.estimators.transition import ProcessNoise
 from massprops.estimators.unscented.setup import early_start, point_sigma, settled_epoch
 
 WIDER = 3.0

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.alignment import LARGEST_MAHALANOBIS, align, horn, inverse_of, spread_out
-from massprops.estimators.jointfit import joint_step, shared_error
+from massprops.estimators.geometry.alignment import LARGEST_MAHALANOBIS, align, horn, inverse_of, spread_out
+from massprops.estimators.geometry.jointfit import joint_step, shared_error
 
 MEDIAN_SQUARE = 2.366
 """Median of chi-square with three degrees of freedom."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.alignment import inverse_of
+from massprops.estimators.geometry.alignment import inverse_of
 
 HIGHEST_DEGREE = 6
 

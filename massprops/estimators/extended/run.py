@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_matrix
-from massprops.estimators.curvature import image_curvature
-from massprops.estimators.error_state import State
-from massprops.estimators.iterated import Observe, Rule, innovations, square_root, update, whitened
-from massprops.estimators.iterated_setup import Setup, body_points, place_feature
-from massprops.estimators.observation import attitude, body_rate, distance, images
+from massprops.estimators.extended.curvature import image_curvature
+from massprops.estimators.extended.error_state import State
+from massprops.estimators.extended.observation import attitude, body_rate, distance, images
+from massprops.estimators.extended.setup import Setup, body_points, place_feature
+from massprops.estimators.extended.transition import predict
+from massprops.estimators.extended.update import Observe, Rule, innovations, square_root, update, whitened
 from massprops.estimators.problem import Problem
-from massprops.estimators.transition import predict
 
 LIMIT = {1: 11.0, 2: 18.4, 3: 21.1}
 """Squared innovation over its covariance beyond which a measurement is an outlier, by its numbers: one good one in

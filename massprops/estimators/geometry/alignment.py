@@ -78,7 +78,7 @@ def align(
         q (n, 4), shift (n, 3), covariance (n, 6, 6) of a small turn about the reference axes [rad] and of the
         shift [m], squared Mahalanobis distances (n, m), infinite where not used.
     """
-    from massprops.estimators.alignment_kernel import aligned
+    from massprops.estimators.geometry.alignment_kernel import aligned
 
     third = min(2, max(int(use.sum(axis=1).max(initial=0)), 1) - 1)
     q, shift = np.array(q, float), np.array(shift, float)

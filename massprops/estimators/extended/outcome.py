@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix
-from massprops.estimators.error_state import skew
+from massprops.estimators.attitude_information import shown_by
+from massprops.estimators.extended.error_state import skew
+from massprops.estimators.extended.run import Passage
+from massprops.estimators.extended.setup import Setup
 from massprops.estimators.inertia_parameters import GENERAL, inertia
-from massprops.estimators.iterated_run import Passage
-from massprops.estimators.iterated_setup import Setup
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, ratios
-from massprops.estimators.shown import shown_by
 
 LEARNT, SHARP = 0.7, 0.05
 """1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
@@ -104,7 +104,7 @@ def ratio_jacobian(parameters: np.ndarray) -> np.ndarray:
 
 
 def _directions(moments: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """`shown.ratio_directions` of many: (n, 5, 3, 3)."""
+    """`attitude_information.ratio_directions` of many: (n, 5, 3, 3)."""
     own = np.zeros((len(moments), 5, 3, 3))
     own[:, 0, 0, 0], own[:, 1, 2, 2] = moments[:, 0], -moments[:, 2]
     for i in range(3):

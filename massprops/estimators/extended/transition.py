@@ -13,8 +13,8 @@ import numpy as np
 
 from massprops.dynamics.orbit import position_velocity
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
-from massprops.estimators.curvature import cross_covariance
-from massprops.estimators.error_state import Layout, State, additive_columns, cross, skew, xi
+from massprops.estimators.extended.curvature import cross_covariance
+from massprops.estimators.extended.error_state import Layout, State, additive_columns, cross, skew, xi
 from massprops.estimators.inertia_parameters import components
 from massprops.estimators.surroundings import Surroundings
 
@@ -118,7 +118,7 @@ def transition(
 
 def _rotation(free: Layout, state: State, dt: float, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q and W after dt, and the rows of W and theta (B, 6, n) of the transition."""
-    from massprops.estimators.transition_kernel import TINY, rotated
+    from massprops.estimators.extended.transition_kernel import TINY, rotated
 
     k = np.repeat(state.k[:, None].astype(complex), 6 + free.inertia, axis=1)
     k[:, range(6, 6 + free.inertia), range(free.inertia)] += 1j * TINY
@@ -132,7 +132,7 @@ def _translation(
     state: State, t0: float, dt: float, surroundings: Surroundings, leaders: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """r and v after dt, and the gravity gradient (3, 3) [1/s^2] amid."""
-    from massprops.estimators.transition_kernel import moved
+    from massprops.estimators.extended.transition_kernel import moved
 
     r, v = state.r, state.velocity
     if surroundings.orbit is None:

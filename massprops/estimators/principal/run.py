@@ -142,7 +142,7 @@ def filtered(
     push_noise: float,
 ) -> Filtered:
     """Runs the compiled filter; arrays as in `Problem`, noise densities [rad^2/s^3] and [m^2/s^3]."""
-    from massprops.estimators.ekf_kernel import run
+    from massprops.estimators.principal.kernel import run
 
     f, P = start.f.copy(), start.P.copy()
     c = len(cameras)

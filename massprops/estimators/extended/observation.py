@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
-from massprops.estimators.error_state import Layout, State, cross, skew, xi
+from massprops.estimators.extended.error_state import Layout, State, cross, skew, xi
 from massprops.estimators.inertia_parameters import components
 from massprops.sensing.pinhole import Pinhole
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.estimators.error_state import Layout, State, difference, mirrored, retract
+from massprops.estimators.extended.error_state import Layout, State, difference, mirrored, retract
 
 Observe = Callable[[State, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`observe(state, runs)`: residuals measured less predicted (b, rows) and derivatives of the predicted (b, rows, n) for

@@ -16,7 +16,7 @@ from massprops.dynamics.quaternion import rotation_vector as turn_of
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.chaser_path import chaser_path
 from massprops.estimators.inertia_parameters import from_inertia, inertia
-from massprops.estimators.range_filter import BASE, RangeStart
+from massprops.estimators.ranging.filter import BASE, RangeStart
 from massprops.sequence.data import Environment
 
 STEPS = np.repeat([1e-5, 1e-7, 1e-5, 1e-3, 1e-6], [3, 3, 5, 3, 3])
@@ -64,7 +64,7 @@ def fit_first(
     """Levenberg-Marquardt on state, inertia and features, with the start's covariance as prior and Huber's loss.
 
     Args:
-        start, times (n,), ...: as for `range_filter.range_filtered`, n epochs in all; windows: numbers of epochs of
+        start, times (n,), ...: as for `filter.range_filtered`, n epochs in all; windows: numbers of epochs of
         the growing window before the last, all n; two_sided: the start does not say which way the body turns across
         the sight: the mirrored answer is followed too, until the measurements decide.
     """
@@ -123,7 +123,7 @@ class _Task:
         self.prior = self.prior / np.outer(scale, scale)
 
     def paths(self, states: list[_State], n: int) -> np.ndarray:
-        from massprops.estimators.range_kernel import trajectories
+        from massprops.estimators.ranging.kernel import trajectories
 
         y = np.array([np.concatenate([x.q, x.w, x.r, x.v]) for x in states])
         s = np.array([x.s for x in states])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.alignment import inverse_of
 from massprops.estimators.chaser_path import ChaserPath
+from massprops.estimators.geometry.alignment import inverse_of
 
 LARGEST_SQUARE = 16.3
 """Squared Mahalanobis distance in three dimensions that one in a thousand good points exceeds."""

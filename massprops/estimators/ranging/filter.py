@@ -72,7 +72,7 @@ def range_filtered(
         seen; ranges: (n,) [m], NaN where none; turn_noise [rad^2/s^3], push_noise [m^2/s^3]; camera: (n, 4) attitude
         of cam0 (to inertial) where it is not the environment's; gate: squared sigmas.
     """
-    from massprops.estimators.range_kernel import run
+    from massprops.estimators.ranging.kernel import run
 
     path = chaser_path(environment, times)
     middle = np.zeros((max(len(times) - 1, 0), 3))

@@ -1,4 +1,4 @@
-"""The error-state EKF of hu2024 section 4, compiled; import it late. Prediction is in `ekf_predict`.
+"""The error-state EKF of hu2024 section 4, compiled; import it late. Prediction is in `predict_kernel`.
 
 An epoch's measurements are absorbed block by block, linearised at one state. Where the result shows that the state
 was too far off for that (after an occlusion, with precise cameras), they are linearised again at the result.
@@ -10,7 +10,17 @@ import numba
 import numpy as np
 
 from massprops.estimators.compiled import matrix_of, turn_between, turned
-from massprops.estimators.ekf_predict import AXES, LARGEST_TURN, PLACE, POINTS, RATE, RATIO, SPEED, predict, step
+from massprops.estimators.principal.predict_kernel import (
+    AXES,
+    LARGEST_TURN,
+    PLACE,
+    POINTS,
+    RATE,
+    RATIO,
+    SPEED,
+    predict,
+    step,
+)
 
 GATE_2 = 13.8
 """Squared Mahalanobis distance in two dimensions that one in a thousand good measurements exceeds."""

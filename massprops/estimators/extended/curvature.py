@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprops.estimators.error_state import Layout, State, cross, skew
-from massprops.estimators.observation import NEAREST
+from massprops.estimators.extended.error_state import Layout, State, cross, skew
+from massprops.estimators.extended.observation import NEAREST
 from massprops.sensing.pinhole import Pinhole
 
 LEVI_CIVITA = np.array(

@@ -1,0 +1,1 @@
+"""Points, poses and the centre of mass from measured positions, without dynamics."""

@@ -1,0 +1,1 @@
+"""The principal frame and the error-state EKF of hu2024."""

@@ -1,0 +1,1 @@
+"""The camera-and-range unscented filter of volpe2017."""
