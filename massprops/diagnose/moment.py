@@ -21,7 +21,7 @@ WIDEST = 0.2
 """Share of the epochs by which the moment is moved at first; halved whenever neither side is better."""
 TRIAL = 5
 """Iterations after which two moments are compared."""
-MOST_TRIALS = 24
+MOST_TRIALS = 16
 EVIDENCE = 10.0
 WORTH = 0.01
 """Fall of BIC per measurement that another moment must bring: each frame that a jump lies wrong costs more."""

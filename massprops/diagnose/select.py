@@ -23,6 +23,8 @@ EVIDENCE = 10.0
 """Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
 STRAYS = 1.5
 """Held-out residual over the noise at which a model that fits does not predict."""
+PREDICTS = 1.12
+"""Held-out residual over the noise up to which nothing better is looked for."""
 WORSE = 0.01
 """Rise of the held-out residual over the noise with which an effect is still believed."""
 CLOSE = 6.0
@@ -74,9 +76,9 @@ class Selection:
     verdict: str = "none"
 
 
-def explained(s: Scored) -> bool:
+def explained(s: Scored, strays: float = STRAYS) -> bool:
     """Nothing but noise is left."""
-    predicts = not np.isfinite(s.held) or s.held < STRAYS
+    predicts = not np.isfinite(s.held) or s.held < strays
     return bool(predicts and (s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY)))
 
 
@@ -97,13 +99,13 @@ def select(
             out.skipped[name] = missing
         else:
             usable.append(module)
-    if explained(base) and not violated:
+    if explained(base, PREDICTS) and not violated:
         return out
     first = _round(case, base, usable, FEWEST_FITS, watch, "one effect")
     out.tried += first
     longer: list[Scored] = []
     good = [s for s in first if _may_be(s, base)]
-    done = [s for s in good if explained(s)]
+    done = [s for s in good if explained(s, PREDICTS)]
     near, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
 
     def lengthen(modules: list[ModuleType]) -> list[Scored]:
@@ -116,7 +118,7 @@ def select(
         longer.extend(found)
         out.tried.extend(found)
         good[:] = sorted([*good, *(s for s in found if _may_be(s, base))], key=lambda s: s.bic)
-        return [s for s in good if explained(s)]
+        return [s for s in good if explained(s, PREDICTS)]
 
     done = done or lengthen(near)
     if not done and good:
@@ -125,15 +127,19 @@ def select(
             rest = [m for m in usable if m.NAME not in s.names]
             pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1})")
             better = [p for p in pairs if _may_be(p, base) and _all_needed(p, [*first, *longer])]
-            done = [p for p in better if explained(p)]
+            done = [p for p in better if explained(p, PREDICTS)]
             if done:
                 break
         out.tried += pairs
         good = sorted([*good, *better], key=lambda s: s.bic)
-    done = done or lengthen(far)
+    if not any(explained(s) for s in good):
+        if explained(base) and not violated:
+            return out
+        lengthen(far)
+    done = [s for s in good if explained(s)]
     if done:
         done.sort(key=lambda s: s.bic)
-        done[0] = refit(case, done[0].fit.state, done[0].added, idle=POLISH)
+        done[0] = _believing(case, refit(case, done[0].fit.state, done[0].added, idle=POLISH))
         out.best = done[0]
         whole = _with_mass(case, done[0], usable)
         if whole is not None:
@@ -162,6 +168,17 @@ def contradicts(case: Case, s: Scored) -> bool:
         return False
     value, _ = believed(s.fit.state, case.belief)
     return float(np.sqrt(np.mean(value**2))) > VIOLATED
+
+
+def _believing(case: Case, s: Scored) -> Scored:
+    """The fit `s`, or one from the assumed inertia if that explains more: where an effect and the inertia can stand for each
+    other, the search for the nearest to what is assumed is long."""
+    if case.belief.inertia is None or not contradicts(case, s):
+        return s
+    firm = replace(case, belief=replace(case.belief, sigma=1e-2 * case.belief.sigma))
+    held = refit(firm, replace(s.fit.state, inertia=case.belief.inertia), s.added, most=40)
+    other = refit(case, held.fit.state, s.added, idle=POLISH)
+    return other if other.bic < s.bic else s
 
 
 def _with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
