@@ -167,14 +167,20 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     from massprops.dynamics.surroundings import Surroundings
 
     if not case.around.falls or not len(case.fitted.uv) or explained(base):
-        return case, _selected(case, base, progress)
+        found = _selected(case, base, progress)
+        assert found is not None
+        return case, found
     said = "the path is straight, not that of free fall beside the chaser: one of the two is held, it seems"
     other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))
     other_base = refit(other, base.fit.state, (), most=40)
     much = case.fitted.count
     if other_base.bic < base.bic - OTHER_PATH * much or explained(other_base):
         (case, base), (other, other_base) = (other, other_base), (case, base)
-    found = _selected(case, base, progress)
+    found = _selected(case, base, progress, other)
+    if found is None:
+        (case, base), (other, other_base) = (other, other_base), (case, base)
+        found = _selected(case, base, progress)
+    assert found is not None
     best = found.best or base
     same = refit(other, replace(best.fit.state, points=other_base.fit.state.points), best.added)
     if explained(best) and not best.held > PREDICTS:
@@ -184,16 +190,17 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     if same.bic > best.bic - BETTER_PATH * much:
         return case, found
     again = _selected(other, other_base, progress)
+    assert again is not None
     return (other, again) if (again.best or other_base).bic < best.bic else (case, found)
 
 
-def _selected(case: Case, base: Scored, progress: Watch) -> Selection:
+def _selected(case: Case, base: Scored, progress: Watch, other: Case | None = None) -> Selection | None:
     from massprops.diagnose.select import select
 
     violated = False
     if case.belief.inertia is not None:
         base, violated = _judged(case, base, case.belief.inertia)
-    return select(case, base, progress, violated)
+    return select(case, base, progress, violated, other)
 
 
 def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:

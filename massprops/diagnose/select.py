@@ -25,6 +25,8 @@ STRAYS = 1.5
 """Held-out residual over the noise at which a model that fits does not predict."""
 PREDICTS = 1.12
 """Held-out residual over the noise up to which nothing better is looked for."""
+HINT = 2.0
+"""Score of the correlation between neighbours that hints at structure where a model predicts badly."""
 WORSE = 0.01
 """Rise of the held-out residual over the noise with which an effect is still believed."""
 CLOSE = 6.0
@@ -76,16 +78,25 @@ class Selection:
     verdict: str = "none"
 
 
-def explained(s: Scored, strays: float = STRAYS) -> bool:
+def explained(s: Scored) -> bool:
     """Nothing but noise is left."""
-    predicts = not np.isfinite(s.held) or s.held < strays
+    predicts = not np.isfinite(s.held) or s.held < STRAYS
     return bool(predicts and (s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY)))
 
 
+def settled(s: Scored) -> bool:
+    """Explained, and not so that a structure in what is left and a poor prediction both speak for something more."""
+    return explained(s) and not (s.held > PREDICTS and s.white > HINT)
+
+
 def select(
-    case: Case, base: Scored, watch: Watch = lambda what, done, total: None, violated: bool = False
-) -> Selection:
-    """Which effects the base model lacks.
+    case: Case,
+    base: Scored,
+    watch: Watch = lambda what, done, total: None,
+    violated: bool = False,
+    other: Case | None = None,
+) -> Selection | None:
+    """Which effects the base model lacks; None where one of them alone explains more in the `other` case than any in this.
 
     Args:
         base: the fitted base model; violated: the assumed inertia is contradicted although the residuals are small.
@@ -99,13 +110,15 @@ def select(
             out.skipped[name] = missing
         else:
             usable.append(module)
-    if explained(base, PREDICTS) and not violated:
+    if explained(base) and not base.held > PREDICTS and not violated:
         return out
     first = _round(case, base, usable, FEWEST_FITS, watch, "one effect")
+    if other is not None and _explains_more(other, base, first):
+        return None
     out.tried += first
     longer: list[Scored] = []
     good = [s for s in first if _may_be(s, base)]
-    done = [s for s in good if explained(s, PREDICTS)]
+    done = [s for s in good if settled(s)]
     near, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
 
     def lengthen(modules: list[ModuleType]) -> list[Scored]:
@@ -118,7 +131,7 @@ def select(
         longer.extend(found)
         out.tried.extend(found)
         good[:] = sorted([*good, *(s for s in found if _may_be(s, base))], key=lambda s: s.bic)
-        return [s for s in good if explained(s, PREDICTS)]
+        return [s for s in good if settled(s)]
 
     done = done or lengthen(near)
     if not done and good:
@@ -127,7 +140,7 @@ def select(
             rest = [m for m in usable if m.NAME not in s.names]
             pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1})")
             better = [p for p in pairs if _may_be(p, base) and _all_needed(p, [*first, *longer])]
-            done = [p for p in better if explained(p, PREDICTS)]
+            done = [p for p in better if settled(p)]
             if done:
                 break
         out.tried += pairs
@@ -217,6 +230,16 @@ def _distinct(models: list[Scored]) -> list[Scored]:
 def _all_needed(pair: Scored, singles: list[Scored]) -> bool:
     """Backward check: neither effect of a pair is idle beside the other."""
     return all(s.bic - pair.bic > EVIDENCE for s in singles if set(s.names) < set(pair.names))
+
+
+def _explains_more(other: Case, base: Scored, first: list[Scored]) -> bool:
+    """Whether an effect alone explains more in another case than the best does here."""
+    good = [s for s in first if _may_be(s, base)]
+    if not good or settled(good[0]):
+        return False
+    against = good[0].fit.cost
+    tried = (refit(other, s.fit.state, s.added, against=against) for s in _distinct(good))
+    return any(t.bic < good[0].bic - EVIDENCE for t in tried)
 
 
 def _beam(good: list[Scored]) -> list[Scored]:
