@@ -290,7 +290,8 @@ def _round(case: Case, upon: Scored, modules: list[ModuleType], fewest: int, wat
     for k, starts in enumerate(chosen):
         watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
         least = min((s.fit.cost for s in out), default=np.inf)
-        out.append(_best_fit(case, upon, starts[:STARTS], 1.02 * least + 50.0))
+        most = len(starts) if _paced(starts[0].added.effect) and k == 0 else STARTS
+        out.append(_best_fit(case, upon, starts[:most], 1.02 * least + 50.0))
     return sorted(out, key=lambda s: s.bic)
 
 
@@ -303,17 +304,21 @@ def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> 
         if best is None or tried.bic < best.bic:
             best = tried
             against = min(against, 1.02 * tried.fit.cost + 50.0)
-        if explained(best):
+        if explained(best) and not _paced(test.added.effect):
             break
     assert best is not None
     return best
 
 
+def _paced(effect: ModuleType) -> bool:
+    """Whether slow and fast versions of an effect can look alike: then all its starts are fitted."""
+    return any(q.kind == "pace" for q in effect.PARAMETERS)
+
+
 def _begun(test: Score) -> np.ndarray:
     """Parameters to begin with: an effect whose pace means nothing without a size begins with the size that the score
     test gives it."""
-    pace = [q.kind == "pace" for q in test.added.effect.PARAMETERS]
-    if not any(pace):
+    if not _paced(test.added.effect):
         return test.start
     values = np.array(test.values)
     for i, q in enumerate(test.added.effect.PARAMETERS):
