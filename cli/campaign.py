@@ -29,7 +29,7 @@ def command(
     import json
 
     from massprops.campaign.configuration import read_configuration
-    from massprops.errors import InputError
+    from massprops.errors import InputError, NotPossible
     from massprops_cli.campaign_progress import RunProgress, alone
 
     plan = read_configuration(configuration)
@@ -48,3 +48,5 @@ def command(
     typer.echo(json.dumps(outcome.document) if json_output else text_of(outcome.document))
     if not json_output:
         typer.echo(f"report: {outcome.folder / 'report.html'}")
+    if outcome.document["failed"] == outcome.document["done"]:
+        raise NotPossible("every run failed: the errors are in the report and in runs.csv")

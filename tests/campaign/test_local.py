@@ -348,3 +348,10 @@ def test_scheduling_costs_less_than_5_ms_a_run(tmp_path: Path) -> None:
         backend.close()
         inside = sum(r.wall_s for r in store.rows(0))
     assert spent / 400 < 5e-3 and inside / 400 < 5e-3, (spent, inside)
+
+
+def test_a_campaign_without_one_good_run_says_so(tmp_path: Path, capsys) -> None:
+    (tmp_path / "study.yaml").write_text("kind: drill\nruns: 3\nfails: 1.0\n")
+    assert run(["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--workers", "1", "-q"]) == 3
+    said = capsys.readouterr()
+    assert "every run failed" in said.err and (tmp_path / "out" / "report.html").is_file()
