@@ -6,7 +6,8 @@ which the best three count; they spread to neighbours in a red-black order and a
 (Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). The bilateral weights are taken from both images
 (Yoon, Kweon 2006, "Adaptive support-weight approach for correspondence search"): the body turns under a Sun that
 stands, so the edge of a shadow lies elsewhere in every frame, and must not be matched. Random numbers are a hash of pixel, iteration and
-seed, so the result does not depend on the number of threads.
+seed, so the result does not depend on the number of threads. Only what Python calls is cached on disk: numba inlines a
+function that it compiles anew, but not one from its cache, and the sums of the two differ in their last digit.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def _hash(a, b, c, d):  # type: ignore[no-untyped-def]
     return float(h >> np.uint64(11)) * (2.0 / 9007199254740992.0) - 1.0
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(fastmath=True, error_model="numpy")
 def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-untyped-def]
     """Bilateral weights and values of the reference's window; the weighted variance, or -1 when there is no texture."""
     h, w = image.shape
@@ -73,7 +74,7 @@ def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-u
     return s2 / total - mean * mean, mean
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(fastmath=True, error_model="numpy")
 def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, source, h, w, K_s, R_s, t_s, level_sigma):  # type: ignore[no-untyped-def]
     """1 - NCC of the window warped by the plane into one source image, given flat, weighted by the likeness to the
     middle in both."""
@@ -145,7 +146,7 @@ def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, source, h, w, K
     return 1.0 - (cross - s1 * v1) / math.sqrt(spread * own)
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(fastmath=True, error_model="numpy")
 def _cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, sources, h, w, Ks, Rs, ts, each, level_sigma):  # type: ignore[no-untyped-def]
     """Mean of the best BEST sources' costs."""
     count = len(sources)

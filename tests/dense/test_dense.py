@@ -176,3 +176,15 @@ def test_noise_is_measured_through_texture() -> None:
         (smooth + 3.0 * rng.standard_normal((80, 80))).astype(np.float32), np.ones((80, 80), np.uint8)
     )
     assert measured == pytest.approx(3.0, rel=0.25)
+
+
+def test_sums_that_may_be_reordered_are_always_compiled_with_their_caller() -> None:
+    """From numba's cache they would not be inlined, and a run after a killed one would differ in the last digits."""
+    from numba.core.caching import NullCache
+    from numba.core.dispatcher import Dispatcher
+
+    from massprops.dense import patchmatch
+
+    free = [f for f in vars(patchmatch).values() if isinstance(f, Dispatcher) and f.targetoptions.get("fastmath")]
+    assert len(free) >= 3
+    assert all(isinstance(f._cache, NullCache) for f in free)
