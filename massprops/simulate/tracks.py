@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Any
 
@@ -83,6 +83,9 @@ class TrackScenario:
     model: str | None = None
     seed: int = 0
 
+
+ROWS_SOUGHT = 5
+"""Times that the row of a point is sought where rows are taken at times of their own."""
 
 RANGES: dict[str, tuple[float, float]] = {
     "frames": (4, 100_000),
@@ -296,9 +299,12 @@ def _view(s: TrackScenario, problem: Problem, at: Any, rng: np.random.Generator)
     )
     if not len(i):
         return every
-    points = body_points(at, every)
-    X, body, _ = in_chaser(every.seen, at.motion, points, at.state.model.sensed, at.state.model.flat(False))
-    uv = image(problem.cameras, k, X, at.state.model.sensed, at.state.model.flat(False))
+    points, sensed, p = body_points(at, every), at.state.model.sensed, at.state.model.flat(False)
+    for _ in range(ROWS_SOUGHT if sensed.having("delay") else 1):
+        X, body, _ = in_chaser(every.seen, at.motion, points, sensed, p)
+        uv = image(problem.cameras, k, X, sensed, p)
+        # a row is taken at the time of the row in which the point appears
+        every = replace(every, seen=replace(every.seen, row=np.clip(uv[:, 1] / s.size[1] - 0.5, -1.0, 1.0)))
     keep = (uv >= 0).all(axis=1) & (uv[:, 0] < s.size[0]) & (uv[:, 1] < s.size[1]) & (X[:, 2] > 0.1)
     if s.hide_back:
         outward = X - at.motion.r[i]
@@ -307,9 +313,8 @@ def _view(s: TrackScenario, problem: Problem, at: Any, rng: np.random.Generator)
         keep &= np.sum(outward * sight, axis=1) < 0.15
     if keep.sum() < 0.02 * len(keep):
         raise NotPossible("the body is hardly ever in view: bring it nearer, or slow its drift")
-    heights = s.size[1]
     return Measurements(
-        Seen(i[keep], k[keep], j[keep], uv[keep, 1] / heights - 0.5),
+        Seen(i[keep], k[keep], j[keep], every.seen.row[keep]),
         uv[keep],
         np.ones(int(keep.sum())),
         *(np.zeros(0, int) for _ in range(3)),

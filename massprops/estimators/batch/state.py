@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
+from massprops.dynamics.rotation import six_of
 from massprops.estimators.result import ratios
 from massprops.model import Model
 
@@ -104,19 +105,41 @@ def moved_inertia(inertia: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 
 def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:
-    """The state after a step d (size,) and new points."""
+    """The state after a step d (size,) and new points.
+
+    The step is what it is to first order; beyond, the body axes turn with their content: a turn of them against the body,
+    which only a belief about the inertia prevents, is then straight however far it goes.
+    """
     k = 17 + state.motion_count
     motion, sensing = state.model.flat(True) + d[17:k], state.model.flat(False) + d[k:]
+    w0, inertia = state.w0 + d[3:6], state.inertia
+    if np.any(d[:3]):
+        back = rotation_matrix(from_rotation_vector(-d[:3]))
+        w0 = back @ (w0 + np.cross(d[:3], state.w0))
+        points = (points + np.cross(d[:3], state.points)) @ back.T
+    if np.any(d[12:17]):
+        change = d[12:17]
+        if np.any(d[:3]):
+            inertia = back @ moved_inertia(inertia, change - _turning(inertia, d[:3])) @ back.T
+        else:
+            inertia = moved_inertia(inertia, change)
     return replace(
         state,
         q0=normalise(multiply(state.q0, from_rotation_vector(d[:3]))),
-        w0=state.w0 + d[3:6],
+        w0=w0,
         r0=state.r0 + d[6:9],
         v0=state.v0 + d[9:12],
-        inertia=moved_inertia(state.inertia, d[12:17]) if np.any(d[12:17]) else state.inertia,
+        inertia=inertia,
         model=state.model.with_values(motion, sensing),
         points=points,
     )
+
+
+def _turning(inertia: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(5,) local parameters by which the inertia changes to first order when the body axes make a small turn."""
+    K = np.cross(np.eye(3), turn)
+    ways = np.array([six_of(way) for way in inertia_directions(inertia)])
+    return np.linalg.lstsq(ways.T, np.array(six_of(inertia @ K - K @ inertia)), rcond=None)[0]
 
 
 def ratio_slopes(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
