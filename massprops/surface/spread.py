@@ -9,8 +9,7 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
    err alike everywhere;
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
-4. unmeasured faces, coherent over each connected patch and half so between patches: a draw of where the patch lies between the smallest body
-   that the measurements allow and the hull of the silhouettes.
+4. unmeasured faces, in proportion to their distance from measured surface (`fill_error`).
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
 """
@@ -20,18 +19,16 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, model_length, offset_response
+from massprops.surface.fill_error import fill_modes
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 
 BIAS_PIXELS = 0.15
 PATCHES = 400
-MARGIN_PIXELS = 0.5
-BULGE = 0.7
-"""Farthest that an unmeasured face may lie off, over its distance from measured surface."""
 
 
 def replicates(
-    surface: Surface, views: int, focal_sigma: float, count: int = 400, blocks: int = 12, seed: int = 0
+    surface: Surface, views: int, focal_sigma: float, count: int = 1000, blocks: int = 12, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Integrals and greatest lengths of `count` bodies that the data allow.
 
@@ -71,20 +68,11 @@ def replicates(
         if patch[end_face[e]] >= 0:
             lengths += offset[:, patch[end_face[e]]] * pull[e]
 
-    inward, outward = unseen_bounds(surface)
-    # the same habits of filling err the same way everywhere: half of the variance is common to all parts
-    shared = rng.uniform(-1, 1, count)
-    for part in _unseen_parts(surface):
-        draw = np.clip((shared + rng.uniform(-1, 1, count)) / np.sqrt(2.0), -1, 1)[:, None]
-        low, high = (
-            (response[part] * inward[part, None]).sum(0),
-            (response[part] * outward[part, None]).sum(0),
-        )
-        rows += np.where(draw < 0, -draw * low, draw * high)
-        for e in (0, 1):
-            if end_face[e] in part:
-                bound = np.where(draw[:, 0] < 0, inward[end_face[e]], outward[end_face[e]])
-                lengths += np.abs(draw[:, 0]) * bound * pull[e]
+    modes = fill_modes(vertices, faces, surface.observed, length)
+    drawn = rng.standard_normal((count, len(modes)))
+    rows += drawn @ (modes @ response)
+    for e in (0, 1):
+        lengths += drawn @ modes[:, end_face[e]] * pull[e]
 
     # each end is one vertex, as uncertain as the points about it
     lengths += float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
@@ -112,60 +100,6 @@ def deform(rows: np.ndarray, strain: np.ndarray) -> np.ndarray:
     for k, (i, j) in enumerate(PAIRS):
         out[:, 4 + k] = second[:, i, j] + out[:, 0] * centre[:, i] * centre[:, j]
     return out
-
-
-def unseen_bounds(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """How far each unmeasured face may lie inward (f,) <= 0 and outward (f,) >= 0; zero where it was measured."""
-    from scipy.spatial import cKDTree
-
-    hidden = np.flatnonzero(~surface.observed)
-    inward, outward = np.zeros(len(surface.faces)), np.zeros(len(surface.faces))
-    if len(hidden) == 0:
-        return inward, outward
-    middle = surface.vertices[surface.faces[hidden]].mean(1)
-    normal = face_normals(surface.vertices, surface.faces)[hidden]
-    floor = MARGIN_PIXELS * surface.hull.pixel
-    depth = cKDTree(surface.smallest).query(middle)[0]
-    # A nearest distance counts vertices of the same surface as far as half a spacing.
-    # The smallest body has the least area, and need not have the least volume.
-    # A gap in measured surface cannot bulge by more than a part of its own width.
-    seen = np.flatnonzero(surface.observed)
-    bulge = np.full(len(hidden), np.inf)
-    if len(seen):
-        bulge = BULGE * cKDTree(surface.vertices[surface.faces[seen]].mean(1)).query(middle)[0]
-    # Nor is the smallest body the smallest there: lines of sight end at the rim of a crease.
-    least = np.maximum(
-        np.minimum(1.25 * depth - 0.25 * surface.spacing, bulge), 0.5 * np.where(np.isfinite(bulge), bulge, 0)
-    )
-    inward[hidden] = -np.maximum(least, floor)
-    reach = np.linalg.norm(np.ptp(surface.vertices, axis=0))
-    height = np.zeros(len(hidden))
-    going = np.ones(len(hidden), bool)
-    step = 0.25 * surface.spacing
-    while going.any() and step < 0.5 * reach:
-        index = np.flatnonzero(going)
-        ok = surface.hull.value(middle[index] + (height[index] + step)[:, None] * normal[index]) < 0
-        height[index[ok]] += step
-        going[index[~ok]] = False
-        step *= 1.3
-    outward[hidden] = np.maximum(np.minimum(height, bulge), floor)
-    return inward, outward
-
-
-def _unseen_parts(surface: Surface) -> list[np.ndarray]:
-    """Faces of each connected unmeasured part."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    hidden = np.flatnonzero(~surface.observed)
-    if len(hidden) == 0:
-        return []
-    faces = surface.faces[hidden]
-    size = len(surface.vertices)
-    i, j = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    label = connected_components(coo_matrix((np.ones(len(i)), (i, j)), shape=(size, size)), directed=False)[1]
-    own = label[faces[:, 0]]
-    return [hidden[own == k] for k in np.unique(own)]
 
 
 def _patches(surface: Surface, rng: np.random.Generator) -> np.ndarray:

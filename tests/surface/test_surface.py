@@ -13,8 +13,9 @@ from massprops.mass.intervals import intervals
 from massprops.mass.properties import mass_properties, properties_of_integrals
 from massprops.surface.cloud import Cloud
 from massprops.surface.cut import one_body, surface_faces
+from massprops.surface.fill_error import fill_modes
 from massprops.surface.reconstruct import Surface, reconstruct_surface
-from massprops.surface.spread import deform, replicates, unseen_bounds
+from massprops.surface.spread import deform, replicates
 from massprops.surface.tetra import tetrahedralise
 
 POINTS = 6000
@@ -128,11 +129,21 @@ def test_points_that_several_views_see_against_the_sky_are_dropped():
     assert len(stray) > 30 and surface.vertices[:, 2].max() < 0.53
 
 
-def test_unseen_bounds_have_the_right_signs(seen_from_above):
+def test_fill_is_uncertain_in_proportion_to_the_distance_from_measured_surface(seen_from_above):
     surface, _ = seen_from_above
-    inward, outward = unseen_bounds(surface)
-    assert (inward[~surface.observed] < 0).all() and (outward[~surface.observed] > 0).all()
-    assert not inward[surface.observed].any() and not outward[surface.observed].any()
+    modes = fill_modes(surface.vertices, surface.faces, surface.observed, 1.0)
+    assert len(modes) > 5 and not modes[:, surface.observed].any()
+    sigma = np.sqrt((modes**2).sum(0))[~surface.observed]
+    middle = surface.vertices[surface.faces].mean(1)[~surface.observed]
+    rim, pole = sigma[middle[:, 2] > -0.05], sigma[middle[:, 2] < -0.45]
+    assert len(rim) and len(pole) and pole.min() > 2 * np.median(rim)
+
+
+def test_nothing_is_uncertain_about_a_fill_where_all_was_measured(seen_all_round):
+    surface, _ = seen_all_round
+    every = np.ones(len(surface.faces), bool)
+    assert len(fill_modes(surface.vertices, surface.faces, every, 1.0)) == 0
+    assert len(fill_modes(surface.vertices, surface.faces, ~every, 1.0)) == 0
 
 
 def test_deform_is_the_deformed_mesh():

@@ -1,0 +1,59 @@
+"""How far the filled parts of a surface may be from the body: modes of error, each with one sigma.
+
+What lies next to measured surface cannot be far off, so an unmeasured face is uncertain in proportion to its distance
+from measured surface. Errors of a fill have two parts: the same habit everywhere (the hull too wide for a body with
+recesses, too narrow where a side was never lit), and one that differs from place to place, as smooth bumps `REACH` of
+the body's length wide. Neither the hull of the silhouettes nor the smallest body bounds them: of simulated bodies with
+truth, the one was wrong for a third to a half of the filled area, as was the other, while the offset needed over the
+distance from measured surface had quartiles from -1.1 to 0.9 and medians from -0.7 to 0.6 (eight bodies, 40 to 95 %
+measured).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+COMMON = 0.3
+"""1-sigma of the offset common to all unmeasured faces, over their distance from measured surface."""
+LOCAL = 0.6
+"""1-sigma of the offset that differs from place to place, likewise."""
+REACH = 0.15
+"""Width of the bumps and distance between them, over the body's length."""
+MOST_BUMPS = 60
+
+
+def fill_modes(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, length: float) -> np.ndarray:
+    """(m, f) outward offsets of the faces, one row for each independent mode of error at one sigma.
+
+    Args:
+        vertices: (v, 3); faces: (f, 3); observed: (f,) bool; length: greatest length of the body.
+
+    Returns:
+        Zero for measured faces; no rows where nothing, or everything, was measured.
+    """
+    from scipy.spatial import cKDTree
+
+    hidden = np.flatnonzero(~observed)
+    if not 0 < len(hidden) < len(faces):
+        return np.zeros((0, len(faces)))
+    middle = vertices[faces].mean(axis=1)
+    away = cKDTree(middle[observed]).query(middle[hidden])[0]
+    bump = _bumps(middle[hidden], int(np.argmax(away)), REACH * length)
+    modes = np.zeros((1 + bump.shape[1], len(faces)))
+    modes[0, hidden] = COMMON * away
+    modes[1:, hidden] = LOCAL * away * bump.T
+    return modes
+
+
+def _bumps(x: np.ndarray, first: int, reach: float) -> np.ndarray:
+    """(n, m) bumps about points chosen farthest from one another, their squares adding up to 1 everywhere."""
+    chosen = [first]
+    away = np.linalg.norm(x - x[first], axis=1)
+    while away.max() > reach and len(chosen) < MOST_BUMPS:
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(x - x[chosen[-1]], axis=1))
+    square = np.stack([np.sum((x - x[k]) ** 2, axis=1) for k in chosen], axis=1)
+    # the nearest counts one: far from all of them nothing underflows
+    bump = np.exp(-0.5 * (square - square.min(axis=1, keepdims=True)) / reach**2)
+    out: np.ndarray = bump / np.linalg.norm(bump, axis=1, keepdims=True)
+    return out
