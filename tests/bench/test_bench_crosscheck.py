@@ -1,96 +1,27 @@
-"""Shape against motion on rendered footage; `make bench`.
-
-`MASSPROPS_BENCH_OUT` keeps the runs and uses them again; `MASSPROPS_BENCH_RUNS` makes fewer than 20 of each kind (10 of
-the fusion). Uniform bodies are those of `test_bench_reconstruct.py::test_intervals_hold_the_truth`.
-"""
+"""Shape against motion on rendered footage; `make bench`. The runs are those of `bench_footage`."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
+from bench_footage import MOST, chosen, place, run_on
 
 from massprops.crosscheck import crosscheck
 from massprops.dynamics.quaternion import conjugate, multiply, normalise, rotation_matrix
-from massprops.mass.integrals import greatest_length
-from massprops.mass.properties import mass_properties
 from massprops.mass.ratio_space import turn_between
-from massprops.run.reconstruct import Run, reconstruct
+from massprops.run.reconstruct import Run
 from massprops.sequence import read_sequence
-from massprops.sequence.truth import Truth, read_truth
-from massprops.simulate import simulate
-from massprops.simulate.motion import tumbling
-from massprops.simulate.scenario import load_scenario
+from massprops.sequence.truth import Truth
 
 pytestmark = pytest.mark.bench
 
-MOST = int(os.environ.get("MASSPROPS_BENCH_RUNS", "20"))
-SHARE = 0.08
-"""Hidden mass over the body's."""
 
-
-def place(tmp_path: Path, name: str) -> Path:
-    kept = os.environ.get("MASSPROPS_BENCH_OUT")
-    return (Path(kept) if kept else tmp_path) / name
-
-
-def one(folder: Path, seed: int, **options: Any) -> tuple[Run, Truth, dict[str, Any]]:
-    """Simulates and reconstructs what is not there yet, given the bare images and the greatest length; cross-checks."""
-    options = {"frames": 64, "size": (480, 360), "rate_deg": 5.5, "sun_phase_deg": 20.0 + 2 * (seed - 100)} | options
-    if not (folder / "sequence" / "truth" / "mesh.ply").is_file():
-        simulate(("asteroid", "spacecraft")[seed % 2], folder / "sequence", seed=seed, **options)
-    truth = read_truth(folder / "sequence")
-    assert truth is not None
-    run = reconstruct(
-        folder / "sequence" / "cam0" / "data", folder / "run", scale=truth.facts["greatest_length_m"], threads=1
-    )
-    if run.exit_code:
-        return run, truth, {}
-    return run, truth, crosscheck(run.folder, report=False).document
-
-
-PARTLY: tuple[dict[str, Any], ...] = (
-    {"frames": 64, "size": (480, 360), "rate_deg": 6.5, "sun_phase_deg": 45.0},
-    {"frames": 76, "size": (480, 360), "rate_deg": 5.5, "sun_phase_deg": 45.0},
-)
-"""Footage of the asteroid and of the spacecraft, whose thin arrays need the smaller steps to be followed."""
-SEEN = (0.6, 0.73)
-"""Share of the surface that a body of the fusion shows; creases that this count passes over make it a third unseen."""
-
-
-def partly_seen(count: int) -> list[int]:
-    """Seeds from 200 on, asteroid and spacecraft in turn, whose motion shows so much of the surface: facing within 65 deg
-    and lit in three frames or more, whatever stands before it."""
-    found: list[list[int]] = [[], []]
-    seed = 200
-    while min(len(f) for f in found) < (count + 1) // 2:
-        scenario = load_scenario(("asteroid", "spacecraft")[seed % 2], seed=seed, **PARTLY[seed % 2])
-        mesh = trimesh.load(scenario.mesh, force="mesh")
-        mesh.apply_translation(-mesh.center_mass)
-        length = greatest_length(np.asarray(mesh.vertices))[0]
-        path = tumbling(scenario, mass_properties(mesh, scenario.density).inertia, length, np.zeros(3))
-        view = -np.einsum("nji,nj->ni", rotation_matrix(path.q), path.position)
-        view /= np.linalg.norm(view, axis=1, keepdims=True)
-        shown = (view @ mesh.face_normals.T > np.cos(np.radians(65))) & (path.sun @ mesh.face_normals.T > 0.1)
-        share = mesh.area_faces[shown.sum(axis=0) >= 3].sum() / mesh.area
-        if SEEN[0] <= share <= SEEN[1]:
-            found[seed % 2].append(seed)
-        seed += 1
-    return [seed for pair in zip(*found, strict=False) for seed in pair][:count]
-
-
-def hidden(seed: int) -> tuple[float, float, float, float]:
-    """Share and place of a mass inside the body, well off its centre."""
-    mesh = trimesh.load(load_scenario(("asteroid", "spacecraft")[seed % 2]).mesh, force="mesh")
-    vertices = np.asarray(mesh.vertices) - mesh.center_mass
-    size = np.linalg.norm(vertices, axis=1)
-    far = vertices[size > 0.5 * size.max()]
-    x, y, z = 0.6 * far[np.random.default_rng([seed, 8]).integers(len(far))]
-    return SHARE, float(x), float(y), float(z)
+def one(folder: Path, seed: int, options: dict[str, Any]) -> tuple[Run, Truth, dict[str, Any]]:
+    run, truth = run_on(folder, seed, options)
+    return run, truth, {} if run.exit_code else crosscheck(run.folder, report=False).document
 
 
 def axes_error(run: Run, truth: Truth, axes: list[list[float]]) -> float:
@@ -107,9 +38,9 @@ def axes_error(run: Run, truth: Truth, axes: list[list[float]]) -> float:
 
 def line(name: str, run: Run, truth: Truth, found: dict[str, Any]) -> str:
     if not found:
-        return f"  {name:<5} no result: {run.reason}"
+        return f"  {name:<12} no result: {run.reason}"
     seen = 100 * run.properties["surface"]["observed_fraction"]
-    parts = [f"  {name:<5} measured {seen:5.1f} %  {found['verdict']:<13}"]
+    parts = [f"  {name:<12} measured {seen:5.1f} %  {found['verdict']:<13}"]
     tests = {k: f"{v:.2g}" for k, v in found["tests"].items() if v is not None}
     parts.append(f"p {tests}" if tests else found["reason"][:80])
     smoother = next((e for e in found["estimators"] if e["name"] == "smoother"), None)
@@ -127,10 +58,8 @@ def line(name: str, run: Run, truth: Truth, found: dict[str, Any]) -> str:
 def test_verdicts(tmp_path: Path, kind: str, wanted: str) -> None:
     right, close = 0, []
     print(f"\n{kind}:")
-    for seed in range(100, 100 + MOST):
-        options = {"hidden_mass": hidden(seed)} if kind == "hidden" else {}
-        name = f"{'h' if kind == 'hidden' else 'i'}{seed - 100}"
-        run, truth, found = one(place(tmp_path, name), seed, **options)
+    for name, seed, options in chosen(kind, MOST):
+        run, truth, found = one(place(tmp_path, name), seed, options)
         print(line(name, run, truth, found), flush=True)
         right += found.get("verdict") == wanted
         smoother = next((e for e in found.get("estimators", []) if e["name"] == "smoother"), None)
@@ -145,10 +74,10 @@ def test_verdicts(tmp_path: Path, kind: str, wanted: str) -> None:
 @pytest.mark.parametrize("axis", [1, 3])
 def test_no_confident_verdict_on_a_flat_spin(tmp_path: Path, axis: int) -> None:
     print()
-    for seed in (100, 101):
+    for _, seed, options in chosen("uniform", 2):
+        name = f"flat{axis}-{seed}"
         spin = (float(axis == 1), 0.0, float(axis == 3))
-        name = f"flat{axis}-{seed - 100}"
-        run, truth, found = one(place(tmp_path, name), seed, spin=spin)
+        run, truth, found = one(place(tmp_path, name), seed, options | {"spin": spin})
         print(line(name, run, truth, found), flush=True)
         assert found.get("verdict", "unobservable") == "unobservable"
 
@@ -156,9 +85,9 @@ def test_no_confident_verdict_on_a_flat_spin(tmp_path: Path, axis: int) -> None:
 def test_fused_moments_are_closer_where_a_third_was_not_seen(tmp_path: Path) -> None:
     plain, fused, held, count = [], [], [], 0
     print()
-    for seed in partly_seen(min(MOST, 10)):
-        run, truth, found = one(place(tmp_path, f"u{seed - 200}"), seed, **PARTLY[seed % 2])
-        print(line(f"u{seed - 200}", run, truth, found), flush=True)
+    for name, seed, options in chosen("partly", MOST // 2):
+        run, truth, found = one(place(tmp_path, name), seed, options)
+        print(line(name, run, truth, found), flush=True)
         count += 1
         both = found.get("fused")
         if not found:
