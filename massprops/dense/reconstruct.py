@@ -83,6 +83,7 @@ def dense_points(
     seed: int = 0,
     threads: int = 2,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    pixels: int = MOST_PIXELS,
 ):  # type: ignore[no-untyped-def]
     """Dense points of everything that two confirming depth maps agree on.
 
@@ -93,6 +94,7 @@ def dense_points(
         most_references: largest number of depth maps; 0 for the default.
         seed: of the random steps.
         threads: processor threads; the result does not depend on them.
+        pixels: of the object per view, at most.
 
     Returns:
         (DensePoints, facts): facts holds counts and medians.
@@ -113,7 +115,7 @@ def dense_points(
     needed = sorted({*choice.reference.tolist(), *(int(s) for group in choice.sources for s in group)})
     raw = {i: image(i) for i in needed}
     area = float(np.median([np.count_nonzero(raw[i][1]) for i in choice.reference]))
-    factor = float(min(1.0, np.sqrt(MOST_PIXELS / max(area, 1.0))))
+    factor = float(min(1.0, np.sqrt(pixels / max(area, 1.0))))
     cut = {i: crop(*raw[i], views.K[i], factor) for i in needed if (raw[i][1] > 0).any()}
     del raw
     keep = np.array([k for k, i in enumerate(choice.reference) if i in cut], np.int64)

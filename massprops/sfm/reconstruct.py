@@ -6,21 +6,23 @@ import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pycolmap
 
-from massprops.errors import NotPossible
+from massprops.errors import InputError, NotPossible
 from massprops.run.job import Progress, silent
 from massprops.sfm import pairs as pairing
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.database import write_database
-from massprops.sfm.features import FeatureOptions, extract_all
+from massprops.sfm.features import FeatureOptions, extract_all, read_mask
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, quiet, retriangulate
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
 from massprops.sfm.refine import RefineOptions, refine
-from massprops.views import Views
+from massprops.sfm.surface_tracks import Image, with_surface
+from massprops.views import Views, undistort
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,12 @@ def reconstruct(
         test and not options_map.fixed_intrinsics,
         options.threads,
     )
+    if masked:
+        free = not options_map.fixed_intrinsics
+        image = _pictures(footage, to_views(model)[0])
+        accuracy = with_surface(
+            model, accuracy, image, options.refine, free, bent, options.seed, options.threads, progress
+        )
     model.extract_colors_for_all_images(footage.folder / "frames", options.threads)
     views, ids = to_views(model, {f.name: f.timestamp_ns for f in footage.frames})
     points = to_points(model, ids)
@@ -121,6 +129,22 @@ def reconstruct(
         )
     warnings += _remarks(sizes, len(views), used, turned)
     return SfmResult(model, views, points, sizes, accuracy, bent, tuple(warnings))
+
+
+def _pictures(footage: FootageRecord, views: Views) -> Image:
+    """The views undistorted, with their silhouettes; one without a silhouette shows nothing."""
+
+    def image(i: int) -> tuple[np.ndarray, np.ndarray]:
+        name, size = views.names[i], (int(views.size[i, 0]), int(views.size[i, 1]))
+        colour, mask = cv2.imread(str(footage.image(name))), read_mask(footage, name, size)
+        if colour is None:
+            raise InputError(f"{footage.image(name)}: not a readable image; run the capture stage again")
+        if mask is None:
+            mask = np.zeros((size[1], size[0]), np.uint8)
+        K, distortion = views.K[i], views.distortion[i]
+        return undistort(colour, K, distortion), undistort(mask, K, distortion, nearest=True)
+
+    return image
 
 
 def _registered(models: list[pycolmap.Reconstruction]) -> int:

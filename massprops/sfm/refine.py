@@ -145,10 +145,24 @@ def refine(
         model.update_point_3d_errors()
         views, ids = to_views(model)
         raw = precision(views, to_points(model, ids), free_focal, keep, loss)
-    honest = replace(
-        raw, focal_relative=FOCAL_INFLATION * raw.focal_relative, attitude=ATTITUDE_INFLATION * raw.attitude
-    )
-    return honest, keep
+    return _honest(raw), keep
+
+
+def robust_loss(model: pycolmap.Reconstruction, options: RefineOptions) -> float:
+    """Scale of the next adjustment's loss [px], from the residuals."""
+    views, ids = to_views(model)
+    distance = np.linalg.norm(residuals(views, to_points(model, ids)), axis=1)
+    return float(np.clip(options.loss * robust_sigma(distance), options.least_loss_px, options.most_loss_px))
+
+
+def model_precision(model: pycolmap.Reconstruction, free_focal: bool, free_distortion: bool, loss: float) -> Precision:
+    """Precision of an adjusted model, as stated to the user."""
+    views, ids = to_views(model)
+    return _honest(precision(views, to_points(model, ids), free_focal, free_distortion, loss))
+
+
+def _honest(raw: Precision) -> Precision:
+    return replace(raw, focal_relative=FOCAL_INFLATION * raw.focal_relative, attitude=ATTITUDE_INFLATION * raw.attitude)
 
 
 def _drop_weak(model: pycolmap.Reconstruction, options: RefineOptions) -> None:
