@@ -182,7 +182,8 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
         found = _selected(case, base, progress)
     assert found is not None
     best = found.best or base
-    same = refit(other, replace(best.fit.state, points=other_base.fit.state.points), best.added)
+    begun = replace(best.fit.state, points=other_base.fit.state.points)
+    same = refit(other, begun, best.added, against=best.fit.cost)
     if explained(best) and not best.held > PREDICTS:
         if explained(same) and same.bic < best.bic - EVIDENCE:
             return other, replace(found, base=other_base, best=same)

@@ -23,8 +23,7 @@ TRIAL = 5
 """Iterations after which two moments are compared."""
 MOST_TRIALS = 16
 EVIDENCE = 10.0
-WORTH = 0.01
-"""Fall of BIC per measurement that another moment must bring: each frame that a jump lies wrong costs more."""
+"""Fall of BIC that another moment must bring."""
 
 
 def moves_at_once(effect: ModuleType) -> bool:
@@ -53,7 +52,6 @@ def best_moment(case: Case, s: Scored, widest: float = WIDEST, most: int = 40) -
     if place is None or not moves_at_once(effect):
         return s
     away = max(1, round(widest * len(case.problem.times)))
-    worth = max(EVIDENCE, WORTH * case.fitted.count)
     best, trials, tried = s, 0, set()
     while away >= 1 and trials < MOST_TRIALS:
         middles, now = _gap(case, best.fit.state, effect, place)
@@ -65,7 +63,7 @@ def best_moment(case: Case, s: Scored, widest: float = WIDEST, most: int = 40) -
             trials += 1
             start = _at(best.fit.state, effect, place, float(middles[k]))
             trial = refit(case, start, s.added, most=TRIAL)
-            if trial.bic < min(best.bic - worth, found.bic if found else np.inf):
+            if trial.bic < min(best.bic - EVIDENCE, found.bic if found else np.inf):
                 found = trial
         if found is None:
             away //= 2

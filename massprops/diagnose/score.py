@@ -83,7 +83,7 @@ def _scored_together(
     free[17:] &= ~np.concatenate(timed)
     trial = replace(upon.fit.state, model=Model(tuple(m for m, *_ in entries), tuple(v for _, v, *_ in entries)))
     at = predict(case.problem, trial, case.around)
-    linear = linearise(case.problem, case.scored, at, case.around, times_too=False)
+    linear = linearise(case.problem, case.scored, at, case.around)
     reduced = reduced_equations(linear, case.scored, weights, free, trial, case.belief)
     worse = float(np.sum(weights * linear.residuals.squares)) - cost
     owner = owner[free]

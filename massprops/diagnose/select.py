@@ -14,6 +14,7 @@ from massprops.diagnose.moment import best_moment, between_epochs, moves_at_once
 from massprops.diagnose.refit import Added, Scored, refit, start_values, with_effects
 from massprops.diagnose.score import Score, score_tests
 from massprops.effects import effects, forms
+from massprops.estimators.batch.measurements import measurements_of
 from massprops.estimators.batch.solve import believed
 from massprops.model import lacks
 
@@ -80,8 +81,11 @@ class Selection:
 
 def explained(s: Scored) -> bool:
     """Nothing but noise is left."""
-    predicts = not np.isfinite(s.held) or s.held < STRAYS
-    return bool(predicts and (s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY)))
+    return _fits(s) and not s.held >= STRAYS
+
+
+def _fits(s: Scored) -> bool:
+    return bool(s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY))
 
 
 def settled(s: Scored) -> bool:
@@ -149,18 +153,15 @@ def select(
         if explained(base) and not violated:
             return out
         lengthen(far)
-    done = [s for s in good if explained(s)]
-    if done:
-        done.sort(key=lambda s: s.bic)
-        done[0] = _believing(case, refit(case, done[0].fit.state, done[0].added, idle=POLISH))
-        out.best = done[0]
-        whole = _with_mass(case, done[0], usable)
+    done = [s for s in good if explained(s)] or [s for s in good if _fits(s)][:1]
+    if done and (explained(done[0]) or _fits(_on_all(case, done[0]))):
+        chosen, out.rivals = _decided(case, done)
+        out.best = chosen = _believing(case, refit(case, chosen.fit.state, chosen.added, idle=POLISH))
+        whole = _with_mass(case, chosen, usable)
         if whole is not None:
             out.tried.append(whole)
-            out.best, done = whole, [whole, *(s for s in done if len(s.added) > 1)]
-        out.rivals = [
-            s for s in _distinct(done)[1:] if s.bic - done[0].bic < CLOSE and len(s.added) == len(done[0].added)
-        ]
+            out.best = whole
+            out.rivals = [s for s in _distinct(done) if s.bic - whole.bic < CLOSE and len(s.added) == len(whole.added)]
         out.verdict = "ambiguous" if out.rivals else "named"
         return out
     if good:
@@ -173,6 +174,27 @@ def select(
             return out
     out.verdict = "unexplained"
     return out
+
+
+def _on_all(case: Case, s: Scored) -> Scored:
+    """The model fitted to the held-out data as well: a right model whose parameters the fitted data leave open predicts
+    badly, but explains all."""
+    keep = np.zeros_like(case.first.observed)
+    for m in (case.fitted, case.held):
+        keep[m.seen.epoch, m.seen.camera, m.seen.feature] = True
+    every = measurements_of(case.problem, None, keep, case.first.channels)
+    return refit(replace(case, fitted=every), s.fit.state, s.added)
+
+
+def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
+    """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data."""
+    models = _distinct(done)
+    close = [s for s in models if s.bic - models[0].bic < EVIDENCE and len(s.added) == len(models[0].added)]
+    if len(close) == 1:
+        return close[0], []
+    worth = {s.names: _on_all(case, s).bic for s in close}
+    close.sort(key=lambda s: worth[s.names])
+    return close[0], [s for s in close[1:] if worth[s.names] - worth[close[0].names] < CLOSE]
 
 
 def contradicts(case: Case, s: Scored) -> bool:
@@ -228,8 +250,12 @@ def _distinct(models: list[Scored]) -> list[Scored]:
 
 
 def _all_needed(pair: Scored, singles: list[Scored]) -> bool:
-    """Backward check: neither effect of a pair is idle beside the other."""
-    return all(s.bic - pair.bic > EVIDENCE for s in singles if set(s.names) < set(pair.names))
+    """Backward check: neither effect of a pair is idle beside the other, nor spoils what the other predicts."""
+    return all(
+        s.bic - pair.bic > EVIDENCE and not pair.held > s.held + WORSE
+        for s in singles
+        if set(s.names) < set(pair.names)
+    )
 
 
 def _explains_more(other: Case, base: Scored, first: list[Scored]) -> bool:

@@ -244,17 +244,15 @@ def sensitivities(
     acting: Acting,
     p: np.ndarray,
     around: Surroundings,
-    times_too: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of attitude (a small turn in body axes) and angular velocity at the times.
 
     Args:
         directions: (d, 3, 3) changes of the inertia, one for each inertia parameter.
-        times_too: also by time parameters, whose columns stay zero otherwise.
 
     Returns:
-        (n, 3, m) and (n, 3, m) by m = 3 (attitude at the start, body axes) + 3 (w0) + d + len(p) parameters. Columns
-        of time parameters are by central differences of whole trajectories, as motion is not smooth at an event.
+        (n, 3, m) and (n, 3, m) by m = 3 (attitude at the start, body axes) + 3 (w0) + d + len(p) parameters; by the
+        moment of an event as slopes before and after it differ.
     """
     ny, d, count = path.y.shape[1], len(directions), len(p)
     m = 6 + d + count
@@ -334,24 +332,17 @@ def sensitivities(
             own[:, [i - place.start for i in timed if place.start <= i < place.stop]] = 0.0
             S = by_state @ S
             S[:, 6 + d + place.start : 6 + d + place.stop] += own
+            t0, inside = path.steps.start[k], INSIDE * h[k]
+            leaves = np.array(slope(t0 - inside, path.before[k], flat_six, acting, flat_p, around))
+            begins = np.array(slope(t0 + inside, path.y[k], flat_six, acting, flat_p, around))
+            for j in (i for i in timed if place.start <= i < place.stop):
+                S[:, 6 + d + j] = by_state @ leaves - begins
         S = M[k, :, :ny] @ S
         S += M[k, :, ny:]
         all_S[k + 1] = S
     S = all_S[path.steps.after]
     at = path.y[path.steps.after]
-    turn, rate = _outputs(times, at, S, six, moves, acting, flat_p, d, timed)
-    for j in timed if times_too else ():
-        # a thousandth of the median interval: far above rounding, far below what an event's time can be known to
-        delta = 1e-3 * float(np.median(np.diff(times)))
-        sides = []
-        for sign in (1, -1):
-            shifted = np.array(p, float)
-            shifted[j] += sign * delta
-            sides.append(trajectory(times, q0, w0, inertia, acting, shifted, around))
-        dq = (sides[0].q - sides[1].q) / (2 * delta)
-        turn[:, :, 6 + d + j] = _small_turn(path.q, dq)
-        rate[:, :, 6 + d + j] = (sides[0].w - sides[1].w) / (2 * delta)
-    return turn, rate
+    return _outputs(times, at, S, six, moves, acting, flat_p, d, timed)
 
 
 def _small_turn(q: np.ndarray, dq: np.ndarray) -> np.ndarray:

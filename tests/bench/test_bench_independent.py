@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from diagnose.half_turns import off
-from diagnose.independent import drawn, expected, sized, true_inertia, write
+from diagnose.independent import drawn, expected, own_axes, sized, true_inertia, write
 
 RUNS = int(os.environ.get("MASSPROPS_INDEPENDENT_RUNS", "36"))
 FIRST = int(os.environ.get("MASSPROPS_INDEPENDENT_FIRST", "100"))
@@ -59,8 +60,10 @@ def test_textbook_bodies(tmp_path: Path, capsys) -> None:
         )
         gap = document["gap"] or {"fitted": {"before": np.nan, "after": np.nan}, "held_out": {"after": np.nan}}
         right = document["verdict"] == "none" if name == "none" else document["verdict"] == "named" and said == [name]
+        model = yaml.safe_load((out / "model.yaml").read_text()) if path.is_file() else {}
+        axes = own_axes(world, folder, model["attitude"]) if model else None
         z = max((abs(v) for _, v in off([e for e in document["effects"] if e["name"] == name],
-                 {name: expected(world, name) if name != "none" else {}}, true_inertia(world))), default=0.0)  # fmt: skip
+                 {name: expected(world, name) if name != "none" else {}}, true_inertia(world), axes)), default=0.0)  # fmt: skip
         counts = (name == "none" or not gap["fitted"]["before"] < 1.15) and not needs_body and not needs_field
         if counts:
             shown.append(right)

@@ -94,7 +94,8 @@ def hide(seed: int, sequence: Path, answer: Path, frames: int = 480, kind: str |
     outside = stranger(seed, scenario) if kind == "outside" else ()
     try:
         made = simulate_tracks(scenario, outside)
-        plausible = all(_plausible(n, p) for n, p in made.truth["effects"].items() if n in names)
+        last = float(made.sequence.tracks.timestamp_ns.max() - made.truth["timestamp_ns"][0]) / 1e9
+        plausible = all(_plausible(n, p, last) for n, p in made.truth["effects"].items() if n in names)
     except NotPossible:
         plausible = False
     if not plausible:
@@ -107,9 +108,10 @@ def hide(seed: int, sequence: Path, answer: Path, frames: int = 480, kind: str |
     (answer / "answer.json").write_text(json.dumps(content))
 
 
-def _plausible(name: str, parameters: dict) -> bool:
-    """Whether an effect of that size is one that the catalogue holds for possible."""
-    return all(
+def _plausible(name: str, parameters: dict, last: float) -> bool:
+    """Whether an effect of that size is one that the catalogue holds for possible, and acts before the body is last seen,
+    at `last` [s]."""
+    return parameters.get("time", 0.0) < last and all(
         (q.limit is None or abs(parameters[q.name]) < q.limit) and (q.least is None or parameters[q.name] > q.least)
         for q in effects()[name].PARAMETERS
     )

@@ -31,16 +31,19 @@ def turned(parameters: dict[str, float], T: np.ndarray) -> dict[str, float]:
     return out
 
 
-def off(effects: list[dict], truth: dict[str, dict[str, float]], inertia: np.ndarray) -> list[tuple[str, float]]:
+def off(
+    effects: list[dict], truth: dict[str, dict[str, float]], inertia: np.ndarray, own: np.ndarray | None = None
+) -> list[tuple[str, float]]:
     """(name, error in sigmas) of every parameter found, in the one of the four axes that suits best.
 
     Args:
         effects: of `diagnosis.json`; truth: by effect, its parameters; inertia: (3, 3) in the truth's axes.
+        own: (3, 3) from the truth's axes to those of the diagnosis, where nothing tells it the truth's.
     """
     axes = np.linalg.eigh(inertia)[1]
     best: list[tuple[str, float]] | None = None
     for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)):
-        T = (axes * signs) @ axes.T
+        T = (axes * signs) @ axes.T if own is None else own
         z = []
         for e in effects:
             for name, value in turned(truth.get(e["name"], {}), T).items():

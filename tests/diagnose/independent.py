@@ -431,6 +431,15 @@ def write(world: World, folder: Path, noise_stated: bool = True, environment: bo
         )
 
 
+def own_axes(world: World, folder: Path, attitude: list[float]) -> np.ndarray | None:
+    """(3, 3) from the world's body axes to those of a diagnosis that begins with an attitude (w, x, y, z) of its own; None
+    where a body file, an attitude sensor or a gyroscope fixes them."""
+    if any((folder / known).exists() for known in ("body.yaml", "attitude0", "imu0")):
+        return None
+    w, x, y, z = attitude
+    return Rotation.from_quat([x, y, z, w]).as_matrix().T @ motion(world).body_to_inertial[0].as_matrix()
+
+
 def expected(world: World, name: str) -> dict[str, float]:
     """What `diagnosis.json` should say of an effect: torques and momenta over the mean moment of the body."""
     v = world.effects[name]

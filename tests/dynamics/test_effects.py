@@ -78,10 +78,10 @@ def test_derivatives_agree_with_differences(name: str) -> None:
                 w[j - 3] += sign * step
             elif j < 11:
                 inertia = INERTIA + sign * step * ways[j - 6]
-            elif a.effects[0].PARAMETERS[j - 11].kind == "number":
+            elif a.effects[0].PARAMETERS[j - 11].kind in ("number", "time"):
                 values[j - 11] += sign * step
             ends.append(trajectory(TIMES, q, w, inertia, a, values, AROUND))
-        if j >= 11 and a.effects[0].PARAMETERS[j - 11].kind != "number":
+        if j >= 11 and a.effects[0].PARAMETERS[j - 11].kind not in ("number", "time"):
             continue
         by_turn = rotation_vector(multiply(conjugate(ends[1].q), ends[0].q)) / (2 * step)
         by_rate = (ends[0].w - ends[1].w) / (2 * step)

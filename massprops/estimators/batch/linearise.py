@@ -128,8 +128,8 @@ class Linear:
     unit: np.ndarray
 
 
-def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surroundings, times_too: bool = True) -> Linear:
-    """Residuals and derivatives at a predicted state; by the moments of events only with `times_too`."""
+def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surroundings) -> Linear:
+    """Residuals and derivatives at a predicted state."""
     state = at.state
     model = state.model
     acting, pm = model.acting, model.flat(True)
@@ -144,7 +144,6 @@ def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surround
         acting,
         pm,
         around,
-        times_too,
     )
     nm, ns = len(pm), len(ps)
     size = 17 + nm + ns
