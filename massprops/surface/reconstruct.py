@@ -8,8 +8,8 @@
 4. A minimum cut labels the tetrahedra; its border is closed by construction (`cut`).
 5. Measured parts are moved to the middle of the noise, unseen parts are made fair (`refine`).
 
-What no view constrains is filled up to the hull, less `HOLLOW` of the way to the smallest body that the measurements
-allow (the same cut without the pull of the hull): see `spread` for what that leaves uncertain.
+What no view constrains is filled up to the hull, less `HOLLOW` of the way to a membrane stretched over the measured
+rims: recesses lie near the membrane, unseen sides near the hull. See `spread` for what that leaves uncertain.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from massprops.errors import NotPossible
 from massprops.run.job import Progress, silent
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import minimum_cut, one_body, surface_faces
-from massprops.surface.refine import fair, measured_faces, remove_bias
+from massprops.surface.refine import fair, measured_faces, membrane, remove_bias
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
 from massprops.views import Views
@@ -31,12 +31,10 @@ AREA = 0.08
 """Cost of surface, per spacing squared, against 1 for the line of sight of one point."""
 FILL = 0.02
 """Pull of the hull on space that nothing was measured in, per spacing cubed."""
-PRESS = 5e-4
-"""The opposite, for the smallest body: enough to choose the inner one of two films of equal area, no more."""
 OFF_HULL = 1.0
 """Points of the cloud farther than this outside the hull [px] are errors of matching."""
-HOLLOW = 0.5
-"""Where an unmeasured side is put, from 0 on the hull to 1 on the smallest body."""
+HOLLOW = 1 / 3
+"""Where an unmeasured side is put, from 0 on the cut, which fills up to the hull, to 1 on a membrane."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,6 @@ class Surface:
         vertices: (v, 3).
         faces: (f, 3) int32.
         observed: (f,) bool, measured and not filled.
-        smallest: (k, 3) points on the smallest body that the measurements allow.
         hull: the silhouettes' evidence.
         cloud: the points the surface was made of, without outliers.
         spacing: distance between neighbouring vertices where it was measured.
@@ -56,7 +53,6 @@ class Surface:
     vertices: np.ndarray
     faces: np.ndarray
     observed: np.ndarray
-    smallest: np.ndarray
     hull: Hull
     cloud: Cloud
     spacing: float
@@ -96,45 +92,32 @@ def reconstruct_surface(
     thinned = thin(cloud, points, seed)
     if not len(thinned.xyz):
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
-    progress(1, 6, "points thinned")
+    progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
     tetra, kind = _tetrahedra(thinned, hull, views, seed)
-    progress(2, 6, "tetrahedra")
+    progress(2, 5, "tetrahedra")
     evidence = _evidence(tetra, thinned, hull, views)
-    progress(3, 6, "lines of sight")
-    largest = one_body(tetra, minimum_cut(tetra, evidence.outside, evidence.inside, evidence.into, evidence.both))
-    if largest.sum() < 10:
+    progress(3, 5, "lines of sight")
+    body = one_body(tetra, minimum_cut(tetra, evidence.outside, evidence.inside, evidence.into, evidence.both))
+    if body.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
-    progress(4, 6, "cut")
-    core = one_body(
-        tetra,
-        minimum_cut(tetra, evidence.outside + evidence.press, evidence.sure, evidence.into, evidence.both),
-    )
-    progress(5, 6, "smallest body")
-    vertices, faces, measured = _mesh(tetra, kind, largest)
-    if core.sum() >= 10:
-        small, triangles, _ = _mesh(tetra, kind, core)
-        smallest = np.concatenate([small, small[triangles].mean(1)])
-    else:
-        smallest = vertices
+    progress(4, 5, "cut")
+    vertices, faces, measured = _mesh(tetra, kind, body)
     h = thinned.spacing
-    vertices = _hollow(vertices, measured, smallest)
+    vertices = _hollow(vertices, faces, measured)
     vertices = fair(vertices, faces, measured, 10)
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = measured_faces(vertices, faces, cloud, 2 * h)
-    progress(6, 6, "surface")
-    return Surface(vertices, faces.astype(np.int32), observed, smallest, hull, cloud, h)
+    progress(5, 5, "surface")
+    return Surface(vertices, faces.astype(np.int32), observed, hull, cloud, h)
 
 
-def _hollow(vertices: np.ndarray, measured: np.ndarray, smallest: np.ndarray) -> np.ndarray:
-    """Unmeasured vertices moved `HOLLOW` of the way to the smallest body."""
-    from scipy.spatial import cKDTree
-
+def _hollow(vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Unmeasured vertices moved `HOLLOW` of the way to a membrane over the measured rims."""
     out = vertices.copy()
-    if not measured.all():
-        _, nearest = cKDTree(smallest).query(vertices[~measured])
-        out[~measured] += HOLLOW * (smallest[nearest] - vertices[~measured])
+    if measured.any() and not measured.all():
+        out[~measured] += HOLLOW * (membrane(vertices, faces, measured) - vertices)[~measured]
     return out
 
 
@@ -203,12 +186,10 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Costs of the cut; `sure` is `inside` without the pull of the hull, `press` its opposite."""
+    """Costs of the cut."""
 
     outside: np.ndarray
-    press: np.ndarray
     inside: np.ndarray
-    sure: np.ndarray
     into: np.ndarray
     both: np.ndarray
 
@@ -237,6 +218,5 @@ def _evidence(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> 
     guard = (tetra.corners >= len(tetra.points) - 250).any(1)
     outside = np.where(guard, 1e6, outside)
     pull = np.where((sky <= 0.5) & ~guard, FILL * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
-    press = PRESS * volume / h**3
     both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
-    return _Evidence(outside, press, sure + pull, sure, into, both)
+    return _Evidence(outside, sure + pull, into, both)

@@ -91,6 +91,22 @@ def mean_matrix(faces: np.ndarray, size: int):  # noqa: ANN201
     return diags(1 / np.maximum(np.asarray(link.sum(1)).ravel(), 1)) @ link
 
 
+def membrane(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Vertices (v, 3) of which each that is not `fixed` (v,) is the mean of its neighbours: a film over the fixed rims
+    (Desbrun, Meyer, Schroeder, Barr 1999, with uniform weights)."""
+    from scipy.sparse import identity
+    from scipy.sparse.linalg import spsolve
+
+    size, free = len(vertices), np.flatnonzero(~fixed)
+    system = (identity(size) - mean_matrix(faces, size)).tocsr()[free]
+    # a part without any rim would float: a trace of its own place holds it
+    trace = 1e-9 * identity(len(free))
+    out = vertices.copy()
+    right = 1e-9 * vertices[free] - system[:, np.flatnonzero(fixed)] @ vertices[fixed]
+    out[free] = spsolve((system[:, free] + trace).tocsc(), right)
+    return out
+
+
 def fair(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray, steps: int) -> np.ndarray:
     """Taubin's smoothing (1995) of the vertices that are not fixed: roughness goes, volume stays."""
     mean = mean_matrix(faces, len(vertices))

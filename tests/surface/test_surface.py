@@ -15,6 +15,7 @@ from massprops.surface.cloud import Cloud
 from massprops.surface.cut import one_body, surface_faces
 from massprops.surface.fill_error import fill_modes
 from massprops.surface.reconstruct import Surface, reconstruct_surface
+from massprops.surface.refine import membrane
 from massprops.surface.spread import deform, replicates
 from massprops.surface.tetra import tetrahedralise
 
@@ -179,3 +180,13 @@ def test_too_few_points_say_so(count):
 
 def test_greatest_length_of_the_surface(seen_all_round):
     assert greatest_length(seen_all_round[0].vertices)[0] == pytest.approx(1.0, abs=0.006)
+
+
+def test_membrane_is_flat_over_a_flat_rim():
+    mesh = trimesh.creation.icosphere(3)
+    fixed = mesh.vertices[:, 2] > -0.5
+    film = membrane(np.asarray(mesh.vertices), np.asarray(mesh.faces), fixed)
+    np.testing.assert_array_equal(film[fixed], mesh.vertices[fixed])
+    rim = mesh.vertices[fixed][:, 2].min()
+    assert film[~fixed][:, 2].min() >= rim - 1e-6
+    assert np.abs(film[~fixed][:, 2] - rim).max() < 0.1
