@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +17,10 @@ NOISE_PX = 0.25
 COARSE = (0.20, 0.06, 0.02)
 FINE = (0.010, 0.003)
 """Relative sizes of the random steps, one entry an iteration, at half and at full size."""
+
+
+BANDS = 16
+"""Bands of rows that threads work on; any number of threads gives the same result."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,7 @@ def depth_map(
     depths: tuple[float, float],
     noise: float,
     seed: int,
+    pool: Executor,
 ) -> DepthMap:
     """Depth and normal of every pixel of the mask that is wanted.
 
@@ -51,6 +59,7 @@ def depth_map(
         depths: nearest and farthest.
         noise: 1-sigma of the grey levels: windows with less contrast than twice this are not matched.
         seed: of the random steps.
+        pool: threads.
     """
     half_mask = mask[: mask.shape[0] // 2 * 2 : 2, : mask.shape[1] // 2 * 2 : 2].copy()
     half_image = pm.grey_pyramid_half(image)
@@ -75,17 +84,21 @@ def depth_map(
         seed,
         COARSE,
         2,
+        pool,
     )
     depth, normal = _doubled(depth, mask.shape), _doubled(normal, mask.shape)
     _shift_to_pixel(depth, normal, half_K, K)
     cost = np.full(mask.shape, -1.0, np.float32)
-    _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed + 1, FINE, 1)
+    _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed + 1, FINE, 1, pool)
     sigma = np.zeros_like(depth)
     inverse, each = _arguments(K, Ks)
     level, least = _thresholds(noise)
     count, sh, sw = sources.shape
     flat = sources.reshape(count, -1)
-    pm.polish(image, mask, depth, normal, cost, sigma, flat, sh, sw, inverse, each, Rs, ts, level, least, NOISE_PX)
+    _by_rows(
+        pool, pm.polish,
+        image, mask, depth, normal, cost, sigma, flat, sh, sw, inverse, each, Rs, ts, level, least, NOISE_PX,
+    )  # fmt: skip
     lost = (mask < 2) | (cost >= 1.0) | (cost < 0) | (sigma <= 0)
     depth[lost] = 0.0
     return DepthMap(depth, normal, cost, sigma)
@@ -109,17 +122,24 @@ def _thresholds(noise: float) -> tuple[float, float]:
     return max(12.0, 6.0 * noise), max((1.6 * noise) ** 2, 0.3)
 
 
-def _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed, steps, reach):  # type: ignore[no-untyped-def]
+def _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed, steps, reach, pool):  # type: ignore[no-untyped-def]
     inverse, each = _arguments(K, Ks)
     level, least = _thresholds(noise)
     count, sh, sw = sources.shape
     flat = sources.reshape(count, -1)
     for iteration, scale in enumerate(steps):
         for colour in (0, 1):
-            pm.sweep(
+            _by_rows(
+                pool, pm.sweep,
                 image, mask, depth, normal, cost, flat, sh, sw, inverse, each, Rs, ts,
                 depths[0], depths[1], colour, iteration, scale, 3, reach, seed, level, least,
             )  # fmt: skip
+
+
+def _by_rows(pool: Executor, kernel: Any, image: np.ndarray, *rest: Any) -> None:
+    """A kernel on all rows, band by band: within one colour no pixel reads what another writes."""
+    edges = np.linspace(0, len(image), BANDS + 1).astype(int).tolist()
+    list(pool.map(lambda band: kernel(image, *rest, *band), pairwise(edges)))
 
 
 def _start(

@@ -6,8 +6,12 @@ which the best three count; they spread to neighbours in a red-black order and a
 (Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). The bilateral weights are taken from both images
 (Yoon, Kweon 2006, "Adaptive support-weight approach for correspondence search"): the body turns under a Sun that
 stands, so the edge of a shadow lies elsewhere in every frame, and must not be matched. Random numbers are a hash of pixel, iteration and
-seed, so the result does not depend on the number of threads. Only what Python calls is cached on disk: numba inlines a
-function that it compiles anew, but not one from its cache, and the sums of the two differ in their last digit.
+seed, so the result does not depend on the number of threads.
+
+The two kernels work on a band of rows and release the interpreter; threads are the caller's. What they call is inlined
+by numba and not compiled on its own: with separate functions, or with numba's own parallel loops, the machine code that
+runs right after compiling is not what a later process loads from the cache, and reordered sums differ in their last
+digit.
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ LEAST_WEIGHT = 0.2
 """Share of a window that must look like its middle in both images."""
 
 
-@nb.njit(cache=True, inline="always")
+@nb.njit(inline="always")
 def _hash(a, b, c, d):  # type: ignore[no-untyped-def]
     """Uniform in [-1, 1) from four integers."""
     h = np.uint64(a) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(b) * np.uint64(0xC2B2AE3D27D4EB4F)
@@ -43,7 +47,7 @@ def _hash(a, b, c, d):  # type: ignore[no-untyped-def]
     return float(h >> np.uint64(11)) * (2.0 / 9007199254740992.0) - 1.0
 
 
-@nb.njit(fastmath=True, error_model="numpy")
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
 def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-untyped-def]
     """Bilateral weights and values of the reference's window; the weighted variance, or -1 when there is no texture."""
     h, w = image.shape
@@ -74,7 +78,7 @@ def _window(image, mask, x, y, weight, value, level_sigma):  # type: ignore[no-u
     return s2 / total - mean * mean, mean
 
 
-@nb.njit(fastmath=True, error_model="numpy")
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
 def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, source, h, w, K_s, R_s, t_s, level_sigma):  # type: ignore[no-untyped-def]
     """1 - NCC of the window warped by the plane into one source image, given flat, weighted by the likeness to the
     middle in both."""
@@ -146,7 +150,7 @@ def _ncc_cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, source, h, w, K
     return 1.0 - (cross - s1 * v1) / math.sqrt(spread * own)
 
 
-@nb.njit(fastmath=True, error_model="numpy")
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
 def _cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, sources, h, w, Ks, Rs, ts, each, level_sigma):  # type: ignore[no-untyped-def]
     """Mean of the best BEST sources' costs."""
     count = len(sources)
@@ -166,7 +170,7 @@ def _cost(x, y, d, n0, n1, n2, weight, value, mean, inverse, sources, h, w, Ks, 
     return total / best
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def sweep(
     image,
     mask,
@@ -190,6 +194,8 @@ def sweep(
     seed,
     level_sigma,
     least_variance,
+    first,
+    last,
 ):  # type: ignore[no-untyped-def]
     """One half of a red-black iteration, in place.
 
@@ -202,13 +208,13 @@ def sweep(
         colour: 0 or 1: which half; iteration, seed: of the random steps.
         scale: relative size of the steps; tries: steps per pixel; reach: farthest neighbour asked.
         level_sigma: grey-level width of the bilateral weight; least_variance: below it there is no texture.
+        first, last: rows to work on, [first, last).
     """
     h, w = image.shape
-    for row in nb.prange(h):
-        y = np.int64(row)  # prange counts unsigned, and unsigned plus signed is a float
-        weight = np.empty(SAMPLES, np.float32)
-        value = np.empty(SAMPLES, np.float32)
-        each = np.empty(len(sources), np.float64)
+    weight = np.empty(SAMPLES, np.float32)
+    value = np.empty(SAMPLES, np.float32)
+    each = np.empty(len(sources), np.float64)
+    for y in range(first, last):
         for x in range((y + colour) % 2, w, 2):
             if mask[y, x] < 2:
                 continue
@@ -218,66 +224,82 @@ def sweep(
                 continue
             rx, ry = inverse[0] * x + inverse[1], inverse[2] * y + inverse[3]
             d, n0, n1, n2, c = depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2], cost[y, x]
-            if c < 0.0:
-                c = _cost(
-                    x, y, d, n0, n1, n2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
-                )
-            for k in range(4 * reach):
-                far_step = 1 + 2 * (k // 4)
-                i, j = y, x
-                if k % 4 == 0:
-                    j = x - far_step
-                elif k % 4 == 1:
-                    j = x + far_step
-                elif k % 4 == 2:
-                    i = y - far_step
-                else:
-                    i = y + far_step
-                if i < 0 or j < 0 or i >= h or j >= w or mask[i, j] == 0 or depth[i, j] <= 0.0:
-                    continue
-                m0, m1, m2 = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2]
-                slope = m0 * rx + m1 * ry + m2
-                if slope > -0.05:
-                    continue
-                jx, jy = inverse[0] * j + inverse[1], inverse[2] * i + inverse[3]
-                e = depth[i, j] * (m0 * jx + m1 * jy + m2) / slope
-                if e < near or e > far:
-                    continue
-                if abs(e - d) < 3e-5 * d and m0 * n0 + m1 * n1 + m2 * n2 > 0.9995:
-                    continue  # the same plane to a small part of a pixel
-                g = _cost(
-                    x, y, e, m0, m1, m2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
-                )
-                if g < c:
-                    d, n0, n1, n2, c = e, m0, m1, m2, g
             size = scale
-            for k in range(tries):
-                a = _hash(y * w + x, iteration * 64 + k * 4, colour, seed)
-                e = d + a * size * (far - near)
-                m0 = n0 + size * 3.0 * _hash(y * w + x, iteration * 64 + k * 4 + 1, colour, seed)
-                m1 = n1 + size * 3.0 * _hash(y * w + x, iteration * 64 + k * 4 + 2, colour, seed)
-                m2 = n2 + size * 3.0 * _hash(y * w + x, iteration * 64 + k * 4 + 3, colour, seed)
-                if k % 3 == 1:
-                    m0, m1, m2 = n0, n1, n2
-                elif k % 3 == 2:
-                    e = d
-                length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2) + 1e-12
-                m0, m1, m2 = m0 / length, m1 / length, m2 / length
-                if m0 * rx + m1 * ry + m2 > -0.05 or e < near or e > far:
-                    continue
+            # the plane itself when it is not judged yet, those of neighbours, random steps: judged in one place, since
+            # every call is compiled on its own
+            for k in range(-1, 4 * reach + tries):
+                if k < 0:
+                    if c >= 0.0:
+                        continue
+                    e, m0, m1, m2 = d, n0, n1, n2
+                elif k < 4 * reach:
+                    far_step = 1 + 2 * (k // 4)
+                    i, j = y, x
+                    if k % 4 == 0:
+                        j = x - far_step
+                    elif k % 4 == 1:
+                        j = x + far_step
+                    elif k % 4 == 2:
+                        i = y - far_step
+                    else:
+                        i = y + far_step
+                    if i < 0 or j < 0 or i >= h or j >= w or mask[i, j] == 0 or depth[i, j] <= 0.0:
+                        continue
+                    m0, m1, m2 = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2]
+                    slope = m0 * rx + m1 * ry + m2
+                    if slope > -0.05:
+                        continue
+                    jx, jy = inverse[0] * j + inverse[1], inverse[2] * i + inverse[3]
+                    e = depth[i, j] * (m0 * jx + m1 * jy + m2) / slope
+                    if e < near or e > far:
+                        continue
+                    if abs(e - d) < 3e-5 * d and m0 * n0 + m1 * n1 + m2 * n2 > 0.9995:
+                        continue  # the same plane to a small part of a pixel
+                else:
+                    t = k - 4 * reach
+                    a = _hash(y * w + x, iteration * 64 + t * 4, colour, seed)
+                    e = d + a * size * (far - near)
+                    m0 = n0 + size * 3.0 * _hash(y * w + x, iteration * 64 + t * 4 + 1, colour, seed)
+                    m1 = n1 + size * 3.0 * _hash(y * w + x, iteration * 64 + t * 4 + 2, colour, seed)
+                    m2 = n2 + size * 3.0 * _hash(y * w + x, iteration * 64 + t * 4 + 3, colour, seed)
+                    if t % 3 == 1:
+                        m0, m1, m2 = n0, n1, n2
+                    elif t % 3 == 2:
+                        e = d
+                    length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2) + 1e-12
+                    m0, m1, m2 = m0 / length, m1 / length, m2 / length
+                    if m0 * rx + m1 * ry + m2 > -0.05 or e < near or e > far:
+                        continue
+                    size *= 0.6
                 g = _cost(
                     x, y, e, m0, m1, m2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
                 )
-                if g < c:
+                if k < 0 or g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
-                size *= 0.6
             depth[y, x], cost[y, x] = d, c
             normal[y, x, 0], normal[y, x, 1], normal[y, x, 2] = n0, n1, n2
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def polish(
-    image, mask, depth, normal, cost, sigma, sources, sh, sw, inverse, Ks, Rs, ts, level_sigma, least_variance, noise_px
+    image,
+    mask,
+    depth,
+    normal,
+    cost,
+    sigma,
+    sources,
+    sh,
+    sw,
+    inverse,
+    Ks,
+    Rs,
+    ts,
+    level_sigma,
+    least_variance,
+    noise_px,
+    first,
+    last,
 ):  # type: ignore[no-untyped-def]
     """Last step in depth by a parabola through the cost at half a pixel of parallax either side, and its 1-sigma.
 
@@ -285,11 +307,10 @@ def polish(
     parallax per depth of the sources and `noise_px`, widened where the cost is high or flat.
     """
     h, w = image.shape
-    for row in nb.prange(h):
-        y = np.int64(row)  # prange counts unsigned, and unsigned plus signed is a float
-        weight = np.empty(SAMPLES, np.float32)
-        value = np.empty(SAMPLES, np.float32)
-        each = np.empty(len(sources), np.float64)
+    weight = np.empty(SAMPLES, np.float32)
+    value = np.empty(SAMPLES, np.float32)
+    each = np.empty(len(sources), np.float64)
+    for y in range(first, last):
         for x in range(w):
             sigma[y, x] = 0.0
             if mask[y, x] < 2 or cost[y, x] >= WORST or cost[y, x] < 0.0:
@@ -316,12 +337,29 @@ def polish(
             parallax = math.sqrt(parallax / len(sources)) + 1e-12
             step = 0.5 / parallax
             c = cost[y, x]
-            low = _cost(
-                x, y, d - step, n0, n1, n2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
-            )
-            high = _cost(
-                x, y, d + step, n0, n1, n2, weight, value, mean, inverse, sources, sh, sw, Ks, Rs, ts, each, level_sigma
-            )
+            low, high = c, c
+            for side in (-1.0, 1.0):  # one call: each is compiled on its own
+                g = _cost(
+                    x,
+                    y,
+                    d + side * step,
+                    n0,
+                    n1,
+                    n2,
+                    weight,
+                    value,
+                    mean,
+                    inverse,
+                    sources,
+                    sh,
+                    sw,
+                    Ks,
+                    Rs,
+                    ts,
+                    each,
+                    level_sigma,
+                )
+                low, high = (g, high) if side < 0.0 else (low, g)
             bend = low + high - 2.0 * c
             if bend > 1e-4 and low < WORST and high < WORST:
                 move = 0.5 * (low - high) / bend

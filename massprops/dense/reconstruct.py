@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,11 +103,8 @@ def dense_points(
     Raises:
         NotPossible: no view has two partners at a useful angle, or nothing agrees.
     """
-    import numba
-
     from massprops.dense.depthmap import depth_map
 
-    numba.set_num_threads(max(1, min(threads, numba.config.NUMBA_NUM_THREADS)))
     choice = select_views(views, xyz, obs_view, obs_point, most_references)
     if len(choice.reference) < 3:
         raise NotPossible(
@@ -136,35 +134,36 @@ def dense_points(
         return fuse(depth, normal, sigma, colour, K, R, t, among, reference)
 
     points = None
-    for turn in (whole, ~whole):
-        for n in np.flatnonzero(turn):
-            i, mine = int(reference[n]), cut[int(reference[n])]
-            group = [int(s) for s in choice.sources[keep[n]] if int(s) in cut]
-            R_rel = np.stack([views.R[s] @ views.R[i].T for s in group])
-            t_rel = np.stack([views.t[s] - views.R[s] @ views.R[i].T @ views.t[i] for s in group])
-            mask, seen = mine.mask, xyz[obs_point[obs_view == i]]
-            if points is not None:
-                facing = np.einsum("ij,ij->i", points.normal, views.centres[i] - points.xyz) > 0
-                seen = points.xyz[facing].astype(float)
-            seen = seen @ views.R[i].T + views.t[i]
-            seen = seen[seen[:, 2] > 0]
-            uv = seen[:, :2] / seen[:, 2:] @ mine.K[:2, :2].T + mine.K[:2, 2]
-            if points is not None:
-                mask = _unexplained(mask, uv)
-            sources = np.stack([_padded(cut[s].grey, h, w) for s in group])
-            result = depth_map(
-                _padded(mine.grey, h, w), _padded(mask, h, w), mine.K, sources,
-                np.stack([cut[s].K for s in group]), R_rel, t_rel, np.column_stack([uv, seen[:, 2]]),
-                tuple(choice.depths[keep[n]]), grey_noise(mine.grey, mine.mask), seed + 7919 * i,
-            )  # fmt: skip
-            depth[n] = _trusted(result, _padded(mine.mask, h, w), mine.K)
-            normal[n], sigma[n] = result.normal, result.sigma
-            measured += int(np.count_nonzero(depth[n]))
-            wanted += int(np.count_nonzero(mask > 1))
-            done += 1
-            progress(done, r, "depth maps")
-        if turn.any():
-            points = fused(turn | whole)
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        for turn in (whole, ~whole):
+            for n in np.flatnonzero(turn):
+                i, mine = int(reference[n]), cut[int(reference[n])]
+                group = [int(s) for s in choice.sources[keep[n]] if int(s) in cut]
+                R_rel = np.stack([views.R[s] @ views.R[i].T for s in group])
+                t_rel = np.stack([views.t[s] - views.R[s] @ views.R[i].T @ views.t[i] for s in group])
+                mask, seen = mine.mask, xyz[obs_point[obs_view == i]]
+                if points is not None:
+                    facing = np.einsum("ij,ij->i", points.normal, views.centres[i] - points.xyz) > 0
+                    seen = points.xyz[facing].astype(float)
+                seen = seen @ views.R[i].T + views.t[i]
+                seen = seen[seen[:, 2] > 0]
+                uv = seen[:, :2] / seen[:, 2:] @ mine.K[:2, :2].T + mine.K[:2, 2]
+                if points is not None:
+                    mask = _unexplained(mask, uv)
+                sources = np.stack([_padded(cut[s].grey, h, w) for s in group])
+                result = depth_map(
+                    _padded(mine.grey, h, w), _padded(mask, h, w), mine.K, sources,
+                    np.stack([cut[s].K for s in group]), R_rel, t_rel, np.column_stack([uv, seen[:, 2]]),
+                    tuple(choice.depths[keep[n]]), grey_noise(mine.grey, mine.mask), seed + 7919 * i, pool,
+                )  # fmt: skip
+                depth[n] = _trusted(result, _padded(mine.mask, h, w), mine.K)
+                normal[n], sigma[n] = result.normal, result.sigma
+                measured += int(np.count_nonzero(depth[n]))
+                wanted += int(np.count_nonzero(mask > 1))
+                done += 1
+                progress(done, r, "depth maps")
+            if turn.any():
+                points = fused(turn | whole)
     if points is None or len(points.xyz) < 500:
         raise NotPossible(
             f"only {0 if points is None else len(points.xyz)} surface points agree between views: more texture, light or overlap is needed"
