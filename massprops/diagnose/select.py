@@ -18,6 +18,8 @@ from massprops.estimators.batch.measurements import measurements_of
 from massprops.estimators.batch.solve import believed
 from massprops.model import lacks
 
+DENSITY = "nonuniform-density"
+"""The effect that a contradicted inertia points at."""
 VIOLATED = 3.0
 """Root-mean-square departure of the six elements of the inertia from what is assumed, in sigmas, that contradicts it."""
 EVIDENCE = 10.0
@@ -117,6 +119,10 @@ def select(
     if explained(base) and not base.held > PREDICTS and not violated:
         return out
     first = _round(case, base, usable, FEWEST_FITS, watch, "one effect")
+    if violated and not any(DENSITY in s.names for s in first):
+        # what the contradiction itself says, however steep the scores of others from so wrong a model
+        density = [m for m in usable if m.NAME == DENSITY]
+        first = sorted([*first, *_round(case, base, density, 1, watch, "one effect")], key=lambda s: s.bic)
     if other is not None and _explains_more(other, base, first):
         return None
     out.tried += first
@@ -218,7 +224,7 @@ def _believing(case: Case, s: Scored) -> Scored:
 
 def _with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
     """The model with its inertia set free, where it explains the motion only by leaving the assumed one."""
-    free = [m for m in usable if m.NAME == "nonuniform-density" and m.NAME not in s.names]
+    free = [m for m in usable if m.NAME == DENSITY and m.NAME not in s.names]
     if not free or case.belief.inertia is None or not contradicts(case, s):
         return None
     added = (*s.added, Added(free[0]))
