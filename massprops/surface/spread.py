@@ -9,7 +9,7 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
    err alike everywhere;
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
-4. unmeasured faces, in proportion to their distance from measured surface (`fill_error`).
+4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`).
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
 """
@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, model_length, offset_response
-from massprops.surface.fill_error import fill_modes
+from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 
@@ -68,7 +68,12 @@ def replicates(
         if patch[end_face[e]] >= 0:
             lengths += offset[:, patch[end_face[e]]] * pull[e]
 
-    modes = fill_modes(vertices, faces, surface.observed, length)
+    modes = np.concatenate(
+        [
+            measured_modes(vertices, faces, surface.observed, length, surface.hull.pixel),
+            fill_modes(vertices, faces, surface.observed, length),
+        ]
+    )
     drawn = rng.standard_normal((count, len(modes)))
     rows += drawn @ (modes @ response)
     for e in (0, 1):

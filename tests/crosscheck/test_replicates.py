@@ -16,7 +16,7 @@ from massprops.mass.document import document
 from massprops.mass.integrals import mesh_integrals, offset_response
 from massprops.mass.properties import mass_properties
 from massprops.mass.ratio_space import chi_square, log_components, p_value
-from massprops.surface.fill_error import fill_modes
+from massprops.surface.error_modes import fill_modes
 
 
 def partly_seen(seed: int, share: float = 0.67) -> tuple[trimesh.Trimesh, np.ndarray, trimesh.Trimesh]:

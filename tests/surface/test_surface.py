@@ -13,7 +13,7 @@ from massprops.mass.intervals import intervals
 from massprops.mass.properties import mass_properties, properties_of_integrals
 from massprops.surface.cloud import Cloud
 from massprops.surface.cut import one_body, surface_faces
-from massprops.surface.fill_error import fill_modes
+from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.reconstruct import Surface, reconstruct_surface
 from massprops.surface.refine import membrane
 from massprops.surface.spread import deform, replicates
@@ -138,6 +138,16 @@ def test_fill_is_uncertain_in_proportion_to_the_distance_from_measured_surface(s
     middle = surface.vertices[surface.faces].mean(1)[~surface.observed]
     rim, pole = sigma[middle[:, 2] > -0.05], sigma[middle[:, 2] < -0.45]
     assert len(rim) and len(pole) and pole.min() > 2 * np.median(rim)
+
+
+def test_two_sides_of_a_plate_err_apart():
+    mesh = boxes(((1.0, 0.6, 0.02), (0, 0, 0))).subdivide().subdivide().subdivide()
+    modes = measured_modes(mesh.vertices, mesh.faces, np.ones(len(mesh.faces), bool), 1.17, 0.01)
+    top, bottom = (mesh.face_normals[:, 2] * sign > 0.9 for sign in (1, -1))
+    covariance = (modes[:, top] @ mesh.area_faces[top]) @ (modes[:, bottom] @ mesh.area_faces[bottom])
+    own = np.sum((modes[:, top] @ mesh.area_faces[top]) ** 2)
+    assert abs(covariance) < 0.05 * own
+    np.testing.assert_allclose(np.sqrt((modes**2).sum(0)), 0.3 * 0.01)
 
 
 def test_nothing_is_uncertain_about_a_fill_where_all_was_measured(seen_all_round):

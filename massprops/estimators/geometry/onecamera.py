@@ -84,6 +84,8 @@ def _solve(
         C = np.zeros((len(chosen), 3, 3))
         np.add.at(B, j, np.swapaxes(by_path * w, 1, 2) @ by_point)
         np.add.at(C, j, np.swapaxes(by_point * w, 1, 2) @ by_point)
+        if not (np.isfinite(A).all() and np.isfinite(C).all()):
+            return None
         inner = np.linalg.pinv(C, rcond=1e-12, hermitian=True)
         reduced = A - np.einsum("mpi,mij,mqj->pq", B, inner, B)
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
