@@ -11,6 +11,7 @@ from massprops.errors import NotPossible
 from massprops.mass.integrals import greatest_length, mesh_integrals
 from massprops.mass.intervals import intervals
 from massprops.mass.properties import mass_properties, properties_of_integrals
+from massprops.run.stages.surface import lost_share
 from massprops.surface.cloud import Cloud
 from massprops.surface.cut import one_body, surface_faces
 from massprops.surface.error_modes import fill_modes, measured_modes
@@ -200,3 +201,11 @@ def test_membrane_is_flat_over_a_flat_rim():
     rim = mesh.vertices[fixed][:, 2].min()
     assert film[~fixed][:, 2].min() >= rim - 1e-6
     assert np.abs(film[~fixed][:, 2] - rim).max() < 0.1
+
+
+def test_a_part_that_the_mesh_lost_is_noticed():
+    whole = boxes(((0.6, 0.4, 0.3), (0, 0, 0)), ((0.6, 0.4, 0.05), (2, 0, 0)))
+    points = whole.sample(4000, seed=1)
+    rest = boxes(((0.6, 0.4, 0.3), (0, 0, 0))).subdivide().subdivide().subdivide().subdivide()
+    assert lost_share(rest.vertices, points, 0.2) > 0.3
+    assert lost_share(rest.vertices, points[points[:, 0] < 1], 0.2) == 0.0

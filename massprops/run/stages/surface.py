@@ -12,10 +12,23 @@ from massprops.run.job import Job
 READS = ("capture", "sfm", "silhouettes", "dense")
 OPTIONS = ("seed",)
 
+MOST_LOST = 0.03
+"""Above this share of measured points that lie far off the mesh, a part of the body is missing in it."""
 LEAST_OBSERVED = 0.4
 """Below this share of measured area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
 """Relative 1-sigma of a self-calibrated focal length when the structure from motion could not give its own."""
+
+
+FAR = 15.0
+"""Spacings of the mesh beyond which a measured point is not on it."""
+
+
+def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
+    """Share of points (n, 3) that lie farther than `far` from every vertex (v, 3)."""
+    from scipy.spatial import cKDTree
+
+    return float(np.mean(cKDTree(vertices).query(xyz, distance_upper_bound=far)[0] > far))
 
 
 def run(job: Job) -> dict:
@@ -53,6 +66,12 @@ def run(job: Job) -> dict:
     partial = None
     if observed < LEAST_OBSERVED:
         partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"
+        warnings.append(partial)
+    lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
+    if lost > MOST_LOST:
+        partial = (
+            f"{100 * lost:.0f} % of the measured points are not on the mesh: a part that hangs by little is missing"
+        )
         warnings.append(partial)
     for line in warnings:
         job.warn(line)
