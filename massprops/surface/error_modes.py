@@ -18,9 +18,9 @@ import numpy as np
 SIDE_PIXELS = 0.3
 """1-sigma of the offset of a patch of measured faces [px]. In spacecraft of simulated footage one array was 3 to 9 mm too
 thin and the other too thick, where a pixel is 11 and 17 mm."""
-COMMON = 0.45
+COMMON = 0.3
 """1-sigma of the offset common to all unmeasured faces, over their distance from measured surface."""
-LOCAL = 0.6
+LOCAL = 0.4
 """1-sigma of the offset that differs from place to place, likewise."""
 REACH = 0.15
 """Width of the bumps and distance between them, over the body's length."""
