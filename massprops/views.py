@@ -11,6 +11,17 @@ from pathlib import Path
 import numpy as np
 
 
+def entries(start: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Entries of some rows of lists kept end to end, row i from start[i] to start[i + 1].
+
+    Returns:
+        (k,) which of `rows` each entry belongs to, and (k,) its place in the whole.
+    """
+    count = np.diff(start)[rows]
+    which = np.repeat(np.arange(len(rows)), count)
+    return which, (start[rows] - (np.cumsum(count) - count))[which] + np.arange(len(which))
+
+
 @dataclass(frozen=True)
 class Views:
     """n registered images with pinhole cameras in one world frame.

@@ -121,12 +121,13 @@ def _check(
     best = judge.reference_of(compared)
     residuals = {} if watched is None or stopped else _residuals(watched, mesh, best)
     free = {name: series["rms"] for name, series in residuals.items() if "rms" in series}
-    draws, motion = read_draws(folder, mesh), _motion(mesh, best, centre)
-    joint = None if draws is None or motion is None else agreement(draws, motion, mesh.length)
+    motion = _motion(mesh, best, centre)
+    draws = None if motion is None else read_draws(folder, mesh)
+    joint = None if draws is None else agreement(draws, motion, mesh.length)
     found = judge.decide(compared, mesh, centre, tumble, free, joint)
     result = document(mesh, compared, found, centre, residuals, outcome.skipped)
     result["fused"] = None
-    if draws is not None and motion is not None and found.verdict == "consistent":
+    if draws is not None and found.verdict == "consistent":
         result["fused"] = {"with": found.rests_on, **fuse(draws, mesh, motion)}
     return CrossCheck(folder, result, outcome.estimates, outcome.warnings)
 

@@ -92,7 +92,7 @@ def depth_map(
     _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed + 1, FINE, 1, pool)
     sigma = np.zeros_like(depth)
     inverse, each = _arguments(K, Ks)
-    level, least = _thresholds(noise)
+    level, least = thresholds(noise)
     count, sh, sw = sources.shape
     flat = sources.reshape(count, -1)
     _by_rows(
@@ -118,13 +118,14 @@ def _arguments(K: np.ndarray, Ks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return inverse, each
 
 
-def _thresholds(noise: float) -> tuple[float, float]:
+def thresholds(noise: float) -> tuple[float, float]:
+    """Grey-level width of the bilateral weights, and the variance below which there is no texture, by the noise."""
     return max(12.0, 6.0 * noise), max((1.6 * noise) ** 2, 0.3)
 
 
 def _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed, steps, reach, pool):  # type: ignore[no-untyped-def]
     inverse, each = _arguments(K, Ks)
-    level, least = _thresholds(noise)
+    level, least = thresholds(noise)
     count, sh, sw = sources.shape
     flat = sources.reshape(count, -1)
     for iteration, scale in enumerate(steps):

@@ -304,7 +304,7 @@ def polish(
     """Last step in depth by a parabola through the cost at half a pixel of parallax either side, and its 1-sigma.
 
     Shapes as in `sweep`; `sigma` (h, w) float32 is written: one sigma of the depth along the line of sight, from the
-    parallax per depth of the sources and `noise_px`, widened where the cost is high or flat.
+    parallax per depth of the sources and `noise_px`, widened where the cost is high or flat; `first`, `last` bound the rows.
     """
     h, w = image.shape
     weight = np.empty(SAMPLES, np.float32)

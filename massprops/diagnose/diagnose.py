@@ -162,25 +162,23 @@ def _begin(
 def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Selection]:
     """The selection of effects on the path of free fall beside the chaser, or on a straight one where that explains more:
     then one of the two is held in its place, or the record was made so."""
+    from massprops.diagnose.moment import EVIDENCE
     from massprops.diagnose.refit import refit
-    from massprops.diagnose.select import EVIDENCE, explained
+    from massprops.diagnose.select import explained
     from massprops.dynamics.surroundings import Surroundings
 
     if not case.around.falls or not len(case.fitted.uv) or explained(base):
-        found = _selected(case, base, progress)
-        assert found is not None
-        return case, found
+        return case, _selected(case, base, progress)
     said = "the path is straight, not that of free fall beside the chaser: one of the two is held, it seems"
     other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))
     other_base = refit(other, base.fit.state, (), most=40)
     much = case.fitted.count
     if other_base.bic < base.bic - OTHER_PATH * much or explained(other_base):
         (case, base), (other, other_base) = (other, other_base), (case, base)
-    found = _selected(case, base, progress, other)
+    found = _selected_unless(other, case, base, progress)
     if found is None:
         (case, base), (other, other_base) = (other, other_base), (case, base)
         found = _selected(case, base, progress)
-    assert found is not None
     best = found.best or base
     begun = replace(best.fit.state, points=other_base.fit.state.points)
     same = refit(other, begun, best.added, against=best.fit.cost)
@@ -191,11 +189,17 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     if same.bic > best.bic - BETTER_PATH * much:
         return case, found
     again = _selected(other, other_base, progress)
-    assert again is not None
     return (other, again) if (again.best or other_base).bic < best.bic else (case, found)
 
 
-def _selected(case: Case, base: Scored, progress: Watch, other: Case | None = None) -> Selection | None:
+def _selected(case: Case, base: Scored, progress: Watch) -> Selection:
+    found = _selected_unless(None, case, base, progress)
+    assert found is not None
+    return found
+
+
+def _selected_unless(other: Case | None, case: Case, base: Scored, progress: Watch) -> Selection | None:
+    """The selection of effects; None where one alone explains more in the `other` case."""
     from massprops.diagnose.select import select
 
     violated = False
@@ -243,6 +247,7 @@ def _history(case: Case, selection: Selection) -> dict[str, Any] | None:
 def _document(
     case: Case, s: Selection, torque: dict[str, Any] | None, history: dict[str, Any] | None
 ) -> dict[str, Any]:
+    from massprops.diagnose.select import DENSITY
     from massprops.diagnose.where import worst_places
 
     base, best = s.base, s.best or s.base
@@ -276,7 +281,7 @@ def _document(
         document["torque"] = {k: v for k, v in torque.items() if k not in ("times", "torque")}
     if history is not None:
         document["momentum"] = {k: v for k, v in history.items() if np.ndim(v) == 0}
-    if named is not None and "nonuniform-density" in named.names and case.belief.inertia is not None:
+    if named is not None and DENSITY in named.names and case.belief.inertia is not None:
         from massprops.diagnose.hidden_mass import hidden_mass
 
         document["hidden_mass"] = hidden_mass(case.belief.inertia, whole_inertia(named))

@@ -23,7 +23,7 @@ TRIAL = 5
 """Iterations after which two moments are compared."""
 MOST_TRIALS = 16
 EVIDENCE = 10.0
-"""Fall of BIC that another moment must bring."""
+"""Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
 
 
 def moves_at_once(effect: ModuleType) -> bool:

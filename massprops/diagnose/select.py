@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import WHITE
-from massprops.diagnose.moment import best_moment, between_epochs, moves_at_once
+from massprops.diagnose.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
 from massprops.diagnose.refit import Added, Scored, refit, start_values, with_effects
 from massprops.diagnose.score import Score, score_tests
 from massprops.effects import effects, forms
@@ -22,8 +22,6 @@ DENSITY = "nonuniform-density"
 """The effect that a contradicted inertia points at."""
 VIOLATED = 3.0
 """Root-mean-square departure of the six elements of the inertia from what is assumed, in sigmas, that contradicts it."""
-EVIDENCE = 10.0
-"""Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
 STRAYS = 1.5
 """Held-out residual over the noise at which a model that fits does not predict."""
 PREDICTS = 1.12

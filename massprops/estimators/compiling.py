@@ -46,7 +46,7 @@ def compiled(entry: str, *modules: str, fastmath: bool = True) -> Callable[..., 
                 )  # what only compiled code calls needs no way in from Python, which is slow to make
                 scope[name] = numba.njit(
                     copy,
-                    cache=not inner,  # one from the cache would not be inlined, and its sums round otherwise
+                    cache=True,
                     fastmath=flags,
                     error_model="numpy",
                     no_cpython_wrapper=inner,

@@ -99,15 +99,12 @@ def remove_outliers(model: pycolmap.Reconstruction, options: RefineOptions, leas
     The bound follows the residuals themselves. Tracks of shadow edges,
     which crawl over a turning body, are short, and leave by length or by their residuals.
     """
-    views, ids = to_views(model)
-    points = to_points(model, ids)
-    distance = np.linalg.norm(residuals(views, points), axis=1)
-    sigma = robust_sigma(distance)
+    sigma = _residual_sigma(model)
     bound = float(np.clip(options.cut * sigma, least_cut_px or options.least_cut_px, 4.0))
     manager = pycolmap.ObservationManager(model)
     manager.filter_all_points3D(bound, options.least_angle_deg)
     manager.filter_points3D_with_short_tracks(options.shortest)
-    return float(np.clip(options.loss * sigma, options.least_loss_px, options.most_loss_px))
+    return _loss(sigma, options)
 
 
 def refine(
@@ -150,9 +147,16 @@ def refine(
 
 def robust_loss(model: pycolmap.Reconstruction, options: RefineOptions) -> float:
     """Scale of the next adjustment's loss [px], from the residuals."""
+    return _loss(_residual_sigma(model), options)
+
+
+def _residual_sigma(model: pycolmap.Reconstruction) -> float:
     views, ids = to_views(model)
-    distance = np.linalg.norm(residuals(views, to_points(model, ids)), axis=1)
-    return float(np.clip(options.loss * robust_sigma(distance), options.least_loss_px, options.most_loss_px))
+    return robust_sigma(np.linalg.norm(residuals(views, to_points(model, ids)), axis=1))
+
+
+def _loss(sigma: float, options: RefineOptions) -> float:
+    return float(np.clip(options.loss * sigma, options.least_loss_px, options.most_loss_px))
 
 
 def model_precision(model: pycolmap.Reconstruction, free_focal: bool, free_distortion: bool, loss: float) -> Precision:

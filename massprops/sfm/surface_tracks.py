@@ -21,7 +21,7 @@ from massprops.sfm.convert import HALF, to_points, to_views
 from massprops.sfm.points import project_camera
 from massprops.sfm.precision import Precision
 from massprops.sfm.refine import RefineOptions, adjust, model_precision, robust_loss
-from massprops.views import Views
+from massprops.views import Views, entries
 
 Image = Callable[[int], tuple[np.ndarray, np.ndarray]]
 """`image(i)`: colour (h, w, 3) uint8 BGR and mask (h, w) uint8 of view i, both undistorted."""
@@ -109,6 +109,7 @@ def follow_pieces(views: Views, image: Image, cloud, factor: float, seed: int) -
     """
     import cv2
 
+    from massprops.dense.depthmap import thresholds
     from massprops.dense.reconstruct import grey_noise
     from massprops.sfm.patches import follow, nearest_depth
 
@@ -138,11 +139,9 @@ def follow_pieces(views: Views, image: Image, cloud, factor: float, seed: int) -
         slack = c[:, 2] / (factor * K[i, 0]) * (1 + 2 * np.sqrt(1 / np.clip(facing[:, i], FACING, 1) ** 2 - 1))
         hidden = c[:, 2] > nearest[(v * factor).astype(int), (u * factor).astype(int)] + slack
         seen[:, i] &= inside & ~hidden & (mask[i][np.rint(v).astype(int), np.rint(u).astype(int)] > 0)
-    start = cloud.view_start.astype(np.int64)
     own = np.zeros_like(seen)
-    lengths = np.diff(start)[chosen]
-    where = np.repeat(start[chosen] - np.concatenate([[0], np.cumsum(lengths)[:-1]]), lengths)
-    own[np.repeat(np.arange(len(chosen)), lengths), cloud.view_index[where + np.arange(lengths.sum())]] = True
+    which, place = entries(cloud.view_start.astype(np.int64), chosen)
+    own[which, cloud.view_index[place]] = True
     own &= seen
     home = np.where(own, facing, -1).argmax(1)
     rows = np.arange(len(home))
@@ -152,10 +151,10 @@ def follow_pieces(views: Views, image: Image, cloud, factor: float, seed: int) -
     lot = np.where(wanted, np.random.default_rng([seed, 17]).random(wanted.shape), 2.0)
     wanted &= lot <= np.sort(lot, axis=1)[:, min(VIEWS, n) - 1 : min(VIEWS, n)]
     point, view = np.nonzero(wanted)
-    sharp = 1.0 / max(12.0, 6.0 * float(np.median(noise)))
+    sharp = 1.0 / thresholds(float(np.median(noise)))[0]
     found = follow(point, home[point], view, xyz, normal, grey, mask, views.size, K, views.R, views.t, sharp)
     good = found[:, 2] > CORRELATION
-    point, view, place = point[good], view[good], found[good, :2]
+    point, view, uv = point[good], view[good], found[good, :2]
     often = np.bincount(point, minlength=len(xyz)) >= 2
     keep, point_of = often[point], np.cumsum(often) - 1
     xyz, normal, home = xyz[often], normal[often], home[often]
@@ -165,7 +164,7 @@ def follow_pieces(views: Views, image: Image, cloud, factor: float, seed: int) -
         xyz, normal, home,
         np.concatenate([np.arange(len(xyz)), point_of[point[keep]]]),
         np.concatenate([home, view[keep]]),
-        np.concatenate([at_home, place[keep]]),
+        np.concatenate([at_home, uv[keep]]),
     )  # fmt: skip
 
 

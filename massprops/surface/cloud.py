@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.views import entries
+
 RAYS = 5
 """Most views kept for one thinned point: more rays say the same again."""
 
@@ -49,10 +51,9 @@ class Cloud:
 
     def take(self, index: np.ndarray) -> Cloud:
         """The points at `index` (integers)."""
-        counts = np.diff(self.view_start)[index]
-        start = np.concatenate([[0], np.cumsum(counts)])
-        where = np.repeat(self.view_start[index] - start[:-1], counts) + np.arange(start[-1])
-        return Cloud(self.xyz[index], self.normal[index], self.sigma[index], start, self.view_index[where])
+        start = np.concatenate([[0], np.cumsum(np.diff(self.view_start)[index])])
+        place = entries(self.view_start, index)[1]
+        return Cloud(self.xyz[index], self.normal[index], self.sigma[index], start, self.view_index[place])
 
 
 @dataclass(frozen=True)

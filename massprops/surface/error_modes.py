@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.surface.refine import face_normals
+
 SIDE_PIXELS = 0.3
 """1-sigma of the offset of a patch of measured faces [px]. In spacecraft of simulated footage one array was 3 to 9 mm too
 thin and the other too thick, where a pixel is 11 and 17 mm."""
@@ -38,12 +40,10 @@ def measured_modes(
     seen = np.flatnonzero(observed)
     if not len(seen):
         return np.zeros((0, len(faces)))
-    corners = vertices[faces[seen]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    middle, normal = vertices[faces[seen]].mean(axis=1), face_normals(vertices, faces[seen])
     reach = REACH * length
     # place and direction together, so that the two sides of a plate are different patches
-    bump = _bumps(np.column_stack([corners.mean(axis=1), 2 * reach * normal]), 0, reach)
+    bump = _bumps(np.column_stack([middle, 2 * reach * normal]), 0, reach)
     modes = np.zeros((bump.shape[1], len(faces)))
     modes[:, seen] = SIDE_PIXELS * pixel * bump.T
     return modes

@@ -22,6 +22,7 @@ from massprops.mass.integrals import PAIRS, mesh_integrals, model_length, offset
 from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
+from massprops.views import entries
 
 BIAS_PIXELS = 0.15
 PATCHES = 400
@@ -133,12 +134,10 @@ def _bootstrap(
     point, face, distance = residuals(surface.vertices, surface.faces, cloud, 2 * surface.spacing)
     own = patch[face]
     point, distance, own = point[own >= 0], distance[own >= 0], own[own >= 0]
-    seen_by = np.diff(cloud.view_start)[point]
-    which = np.repeat(cloud.view_start[point] - np.concatenate([[0], np.cumsum(seen_by)[:-1]]), seen_by)
-    view = cloud.view_index[which + np.arange(seen_by.sum())]
-    share = 1.0 / np.repeat(seen_by, seen_by)
-    code = view * patches + np.repeat(own, seen_by)
-    total = np.bincount(code, share * np.repeat(distance, seen_by), views * patches).reshape(views, patches)
+    which, place = entries(cloud.view_start, point)
+    share = 1.0 / np.bincount(which, minlength=len(point))[which]
+    code = cloud.view_index[place] * patches + own[which]
+    total = np.bincount(code, share * distance[which], views * patches).reshape(views, patches)
     weight = np.bincount(code, share, views * patches).reshape(views, patches)
     blocks = min(blocks, views)
     block = np.arange(views) * blocks // views

@@ -112,26 +112,18 @@ def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:
     """
     k = 17 + state.motion_count
     motion, sensing = state.model.flat(True) + d[17:k], state.model.flat(False) + d[k:]
-    w0, inertia = state.w0 + d[3:6], state.inertia
-    if np.any(d[:3]):
-        back = rotation_matrix(from_rotation_vector(-d[:3]))
-        w0 = back @ (w0 + np.cross(d[:3], state.w0))
-        points = (points + np.cross(d[:3], state.points)) @ back.T
+    back, inertia = rotation_matrix(from_rotation_vector(-d[:3])), state.inertia
     if np.any(d[12:17]):
-        change = d[12:17]
-        if np.any(d[:3]):
-            inertia = back @ moved_inertia(inertia, change - _turning(inertia, d[:3])) @ back.T
-        else:
-            inertia = moved_inertia(inertia, change)
+        inertia = back @ moved_inertia(inertia, d[12:17] - _turning(inertia, d[:3])) @ back.T
     return replace(
         state,
         q0=normalise(multiply(state.q0, from_rotation_vector(d[:3]))),
-        w0=w0,
+        w0=back @ (state.w0 + d[3:6] + np.cross(d[:3], state.w0)),
         r0=state.r0 + d[6:9],
         v0=state.v0 + d[9:12],
         inertia=inertia,
         model=state.model.with_values(motion, sensing),
-        points=points,
+        points=(points + np.cross(d[:3], state.points)) @ back.T,
     )
 
 

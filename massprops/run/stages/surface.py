@@ -12,16 +12,14 @@ from massprops.run.job import Job
 READS = ("capture", "sfm", "silhouettes", "dense")
 OPTIONS = ("seed",)
 
+FAR = 15.0
+"""Spacings of the mesh beyond which a measured point is not on it."""
 MOST_LOST = 0.03
 """Above this share of measured points that lie far off the mesh, a part of the body is missing in it."""
 LEAST_OBSERVED = 0.4
 """Below this share of measured area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
 """Relative 1-sigma of a self-calibrated focal length when the structure from motion could not give its own."""
-
-
-FAR = 15.0
-"""Spacings of the mesh beyond which a measured point is not on it."""
 
 
 def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
