@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.mass.integrals import model_length
+from massprops.surface.length import model_length
 
 
 @dataclass(frozen=True)

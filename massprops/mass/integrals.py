@@ -117,23 +117,3 @@ def greatest_length(vertices: np.ndarray) -> tuple[float, int, int]:
         if square[i, j] > best[0]:
             best = (float(square[i, j]), int(index[start + i]), int(index[j]))
     return float(np.sqrt(best[0])), best[1], best[2]
-
-
-def model_length(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray) -> tuple[float, int, int]:
-    """The model unit of a run: the greatest length of its measured surface, and the two vertices.
-
-    Only vertices among measured faces count where they span most of the body: what was filled in reaches for the hull
-    of the silhouettes, and would make the body longer than it is.
-
-    Args:
-        vertices: (v, 3); faces: (f, 3); observed: (f,) bool.
-    """
-    whole = greatest_length(vertices)
-    inner = np.zeros(len(vertices), bool)
-    inner[faces[observed]] = True
-    inner[faces[~observed]] = False
-    index = np.flatnonzero(inner)
-    if len(index) < 8:
-        return whole
-    length, a, b = greatest_length(vertices[index])
-    return (length, int(index[a]), int(index[b])) if length > 0.95 * whole[0] else whole

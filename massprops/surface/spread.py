@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.mass.integrals import PAIRS, mesh_integrals, model_length, offset_response
+from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
 from massprops.surface.error_modes import fill_modes, measured_modes
+from massprops.surface.length import model_length
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 from massprops.views import entries
@@ -50,7 +51,8 @@ def replicates(
     response = offset_response(vertices, faces)
     length, end_a, end_b = model_length(vertices, faces, surface.observed)
     ends = np.array([end_a, end_b])
-    direction = (vertices[end_b] - vertices[end_a]) / length
+    direction = vertices[end_b] - vertices[end_a]
+    direction = direction / np.linalg.norm(direction)
     pull = np.einsum("ij,j->i", vertex_normals(vertices, faces)[ends], direction) * [-1, 1]
     end_face = np.array([np.flatnonzero((faces == e).any(1))[0] for e in ends])
 

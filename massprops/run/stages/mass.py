@@ -7,10 +7,11 @@ import json
 import numpy as np
 
 from massprops.mass.document import document
-from massprops.mass.integrals import mesh_integrals, model_length
+from massprops.mass.integrals import mesh_integrals
 from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates
 from massprops.mass.properties import properties_of_integrals
 from massprops.run.job import Job
+from massprops.surface.length import model_length
 
 READS = ("surface", "scale")
 OPTIONS = ("density", "seed")

@@ -15,11 +15,11 @@ OPTIONS = ("scale", "scale_sigma", "distance", "marker")
 
 def run(job: Job) -> dict:
     """Writes scale.json."""
-    from massprops.mass.integrals import model_length
     from massprops.sfm.footage import read_footage
     from massprops.sfm.points import SparsePoints
     from massprops.sfm.scale import ScaleInputs, find_scale
     from massprops.sfm.scale.distance import read_named
+    from massprops.surface.length import model_length
     from massprops.views import Views
 
     job.progress(0, 1, "scale")
