@@ -6,23 +6,32 @@ a plate tears.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from massprops.surface.tetra import Tetrahedra
 
 
-def minimum_cut(
-    tetra: Tetrahedra, outside: np.ndarray, inside: np.ndarray, into: np.ndarray, both: np.ndarray
-) -> np.ndarray:
-    """(t,) bool, True inside: the labels of least cost (Boykov and Kolmogorov 2004, by PyMaxflow).
+@dataclass(frozen=True)
+class Costs:
+    """What the cut pays, for t tetrahedra.
 
-    Args:
-        tetra: t tetrahedra.
-        outside: (t,) cost of calling a tetrahedron inside.
+    Attributes:
+        outside: (t,) evidence that a tetrahedron is outside: cost of calling it inside.
         inside: (t,) cost of calling it outside.
         into: (t, 4) cost of a facet whose neighbour is outside and whose own tetrahedron is inside.
         both: (t, 4) cost of a facet between different labels.
     """
+
+    outside: np.ndarray
+    inside: np.ndarray
+    into: np.ndarray
+    both: np.ndarray
+
+
+def minimum_cut(tetra: Tetrahedra, costs: Costs) -> np.ndarray:
+    """(t,) bool, True inside: the labels of least cost (Boykov and Kolmogorov 2004, by PyMaxflow)."""
     import maxflow
 
     t, k = np.nonzero(tetra.neighbours >= 0)
@@ -32,18 +41,17 @@ def minimum_cut(
     back = np.argmax(tetra.neighbours[other] == t[:, None], axis=1)
     graph = maxflow.Graph[float](len(tetra.corners), len(t))
     nodes = graph.add_nodes(len(tetra.corners))
-    smooth = both[t, k]
+    smooth = costs.both[t, k]
     # Source is outside: an edge i -> j is cut when i is outside and j inside.
-    graph.add_edges(nodes[t], nodes[other], into[other, back] + smooth, into[t, k] + smooth)
-    graph.add_grid_tedges(nodes, outside, inside)
+    graph.add_edges(nodes[t], nodes[other], costs.into[other, back] + smooth, costs.into[t, k] + smooth)
+    graph.add_grid_tedges(nodes, costs.outside, costs.inside)
     graph.maxflow()
     return np.asarray(graph.get_grid_segments(nodes), bool)
 
 
-def one_body(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
-    """The largest inside component, its bubbles filled, and its pinched edges thickened until it is a manifold."""
-    volume = tetra.volume
-    label = _largest(tetra, inside, volume)
+def manifold(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+    """The labels with bubbles filled, and pinched edges thickened until the surface is a manifold."""
+    label = inside
     for _ in range(20):
         label = ~_reached_from_outside(tetra, label)
         pinched = _pinched(tetra, label)
@@ -53,7 +61,8 @@ def one_body(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     return label
 
 
-def _components(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+def components(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
+    """(t,) number of the component of equal labels that each tetrahedron belongs to."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -65,13 +74,8 @@ def _components(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     return connected_components(links, directed=False)[1]
 
 
-def _largest(tetra: Tetrahedra, inside: np.ndarray, volume: np.ndarray) -> np.ndarray:
-    part = _components(tetra, inside)
-    return part == np.argmax(np.bincount(part, volume * inside))
-
-
 def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
-    part = _components(tetra, inside)
+    part = components(tetra, inside)
     rim = np.unique(part[(tetra.neighbours < 0).any(1) & ~inside])
     return np.isin(part, rim) & ~inside
 

@@ -5,7 +5,8 @@
    unseen side, at any thinness.
 3. All points are joined by Delaunay tetrahedra; lines of sight say which are empty, the measured normals which are
    inside, the silhouettes which cannot be the object (`tetra`).
-4. A minimum cut labels the tetrahedra; its border is closed by construction (`cut`).
+4. A minimum cut labels the tetrahedra; its border is closed by construction (`cut`). Measured parts that hang by what
+   was not measured are linked to the body (`join`).
 5. Measured parts are moved to the middle of the noise, unseen parts are made fair (`refine`).
 
 What no view constrains is filled up to the hull, less `HOLLOW` of the way to a membrane stretched over the measured
@@ -21,7 +22,8 @@ import numpy as np
 from massprops.errors import NotPossible
 from massprops.run.job import Progress, silent
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
-from massprops.surface.cut import minimum_cut, one_body, surface_faces
+from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
+from massprops.surface.join import joined
 from massprops.surface.refine import fair, measured_faces, membrane, remove_bias
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
@@ -66,6 +68,7 @@ def reconstruct_surface(
     seed: int = 0,
     progress: Progress = silent,
     support: np.ndarray | None = None,
+    moving: bool = True,
 ) -> Surface:
     """One closed surface from dense points and silhouettes.
 
@@ -77,6 +80,7 @@ def reconstruct_surface(
         seed: of every random draw.
         progress: told after each step.
         support: (4,) plane the object stands on, normal towards the object; None for a free body.
+        moving: whatever the cloud holds is the body's; of a still scene other pieces may stand beside the object.
 
     Raises:
         NotPossible: too few points, or no closed body in them.
@@ -96,9 +100,9 @@ def reconstruct_surface(
     hull = hull.sparing(thinned.xyz)
     tetra, kind = _tetrahedra(thinned, hull, views, seed)
     progress(2, 5, "tetrahedra")
-    evidence = _evidence(tetra, thinned, hull, views)
+    costs = _costs(tetra, thinned, hull, views)
     progress(3, 5, "lines of sight")
-    body = one_body(tetra, minimum_cut(tetra, evidence.outside, evidence.inside, evidence.into, evidence.both))
+    body = manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving))
     if body.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
     progress(4, 5, "cut")
@@ -184,17 +188,7 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
     return xyz[np.sort(np.unique(code, return_index=True)[1])]
 
 
-@dataclass(frozen=True)
-class _Evidence:
-    """Costs of the cut."""
-
-    outside: np.ndarray
-    inside: np.ndarray
-    into: np.ndarray
-    both: np.ndarray
-
-
-def _evidence(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> _Evidence:
+def _costs(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> Costs:
     h, n = thinned.spacing, len(thinned.xyz)
     # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
     soft = np.maximum(0.5 * thinned.sigma, 0.05 * h)
@@ -219,4 +213,4 @@ def _evidence(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> 
     outside = np.where(guard, 1e6, outside)
     pull = np.where((sky <= 0.5) & ~guard, FILL * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
     both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
-    return _Evidence(outside, sure + pull, into, both)
+    return Costs(outside, sure + pull, into, both)

@@ -13,7 +13,7 @@ from massprops.mass.intervals import intervals
 from massprops.mass.properties import mass_properties, properties_of_integrals
 from massprops.run.stages.surface import lost_share
 from massprops.surface.cloud import Cloud
-from massprops.surface.cut import one_body, surface_faces
+from massprops.surface.cut import manifold, surface_faces
 from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.reconstruct import Surface, reconstruct_surface
 from massprops.surface.refine import membrane
@@ -173,7 +173,7 @@ def test_border_of_any_labels_is_closed(seed):
     rng = np.random.default_rng(seed)
     tetra = tetrahedralise(rng.random((300, 3)))
     inner = (np.abs(tetra.points[tetra.corners].mean(1) - 0.5) < 0.35).all(1)
-    label = one_body(tetra, inner & (rng.random(len(inner)) < 0.7))
+    label = manifold(tetra, inner & (rng.random(len(inner)) < 0.7))
     mesh = trimesh.Trimesh(tetra.points, surface_faces(tetra, label), process=False)
     mesh.remove_unreferenced_vertices()
     assert mesh.is_volume and mesh.volume == pytest.approx(tetra.volume[label].sum())

@@ -50,7 +50,11 @@ def run(job: Job) -> dict:
     cloud = Cloud.load(job.work("dense") / "points.npz")
     stand = json.loads((job.work("silhouettes") / "silhouettes.json").read_text()).get("support_plane")
     support = None if stand is None else np.array(stand, float)
-    surface = reconstruct_surface(views, masks, cloud, seed=job.seed, progress=job.progress, support=support)
+    footage = json.loads((job.work("capture") / "footage.json").read_text())
+    moving = footage["motion"] == "tumbling" or bool(footage["masks_given"])
+    surface = reconstruct_surface(
+        views, masks, cloud, seed=job.seed, progress=job.progress, support=support, moving=moving
+    )
     focal = sfm.get("focal_sigma_relative")
     focal = FOCAL_SIGMA if focal is None else float(focal)
     rows, lengths = replicates(surface, len(views), focal, seed=job.seed)

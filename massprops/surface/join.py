@@ -1,0 +1,168 @@
+"""The pieces of a cut to one body: parts that were measured and hang by what was not.
+
+What moves together is one body, but a thin root that was never lit or never seen leaves what hangs by it without a
+link, and the cut has several components. The cut's own energy says which of them are the body's. Deleting a component
+costs what its points weigh, less its surface; a link costs what lines of sight, silhouettes and its own surface say
+against it. A component stays when its deletion costs more than its link.
+
+Links are chains of tetrahedra, found by one search from all components at once (Dijkstra 1959, over facets), of
+which a minimum spanning tree is kept (Mehlhorn 1988) and pruned from its leaves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+
+from massprops.surface.cut import Costs, components
+from massprops.surface.tetra import Tetrahedra
+
+LEVEL = 1e-3
+"""Chance that the heaviest of the specks of wrong points is taken for a part."""
+
+
+def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = True) -> np.ndarray:
+    """(t,) bool: the component that weighs most, the parts worth a link to it, and the links.
+
+    Args:
+        tetra: t tetrahedra.
+        costs: of the cut that gave the labels.
+        inside: (t,) labels of least cost.
+        moving: all points moved together, so that all parts are the body's; else the component that weighs most is the
+            object, and others may be what stands beside it.
+    """
+    part = np.where(inside, components(tetra, inside), -1)
+    worth = _worth(tetra, costs, part)
+    body = int(np.argmax(worth))
+    few = parts(worth) if moving else np.array([body])
+    if len(few) < 2:
+        return part == body
+    part = np.where(np.isin(part, few), part, -1)
+    limit = float(np.sort(worth)[-2])
+    facet, sides = _facets(tetra)
+    ends, price, through = _passages(tetra, costs, part >= 0, facet, limit)
+    graph = coo_matrix((price, ends.T), shape=(len(sides), len(sides))).tocsr()
+    distance, before, owner = _search(graph, part, sides, limit)
+    link, first = _links(ends, price, distance, owner, len(worth))
+    label = part == body
+    for a, b in _kept_links(link, worth, body):
+        label |= np.isin(part, (a, b))
+        crossing = first[min(a, b), max(a, b)]
+        label[through[crossing]] = True
+        for f in ends[crossing]:
+            while before[f] >= 0:
+                label[np.intersect1d(sides[f], sides[before[f]])] = True
+                f = before[f]
+    return label
+
+
+def parts(worth: np.ndarray) -> np.ndarray:
+    """Indices of the components that are no specks: the heaviest, and those too heavy for chance.
+
+    Specks of wrong points weigh the less often the more, like an exponential with their mean, or with one point's
+    weight if that is more: of n of them the heaviest is over mean ln(n / LEVEL) once in 1 / LEVEL cases.
+
+    Args:
+        worth: (n,) energy that deleting each component costs.
+    """
+    order = np.argsort(worth)
+    rank = np.arange(1, len(worth) + 1)
+    mean = np.cumsum(worth[order]) / rank
+    lighter = np.concatenate([[1.0], np.maximum(mean[:-1], 1.0)])
+    over = worth[order] > lighter * np.log(rank / LEVEL)
+    over[-1] = True
+    # all above the first that is too heavy
+    return order[np.argmax(over) :]
+
+
+def _worth(tetra: Tetrahedra, costs: Costs, part: np.ndarray) -> np.ndarray:
+    """(n,) rise of the cut's energy when each component is called outside."""
+    inside = part >= 0
+    open_side = (tetra.neighbours >= 0) & ~inside[tetra.neighbours]
+    gain = costs.inside - costs.outside - ((costs.into + costs.both) * open_side).sum(1)
+    return np.bincount(part[inside], gain[inside])
+
+
+def _facets(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
+    """(t, 4) number of the facet across from each corner, -1 on the rim, and (f, 2) the tetrahedra on its sides."""
+    t, k = np.nonzero(tetra.neighbours >= 0)
+    other = tetra.neighbours[t, k]
+    once = t < other
+    t, k, other = t[once], k[once], other[once]
+    back = np.argmax(tetra.neighbours[other] == t[:, None], axis=1)
+    facet = np.full(tetra.neighbours.shape, -1, np.int64)
+    facet[t, k] = facet[other, back] = np.arange(len(t))
+    return facet, np.column_stack([t, other])
+
+
+def _passages(
+    tetra: Tetrahedra, costs: Costs, inside: np.ndarray, facet: np.ndarray, limit: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ways through the outside, from facet to facet of one tetrahedron.
+
+    Returns:
+        ends (p, 2) facets, price (p,) of calling the tetrahedron inside and closing its two other facets, through
+        (p,) the tetrahedron; none at `limit` or over.
+    """
+    free = ~inside
+    wall = np.where((tetra.neighbours >= 0) & free[tetra.neighbours], costs.into + costs.both, 0.0)
+    own = np.maximum(costs.outside - costs.inside, 0.0)
+    ends, price, through = [], [], []
+    for i in range(4):
+        for j in range(i + 1, 4):
+            others = [k for k in range(4) if k not in (i, j)]
+            # never zero, which a sparse graph takes for no edge
+            cost = np.maximum(own + wall[:, others].sum(1), 1e-9)
+            way = np.flatnonzero(free & (cost < limit) & (facet[:, i] >= 0) & (facet[:, j] >= 0))
+            ends.append(facet[way][:, [i, j]])
+            price.append(cost[way])
+            through.append(way)
+    return np.concatenate(ends), np.concatenate(price), np.concatenate(through)
+
+
+def _search(
+    graph: csr_matrix, part: np.ndarray, sides: np.ndarray, limit: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For each facet the cheapest way to a component: its price, the facet before it, and which component (or -1)."""
+    from scipy.sparse.csgraph import dijkstra
+
+    one, two = part[sides[:, 0]], part[sides[:, 1]]
+    start = np.flatnonzero((one >= 0) != (two >= 0))
+    distance, before, source = dijkstra(
+        graph, directed=False, indices=start, min_only=True, return_predecessors=True, limit=limit
+    )
+    reached = np.isfinite(distance)
+    return distance, before, np.where(reached, np.maximum(one, two)[np.where(reached, source, 0)], -1)
+
+
+def _links(
+    ends: np.ndarray, price: np.ndarray, distance: np.ndarray, owner: np.ndarray, size: int
+) -> tuple[csr_matrix, dict[tuple[int, int], int]]:
+    """The cheapest way between each two components that meet: its price (n, n), and the passage where they meet."""
+    a, b = owner[ends].T
+    meet = np.flatnonzero((a != b) & (a >= 0) & (b >= 0))
+    low, high = np.minimum(a, b)[meet], np.maximum(a, b)[meet]
+    total = price[meet] + distance[ends[meet]].sum(1)
+    order = np.lexsort((total, high, low))
+    cheapest = order[np.unique(low[order] * size + high[order], return_index=True)[1]]
+    low, high, total, meet = low[cheapest], high[cheapest], total[cheapest], meet[cheapest]
+    first = {(int(i), int(j)): int(m) for i, j, m in zip(low, high, meet, strict=True)}
+    return coo_matrix((total, (low, high)), shape=(size, size)).tocsr(), first
+
+
+def _kept_links(link: csr_matrix, worth: np.ndarray, body: int) -> list[tuple[int, int]]:
+    """Pairs (towards the body, away from it): branches of the tree that are worth their links."""
+    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
+    tree = minimum_spanning_tree(link)
+    order, parent = breadth_first_order(tree, body, directed=False)
+    price = (tree + tree.T).tocsr()
+    value = worth.astype(float).copy()
+    for c in order[:0:-1]:
+        value[parent[c]] += max(value[c] - price[c, parent[c]], 0.0)
+    kept, out = {body}, []
+    for c in order[1:]:
+        if parent[c] in kept and value[c] > price[c, parent[c]]:
+            kept.add(c)
+            out.append((int(parent[c]), int(c)))
+    return out
