@@ -44,7 +44,7 @@ class Hull:
 
         What lies below the support is outside, by its depth in pixels: cameras above cannot see that it is empty.
         """
-        value = _value(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)
+        value = _best(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)[:, -1]
         if self.support is None:
             return value
         return np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
@@ -87,67 +87,82 @@ def make_hull(
     return Hull(maps, size, P, least, pixel, support).sparing(measured, least)
 
 
+@njit(cache=True, inline="always")
+def _view(maps, size, P, v):  # noqa: ANN001, ANN202
+    """Map, size and matrix of view v as values: read once and not for every point."""
+    p = (P[v, 0, 0], P[v, 0, 1], P[v, 0, 2], P[v, 0, 3], P[v, 1, 0], P[v, 1, 1], P[v, 1, 2], P[v, 1, 3],
+         P[v, 2, 0], P[v, 2, 1], P[v, 2, 2], P[v, 2, 3])  # fmt: skip
+    return maps[v], size[v, 0], size[v, 1], p
+
+
 @njit(cache=True)
-def _distance(maps, size, P, v, x, y, z):  # noqa: ANN001, ANN202
-    """Distance to the outline in view v [px], or nan where the point is not in the image."""
-    d = P[v, 2, 0] * x + P[v, 2, 1] * y + P[v, 2, 2] * z + P[v, 2, 3]
+def _distance(view, x, y, z):  # noqa: ANN001, ANN202
+    """Distance to the outline in a view [px], or nan where the point is not in the image."""
+    m, width, height, p = view
+    d = p[8] * x + p[9] * y + p[10] * z + p[11]
     if d <= 1e-9:
         return np.nan
-    a = (P[v, 0, 0] * x + P[v, 0, 1] * y + P[v, 0, 2] * z + P[v, 0, 3]) / d
-    b = (P[v, 1, 0] * x + P[v, 1, 1] * y + P[v, 1, 2] * z + P[v, 1, 3]) / d
-    if not (a >= 0 and b >= 0 and a < size[v, 0] - 1 and b < size[v, 1] - 1):
+    a = (p[0] * x + p[1] * y + p[2] * z + p[3]) / d
+    b = (p[4] * x + p[5] * y + p[6] * z + p[7]) / d
+    if not (a >= 0 and b >= 0 and a < width - 1 and b < height - 1):
         return np.nan
     i, j = int(b), int(a)
     fb, fa = b - i, a - j
-    top = maps[v, i, j] * (1 - fa) + maps[v, i, j + 1] * fa
-    low = maps[v, i + 1, j] * (1 - fa) + maps[v, i + 1, j + 1] * fa
+    top = m[i, j] * (1 - fa) + m[i, j + 1] * fa
+    low = m[i + 1, j] * (1 - fa) + m[i + 1, j + 1] * fa
     return (top * (1 - fb) + low * fb) / 4.0
 
 
 @njit(cache=True)
 def _votes(xyz, maps, size, P, margin):  # noqa: ANN001, ANN202
     out = np.zeros(len(xyz), np.int64)
-    for i in range(len(xyz)):
-        for v in range(len(P)):
-            if _distance(maps, size, P, v, xyz[i, 0], xyz[i, 1], xyz[i, 2]) > margin:
+    for v in range(len(P)):
+        view = _view(maps, size, P, v)
+        for i in range(len(xyz)):
+            if _distance(view, xyz[i, 0], xyz[i, 1], xyz[i, 2]) > margin:
                 out[i] += 1
     return out
 
 
 @njit(cache=True)
-def _one_value(maps, size, P, need, x, y, z, best):  # noqa: ANN001, ANN202
-    best[:] = -32.0
+def _best(xyz, maps, size, P, need):  # noqa: ANN001, ANN202
+    """(n, need) the greatest distances of each point, descending."""
+    out = np.full((len(xyz), need), -32.0)
     for v in range(len(P)):
-        d = _distance(maps, size, P, v, x, y, z)
-        if d > best[need - 1]:
-            k = need - 1
-            while k > 0 and best[k - 1] < d:
-                best[k] = best[k - 1]
-                k -= 1
-            best[k] = d
-    return best[need - 1]
+        view = _view(maps, size, P, v)
+        for i in range(len(xyz)):
+            d = _distance(view, xyz[i, 0], xyz[i, 1], xyz[i, 2])
+            if d > out[i, need - 1]:
+                k = need - 1
+                while k > 0 and out[i, k - 1] < d:
+                    out[i, k] = out[i, k - 1]
+                    k -= 1
+                out[i, k] = d
+    return out
 
 
 @njit(cache=True)
-def _value(xyz, maps, size, P, need):  # noqa: ANN001, ANN202
-    out = np.empty(len(xyz))
-    best = np.empty(need)
-    for i in range(len(xyz)):
-        out[i] = _one_value(maps, size, P, need, xyz[i, 0], xyz[i, 1], xyz[i, 2], best)
-    return out
+def _is_sky(maps, size, P, need, x, y, z):  # noqa: ANN001, ANN202
+    """Whether `need` views see a point outside their outlines."""
+    for v in range(len(P)):
+        if _distance(_view(maps, size, P, v), x, y, z) > 0:
+            need -= 1
+            if need == 0:
+                return True
+    return False
 
 
 @njit(cache=True)
 def _shoot(start, direction, first, reach, maps, size, P, need):  # noqa: ANN001, ANN202
     out = np.empty_like(start)
     hit = np.zeros(len(start), np.bool_)
-    best = np.empty(need)
     for i in range(len(start)):
+        px, py, pz = start[i, 0], start[i, 1], start[i, 2]
+        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
         low, step, t = 0.0, first, first
         found = False
         while t < reach:
-            x = start[i] + t * direction[i]
-            if _one_value(maps, size, P, need, x[0], x[1], x[2], best) > 0:
+            if _is_sky(maps, size, P, need, px + t * dx, py + t * dy, pz + t * dz):
                 found = True
                 break
             low = t
@@ -158,12 +173,12 @@ def _shoot(start, direction, first, reach, maps, size, P, need):  # noqa: ANN001
         high = t
         for _ in range(12):
             middle = 0.5 * (low + high)
-            x = start[i] + middle * direction[i]
-            if _one_value(maps, size, P, need, x[0], x[1], x[2], best) > 0:
+            if _is_sky(maps, size, P, need, px + middle * dx, py + middle * dy, pz + middle * dz):
                 high = middle
             else:
                 low = middle
-        out[i] = start[i] + 0.5 * (low + high) * direction[i]
+        t = 0.5 * (low + high)
+        out[i, 0], out[i, 1], out[i, 2] = px + t * dx, py + t * dy, pz + t * dz
         hit[i] = True
     return out, hit
 

@@ -141,12 +141,17 @@ def _next(points, corners, t, entered, o, d):  # noqa: ANN001, ANN202
 
 @njit(cache=True)
 def _trace(points, corners, neighbours, start, tets, point, centre, sigma, weight, into, free):  # noqa: ANN001, ANN202
+    d = np.empty(3)
     for r in range(len(point)):
         p = point[r]
         origin = points[p]
-        d = centre[r] - origin
-        far = np.sqrt((d * d).sum())
-        d = d / far
+        far = 0.0
+        for i in range(3):
+            d[i] = centre[r, i] - origin[i]
+            far += d[i] * d[i]
+        far = np.sqrt(far)
+        for i in range(3):
+            d[i] /= far
         t, facet, s = _first(points, corners, start, tets, p, d)
         for _ in range(4000):
             if t < 0 or facet < 0 or s >= far:
