@@ -30,7 +30,7 @@ class DensePoints:
     view_index: np.ndarray
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, error_model="numpy")
 def _fuse(
     reference,
     depth,

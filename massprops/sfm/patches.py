@@ -166,7 +166,7 @@ def follow(
     return out
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, error_model="numpy")
 def nearest_depth(xyz, K, R, t, factor, h, w):  # type: ignore[no-untyped-def]
     """(h, w) least depth of points (m, 3) drawn 3 pixels wide into a view reduced by `factor`; inf where none is."""
     out = np.full((h, w), np.inf)

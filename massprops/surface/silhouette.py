@@ -87,7 +87,7 @@ def make_hull(
     return Hull(maps, size, P, least, pixel, support).sparing(measured, least)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inline="always", error_model="numpy")
 def _view(maps, size, P, v):  # noqa: ANN001, ANN202
     """Map, size and matrix of view v as values: read once and not for every point."""
     p = (P[v, 0, 0], P[v, 0, 1], P[v, 0, 2], P[v, 0, 3], P[v, 1, 0], P[v, 1, 1], P[v, 1, 2], P[v, 1, 3],
@@ -95,7 +95,7 @@ def _view(maps, size, P, v):  # noqa: ANN001, ANN202
     return maps[v], size[v, 0], size[v, 1], p
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _distance(view, x, y, z):  # noqa: ANN001, ANN202
     """Distance to the outline in a view [px], or nan where the point is not in the image."""
     m, width, height, p = view
@@ -113,7 +113,7 @@ def _distance(view, x, y, z):  # noqa: ANN001, ANN202
     return (top * (1 - fb) + low * fb) / 4.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _votes(xyz, maps, size, P, margin):  # noqa: ANN001, ANN202
     out = np.zeros(len(xyz), np.int64)
     for v in range(len(P)):
@@ -124,7 +124,7 @@ def _votes(xyz, maps, size, P, margin):  # noqa: ANN001, ANN202
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _best(xyz, maps, size, P, need):  # noqa: ANN001, ANN202
     """(n, need) the greatest distances of each point, descending."""
     out = np.full((len(xyz), need), -32.0)
@@ -141,7 +141,7 @@ def _best(xyz, maps, size, P, need):  # noqa: ANN001, ANN202
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _is_sky(maps, size, P, need, x, y, z):  # noqa: ANN001, ANN202
     """Whether `need` views see a point outside their outlines."""
     for v in range(len(P)):
@@ -152,7 +152,7 @@ def _is_sky(maps, size, P, need, x, y, z):  # noqa: ANN001, ANN202
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _shoot(start, direction, first, reach, maps, size, P, need):  # noqa: ANN001, ANN202
     out = np.empty_like(start)
     hit = np.zeros(len(start), np.bool_)

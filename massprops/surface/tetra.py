@@ -88,12 +88,12 @@ def _incidence(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
     return start.astype(np.int64), (order // 4).astype(np.int32)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inline="always", error_model="numpy")
 def _triple(ax, ay, az, bx, by, bz, cx, cy, cz):  # noqa: ANN001, ANN202
     return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _first(points, corners, start, tets, p, d):  # noqa: ANN001, ANN202
     """The tetrahedron about point p that direction d enters, the corner p has in it, and where d leaves it."""
     px, py, pz = points[p, 0], points[p, 1], points[p, 2]
@@ -117,7 +117,7 @@ def _first(points, corners, start, tets, p, d):  # noqa: ANN001, ANN202
     return -1, -1, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _next(points, corners, t, entered, o, d):  # noqa: ANN001, ANN202
     """Facet through which the line leaves tetrahedron t, and the distance along it."""
     best, facet = 1e300, -1
@@ -139,7 +139,7 @@ def _next(points, corners, t, entered, o, d):  # noqa: ANN001, ANN202
     return facet, best
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _trace(points, corners, neighbours, start, tets, point, centre, sigma, weight, into, free):  # noqa: ANN001, ANN202
     d = np.empty(3)
     for r in range(len(point)):
@@ -169,7 +169,7 @@ def _trace(points, corners, neighbours, start, tets, point, centre, sigma, weigh
             facet, s = _next(points, corners, t, entered, origin, d)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _behind(points, corners, neighbours, start, tets, point, direction, depth):  # noqa: ANN001, ANN202
     out = np.full(len(point), -1, np.int64)
     for r in range(len(point)):
