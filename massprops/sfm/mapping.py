@@ -22,6 +22,7 @@ class MappingOptions:
         free_distortion: the radial term is estimated while mapping.
         masked: features lie on one object only, so planes and frames of text are no reason to reject a pair.
         guided: second round of matching along epipolar lines.
+        least_inliers: points that must agree on the place of an image.
         seed, threads: as in every stage.
     """
 
@@ -30,6 +31,7 @@ class MappingOptions:
     free_distortion: bool = False
     masked: bool = False
     guided: bool = False
+    least_inliers: int = 30
     seed: int = 0
     threads: int = 2
 
@@ -76,6 +78,7 @@ def pipeline_options(options: MappingOptions, frames: Path) -> pycolmap.Incremen
     o.image_path = frames
     o.extract_colors = False
     o.min_model_size = 3
+    o.mapper.abs_pose_min_num_inliers = options.least_inliers
     o.max_num_models = 5
     o.init_num_trials = 100
     o.ba_refine_sensor_from_rig = False

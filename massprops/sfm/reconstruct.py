@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -23,6 +23,9 @@ from massprops.sfm.precision import Precision
 from massprops.sfm.refine import RefineOptions, refine
 from massprops.sfm.surface_tracks import Image, with_surface
 from massprops.views import Views, undistort
+
+ENOUGH = 0.9
+"""Share of the images placed from which on no other way is tried."""
 
 
 @dataclass(frozen=True)
@@ -188,19 +191,32 @@ def _attempt(
     frames = footage.folder / "frames"
     models: list[pycolmap.Reconstruction] = []
     try:
-        models = map_images(database, frames, work / "models", mapping, len(names), progress)
+        models = _mapped(database, frames, work / "models", mapping, len(names), progress)
     except NotPossible:
         if len(first) == len(names) * (len(names) - 1) // 2:
             raise
-    if _registered(models) < 0.9 * len(names):
+    if _registered(models) < ENOUGH * len(names):
         signatures = pairing.signatures(descriptors, options.seed)
         more = pairing.similar(signatures, 2 * options.loops, 2)
         new = _unseen([(names[i], names[j]) for i, j in more], first)
         if new:
             match(database, new, mapping, progress)
-            again = map_images(database, frames, work / "again", mapping, len(names), progress)
+            again = _mapped(database, frames, work / "again", mapping, len(names), progress)
             models = again if _registered(again) >= _registered(models) else models
     return (database, mapping), models, warnings
+
+
+def _mapped(
+    database: Path, frames: Path, out: Path, mapping: MappingOptions, total: int, progress: Progress
+) -> list[pycolmap.Reconstruction]:
+    """The models that place most images, each held by many points or, where that loses images, by fewer: the two sides
+    of a flat body hang together by the few points seen while it is edge-on."""
+    models = map_images(database, frames, out / "many", mapping, total, progress)
+    if _registered(models) < ENOUGH * total:
+        fewer = replace(mapping, least_inliers=mapping.least_inliers // 2)
+        again = map_images(database, frames, out / "few", fewer, total, progress)
+        models = again if _registered(again) > _registered(models) else models
+    return models
 
 
 def _first_pairs(
