@@ -196,3 +196,23 @@ def test_a_second_camera_needs_its_mounting():
     np.testing.assert_allclose(poses[1][:3, 3], [-0.5, 0, 0])
     with pytest.raises(InputError, match="T_BS"):
         rig_pose((CameraRecord(0, (640, 480)), CameraRecord(1, (640, 480))))
+
+
+@pytest.mark.parametrize(("first", "tried", "placed"), [(64, [30], 64), (33, [30, 15], 60), (50, [30, 15], 50)])
+def test_lost_images_are_tried_again_with_fewer_points(monkeypatch, tmp_path, first, tried, placed):
+    from types import SimpleNamespace
+
+    from massprops.sfm import reconstruct
+    from massprops.sfm.mapping import MappingOptions
+
+    asked = []
+
+    def mapped(database, frames, out, options, total, progress):
+        asked.append(options.least_inliers)
+        number = first if len(asked) == 1 else {33: 60, 50: 40}[first]
+        return [SimpleNamespace(num_reg_images=lambda: number)]
+
+    monkeypatch.setattr(reconstruct, "map_images", mapped)
+    models = reconstruct._mapped(tmp_path, tmp_path, tmp_path, MappingOptions(), 64, lambda *_: None)
+    assert asked == tried
+    assert models[0].num_reg_images() == placed
