@@ -23,6 +23,7 @@ FLAT = 3.0
 """Wander over the noise's own below which it is noise."""
 LEAST_TURN = np.radians(20.0)
 """Whole angle below which a body counts as at rest."""
+ELSEWHERE = "the body turns about another point than the mesh's centre of mass"
 
 
 @dataclass(frozen=True)
@@ -177,20 +178,20 @@ def decide(
     if stopped is not None:
         return stopped
     best = reference_of(compared)
-    if best is None or best.found.k_covariance is None:
-        first = sorted(compared, key=lambda c: c.found.name != REFERENCE)
-        said = [f"{c.found.name}: {c.found.reason}" for c in first if c.found.reason]
-        return unobservable(said[0] if said else "no estimator could be run on this footage")
-    sigma = np.sqrt(np.diag(best.found.k_covariance))
-    if sigma.max() > WIDEST_K:
-        return unobservable(
-            f"{best.found.name} gives k1 and k2 within {sigma[0]:.2g} and {sigma[1]:.2g} (one sigma): "
-            "too short or too slow a motion, or a nearly symmetric body"
-        )
-    tests = {"ratios and axes" if best.turn is not None else "ratios": best.p}
+    p_centre = None
     if centre is not None and mesh.stated:
-        apart = chi_square(centre.place - mesh.centre, centre.covariance + mesh.centre_covariance)
-        tests["centre of mass"] = p_value(*apart)
+        p_centre = p_value(*chi_square(centre.place - mesh.centre, centre.covariance + mesh.centre_covariance))
+    silent = _no_ratios(compared, best)
+    if best is None or silent:
+        if p_centre is None or tumble is None or p_centre >= SIGNIFICANT:
+            return unobservable(silent)
+        # where the mass lies is seen without the ratios, but alone it confirms nothing
+        tests: dict[str, float | None] = {"centre of mass": p_centre}
+        hints = hints_of(None, mesh, centre, tests, free)
+        return Verdict("inconsistent", p_centre, f"{ELSEWHERE}: {hints[0]} ({silent})", hints, facts={"tests": tests})
+    tests = {"ratios and axes" if best.turn is not None else "ratios": best.p}
+    if p_centre is not None:
+        tests["centre of mass"] = p_centre
     p = min(1.0, len(tests) * min(v for v in tests.values() if v is not None))
     if joint is not None:
         tests["all together"] = p = joint
@@ -199,6 +200,21 @@ def decide(
         return Verdict("consistent", p, _agreement(best), rests_on=best.found.name, facts=facts)
     hints = hints_of(best, mesh, centre, tests, free)
     return Verdict("inconsistent", p, _difference(best, mesh, tests) + ": " + hints[0], hints, best.found.name, facts)
+
+
+def _no_ratios(compared: list[Compared], best: Compared | None) -> str:
+    """Why no estimator shows the ratios; empty when one does."""
+    if best is None or best.found.k_covariance is None:
+        first = sorted(compared, key=lambda c: c.found.name != REFERENCE)
+        said = [f"{c.found.name}: {c.found.reason}" for c in first if c.found.reason]
+        return said[0] if said else "no estimator could be run on this footage"
+    sigma = np.sqrt(np.diag(best.found.k_covariance))
+    if sigma.max() > WIDEST_K:
+        return (
+            f"{best.found.name} gives k1 and k2 within {sigma[0]:.2g} and {sigma[1]:.2g} (one sigma): "
+            "too short or too slow a motion, or a nearly symmetric body"
+        )
+    return ""
 
 
 def _agreement(best: Compared) -> str:
@@ -218,21 +234,22 @@ def _difference(best: Compared, mesh: MeshSide, tests: dict[str, float | None]) 
             parts.append(f"the axes are {np.degrees(best.misalignment):.1f} deg apart")
     centre = tests.get("centre of mass")
     if centre is not None and centre < SIGNIFICANT:
-        parts.append("the body turns about another point than the mesh's centre of mass")
+        parts.append(ELSEWHERE)
     return ", ".join(parts) or "ratios, axes and centre of mass together differ as no unseen part explains"
 
 
 def hints_of(
-    best: Compared,
+    best: Compared | None,
     mesh: MeshSide,
     centre: Centre | None,
     tests: dict[str, float | None],
     free: dict[str, float],
 ) -> tuple[str, ...]:
-    """What the disagreement points at, the likeliest first."""
+    """What the disagreement points at, the likeliest first; `best` None where no estimator shows the ratios."""
     hints = []
-    if (best.found.innovation or 1.0) > 2.0 or free.get("motion", 0.0) > 2.0:
-        worst = max(np.sqrt(best.found.innovation or 1.0), free.get("motion", 0.0))
+    innovation = 1.0 if best is None else best.found.innovation or 1.0
+    if innovation > 2.0 or free.get("motion", 0.0) > 2.0:
+        worst = max(np.sqrt(innovation), free.get("motion", 0.0))
         hints.append(
             f"unmodelled torque: free rotation leaves residuals {worst:.1f} times their noise with any inertia "
             "(massprops diagnose names the effect)"
@@ -245,7 +262,8 @@ def hints_of(
             f"density: the mass is not spread evenly, its centre lies {off:.3g} {'m' if size == 'm' else 'model units'} "
             "from the volume's"
         )
-    if mesh.unseen > 0.1 and best.chi2 is not None and best.turn is not None:
+    if mesh.unseen > 0.1 and best is not None and best.chi2 is not None and best.turn is not None:
+        assert best.found.inertia is not None
         wide = motion_covariance(best.found, best.turn, mesh.axes) + 4.0 * mesh.covariance
         inertia = best.turn @ best.found.inertia @ best.turn.T
         difference = log_components(inertia, mesh.axes) - log_components(mesh.inertia, mesh.axes)
@@ -254,7 +272,7 @@ def hints_of(
                 f"an unseen side: {100 * mesh.unseen:.0f} % of the surface was filled in, and twice its stated "
                 "uncertainty would cover the difference"
             )
-    if best.scale is not None and abs(np.log(best.scale)) > 0.05:
+    if best is not None and best.scale is not None and abs(np.log(best.scale)) > 0.05:
         hints.append(f"scale: the mesh is {best.scale:.3f} times as large as the motion's features say")
     if not any(h.startswith("density") for h in hints):
         line = (

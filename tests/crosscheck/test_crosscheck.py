@@ -15,7 +15,9 @@ from estimators.made_sequence import AXES, TRUE_K, make_sequence, simple_method
 
 import massprops
 from massprops.crosscheck.free_rotation import free_rotation_residuals
-from massprops.crosscheck.motion_side import centre_of_motion, tumble_of
+from massprops.crosscheck.mesh_side import read_mesh_side
+from massprops.crosscheck.motion_side import Centre, Tumble, centre_of_motion, tumble_of
+from massprops.crosscheck.verdict import decide
 from massprops.dynamics.quaternion import from_rotation_matrix, from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import InputError
@@ -239,3 +241,23 @@ def test_tumble_and_flat_spin_are_told_apart() -> None:
         assert found is not None and (found.wander > 10 * found.noise) == wanders
         assert wanders or found.wander < 3 * found.noise
     assert np.allclose(ratios(inertia)[0], TRUE_K)
+
+
+@pytest.mark.parametrize(
+    ("off", "tumble", "said"),
+    [
+        (0.1, Tumble(10.0, 0.3, 0.001), "inconsistent"),
+        (0.0, Tumble(10.0, 0.3, 0.001), "unobservable"),
+        (0.1, Tumble(10.0, 0.001, 0.001), "unobservable"),
+        (0.1, None, "unobservable"),
+    ],
+)
+def test_centre_of_mass_contradicts_without_the_ratios_but_confirms_nothing(tmp_path, off, tumble, said) -> None:
+    mesh = read_mesh_side(make_run(tmp_path / "run", TRUE_K))
+    centre = Centre(mesh.centre + [off, 0.0, 0.0], 1e-4 * np.eye(3), 0.01)
+    found = decide([], mesh, centre, tumble, {})
+    assert found.verdict == said
+    if said == "inconsistent":
+        assert found.p_value is not None and found.p_value < 1e-3
+        assert found.hints[0].startswith("density") and "0.1 " in found.hints[0]
+        assert "no estimator" in found.reason
