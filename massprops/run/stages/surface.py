@@ -36,9 +36,11 @@ def run(job: Job) -> dict:
     from massprops.surface.cloud import Cloud
     from massprops.surface.reconstruct import reconstruct_surface
     from massprops.surface.spread import replicates
+    from massprops.surface.unlit import spare_unlit
     from massprops.views import Views, undistort
 
     views = Views.load(job.work("sfm") / "views.npz")
+    footage = json.loads((job.work("capture") / "footage.json").read_text())
     sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
     masks = []
     for i, name in enumerate(views.names):
@@ -50,8 +52,15 @@ def run(job: Job) -> dict:
     cloud = Cloud.load(job.work("dense") / "points.npz")
     stand = json.loads((job.work("silhouettes") / "silhouettes.json").read_text()).get("support_plane")
     support = None if stand is None else np.array(stand, float)
-    footage = json.loads((job.work("capture") / "footage.json").read_text())
     moving = footage["motion"] == "tumbling" or bool(footage["masks_given"])
+    if footage["background"] == "black" and not footage["masks_given"] and len(footage["cameras"]) == 1:
+        grey = []
+        for i, name in enumerate(views.names):
+            image = cv2.imread(str(job.work("capture") / "frames" / name), cv2.IMREAD_GRAYSCALE)
+            if image is None:
+                raise OSError(5, "an image of an earlier stage cannot be read", name)
+            grey.append(undistort(image, views.K[i], views.distortion[i]))
+        masks = spare_unlit(views, masks, grey, cloud, job.seed)
     surface = reconstruct_surface(
         views, masks, cloud, seed=job.seed, progress=job.progress, support=support, moving=moving
     )
