@@ -52,8 +52,9 @@ def run(job: Job) -> dict:
     cloud = Cloud.load(job.work("dense") / "points.npz")
     stand = json.loads((job.work("silhouettes") / "silhouettes.json").read_text()).get("support_plane")
     support = None if stand is None else np.array(stand, float)
-    moving = footage["motion"] == "tumbling" or bool(footage["masks_given"])
-    if footage["background"] == "black" and not footage["masks_given"] and len(footage["cameras"]) == 1:
+    tumbling, given = footage["motion"] == "tumbling", bool(footage["masks_given"])
+    # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
+    if tumbling and footage["background"] == "black" and not given and len(footage["cameras"]) == 1:
         grey = []
         for i, name in enumerate(views.names):
             image = cv2.imread(str(job.work("capture") / "frames" / name), cv2.IMREAD_GRAYSCALE)
@@ -62,7 +63,7 @@ def run(job: Job) -> dict:
             grey.append(undistort(image, views.K[i], views.distortion[i]))
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
     surface = reconstruct_surface(
-        views, masks, cloud, seed=job.seed, progress=job.progress, support=support, moving=moving
+        views, masks, cloud, seed=job.seed, progress=job.progress, support=support, moving=tumbling or given
     )
     focal = sfm.get("focal_sigma_relative")
     focal = FOCAL_SIGMA if focal is None else float(focal)
