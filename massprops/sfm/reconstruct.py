@@ -20,7 +20,8 @@ from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, quiet, retriangulate
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
-from massprops.sfm.refine import RefineOptions, refine
+from massprops.sfm.refine import RefineOptions, adjust, refine, remove_outliers
+from massprops.sfm.steady import largest_jump
 from massprops.sfm.surface_tracks import Image, with_surface
 from massprops.views import Views, undistort
 
@@ -188,10 +189,9 @@ def _attempt(
     descriptors = [features[n][1] for n in names]
     first = _first_pairs(footage, names, descriptors, options)
     match(database, first, mapping, progress)
-    frames = footage.folder / "frames"
     models: list[pycolmap.Reconstruction] = []
     try:
-        models = _mapped(database, frames, work / "models", mapping, len(names), progress)
+        models = _mapped(database, footage, work / "models", mapping, len(names), progress)
     except NotPossible:
         if len(first) == len(names) * (len(names) - 1) // 2:
             raise
@@ -201,22 +201,38 @@ def _attempt(
         new = _unseen([(names[i], names[j]) for i, j in more], first)
         if new:
             match(database, new, mapping, progress)
-            again = _mapped(database, frames, work / "again", mapping, len(names), progress)
+            again = _mapped(database, footage, work / "again", mapping, len(names), progress)
             models = again if _registered(again) >= _registered(models) else models
     return (database, mapping), models, warnings
 
 
 def _mapped(
-    database: Path, frames: Path, out: Path, mapping: MappingOptions, total: int, progress: Progress
+    database: Path, footage: FootageRecord, out: Path, mapping: MappingOptions, total: int, progress: Progress
 ) -> list[pycolmap.Reconstruction]:
-    """The models that place most images, each held by many points or, where that loses images, by fewer: the two sides
-    of a flat body hang together by the few points seen while it is edge-on."""
+    """The models that place most images, each held by many points or, where that loses images, by fewer:
+    the two sides of a flat body hang together by the few points seen while it is edge-on. So few may be wrong, which
+    the motion shows."""
+    frames = footage.folder / "frames"
     models = map_images(database, frames, out / "many", mapping, total, progress)
     if _registered(models) < ENOUGH * total:
         fewer = replace(mapping, least_inliers=mapping.least_inliers // 2)
         again = map_images(database, frames, out / "few", fewer, total, progress)
-        models = again if _registered(again) > _registered(models) else models
+        if _registered(again) > _registered(models) and _steady(again[0], footage, mapping):
+            return again
     return models
+
+
+def _steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
+    """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
+    trial = pycolmap.Reconstruction(model)
+    loss = remove_outliers(trial, RefineOptions(), 2.0)
+    adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, iterations=20)
+    views, _ = to_views(trial)
+    first = footage.cameras[0].id
+    timed = all(f.timestamp_ns >= 0 for f in footage.frames)
+    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.camera == first}
+    own = sorted((place[n], i) for i, n in enumerate(views.names) if n in place)
+    return largest_jump(views.R[[i for _, i in own]], np.array([k for k, _ in own])) < 1.0
 
 
 def _first_pairs(

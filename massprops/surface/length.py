@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.mass.integrals import greatest_length
-from massprops.surface.refine import fair
+from massprops.surface.refine import fair, mean_matrix
+
+NEEDLE = 4
+"""Edges across up to which a filled part is a needle: the reach of as many steps of diffusion, squared."""
 
 
 def model_length(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray) -> tuple[float, int, int]:
@@ -20,10 +23,14 @@ def model_length(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray) 
         vertices: (v, 3); faces: (f, 3); observed: (f,) bool.
     """
     smooth = fair(vertices, faces, np.zeros(len(vertices), bool), 1)
-    whole = greatest_length(smooth)
     inner = np.zeros(len(vertices), bool)
     inner[faces[observed]] = True
     inner[faces[~observed]] = False
+    # a filled end counts, a needle of the fill does not
+    mean = mean_matrix(faces, len(vertices))
+    for _ in range(NEEDLE**2):
+        smooth[~inner] = (mean @ smooth)[~inner]
+    whole = greatest_length(smooth)
     index = np.flatnonzero(inner)
     if len(index) < 8:
         return whole

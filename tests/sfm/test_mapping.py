@@ -2,13 +2,18 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scene
+from scipy.spatial.transform import Rotation
 
 from massprops.errors import InputError, NotPossible
+from massprops.sfm import reconstruct
 from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, read_footage
+from massprops.sfm.mapping import MappingOptions
+from massprops.sfm.steady import largest_jump
 
 
 def footage(views, folder=Path(), **camera):
@@ -122,20 +127,16 @@ def test_import_without_a_model(tmp_path):
 def test_blank_images_are_refused(tmp_path):
     import cv2
 
-    from massprops.sfm.reconstruct import reconstruct
-
     views, _ = scene.make(4, 5)
     (tmp_path / "frames" / "cam0").mkdir(parents=True)
     for name in views.names:
         cv2.imwrite(str(tmp_path / "frames" / name), np.zeros((480, 640), np.uint8))
     with pytest.raises(NotPossible, match="texture"):
-        reconstruct(footage(views, tmp_path), tmp_path / "work")
+        reconstruct.reconstruct(footage(views, tmp_path), tmp_path / "work")
 
 
 def test_a_body_that_does_not_turn_is_refused(tmp_path):
     import cv2
-
-    from massprops.sfm.reconstruct import reconstruct
 
     views, _ = scene.make(5, 5)
     rng = np.random.default_rng(0)
@@ -146,7 +147,7 @@ def test_a_body_that_does_not_turn_is_refused(tmp_path):
         image = np.clip(texture + rng.normal(0, 2, texture.shape), 0, 255).astype(np.uint8)
         cv2.imwrite(str(tmp_path / "frames" / name), image)
     with pytest.raises(NotPossible, match="turns|parallax"):
-        reconstruct(footage(views, tmp_path), tmp_path / "work")
+        reconstruct.reconstruct(footage(views, tmp_path), tmp_path / "work")
 
 
 def test_a_mask_of_another_size_is_refused(tmp_path):
@@ -198,21 +199,39 @@ def test_a_second_camera_needs_its_mounting():
         rig_pose((CameraRecord(0, (640, 480)), CameraRecord(1, (640, 480))))
 
 
-@pytest.mark.parametrize(("first", "tried", "placed"), [(64, [30], 64), (33, [30, 15], 60), (50, [30, 15], 50)])
-def test_lost_images_are_tried_again_with_fewer_points(monkeypatch, tmp_path, first, tried, placed):
-    from types import SimpleNamespace
-
-    from massprops.sfm import reconstruct
-    from massprops.sfm.mapping import MappingOptions
-
+@pytest.mark.parametrize(
+    ("first", "second", "steady", "tried", "placed"),
+    [
+        (64, 0, True, [30], 64),
+        (33, 60, True, [30, 15], 60),
+        (33, 60, False, [30, 15], 33),
+        (50, 40, True, [30, 15], 50),
+    ],
+)
+def test_lost_images_are_tried_again_with_fewer_points(monkeypatch, tmp_path, first, second, steady, tried, placed):
     asked = []
 
     def mapped(database, frames, out, options, total, progress):
         asked.append(options.least_inliers)
-        number = first if len(asked) == 1 else {33: 60, 50: 40}[first]
+        number = first if len(asked) == 1 else second
         return [SimpleNamespace(num_reg_images=lambda: number)]
 
     monkeypatch.setattr(reconstruct, "map_images", mapped)
-    models = reconstruct._mapped(tmp_path, tmp_path, tmp_path, MappingOptions(), 64, lambda *_: None)
+    monkeypatch.setattr(reconstruct, "_steady", lambda *_: steady)
+    shown = SimpleNamespace(folder=tmp_path)
+    models = reconstruct._mapped(tmp_path, shown, tmp_path, MappingOptions(), 64, lambda *_: None)
     assert asked == tried
     assert models[0].num_reg_images() == placed
+
+
+def test_a_part_linked_the_wrong_way_round_jumps():
+    R = Rotation.from_euler("zyx", np.outer(np.arange(40), [5.0, 1.0, 0.5]), degrees=True).as_matrix()
+    times = np.delete(np.arange(40), [11, 12, 30])
+    assert largest_jump(R[times], times) < 0.2
+    flipped = R.copy()
+    flipped[20:] = flipped[20:] @ Rotation.from_euler("x", 25, degrees=True).as_matrix()
+    assert largest_jump(flipped[times], times) > 1.5
+    loose = R.copy()
+    loose[20] = loose[20] @ Rotation.from_euler("x", 4, degrees=True).as_matrix()
+    assert largest_jump(loose[times], times) < 1
+    assert largest_jump(R[:2], times[:2]) == 0

@@ -38,3 +38,19 @@ def test_a_filled_end_does_not_count(rod):
     vertices[top, 2] += 0.03
     observed = ~top[faces].any(axis=1)
     assert model_length(vertices, faces, observed)[0] < exact + 0.002
+
+
+def test_a_needle_of_the_fill_does_not_count(rod):
+    vertices, faces = rod
+    vertices = vertices.copy()
+    exact = np.ptp(vertices[:, 2])
+    tip = np.argmax(vertices[:, 2])
+    vertices[tip, 2] += 0.15
+    observed = ~(faces == tip).any(axis=1)
+    assert model_length(vertices, faces, observed)[0] < 1.01 * exact
+
+
+def test_a_filled_half_counts(rod):
+    vertices, faces = rod
+    observed = (vertices[:, 2] < 0.2)[faces].all(axis=1)
+    assert model_length(vertices, faces, observed)[0] == pytest.approx(np.ptp(vertices[:, 2]), rel=0.02)
