@@ -16,6 +16,8 @@ FAR = 15.0
 """Spacings of the mesh beyond which a measured point is not on it."""
 MOST_LOST = 0.03
 """Above this share of measured points that lie far off the mesh, a part of the body is missing in it."""
+NOTHING_LEFT = 0.5
+"""Above this share the mesh is not what was measured."""
 LEAST_OBSERVED = 0.4
 """Below this share of measured area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
@@ -65,6 +67,12 @@ def run(job: Job) -> dict:
     surface = reconstruct_surface(
         views, masks, cloud, seed=job.seed, progress=job.progress, support=support, moving=tumbling or given
     )
+    lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
+    if lost > NOTHING_LEFT:
+        raise NotPossible(
+            f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
+            "closed body was measured; give images with more overlap and from more sides"
+        )
     focal = sfm.get("focal_sigma_relative")
     focal = FOCAL_SIGMA if focal is None else float(focal)
     rows, lengths = replicates(surface, len(views), focal, seed=job.seed)
@@ -79,7 +87,6 @@ def run(job: Job) -> dict:
     if observed < LEAST_OBSERVED:
         partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"
         warnings.append(partial)
-    lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > MOST_LOST:
         partial = (
             f"{100 * lost:.0f} % of the measured points are not on the mesh: a part that hangs by little is missing"
