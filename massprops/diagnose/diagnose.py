@@ -164,7 +164,7 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     then one of the two is held in its place, or the record was made so."""
     from massprops.diagnose.moment import EVIDENCE
     from massprops.diagnose.refit import refit
-    from massprops.diagnose.select import explained
+    from massprops.diagnose.worth import explained
     from massprops.dynamics.surroundings import Surroundings
 
     if not case.around.falls or not len(case.fitted.uv) or explained(base):
@@ -210,8 +210,8 @@ def _selected_unless(other: Case | None, case: Case, base: Scored, progress: Wat
 
 def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:
     """The base model with its inertia held at what is assumed, when the data contradict that assumption."""
+    from massprops.diagnose.assumed import contradicts
     from massprops.diagnose.refit import refit
-    from massprops.diagnose.select import contradicts
 
     if not contradicts(case, base):
         return base, False
@@ -247,7 +247,7 @@ def _history(case: Case, selection: Selection) -> dict[str, Any] | None:
 def _document(
     case: Case, s: Selection, torque: dict[str, Any] | None, history: dict[str, Any] | None
 ) -> dict[str, Any]:
-    from massprops.diagnose.select import DENSITY
+    from massprops.diagnose.assumed import DENSITY
     from massprops.diagnose.where import worst_places
 
     base, best = s.base, s.best or s.base

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count, mean_square, whiteness
-from massprops.effects import changes_motion, searched
+from massprops.effects import effects, searched
 from massprops.estimators.batch.linearise import residuals
 from massprops.estimators.batch.solve import Fit, believed, fit
 from massprops.estimators.batch.state import BatchState
@@ -19,6 +19,8 @@ from massprops.model import Model
 MOST_ITERATIONS = 25
 IDLE = 0.3
 """Fall of BIC per iteration below which a search is over; ten times that decides nothing."""
+POLISH = 0.03
+"""Fall of BIC per iteration at which the search of the model chosen ends."""
 IMPLAUSIBLE = 3.0
 """Sigmas beyond a parameter's plausible limits at which an effect is ruled out."""
 
@@ -62,7 +64,9 @@ class Scored:
 
 def with_effects(state: BatchState, added: tuple[Added, ...], values: dict[str, np.ndarray]) -> BatchState:
     """The state under a model with these effects; values by name, others as they are in the state's model or zero."""
-    modules = sorted((a.effect for a in added), key=lambda e: not changes_motion(e))
+    names = {a.name for a in added}
+    # in the order of the catalogue, as `model.yaml` is read: a bent picture that grows is not a grown one that is bent
+    modules = [module for name, module in effects().items() if name in names]
     old = state.model
     out = []
     for module in modules:

@@ -2,47 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 import numpy as np
 
+from massprops.diagnose.assumed import DENSITY, beside_each
+from massprops.diagnose.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_beside
 from massprops.diagnose.case import Case
-from massprops.diagnose.misfit import WHITE
 from massprops.diagnose.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
-from massprops.diagnose.refit import Added, Scored, refit, start_values, with_effects
-from massprops.diagnose.score import Score, score_tests
+from massprops.diagnose.refit import POLISH, Added, Scored, refit, with_effects
+from massprops.diagnose.score import score_tests
+from massprops.diagnose.stepwise import stepwise
+from massprops.diagnose.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
 from massprops.effects import effects, forms
 from massprops.estimators.batch.measurements import measurements_of
-from massprops.estimators.batch.solve import believed
 from massprops.model import lacks
 
-DENSITY = "nonuniform-density"
-"""The effect that a contradicted inertia points at."""
-VIOLATED = 3.0
-"""Root-mean-square departure of the six elements of the inertia from what is assumed, in sigmas, that contradicts it."""
-STRAYS = 1.5
-"""Held-out residual over the noise at which a model that fits does not predict."""
-PREDICTS = 1.12
-"""Held-out residual over the noise up to which nothing better is looked for."""
-HINT = 2.0
-"""Score of the correlation between neighbours that hints at structure where a model predicts badly."""
-WORSE = 0.01
-"""Rise of the held-out residual over the noise with which an effect is still believed."""
 CLOSE = 6.0
 """Difference of BIC below which two explanations cannot be told apart."""
-ENOUGH = 1.02
-"""Root-mean-square residual at which nothing is left to explain, whatever its correlation."""
-NOISY = 1.3
-"""Root-mean-square residual that can still be noise stated too low, when neighbours are not alike."""
-WORTH_A_FIT = 0.1
-"""Share of the best score gain that a candidate needs to be fitted."""
-FEWEST_FITS = 5
-POLISH = 0.03
-"""Fall of BIC per iteration at which the search of the model chosen ends."""
-STARTS = 2
-"""Starts of one effect that are fitted."""
 FIRST_SHARE = 0.35
 """Share of the excess mean square that an effect's simple form may leave over to be thought of as the leading one."""
 NEAR_MOMENT = 0.05
@@ -50,15 +28,12 @@ NEAR_MOMENT = 0.05
 AS_GOOD = 0.5
 """Share of the best gain of BIC at which an effect's longer forms come before pairs of effects."""
 BEAM = 2
-FITS_OF_A_PAIR = 3
 FITS_OF_A_FORM = 4
 MOST_SCORES = 26
 SMALL = 1500
 """Scalar measurements up to which every start is fitted for a few iterations rather than scored."""
 NEARLY = 0.03
 """Share of the excess mean square that may be left over when an effect is named although structure remains."""
-
-Watch = Callable[[str, int, int], None]
 
 
 @dataclass
@@ -77,20 +52,6 @@ class Selection:
     rivals: list[Scored] = field(default_factory=list)
     skipped: dict[str, str] = field(default_factory=dict)
     verdict: str = "none"
-
-
-def explained(s: Scored) -> bool:
-    """Nothing but noise is left."""
-    return _fits(s) and not s.held >= STRAYS
-
-
-def _fits(s: Scored) -> bool:
-    return bool(s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY))
-
-
-def settled(s: Scored) -> bool:
-    """Explained, and not so that a structure in what is left and a poor prediction both speak for something more."""
-    return explained(s) and not (s.held > PREDICTS and s.white > HINT)
 
 
 def select(
@@ -116,16 +77,16 @@ def select(
             usable.append(module)
     if explained(base) and not base.held > PREDICTS and not violated:
         return out
-    first = _round(case, base, usable, FEWEST_FITS, watch, "one effect")
+    first = fits_beside(case, base, usable, FEWEST_FITS, watch, "one effect")
     if violated and not any(DENSITY in s.names for s in first):
         # what the contradiction itself says, however steep the scores of others from so wrong a model
         density = [m for m in usable if m.NAME == DENSITY]
-        first = sorted([*first, *_round(case, base, density, 1, watch, "one effect")], key=lambda s: s.bic)
+        first = sorted([*first, *fits_beside(case, base, density, 1, watch, "one effect")], key=lambda s: s.bic)
     if other is not None and _explains_more(other, base, first):
         return None
     out.tried += first
     longer: list[Scored] = []
-    good = [s for s in first if _may_be(s, base)]
+    good = [s for s in first if may_be(s, base)]
     done = [s for s in good if settled(s)]
     near, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
 
@@ -134,38 +95,39 @@ def select(
         found: list[Scored] = []
         for module in modules:
             found += _longer_forms(case, base, module, first, watch)
-            if any(explained(s) and _may_be(s, base) for s in found):
+            if any(explained(s) and may_be(s, base) for s in found):
                 break
         longer.extend(found)
         out.tried.extend(found)
-        good[:] = sorted([*good, *(s for s in found if _may_be(s, base))], key=lambda s: s.bic)
+        good[:] = sorted([*good, *(s for s in found if may_be(s, base))], key=lambda s: s.bic)
         return [s for s in good if settled(s)]
 
     done = done or lengthen(near)
     if not done and good:
-        pairs: list[Scored] = []
-        for k, s in enumerate(_beam(good)):
+        pairs = beside_each(case, first, usable, watch) if violated else []
+        better = [p for p in pairs if may_be(p, base) and all_needed(p, [*first, *longer])]
+        done = [p for p in better if settled(p)]
+        for k, s in enumerate([] if done else _beam(good)):
             rest = [m for m in usable if m.NAME not in s.names]
-            pairs += _round(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1})")
-            better = [p for p in pairs if _may_be(p, base) and _all_needed(p, [*first, *longer])]
+            pairs += fits_beside(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1})")
+            better = [p for p in pairs if may_be(p, base) and all_needed(p, [*first, *longer])]
             done = [p for p in better if settled(p)]
             if done:
                 break
         out.tried += pairs
         good = sorted([*good, *better], key=lambda s: s.bic)
+    if good:
+        steps = stepwise(case, ([s for s in good if explained(s)] or good)[0], usable, watch)
+        out.tried += steps
+        good = sorted([*good, *(s for s in steps if may_be(s, base))], key=lambda s: s.bic)
     if not any(explained(s) for s in good):
         if explained(base) and not violated:
             return out
         lengthen(far)
-    done = [s for s in good if explained(s)] or [s for s in good if _fits(s)][:1]
-    if done and (explained(done[0]) or _fits(_on_all(case, done[0]))):
+    done = [s for s in good if explained(s)] or [s for s in good if fits(s)][:1]
+    if done and (explained(done[0]) or fits(_on_all(case, done[0]))):
         chosen, out.rivals = _decided(case, done)
-        out.best = chosen = _believing(case, refit(case, chosen.fit.state, chosen.added, idle=POLISH))
-        whole = _with_mass(case, chosen, usable)
-        if whole is not None:
-            out.tried.append(whole)
-            out.best = whole
-            out.rivals = [s for s in _distinct(done) if s.bic - whole.bic < CLOSE and len(s.added) == len(whole.added)]
+        out.best = refit(case, chosen.fit.state, chosen.added, idle=POLISH)
         out.verdict = "ambiguous" if out.rivals else "named"
         return out
     if good:
@@ -192,7 +154,7 @@ def _on_all(case: Case, s: Scored) -> Scored:
 
 def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
     """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data."""
-    models = _distinct(done)
+    models = distinct(done)
     close = [s for s in models if s.bic - models[0].bic < EVIDENCE and len(s.added) == len(models[0].added)]
     if len(close) == 1:
         return close[0], []
@@ -201,81 +163,30 @@ def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
     return close[0], [s for s in close[1:] if worth[s.names] - worth[close[0].names] < CLOSE]
 
 
-def contradicts(case: Case, s: Scored) -> bool:
-    """Whether a fit had to leave the inertia that is assumed."""
-    if case.belief.inertia is None:
-        return False
-    value, _ = believed(s.fit.state, case.belief)
-    return float(np.sqrt(np.mean(value**2))) > VIOLATED
-
-
-def _believing(case: Case, s: Scored) -> Scored:
-    """The fit `s`, or one from the assumed inertia if that explains more: where an effect and the inertia can stand for each
-    other, the search for the nearest to what is assumed is long."""
-    if case.belief.inertia is None or not contradicts(case, s):
-        return s
-    firm = replace(case, belief=replace(case.belief, sigma=1e-2 * case.belief.sigma))
-    held = refit(firm, replace(s.fit.state, inertia=case.belief.inertia), s.added, most=40)
-    other = refit(case, held.fit.state, s.added, idle=POLISH)
-    return other if other.bic < s.bic else s
-
-
-def _with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
-    """The model with its inertia set free, where it explains the motion only by leaving the assumed one."""
-    free = [m for m in usable if m.NAME == DENSITY and m.NAME not in s.names]
-    if not free or case.belief.inertia is None or not contradicts(case, s):
-        return None
-    added = (*s.added, Added(free[0]))
-    found = refit(case, with_effects(replace(s.fit.state, inertia=case.belief.inertia), added, {}), added)
-    return found if s.bic - found.bic > EVIDENCE and not found.implausible else None
-
-
 def _rivals_of(models: list[Scored]) -> list[Scored]:
     """Other explanations as good as the first: not the same with something idle besides."""
     best = models[0]
     return [
         s
-        for s in _distinct(models)
+        for s in distinct(models)
         if s.bic - best.bic < CLOSE and not set(s.names) >= set(best.names) and not set(s.names) <= set(best.names)
     ]
 
 
-def _may_be(s: Scored, base: Scored) -> bool:
-    predicts = not np.isfinite(s.held) or s.held < base.held + WORSE
-    return bool(not s.implausible and np.isfinite(s.bic) and base.bic - s.bic > EVIDENCE and predicts)
-
-
-def _distinct(models: list[Scored]) -> list[Scored]:
-    """The best model of each set of names."""
-    seen: dict[frozenset[str], Scored] = {}
-    for s in sorted(models, key=lambda s: s.bic):
-        seen.setdefault(frozenset(s.names), s)
-    return list(seen.values())
-
-
-def _all_needed(pair: Scored, singles: list[Scored]) -> bool:
-    """Backward check: neither effect of a pair is idle beside the other, nor spoils what the other predicts."""
-    return all(
-        s.bic - pair.bic > EVIDENCE and not pair.held > s.held + WORSE
-        for s in singles
-        if set(s.names) < set(pair.names)
-    )
-
-
 def _explains_more(other: Case, base: Scored, first: list[Scored]) -> bool:
     """Whether an effect alone explains more in another case than the best does here."""
-    good = [s for s in first if _may_be(s, base)]
+    good = [s for s in first if may_be(s, base)]
     if not good or settled(good[0]):
         return False
     against = good[0].fit.cost
-    tried = (refit(other, s.fit.state, s.added, against=against) for s in _distinct(good))
+    tried = (refit(other, s.fit.state, s.added, against=against) for s in distinct(good))
     return any(t.bic < good[0].bic - EVIDENCE for t in tried)
 
 
 def _beam(good: list[Scored]) -> list[Scored]:
     """The models that a second effect is tried beside: the best, and the best of those without a moment, as an effect that
     begins at any time can follow much that it is not."""
-    models = _distinct(good)
+    models = distinct(good)
     smooth = [s for s in models if not any(q.kind == "time" for a in s.added for q in a.effect.PARAMETERS)]
     first = models[:BEAM]
     return first + [s for s in smooth[:1] if s not in first]
@@ -302,59 +213,6 @@ def _nearness(
         elif much or not moves_at_once(m):
             far.append(m)
     return near, far
-
-
-def _round(case: Case, upon: Scored, modules: list[ModuleType], fewest: int, watch: Watch, what: str) -> list[Scored]:
-    """Score tests of all candidates beside a model, then fits of the promising ones, best first."""
-    watch(f"{what}: scores", 0, 1)
-    candidates = [(Added(m), v) for m in modules for v in start_values(case, m)]
-    tests = sorted(score_tests(case, upon, candidates), key=lambda t: -t.gain)
-    by: dict[str, list[Score]] = {}
-    for t in tests:
-        by.setdefault(t.added.name, []).append(t)
-    top = tests[0].gain if tests else 0.0
-    chosen = [
-        g for i, g in enumerate(by.values()) if i < fewest or g[0].gain > WORTH_A_FIT * top and fewest >= FEWEST_FITS
-    ]
-    out: list[Scored] = []
-    for k, starts in enumerate(chosen):
-        watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
-        least = min((s.fit.cost for s in out), default=np.inf)
-        most = len(starts) if _paced(starts[0].added.effect) and k == 0 else STARTS
-        out.append(_best_fit(case, upon, starts[:most], 1.02 * least + 50.0))
-    return sorted(out, key=lambda s: s.bic)
-
-
-def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> Scored:
-    added = (*upon.added, starts[0].added)
-    best: Scored | None = None
-    for test in starts:
-        begin = with_effects(upon.fit.state, added, {test.added.name: _begun(test)})
-        tried = refit(case, begin, added, against=against)
-        if best is None or tried.bic < best.bic:
-            best = tried
-            against = min(against, 1.02 * tried.fit.cost + 50.0)
-        if explained(best) and not _paced(test.added.effect):
-            break
-    assert best is not None
-    return best
-
-
-def _paced(effect: ModuleType) -> bool:
-    """Whether slow and fast versions of an effect can look alike: then all its starts are fitted."""
-    return any(q.kind == "pace" for q in effect.PARAMETERS)
-
-
-def _begun(test: Score) -> np.ndarray:
-    """Parameters to begin with: an effect whose pace means nothing without a size begins with the size that the score
-    test gives it."""
-    if not _paced(test.added.effect):
-        return test.start
-    values = np.array(test.values)
-    for i, q in enumerate(test.added.effect.PARAMETERS):
-        if q.kind == "number":
-            values[i] = np.clip(values[i], 0.2 * q.size, 6.0 * q.size)
-    return values
 
 
 def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Scored], watch: Watch) -> list[Scored]:

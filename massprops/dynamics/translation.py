@@ -8,7 +8,7 @@ from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.rotation import Acting
 from massprops.dynamics.surroundings import Surroundings
 
-STEP_OF_ORBIT = 0.01
+STEP_OF_ORBIT = 0.02
 """Longest step over the orbit's radian time sqrt(a^3 / mu)."""
 
 

@@ -1,0 +1,71 @@
+"""Forward steps from a model, each with a backward check, and exchanges of one effect for another."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from massprops.diagnose.assumed import DENSITY, believing, with_mass
+from massprops.diagnose.beside import FITS_OF_A_PAIR, Watch, fits_beside
+from massprops.diagnose.case import Case
+from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, refit, with_effects
+from massprops.diagnose.worth import WORSE, explained, worth
+
+MOST_EFFECTS = 2
+"""Effects at once that are sought; a third stands beside them only until one of the three is idle."""
+EXCHANGES = 2
+"""Effects that are fitted in place of each of two."""
+
+
+def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) -> list[Scored]:
+    """Models on the way from `start` to one beside which no effect is worth its parameters, and what comes near that.
+
+    Each step adds the effect that explains most of what is left, then takes away the one that became idle: what was
+    chosen first, to stand for two effects, gives way when both are there. At the end each of two is exchanged for others.
+    """
+    at = believing(case, refit(case, start.fit.state, start.added, idle=POLISH))
+    found = [at]
+    while True:
+        better = with_mass(case, at, usable) or _step(case, at, usable, watch)
+        if better is None:
+            break
+        found.append(better)
+        at = better
+    if explained(at) and len(at.added) > 1:
+        found += _exchanged(case, at, usable, watch)
+    return found
+
+
+def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
+    """The model with another effect, or with that in place of one of its own; None where neither is worth it."""
+    what = f"beside {' + '.join(at.names)}"
+    larger = fits_beside(case, at, _rest(at, usable), FITS_OF_A_PAIR, watch, what, pays=True)
+    if not larger or not worth(larger[0]) < worth(at):
+        return None
+    fewer = [_without(case, larger[0], a) for a in at.added]
+    options = fewer if len(at.added) >= MOST_EFFECTS else [larger[0], *fewer]
+    better = [s for s in options if _may_follow(s, at) and worth(s) < worth(at)]
+    return min(better, key=worth) if better else None
+
+
+def _exchanged(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> list[Scored]:
+    """Models with another effect in place of one, sought from the motion that both found together, best first."""
+    out: list[Scored] = []
+    for a in at.added:
+        rest = _without(case, at, a, most=0)
+        what = f"in place of {a.name}"
+        out += fits_beside(case, rest, _rest(at, usable), EXCHANGES, watch, what, against=at.fit.cost)
+    return sorted((s for s in out if _may_follow(s, at)), key=lambda s: s.bic)
+
+
+def _may_follow(s: Scored, at: Scored) -> bool:
+    return not s.implausible and not s.held > at.held + WORSE
+
+
+def _rest(at: Scored, usable: list[ModuleType]) -> list[ModuleType]:
+    """Effects that a score test can add: not what only a contradicted inertia speaks for."""
+    return [m for m in usable if m.NAME not in at.names and m.NAME != DENSITY]
+
+
+def _without(case: Case, s: Scored, idle: Added, most: int = MOST_ITERATIONS) -> Scored:
+    added = tuple(a for a in s.added if a is not idle)
+    return refit(case, with_effects(s.fit.state, added, {}), added, most)
