@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
+
+import numpy as np
 
 from massprops.diagnose.assumed import DENSITY, believing, with_mass
 from massprops.diagnose.beside import FITS_OF_A_PAIR, Watch, fits_beside
@@ -30,6 +33,11 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
             break
         found.append(better)
         at = better
+    for a in at.added:
+        plain = _simpler(case, at, a) if a.form else None
+        if plain is not None and plain.bic < at.bic and _may_follow(plain, at):
+            found.append(plain)
+            at = plain
     if explained(at) and len(at.added) > 1:
         found += _exchanged(case, at, usable, watch)
     return found
@@ -64,6 +72,15 @@ def _may_follow(s: Scored, at: Scored) -> bool:
 def _rest(at: Scored, usable: list[ModuleType]) -> list[ModuleType]:
     """Effects that a score test can add: not what only a contradicted inertia speaks for."""
     return [m for m in usable if m.NAME not in at.names and m.NAME != DENSITY]
+
+
+def _simpler(case: Case, s: Scored, a: Added) -> Scored:
+    """The model with one effect in its simplest form: the longer was wanted while another effect was not there."""
+    added = tuple(replace(b, form=0) if b is a else b for b in s.added)
+    kept = [
+        v if q.form == 0 else 0.0 for q, v in zip(a.effect.PARAMETERS, s.fit.state.model.value(a.name), strict=True)
+    ]
+    return refit(case, with_effects(s.fit.state, added, {a.name: np.array(kept)}), added)
 
 
 def _without(case: Case, s: Scored, idle: Added, most: int = MOST_ITERATIONS) -> Scored:
