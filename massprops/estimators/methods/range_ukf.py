@@ -219,6 +219,8 @@ def _estimate(
     reason = ""
     if not finite:
         reason = "the filter's state is not finite"
+    elif not fit.converged:
+        reason = "the fit to the first frames found no rest: they do not fix the motion and the inertia together"
     elif share > 0.3:
         reason = f"{share:.0%} of the measurements were refused"
     elif fit.square > 4.0:

@@ -228,7 +228,7 @@ class _Task:
         n = len(self.times)
         N, _, y, J = self.normal(x, n)
         scale = np.sqrt(np.diag(N))
-        P = np.linalg.inv(N / np.outer(scale, scale)) / np.outer(scale, scale)
+        P = _inverse(N / np.outer(scale, scale)) / np.outer(scale, scale)
         pixel, span = self.residual(y, x.f)
         rows = int(np.isfinite(self.uv).sum() + np.isfinite(self.ranges).sum())
         far = int((np.abs(pixel) > 4).sum() + (np.abs(span) > 4).sum())
@@ -296,3 +296,11 @@ def _huber(size: np.ndarray) -> np.ndarray:
 
 def _weight(size: np.ndarray) -> np.ndarray:
     return np.where(size < HUBER, 1.0, HUBER / np.maximum(size, 1e-300))
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse of an information matrix of unit diagonal, positive definite however little the data show of some
+    combination, such as of the inertia in a flat spin."""
+    value, vector = np.linalg.eigh(0.5 * (information + information.T))
+    found: np.ndarray = (vector / np.maximum(value, 1e-14 * value[-1])) @ vector.T
+    return 0.5 * (found + found.T)
