@@ -31,6 +31,20 @@ def write_whole(path: Path, content: str | bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def read_image(path: Path, kind: int = 1) -> Any:
+    """An image that an earlier stage wrote; `kind` 0 is grey, 1 colour.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    import cv2
+
+    image = cv2.imread(str(path), kind)
+    if image is None:
+        raise OSError(5, "an image of an earlier stage cannot be read", str(path))
+    return image
+
+
 def copy_whole(source: Path, target: Path) -> None:
     """Copies a file under a temporary name, then renames."""
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")

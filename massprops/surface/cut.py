@@ -34,11 +34,7 @@ def minimum_cut(tetra: Tetrahedra, costs: Costs) -> np.ndarray:
     """(t,) bool, True inside: the labels of least cost (Boykov and Kolmogorov 2004, by PyMaxflow)."""
     import maxflow
 
-    t, k = np.nonzero(tetra.neighbours >= 0)
-    other = tetra.neighbours[t, k]
-    once = t < other
-    t, k, other = t[once], k[once], other[once]
-    back = np.argmax(tetra.neighbours[other] == t[:, None], axis=1)
+    t, k, other, back = tetra.facets
     graph = maxflow.Graph[float](len(tetra.corners), len(t))
     nodes = graph.add_nodes(len(tetra.corners))
     smooth = costs.both[t, k]

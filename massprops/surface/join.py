@@ -85,11 +85,7 @@ def _worth(tetra: Tetrahedra, costs: Costs, part: np.ndarray) -> np.ndarray:
 
 def _facets(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
     """(t, 4) number of the facet across from each corner, -1 on the rim, and (f, 2) the tetrahedra on its sides."""
-    t, k = np.nonzero(tetra.neighbours >= 0)
-    other = tetra.neighbours[t, k]
-    once = t < other
-    t, k, other = t[once], k[once], other[once]
-    back = np.argmax(tetra.neighbours[other] == t[:, None], axis=1)
+    t, k, other, back = tetra.facets
     facet = np.full(tetra.neighbours.shape, -1, np.int64)
     facet[t, k] = facet[other, back] = np.arange(len(t))
     return facet, np.column_stack([t, other])

@@ -34,6 +34,16 @@ class Tetrahedra:
         return np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6
 
     @property
+    def facets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Each facet between two tetrahedra once: t, k (f,) it lies across from corner k of t; other, back (f,) likewise
+        from the other side."""
+        t, k = np.nonzero(self.neighbours >= 0)
+        other = self.neighbours[t, k]
+        once = t < other
+        t, k, other = t[once], k[once], other[once]
+        return t, k, other, np.argmax(self.neighbours[other] == t[:, None], axis=1)
+
+    @property
     def facet_area(self) -> np.ndarray:
         """(t, 4) area of the facet across from corner k."""
         out = np.empty(self.corners.shape)

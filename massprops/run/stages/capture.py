@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from massprops.errors import InputError
+from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ()
@@ -138,7 +139,7 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
 
     images = job.out / "frames"
     spread = frames[:: max(1, len(frames) // 24)]
-    sample = [_read(str(images / f["name"])) for f in spread]
+    sample = [read_image(images / f["name"]) for f in spread]
     if scene.background == "black":
         level, sigma = s.sky_level(np.stack([cv2.cvtColor(i, cv2.COLOR_BGR2GRAY) for i in sample]))
     elif not scene.plain:
@@ -147,7 +148,7 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
         deviation = np.median(np.abs(stack.astype(np.int16) - middle), axis=0).astype(np.uint8)
     masks, empty = [], 0
     for done, frame in enumerate(frames):
-        image = _read(str(images / frame["name"]))
+        image = read_image(images / frame["name"])
         if scene.background == "black":
             mask = s.against_sky(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), level, sigma)
         elif scene.plain and scene.motion == "static":
@@ -179,8 +180,8 @@ def _by_colour(job: Job, frames: list[dict]) -> None:
     from massprops.capture.images import reduce
 
     def both(frame: dict) -> tuple[np.ndarray, np.ndarray]:
-        mask = _read(str(job.out / "masks" / f"{frame['name']}.png"), 0)
-        return _read(str(job.out / "frames" / frame["name"])), mask
+        mask = read_image(job.out / "masks" / f"{frame['name']}.png", 0)
+        return read_image(job.out / "frames" / frame["name"]), mask
 
     taught = [both(f) for f in frames[:: max(1, len(frames) // 120)]]
     taught = [(reduce(image, LEARN_AT), reduce(mask, LEARN_AT)) for image, mask in taught if mask.any()]
@@ -198,13 +199,3 @@ def _by_colour(job: Job, frames: list[dict]) -> None:
 def _save(cv2, path: Path, mask: np.ndarray) -> None:  # type: ignore[no-untyped-def]
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), mask)
-
-
-def _read(path: str, kind: int = 1) -> Any:
-    """An image that an earlier stage wrote; `kind` 0 is grey, 1 colour."""
-    import cv2
-
-    image = cv2.imread(path, kind)
-    if image is None:
-        raise OSError(5, "an image of an earlier stage cannot be read", path)
-    return image

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 
+from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ("capture", "sfm", "silhouettes")
@@ -24,8 +24,8 @@ def run(job: Job) -> dict:
         xyz, obs_view, obs_point = z["xyz"], z["obs_view"], z["obs_point"]
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
-        colour = _read(str(job.work("capture") / "frames" / views.names[i]))
-        mask = _read(str(job.work("silhouettes") / "masks" / f"{views.names[i]}.png"), 0)
+        colour = read_image(job.work("capture") / "frames" / views.names[i])
+        mask = read_image(job.work("silhouettes") / "masks" / f"{views.names[i]}.png", 0)
         return (
             undistort(colour, views.K[i], views.distortion[i]),
             undistort(mask, views.K[i], views.distortion[i], nearest=True),
@@ -45,13 +45,3 @@ def run(job: Job) -> dict:
     )
     (job.out / "dense.json").write_text(json.dumps(facts, indent=1))
     return facts
-
-
-def _read(path: str, kind: int = 1) -> Any:
-    """An image that an earlier stage wrote; `kind` 0 is grey, 1 colour."""
-    import cv2
-
-    image = cv2.imread(path, kind)
-    if image is None:
-        raise OSError(5, "an image of an earlier stage cannot be read", path)
-    return image

@@ -7,6 +7,7 @@ import json
 import numpy as np
 
 from massprops.errors import NotPossible
+from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ("capture", "sfm")
@@ -93,7 +94,7 @@ def _against_table(job: Job, views, scene, own: np.ndarray) -> list[float]:  # t
 
     images, cameras, bodies, surely, aways = [], [], [], [], []
     for i, name in enumerate(views.names):
-        image = _frame(job, name)
+        image = read_image(job.work("capture") / "frames" / name)
         small, K = reduced_camera(undistort(image, views.K[i], views.distortion[i]), views.K[i])
         uv, depth = project(own, K, views.R[i], views.t[i])
         uv = uv[depth > 0]
@@ -127,7 +128,7 @@ def _by_grabcut(job: Job, views, own: np.ndarray, other: np.ndarray) -> list[flo
 
     share = []
     for i, name in enumerate(views.names):
-        image = _frame(job, name)
+        image = read_image(job.work("capture") / "frames" / name)
         shape = image.shape[:2]
         uv = _pixels(views, i, own)
         body = predicted_silhouette(uv, shape)
@@ -138,16 +139,6 @@ def _by_grabcut(job: Job, views, own: np.ndarray, other: np.ndarray) -> list[flo
         share.append(_save(job, cv2, name, cut_out(image, body, _dots(uv, shape, 2) & core, away)))
         job.progress(i + 1, len(views), "grabcut")
     return share
-
-
-def _frame(job: Job, name: str) -> np.ndarray:
-    import cv2
-
-    path = str(job.work("capture") / "frames" / name)
-    image = cv2.imread(path)
-    if image is None:
-        raise OSError(5, "an image of an earlier stage cannot be read", path)
-    return image
 
 
 def _dots(uv: np.ndarray, shape: tuple[int, int], radius: int) -> np.ndarray:

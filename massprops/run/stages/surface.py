@@ -7,6 +7,7 @@ import json
 import numpy as np
 
 from massprops.errors import NotPossible
+from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ("capture", "sfm", "silhouettes", "dense")
@@ -59,9 +60,7 @@ def run(job: Job) -> dict:
     if tumbling and footage["background"] == "black" and not given and len(footage["cameras"]) == 1:
         grey = []
         for i, name in enumerate(views.names):
-            image = cv2.imread(str(job.work("capture") / "frames" / name), cv2.IMREAD_GRAYSCALE)
-            if image is None:
-                raise OSError(5, "an image of an earlier stage cannot be read", name)
+            image = read_image(job.work("capture") / "frames" / name, 0)
             grey.append(undistort(image, views.K[i], views.distortion[i]))
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
     surface = reconstruct_surface(
