@@ -4,12 +4,13 @@ An effect is one file in `dynamics/effects/` or `sensing/effects/`, named as the
 `NAME`, `SENTENCE` (for users), `PARAMETERS`, `NEEDS` (names of surroundings or sensors it cannot do without) and the
 functions by which it changes the motion or a measurement. Adding a file adds the effect.
 
-Functions of the motion, component by component (`massprops.dynamics.kernels`), p a sequence of parameters:
+Functions of the motion, component by component (`massprops.dynamics.kernels`), p a sequence of parameters, `around` a
+`massprops.dynamics.surroundings.Sky`; the first four are compiled as well (`massprops.dynamics.march`):
 
 - `torque(t, q, w, p, inertia, around)`: external torque, body axes, over the body's mean moment [rad/s^2];
 - `inertia(t, six, p)`: (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) at time t in place of `six`;
-- `internal(t, z, p)`: angular momentum stored inside the body; with `STATES`, `internal_start(w, p)` and
-  `internal_rate(t, w, z, p)` when it has states z of its own;
+- `internal(t, z, p)`: angular momentum stored inside the body; with `STATES = 3`, `internal_start(w, p)` and
+  `internal_rate(t, w, z, p)` when it has three states z of its own; `corners(p)`: moments at which it bends;
 - `jump(p)`: momentum added at the time parameter, body axes; `swing(p)`: turn of the body at that time, body axes, its
   momentum left where it was in space; `displacement(t, p)`: what is added to the path of the
   centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes;

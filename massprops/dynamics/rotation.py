@@ -1,9 +1,8 @@
-"""Rotation under any list of effects, with its derivatives by every parameter (variational equations).
+"""Rotation under any list of effects.
 
 The state is attitude and total angular momentum in body axes, over the body's mean moment of inertia: momentum stays
 continuous when the mass distribution changes or a wheel spins up, the angular velocity does not. The one function
-`slope` is the physics; the derivatives follow from it by the complex step, exact to rounding, evaluated at all stages
-of all steps at once.
+`slope` is the physics, for any number of moments at once; `march` goes through a record by it.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.events import acts_at_once, struck, struck_slopes
+from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import cross, quaternion_rate, symmetric_solve, symmetric_times
-from massprops.dynamics.surroundings import Surroundings
+from massprops.dynamics.surroundings import Sky, Surroundings
 
 LARGEST_TURN = 0.08
 """Rotation [rad] in a step of the fourth-order Runge-Kutta method: below 1e-6 rad of error a revolution."""
@@ -86,7 +85,7 @@ def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence) -> t
     return symmetric_solve(a, b, c, d, e, f, hx, hy, hz)
 
 
-def slope(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence, around: Surroundings) -> list:
+def slope(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence, around: Sky) -> list:
     """Time derivative of y = (qw, qx, qy, qz, hx, hy, hz, extra ...), component by component.
 
     h_dot = torque - w x h (Euler's equations for the momentum), q_dot = q (0, w) / 2.
@@ -133,54 +132,53 @@ def inertia_at_start(inertia: np.ndarray, acting: Acting, p: np.ndarray) -> np.n
 @dataclass(frozen=True)
 class Steps:
     """A grid of steps through all times and events. start, size (s,) [s]; after (n,): steps done at each time;
-    jumps: (step number before which it acts, effect's place in the list)."""
+    jumps: (step number before which it acts, effect's place in the list); events: numbers of the steps that begin with
+    an event."""
 
     start: np.ndarray
     size: np.ndarray
     after: np.ndarray
     jumps: tuple[tuple[int, int], ...]
+    events: np.ndarray
 
 
 def steps_through(times: np.ndarray, speed: float, acting: Acting, p: np.ndarray) -> Steps:
     """Steps short enough for `speed` [rad/s], ending at every time and event."""
-    events = [(float(np.real(v)), k) for k, v in event_times(acting, p)]
-    ends = np.unique(np.concatenate([times, [t for t, _ in events if times[0] < t < times[-1]]]))
+    inside = [(t, k) for t, k in event_times(acting, p) if times[0] < t < times[-1]]
+    ends = np.unique(np.concatenate([times, [t for t, _ in inside]]))
     gaps = np.diff(ends)
     counts = np.maximum(1, np.ceil(gaps * speed / LARGEST_TURN)).astype(int)
     if counts.sum() > MOST_STEPS:
         counts = np.ones_like(counts)
     size = np.repeat(gaps / counts, counts)
     first = np.concatenate([[0], np.cumsum(counts)])
-    inside = np.arange(counts.sum()) - np.repeat(first[:-1], counts)
-    start = np.repeat(ends[:-1], counts) + inside * size
+    within = np.arange(counts.sum()) - np.repeat(first[:-1], counts)
+    start = np.repeat(ends[:-1], counts) + within * size
     after = first[np.searchsorted(ends, times)]
-    jumps = tuple(
-        (int(first[np.searchsorted(ends, t)]), k)
-        for t, k in events
-        if times[0] < t < times[-1] and acts_at_once(acting.effects[k])
-    )
-    return Steps(start, size, after, jumps)
+    at = [(int(first[np.searchsorted(ends, t)]), k) for t, k in inside]
+    jumps = tuple((step, k) for step, k in at if k is not None and acts_at_once(acting.effects[k]))
+    return Steps(start, size, after, jumps, np.array([step for step, _ in at], int))
 
 
-def event_times(acting: Acting, p: Any) -> list[tuple[int, Any]]:
-    """(effect's place in the list, its time) of every effect that acts at one moment."""
-    found = []
+def event_times(acting: Acting, p: Any) -> list[tuple[float, int | None]]:
+    """(time, effect's place in the list) of the moments of effects, and without a place of the corners of what they
+    do."""
+    found: list[tuple[Any, int | None]] = []
     for k, (effect, place, _) in enumerate(acting):
-        for i, parameter in enumerate(effect.PARAMETERS):
-            if parameter.kind == "time":
-                found.append((k, p[place][i]))
-    return found
+        found += [(p[place][i], k) for i, q in enumerate(effect.PARAMETERS) if q.kind == "time"]
+        if hasattr(effect, "corners"):
+            found += [(t, None) for t in effect.corners(p[place])]
+    return [(float(np.real(t)), k) for t, k in found]
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """q (n, 4), w (n, 3) at the times; stages (s, 4, ny), steps, and the state before a jump by its step, for the
-    derivatives."""
+    """q (n, 4), w (n, 3) at the times; y (s + 1, ny) at the ends of the steps, after what happens there; steps, and
+    the state before a jump by its step, for the derivatives."""
 
     q: np.ndarray
     w: np.ndarray
     y: np.ndarray
-    stages: np.ndarray
     steps: Steps
     before: dict[int, list]
 
@@ -202,186 +200,24 @@ def trajectory(
         acting, p: effects and the flat vector of their parameters.
         around: surroundings.
     """
+    from massprops.dynamics.march import marched
+
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]
     y = start_state([float(v) for v in q0], [float(v) for v in w0], six, acting, values)
     steps = steps_through(times, 1.5 * float(np.linalg.norm(w0)) + 1e-12, acting, p)
-    stages = np.empty((len(steps.size), 4, len(y)))
     states = np.empty((len(steps.size) + 1, len(y)))
-    states[0] = y
     jumps, before = dict(steps.jumps), {}
-    for k, (t, h) in enumerate(zip(steps.start.tolist(), steps.size.tolist(), strict=True)):
+    pieces = [0, *sorted(jumps), len(steps.size)]
+    for k, end in zip(pieces, pieces[1:], strict=False):
         if k in jumps:
             effect, place = acting.effects[jumps[k]], acting.places[jumps[k]]
             before[k] = y
-            states[k] = y = struck(y, effect, values[place])
-        half = 0.5 * h
-        f1 = slope(t + INSIDE * h, y, six, acting, values, around)
-        y2 = [a + half * b for a, b in zip(y, f1, strict=True)]
-        f2 = slope(t + half, y2, six, acting, values, around)
-        y3 = [a + half * b for a, b in zip(y, f2, strict=True)]
-        f3 = slope(t + half, y3, six, acting, values, around)
-        y4 = [a + h * b for a, b in zip(y, f3, strict=True)]
-        f4 = slope(t + h - INSIDE * h, y4, six, acting, values, around)
-        stages[k, 0], stages[k, 1], stages[k, 2], stages[k, 3] = y, y2, y3, y4
-        sixth = h / 6.0
-        y = [a + sixth * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, f1, f2, f3, f4, strict=True)]
-        states[k + 1] = y
+            y = struck(y, effect, values[place])
+        states[k : end + 1] = marched(y, steps.start[k:end], steps.size[k:end], six, values, acting, around)
+        y = states[end].tolist()
     at = states[steps.after]
     columns = [at[:, i] for i in range(at.shape[1])]
     w = np.stack(np.broadcast_arrays(*angular_velocity(times + INSIDE, columns, six, acting, values)), axis=-1)
     q = at[:, :4] / np.linalg.norm(at[:, :4], axis=1, keepdims=True)
-    return Trajectory(q, w, states, stages, steps, before)
-
-
-def sensitivities(
-    times: np.ndarray,
-    path: Trajectory,
-    q0: np.ndarray,
-    w0: np.ndarray,
-    inertia: np.ndarray,
-    directions: np.ndarray,
-    acting: Acting,
-    p: np.ndarray,
-    around: Surroundings,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of attitude (a small turn in body axes) and angular velocity at the times.
-
-    Args:
-        directions: (d, 3, 3) changes of the inertia, one for each inertia parameter.
-
-    Returns:
-        (n, 3, m) and (n, 3, m) by m = 3 (attitude at the start, body axes) + 3 (w0) + d + len(p) parameters; by the
-        moment of an event as slopes before and after it differ.
-    """
-    ny, d, count = path.y.shape[1], len(directions), len(p)
-    m = 6 + d + count
-    six = np.array(six_of(inertia))
-    moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
-    step = 1e-30
-    h = path.steps.size
-    ends = np.array([INSIDE, 0.5, 0.5, 1 - INSIDE])
-    t = path.steps.start[:, None] + ends * h[:, None]
-    stage = [path.stages[..., i] for i in range(ny)]
-    flat_six, flat_p = list(six), list(np.asarray(p, float))
-
-    def imaginary(values: list) -> np.ndarray:
-        return np.stack([np.imag(np.broadcast_to(v, t.shape)) for v in values], axis=-1) / step
-
-    A = np.empty((*t.shape, ny, ny))
-    for j in range(ny):
-        y = list(stage)
-        y[j] = y[j] + 1j * step
-        A[..., j] = imaginary(slope(t, y, flat_six, acting, flat_p, around))
-    B = np.zeros((*t.shape, ny, m))
-    for j in range(d):
-        B[..., 6 + j] = imaginary(slope(t, stage, list(six + 1j * step * moves[j]), acting, flat_p, around))
-    timed = {place.start + i for e, place, _ in acting for i, q in enumerate(e.PARAMETERS) if q.kind == "time"}
-    for j in range(count):
-        if j not in timed:
-            moved = [v + (1j * step if i == j else 0) for i, v in enumerate(flat_p)]
-            B[..., 6 + d + j] = imaginary(slope(t, stage, flat_six, acting, moved, around))
-    F = np.concatenate([A, B], axis=-1)
-    hh = h[:, None, None]
-    eye = np.concatenate([np.eye(ny), np.zeros((ny, m))], axis=1)
-
-    def carried(stage_F: np.ndarray, sofar: np.ndarray) -> np.ndarray:
-        out = stage_F[..., :ny] @ sofar
-        out[..., ny:] += stage_F[..., ny:]
-        return out
-
-    K1 = F[:, 0]
-    K2 = carried(F[:, 1], eye + 0.5 * hh * K1)
-    K3 = carried(F[:, 2], eye + 0.5 * hh * K2)
-    K4 = carried(F[:, 3], eye + hh * K3)
-    M = eye + hh / 6.0 * (K1 + 2 * (K2 + K3) + K4)
-    # derivative of the start state
-    S = np.zeros((ny, m))
-    base_q, base_w = list(np.asarray(q0, float)), list(np.asarray(w0, float))
-
-    def started(q: list, w: list, s: list, v: list) -> np.ndarray:
-        return np.imag(np.array(start_state(q, w, s, acting, v), complex)) / step
-
-    for j in range(3):
-        small = [1j * step / 2 if i == j else 0 for i in range(3)]
-        qw, qx, qy, qz = base_q
-        # q (1, e/2)
-        q = [
-            qw - qx * small[0] - qy * small[1] - qz * small[2],
-            qx + qw * small[0] + qy * small[2] - qz * small[1],
-            qy + qw * small[1] - qx * small[2] + qz * small[0],
-            qz + qw * small[2] + qx * small[1] - qy * small[0],
-        ]
-        S[:, j] = started(q, base_w, flat_six, flat_p)
-        w = [v + (1j * step if i == j else 0) for i, v in enumerate(base_w)]
-        S[:, 3 + j] = started(base_q, w, flat_six, flat_p)
-    for j in range(d):
-        S[:, 6 + j] = started(base_q, base_w, list(six + 1j * step * moves[j]), flat_p)
-    for j in range(count):
-        if j not in timed:
-            S[:, 6 + d + j] = started(
-                base_q, base_w, flat_six, [v + (1j * step if i == j else 0) for i, v in enumerate(flat_p)]
-            )
-    jumps = dict(path.steps.jumps)
-    all_S = np.empty((len(h) + 1, ny, m))
-    all_S[0] = S
-    for k in range(len(h)):
-        if k in jumps:
-            effect, place = acting.effects[jumps[k]], acting.places[jumps[k]]
-            by_state, own = struck_slopes(path.before[k], effect, flat_p[place])
-            own[:, [i - place.start for i in timed if place.start <= i < place.stop]] = 0.0
-            S = by_state @ S
-            S[:, 6 + d + place.start : 6 + d + place.stop] += own
-            t0, inside = path.steps.start[k], INSIDE * h[k]
-            leaves = np.array(slope(t0 - inside, path.before[k], flat_six, acting, flat_p, around))
-            begins = np.array(slope(t0 + inside, path.y[k], flat_six, acting, flat_p, around))
-            for j in (i for i in timed if place.start <= i < place.stop):
-                S[:, 6 + d + j] = by_state @ leaves - begins
-        S = M[k, :, :ny] @ S
-        S += M[k, :, ny:]
-        all_S[k + 1] = S
-    S = all_S[path.steps.after]
-    at = path.y[path.steps.after]
-    return _outputs(times, at, S, six, moves, acting, flat_p, d, timed)
-
-
-def _small_turn(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """Body-axes turn (n, 3, ...) of a change dq (n, 4, ...): 2 vec(q* dq)."""
-    w, x, y, z = (q[:, i].reshape(-1, *([1] * (dq.ndim - 2))) for i in range(4))
-    a, b, c, e = (dq[:, i] for i in range(4))
-    return 2.0 * np.stack(
-        [w * b - x * a - y * e + z * c, w * c - y * a - z * b + x * e, w * e - z * a - x * c + y * b], axis=1
-    )
-
-
-def _outputs(
-    times: np.ndarray,
-    at: np.ndarray,
-    S: np.ndarray,
-    six: np.ndarray,
-    moves: np.ndarray,
-    acting: Acting,
-    p: list,
-    d: int,
-    timed: set[int],
-) -> tuple[np.ndarray, np.ndarray]:
-    step = 1e-30
-    norm = np.linalg.norm(at[:, :4], axis=1)
-    turn = _small_turn(at[:, :4] / norm[:, None], S[:, :4] / norm[:, None, None])
-    t = times + INSIDE
-    y = [at[:, i] for i in range(at.shape[1])]
-
-    def velocity(y: list, s: list, v: list) -> np.ndarray:
-        w = angular_velocity(t, y, s, acting, v)
-        return np.stack([np.imag(np.broadcast_to(x, t.shape)) for x in w], axis=-1) / step
-
-    W_y = np.zeros((len(t), 3, at.shape[1]))
-    for j in range(4, at.shape[1]):
-        W_y[..., j] = velocity([v + (1j * step if i == j else 0) for i, v in enumerate(y)], list(six), p)
-    rate = W_y @ S
-    for j in range(d):
-        rate[..., 6 + j] += velocity(y, list(six + 1j * step * moves[j]), p)
-    for j in range(len(p)):
-        if j not in timed:
-            rate[..., 6 + d + j] += velocity(y, list(six), [v + (1j * step if i == j else 0) for i, v in enumerate(p)])
-    return turn, rate
+    return Trajectory(q, w, states, steps, before)

@@ -4,12 +4,26 @@ the first timestamp."""
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprops.dynamics import orbit
 from massprops.sequence.data import Environment, Orbit
+
+
+class Sky(NamedTuple):
+    """What an effect may ask of the surroundings at a moment; inertial axes.
+
+    Attributes:
+        position: of the chaser from the planet's centre [m], zeros without an orbit; sun: direction; field: [T].
+        mu: [m^3/s^2], 0 without an orbit.
+    """
+
+    position: tuple[Any, Any, Any]
+    sun: tuple[float, float, float]
+    field: tuple[float, float, float]
+    mu: float
 
 
 class Surroundings:
@@ -54,6 +68,11 @@ class Surroundings:
         y = o.semi_major_axis_m * math.sqrt(1 - o.eccentricity**2) * sine
         (a, b, _), (c, d, _), (e, f, _) = self._rows
         return a * x + b * y, c * x + d * y, e * x + f * y
+
+    def sky(self, t: Any) -> Sky:
+        """All that effects ask for at time(s) t."""
+        place = (0.0, 0.0, 0.0) if self.orbit is None else self.position(t)
+        return Sky(place, self.sun, self.field, self.mu)
 
     def chaser_turn(self, times: np.ndarray) -> np.ndarray:
         """(n, 3, 3) from inertial axes to cam0's: the orbital frame's turn since the first time, or none."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.rotation import Acting, sensitivities, trajectory
+from massprops.dynamics.rotation import Acting, trajectory
+from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
 from massprops.sequence.data import Environment
 

@@ -7,7 +7,8 @@ import pytest
 
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
 from massprops.dynamics.rigid_body import propagate
-from massprops.dynamics.rotation import Acting, sensitivities, trajectory
+from massprops.dynamics.rotation import Acting, trajectory
+from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
 from massprops.dynamics.translation import path
 from massprops.effects import changes_motion, effects

@@ -11,7 +11,7 @@ NEEDS = ("orbit",)
 
 def torque(t, q, w, p, inertia, around):
     """3 mu / r^5 r x I r (volpe2017); `strength` is 1 for the orbit as given."""
-    x, y, z = around.position(t)
+    x, y, z = around.position
     square = x * x + y * y + z * z
     factor = 3.0 * around.mu / (square * square**0.5)
     x, y, z = to_body(*q, x, y, z)

@@ -16,7 +16,15 @@ NEEDS = ()
 def inertia(t, six, p):
     """After `time` the inertia is larger by the six parameters, over the mean moment before."""
     after = 1.0 * (t.real > p[0].real)
-    return tuple(i + after * d for i, d in zip(six, p[1:7], strict=True))
+    a, b, c, d, e, f = six
+    return (
+        a + after * p[1],
+        b + after * p[2],
+        c + after * p[3],
+        d + after * p[4],
+        e + after * p[5],
+        f + after * p[6],
+    )
 
 
 def shift(t, p):

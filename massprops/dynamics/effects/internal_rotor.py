@@ -20,15 +20,19 @@ def internal(t, z, p):
     even moments from start to end. A wheel at one speed has no shape.
     """
     span = p[3 + SHAPES]
-    x = t / span * (SHAPES - 1) if span.real > 0 else 0.0 * t
+    x = t / span * (SHAPES - 1) if span > 0 else 0.0 * t
     g = 1.0
     for k in range(SHAPES):
-        away = x - k if k else x
-        below, above = (away.real > -1.0) * (away.real <= 0.0), (away.real > 0.0) * (away.real < 1.0)
-        hat = (1.0 + away) * below + (1.0 - away) * above
+        away = abs(x - k)
+        hat = (1.0 - away) * (away < 1.0)
         mean = (0.5 if k in (0, SHAPES - 1) else 1.0) / (SHAPES - 1)
         g = g + p[3 + k] * (hat - mean)
     return p[0] * g, p[1] * g, p[2] * g
+
+
+def corners(p):
+    """Moments at which the history has its corners."""
+    return [p[3 + SHAPES] * k / (SHAPES - 1) for k in range(1, SHAPES - 1)]
 
 
 def penalty(p):

@@ -8,6 +8,7 @@ import numpy as np
 
 from massprops.dynamics import rotation, translation
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, rotation_vector
+from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.measurements import Measurements
 from massprops.estimators.batch.state import BatchState, inertia_directions
@@ -134,7 +135,7 @@ def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surround
     model = state.model
     acting, pm = model.acting, model.flat(True)
     sensed, ps = model.sensed, model.flat(False)
-    turn, rate = rotation.sensitivities(
+    turn, rate = sensitivities(
         problem.times,
         at.trajectory,
         state.q0,

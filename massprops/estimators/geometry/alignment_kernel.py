@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from massprops.estimators.compiled import matrix_of
+from massprops.dynamics.compiled import matrix_of
 
 SINGULAR = 1e-10
 """Pivot of a normal matrix with unit diagonal under which it counts as singular."""

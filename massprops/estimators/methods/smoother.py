@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics import rotation
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
+from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch import one_camera
 from massprops.estimators.batch.linearise import inertia_directions
@@ -156,7 +156,7 @@ def result(
     if not said and misfit > MISFIT:
         said = f"residuals are {np.sqrt(misfit):.2g} times the stated noise: the model lacks something, try diagnose"
     observable = not reason
-    turn, rate = rotation.sensitivities(
+    turn, rate = sensitivities(
         problem.times,
         found.predicted.trajectory,
         state.q0,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from massprops.estimators.compiled import matrix_of, turn_between, turned
+from massprops.dynamics.compiled import matrix_of, turn_between, turned
 from massprops.estimators.principal.predict_kernel import (
     AXES,
     LARGEST_TURN,

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from massprops.estimators.compiled import (
+from massprops.dynamics.compiled import (
     differential_gravity,
     euler_acceleration,
     matrix_of,

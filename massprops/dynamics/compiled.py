@@ -12,6 +12,9 @@ from massprops.dynamics import kernels
 cross = numba.njit(inline="always")(kernels.cross)
 quaternion_rate = numba.njit(inline="always")(kernels.quaternion_rate)
 differential_gravity = numba.njit(inline="always")(kernels.differential_gravity)
+symmetric_times = numba.njit(kernels.symmetric_times)
+# an inertia that ran off to nothing gives no number, not an error
+symmetric_solve = numba.njit(kernels.symmetric_solve, error_model="numpy")
 
 
 def _bind(function, **names):  # type: ignore[no-untyped-def]
@@ -23,9 +26,8 @@ def _bind(function, **names):  # type: ignore[no-untyped-def]
 euler_acceleration = _bind(
     kernels.euler_acceleration,
     cross=cross,
-    symmetric_times=numba.njit(kernels.symmetric_times),
-    # an inertia that ran off to nothing gives no number, not an error
-    symmetric_solve=numba.njit(kernels.symmetric_solve, error_model="numpy"),
+    symmetric_times=symmetric_times,
+    symmetric_solve=symmetric_solve,
 )
 to_body = _bind(kernels.to_body, cross=cross)
 to_reference = _bind(kernels.to_reference, cross=cross)

@@ -1,0 +1,145 @@
+"""Rotation under effects, compiled: step by step over a record.
+
+Each function of an effect is compiled on its own, once, and handed to the one kernel by its address, so that a new
+effect needs no kernel of its own. Imported late, for importing it loads numba.
+"""
+
+from __future__ import annotations
+
+import types
+import warnings
+from functools import cache
+
+import numba
+import numpy as np
+from numba.core import types as nt
+
+from massprops.dynamics import compiled, kernels
+from massprops.dynamics.rotation import INSIDE
+from massprops.dynamics.surroundings import Sky
+from massprops.effects import effects
+
+_3, _4, _6 = (nt.UniTuple(nt.float64, n) for n in (3, 4, 6))  # type: ignore[attr-defined]
+_P = nt.Array(nt.float64, 1, "C")
+_SKY = nt.NamedTuple((_3, _3, _3, nt.float64), Sky)  # type: ignore[attr-defined]
+SIGNATURES = {
+    "torque": _3(nt.float64, _4, _3, _P, _6, _SKY),
+    "inertia": _6(nt.float64, _6, _P),
+    "internal": _3(nt.float64, _P, _P),
+    "internal_rate": _3(nt.float64, _3, _P, _P),
+}
+"""Of the effects' functions (`massprops.effects`)."""
+EQUATIONS = {
+    # not those to be inlined: they take no components out of a tuple
+    "cross": numba.njit(kernels.cross),
+    "quaternion_rate": numba.njit(kernels.quaternion_rate),
+    "symmetric_times": compiled.symmetric_times,
+    "symmetric_solve": compiled.symmetric_solve,
+    "to_body": compiled.to_body,
+    "to_reference": compiled.to_reference,
+}
+"""What functions of effects may call."""
+
+
+@cache
+def functions(name: str) -> dict[str, object]:
+    """The compiled functions of this name by their effect's, of every effect that has one."""
+    found = {}
+    for effect in effects().values():
+        plain = getattr(effect, name, None)
+        if plain is not None:
+            names = {k: v for k, v in EQUATIONS.items() if k in plain.__globals__}
+            bound = types.FunctionType(plain.__code__, {**plain.__globals__, **names}, plain.__name__)
+            found[effect.NAME] = numba.cfunc(SIGNATURES[name], cache=True, error_model="numpy")(bound)
+    return found
+
+
+def slots(name: str, acting: list[str]) -> tuple:
+    """The functions of this name of the effects that act, in that order, then others up to the number of all: the
+    kernel is compiled for one number."""
+    every = functions(name)
+    first = [every[n] for n in acting if n in every]
+    return tuple(first + [next(iter(every.values()))] * (len(every) - len(first)))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slope(t, y, six, p, functions, places, sky, out):  # type: ignore[no-untyped-def]
+    """`rotation.slope` into `out`."""
+    torques, inertias, internals, rates = functions
+    torque_at, inertia_at, internal_at, rate_at = places
+    hx, hy, hz = y[4], y[5], y[6]
+    for k in range(len(inertia_at)):
+        six = inertias[k](t, six, p[inertia_at[k, 0] : inertia_at[k, 1]])
+    for k in range(len(internal_at)):
+        own = y[internal_at[k, 2] : internal_at[k, 3]]
+        ax, ay, az = internals[k](t, own, p[internal_at[k, 0] : internal_at[k, 1]])
+        hx, hy, hz = hx - ax, hy - ay, hz - az
+    w = compiled.symmetric_solve(six[0], six[1], six[2], six[3], six[4], six[5], hx, hy, hz)
+    gx, gy, gz = compiled.cross(w[0], w[1], w[2], y[4], y[5], y[6])
+    tx, ty, tz = -gx, -gy, -gz
+    q = (y[0], y[1], y[2], y[3])
+    for k in range(len(torque_at)):
+        ax, ay, az = torques[k](t, q, w, p[torque_at[k, 0] : torque_at[k, 1]], six, sky)
+        tx, ty, tz = tx + ax, ty + ay, tz + az
+    out[0], out[1], out[2], out[3] = compiled.quaternion_rate(y[0], y[1], y[2], y[3], w[0], w[1], w[2])
+    out[4], out[5], out[6] = tx, ty, tz
+    at = 7
+    for k in range(len(rate_at)):
+        own = y[rate_at[k, 2] : rate_at[k, 3]]
+        out[at], out[at + 1], out[at + 2] = rates[k](t, w, own, p[rate_at[k, 0] : rate_at[k, 1]])
+        at += 3
+
+
+@numba.njit(cache=True, error_model="numpy")
+def march(y0, start, size, six, p, functions, places, sky, position):  # type: ignore[no-untyped-def]
+    """States (s + 1, ny) before and after each step by Runge and Kutta's fourth-order method.
+
+    Args:
+        y0: (ny,) state; start, size: (s,) [s]; six: inertia; p: (k,) parameters of all effects.
+        functions: a tuple of functions for each name of `SIGNATURES`; places: for each, (n, 4) where its parameters
+            and its states lie, from and to, of the n that act.
+        sky: what does not change of the surroundings; position: (s, 3, 3) of the planet at start, middle and end.
+    """
+    s, n = size.shape[0], y0.shape[0]
+    out = np.empty((s + 1, n))
+    f, y, z = np.empty((4, n)), np.empty(n), np.empty(n)
+    for i in range(n):
+        out[0, i] = y[i] = y0[i]
+    for k in range(s):
+        h = size[k]
+        for stage in range(4):
+            at = (stage + 1) // 2
+            t = start[k] + (INSIDE * h if stage == 0 else h - INSIDE * h if stage == 3 else 0.5 * h)
+            reach = 0.0 if stage == 0 else h if stage == 3 else 0.5 * h
+            for i in range(n):
+                z[i] = y[i] + reach * f[stage - 1, i] if stage else y[i]
+            here = Sky((position[k, at, 0], position[k, at, 1], position[k, at, 2]), sky.sun, sky.field, sky.mu)
+            _slope(t, z, six, p, functions, places, here, f[stage])
+        for i in range(n):
+            y[i] += h / 6.0 * (f[0, i] + 2.0 * (f[1, i] + f[2, i]) + f[3, i])
+            out[k + 1, i] = y[i]
+    return out
+
+
+def marched(y0, start, size, six, p, acting, around):  # type: ignore[no-untyped-def]
+    """`march` for a list of effects in their surroundings.
+
+    Args:
+        acting: `rotation.Acting`; around: `Surroundings`; the others as of `march`.
+    """
+    names = [e.NAME for e, _, _ in acting]
+    places = tuple(
+        np.array([[a.start, a.stop, z.start, z.stop] for _, a, z in acting.having[name]], dtype=np.int64).reshape(-1, 4)
+        for name in SIGNATURES
+    )
+    times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
+    position = np.zeros((*times.shape, 3))
+    needs = any("orbit" in e.NEEDS for e, _, _ in acting)
+    if needs and around.orbit is not None:
+        position = np.stack(around.position(times), axis=-1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
+        return march(
+            np.array(y0, float), start, size, six, np.asarray(p, float), tuple(slots(n, names) for n in SIGNATURES), places,
+            around.sky(0.0)._replace(position=(0.0, 0.0, 0.0)), position,
+        )  # fmt: skip

@@ -1,0 +1,236 @@
+"""Derivatives of the rotation by every parameter (variational equations).
+
+They follow from the one function `rotation.slope` by the complex step, exact to rounding, evaluated at all moments at
+once. They bend less within a step than the motion itself is asked to be known, so that several steps of the motion
+make one step of theirs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.dynamics.events import struck_slopes
+from massprops.dynamics.rotation import INSIDE, Acting, Steps, Trajectory, angular_velocity, six_of, slope, start_state
+from massprops.dynamics.surroundings import Surroundings
+
+STEP = 1e-30
+LARGEST_TURN = 0.4
+"""Rotation [rad] in a step: derivatives to about 1e-4 of their size after ten revolutions."""
+
+
+def sensitivities(
+    times: np.ndarray,
+    path: Trajectory,
+    q0: np.ndarray,
+    w0: np.ndarray,
+    inertia: np.ndarray,
+    directions: np.ndarray,
+    acting: Acting,
+    p: np.ndarray,
+    around: Surroundings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of attitude (a small turn in body axes) and angular velocity at the times.
+
+    Args:
+        directions: (d, 3, 3) changes of the inertia, one for each inertia parameter.
+
+    Returns:
+        (n, 3, m) and (n, 3, m) by m = 3 (attitude at the start, body axes) + 3 (w0) + d + len(p) parameters; by the
+        moment of an event as slopes before and after it differ.
+    """
+    ny, d, count = path.y.shape[1], len(directions), len(p)
+    m = 6 + d + count
+    six = np.array(six_of(inertia))
+    moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
+    flat_six, flat_p = list(six), list(np.asarray(p, float))
+    kinds = {place.start + i: q.kind for e, place, _ in acting for i, q in enumerate(e.PARAMETERS)}
+    timed = {i for i, kind in kinds.items() if kind == "time"}
+    fixed = {i for i, kind in kinds.items() if kind in ("time", "span")}
+    nodes = _nodes(path.steps, 1.5 * float(np.linalg.norm(w0)))
+    first, last = nodes[:-1], nodes[1:]
+    begin = np.append(path.steps.start, path.steps.start[-1] + path.steps.size[-1])[nodes]
+    h = np.diff(begin)
+    from_y, to_y = path.y[first], path.y[last]
+    for k, y in path.before.items():
+        to_y[last == k] = y
+    t = begin[:-1, None] + np.array([INSIDE, 0.5, 1 - INSIDE]) * h[:, None]
+    sky = around.sky(t)
+
+    middle = 0.5 * (from_y + to_y)
+    ends = np.stack([from_y, middle, to_y], axis=1)
+    stage = [ends[..., i] for i in range(ny)]
+    rates = np.stack(np.broadcast_arrays(*slope(t, stage, flat_six, acting, flat_p, sky)), axis=-1)
+    ends[:, 1] += h[:, None] / 8.0 * (rates[:, 0] - rates[:, 2])
+    F = np.zeros((*t.shape, ny, ny + m))
+
+    def put(column: int, y: list, six: list, p: list) -> None:
+        for i, value in enumerate(slope(t, y, six, acting, p, sky)):
+            F[..., i, column] = np.imag(value) / STEP
+
+    for j in range(ny):
+        put(j, _moved(stage, j), flat_six, flat_p)
+    for j in range(d):
+        put(ny + 6 + j, stage, list(six + 1j * STEP * moves[j]), flat_p)
+    for j in sorted(_of_effects(acting, ("torque", "inertia", "internal", "internal_rate")) - fixed):
+        put(ny + 6 + d + j, stage, flat_six, _moved(flat_p, j))
+    hh = h[:, None, None]
+    eye = np.concatenate([np.eye(ny), np.zeros((ny, m))], axis=1)
+
+    def carried(stage_F: np.ndarray, sofar: np.ndarray) -> np.ndarray:
+        out = stage_F[..., :ny] @ sofar
+        out[..., ny:] += stage_F[..., ny:]
+        return out
+
+    K1 = F[:, 0]
+    K2 = carried(F[:, 1], eye + 0.5 * hh * K1)
+    K3 = carried(F[:, 1], eye + 0.5 * hh * K2)
+    K4 = carried(F[:, 2], eye + hh * K3)
+    M = eye + hh / 6.0 * (K1 + 2 * (K2 + K3) + K4)
+    S = _at_start(q0, w0, flat_six, moves, acting, flat_p, fixed, ny)
+    jumps = dict(path.steps.jumps)
+    from_S, to_S = np.empty((len(h), ny, m)), np.empty((len(h), ny, m))
+    for k, node in enumerate(first.tolist()):
+        if node in jumps:
+            S = _across(S, path, node, jumps[node], acting, flat_six, flat_p, d, timed, around)
+        from_S[k] = S
+        S = M[k, :, :ny] @ S
+        S += M[k, :, ny:]
+        to_S[k] = S
+    step = np.clip(np.searchsorted(nodes, path.steps.after) - 1, 0, len(h) - 1)
+    x = (times - begin[step]) / h[step]
+    x[0] = 0.0
+    A, B = F[..., :ny], F[..., ny:]
+    S = _between(x, h[step], [from_S, A[:, 0] @ from_S + B[:, 0], to_S, A[:, 2] @ to_S + B[:, 2]], step)
+    return _outputs(times, path.y[path.steps.after], S, six, moves, acting, flat_p, fixed)
+
+
+def _nodes(steps: Steps, speed: float) -> np.ndarray:
+    """Numbers of the steps of the motion with which those of the derivatives begin, and of the end: every event among
+    them."""
+    ends = np.append(steps.start, steps.start[-1] + steps.size[-1])
+    hard = np.unique(np.concatenate([[0, len(steps.size)], steps.events]))
+    found = [hard]
+    for a, b in zip(hard[:-1], hard[1:], strict=True):
+        pieces = int(np.ceil((ends[b] - ends[a]) * speed / LARGEST_TURN))
+        if pieces < b - a:
+            found.append(np.searchsorted(ends, np.linspace(ends[a], ends[b], pieces + 1)[1:-1]))
+        else:
+            found.append(np.arange(a, b))
+    return np.unique(np.concatenate(found))
+
+
+def _at_start(
+    q0: np.ndarray, w0: np.ndarray, six: list, moves: np.ndarray, acting: Acting, p: list, fixed: set[int], ny: int
+) -> np.ndarray:
+    """Derivatives (ny, m) of the state at the first time."""
+    d, count = len(moves), len(p)
+    S = np.zeros((ny, 6 + d + count))
+    base_q, base_w = list(np.asarray(q0, float)), list(np.asarray(w0, float))
+
+    def started(q: list, w: list, s: list, v: list) -> np.ndarray:
+        return np.imag(np.array(start_state(q, w, s, acting, v), complex)) / STEP
+
+    for j in range(3):
+        small = [1j * STEP / 2 if i == j else 0 for i in range(3)]
+        qw, qx, qy, qz = base_q
+        # q (1, e/2)
+        q = [
+            qw - qx * small[0] - qy * small[1] - qz * small[2],
+            qx + qw * small[0] + qy * small[2] - qz * small[1],
+            qy + qw * small[1] - qx * small[2] + qz * small[0],
+            qz + qw * small[2] + qx * small[1] - qy * small[0],
+        ]
+        S[:, j] = started(q, base_w, six, p)
+        S[:, 3 + j] = started(base_q, _moved(base_w, j), six, p)
+    for j in range(d):
+        S[:, 6 + j] = started(base_q, base_w, list(np.array(six) + 1j * STEP * moves[j]), p)
+    for j in sorted(set(range(count)) - fixed):
+        S[:, 6 + d + j] = started(base_q, base_w, six, _moved(p, j))
+    return S
+
+
+def _across(
+    S: np.ndarray,
+    path: Trajectory,
+    step: int,
+    number: int,
+    acting: Acting,
+    six: list,
+    p: list,
+    d: int,
+    timed: set[int],
+    around: Surroundings,
+) -> np.ndarray:
+    """Derivatives just after what happens at once before a step, from those just before."""
+    effect, place = acting.effects[number], acting.places[number]
+    before = path.before[step]
+    by_state, own = struck_slopes(before, effect, p[place])
+    own[:, [i - place.start for i in timed if place.start <= i < place.stop]] = 0.0
+    t0, inside = path.steps.start[step], INSIDE * path.steps.size[step]
+    leaves = np.array(slope(t0 - inside, before, six, acting, p, around.sky(float(t0 - inside))))
+    begins = np.array(slope(t0 + inside, path.y[step], six, acting, p, around.sky(float(t0 + inside))))
+    S = by_state @ S
+    S[:, 6 + d + place.start : 6 + d + place.stop] += own
+    for j in (i for i in timed if place.start <= i < place.stop):
+        S[:, 6 + d + j] = by_state @ leaves - begins
+    return S
+
+
+def _between(x: np.ndarray, h: np.ndarray, ends: list[np.ndarray], step: np.ndarray) -> np.ndarray:
+    """Cubic Hermite interpolation at shares x (n,) of the steps of these numbers, h (n,) [s] long: values and slopes
+    (s, ...) at their starts, then at their ends."""
+    square = x * x
+    rest = square * (3.0 - 2.0 * x)
+    weights = np.stack([1.0 - rest, h * x * (1.0 - x) ** 2, rest, h * square * (x - 1.0)], axis=-1)
+    every = np.stack([e.reshape(len(e), -1) for e in ends], axis=1)
+    return (weights[:, None] @ every[step]).reshape(len(x), *ends[0].shape[1:])
+
+
+def _moved(values: list, j: int) -> list:
+    """The values with a complex step of number j."""
+    return [v + 1j * STEP if i == j else v for i, v in enumerate(values)]
+
+
+def _of_effects(acting: Acting, names: tuple[str, ...]) -> set[int]:
+    """Places of the parameters of the effects that have one of these functions."""
+    return {i for e, place, _ in acting if any(hasattr(e, n) for n in names) for i in range(place.start, place.stop)}
+
+
+def _small_turn(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Body-axes turn (n, 3, ...) of a change dq (n, 4, ...): 2 vec(q* dq)."""
+    w, x, y, z = (q[:, i].reshape(-1, *([1] * (dq.ndim - 2))) for i in range(4))
+    a, b, c, e = (dq[:, i] for i in range(4))
+    return 2.0 * np.stack(
+        [w * b - x * a - y * e + z * c, w * c - y * a - z * b + x * e, w * e - z * a - x * c + y * b], axis=1
+    )
+
+
+def _outputs(
+    times: np.ndarray,
+    at: np.ndarray,
+    S: np.ndarray,
+    six: np.ndarray,
+    moves: np.ndarray,
+    acting: Acting,
+    p: list,
+    fixed: set[int],
+) -> tuple[np.ndarray, np.ndarray]:
+    d = len(moves)
+    norm = np.linalg.norm(at[:, :4], axis=1)
+    turn = _small_turn(at[:, :4] / norm[:, None], S[:, :4] / norm[:, None, None])
+    t = times + INSIDE
+    y = [at[:, i] for i in range(at.shape[1])]
+
+    def velocity(y: list, s: list, v: list) -> np.ndarray:
+        w = angular_velocity(t, y, s, acting, v)
+        return np.stack([np.imag(np.broadcast_to(x, t.shape)) for x in w], axis=-1) / STEP
+
+    W_y = np.zeros((len(t), 3, at.shape[1]))
+    for j in range(4, at.shape[1]):
+        W_y[..., j] = velocity(_moved(y, j), list(six), p)
+    rate = W_y @ S
+    for j in range(d):
+        rate[..., 6 + j] += velocity(y, list(six + 1j * STEP * moves[j]), p)
+    for j in sorted(_of_effects(acting, ("inertia", "internal")) - fixed):
+        rate[..., 6 + d + j] += velocity(y, list(six), _moved(p, j))
+    return turn, rate
