@@ -39,6 +39,7 @@ def torque_effect(knots: np.ndarray) -> Any:
         PARAMETERS=tuple(Parameter(f"{a}_{i}", "rad s^-2", 1e-4) for i in range(len(knots)) for a in "xyz"),
         NEEDS=(),
         torque=torque,
+        corners=lambda p: knots[1:-1],
     )
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.surroundings import Sky, Surroundings
+from massprops.effects import effects
 
 LARGEST_TURN = 0.08
 """Rotation [rad] in a step of the fourth-order Runge-Kutta method: below 1e-6 rad of error a revolution."""
@@ -200,8 +201,7 @@ def trajectory(
         acting, p: effects and the flat vector of their parameters.
         around: surroundings.
     """
-    from massprops.dynamics.march import marched
-
+    march = _marched if _in_catalogue(acting) else _plain_march
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]
     y = start_state([float(v) for v in q0], [float(v) for v in w0], six, acting, values)
@@ -214,10 +214,36 @@ def trajectory(
             effect, place = acting.effects[jumps[k]], acting.places[jumps[k]]
             before[k] = y
             y = struck(y, effect, values[place])
-        states[k : end + 1] = marched(y, steps.start[k:end], steps.size[k:end], six, values, acting, around)
+        states[k : end + 1] = march(y, steps.start[k:end], steps.size[k:end], six, values, acting, around)
         y = states[end].tolist()
     at = states[steps.after]
     columns = [at[:, i] for i in range(at.shape[1])]
     w = np.stack(np.broadcast_arrays(*angular_velocity(times + INSIDE, columns, six, acting, values)), axis=-1)
     q = at[:, :4] / np.linalg.norm(at[:, :4], axis=1, keepdims=True)
     return Trajectory(q, w, states, steps, before)
+
+
+def _in_catalogue(acting: Acting) -> bool:
+    every = effects()
+    return all(every.get(effect.NAME) is effect for effect in acting.effects)
+
+
+def _marched(*given: Any) -> np.ndarray:
+    from massprops.dynamics.march import marched
+
+    return marched(*given)
+
+
+def _plain_march(
+    y0: list, start: np.ndarray, size: np.ndarray, six: tuple, p: list, acting: Acting, around: Surroundings
+) -> np.ndarray:
+    """`march` for effects that are not files of the catalogue, and so not compiled: a torque made for one record."""
+    y, out = y0, [y0]
+    for t, h in zip(start.tolist(), size.tolist(), strict=True):
+        ways: list[list] = []
+        for at, reach in ((INSIDE * h, 0.0), (0.5 * h, 0.5 * h), (0.5 * h, 0.5 * h), (h - INSIDE * h, h)):
+            z = [a + reach * b for a, b in zip(y, ways[-1], strict=True)] if ways else y
+            ways.append(slope(t + at, z, six, acting, p, around.sky(t + at)))
+        y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *ways, strict=True)]
+        out.append(y)
+    return np.array(out)

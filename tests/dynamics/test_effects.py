@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -150,3 +152,11 @@ def test_a_wrong_model_file_is_one_line(tmp_path, text: str, said: str) -> None:
     (tmp_path / "m.yaml").write_text(text)
     with pytest.raises(InputError, match=said):
         load_model(tmp_path / "m.yaml")
+
+
+def test_an_effect_outside_the_catalogue_acts_as_one_in_it() -> None:
+    a, p = acting("viscous-damping")
+    copy = SimpleNamespace(**{k: v for k, v in vars(a.effects[0]).items() if not k.startswith("__")})
+    inside = trajectory(TIMES, Q0, W0, INERTIA, a, p, AROUND)
+    outside = trajectory(TIMES, Q0, W0, INERTIA, Acting((copy,), a.places), p, AROUND)
+    assert np.abs(inside.w - outside.w).max() < 1e-12 and np.abs(inside.q - outside.q).max() < 1e-12
