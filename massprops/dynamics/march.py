@@ -54,12 +54,12 @@ def functions(name: str) -> dict[str, object]:
     return found
 
 
-def slots(name: str, acting: list[str]) -> tuple:
-    """The functions of this name of the effects that act, in that order, then others up to the number of all: the
-    kernel is compiled for one number."""
-    every = functions(name)
-    first = [every[n] for n in acting if n in every]
-    return tuple(first + [next(iter(every.values()))] * (len(every) - len(first)))
+def _places(name: str, acting) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """(n, 5) of the effects that act by this function: its number, where their parameters and their states lie, from
+    and to."""
+    number = {effect: k for k, effect in enumerate(functions(name))}
+    rows = [(number[e.NAME], p.start, p.stop, 7 + z.start, 7 + z.stop) for e, p, z in acting if hasattr(e, name)]
+    return np.array(rows, dtype=np.int64).reshape(-1, 5)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -69,24 +69,24 @@ def _slope(t, y, six, p, functions, places, sky, out):  # type: ignore[no-untype
     torque_at, inertia_at, internal_at, rate_at = places
     hx, hy, hz = y[4], y[5], y[6]
     for k in range(len(inertia_at)):
-        six = inertias[k](t, six, p[inertia_at[k, 0] : inertia_at[k, 1]])
+        six = inertias[inertia_at[k, 0]](t, six, p[inertia_at[k, 1] : inertia_at[k, 2]])
     for k in range(len(internal_at)):
-        own = y[internal_at[k, 2] : internal_at[k, 3]]
-        ax, ay, az = internals[k](t, own, p[internal_at[k, 0] : internal_at[k, 1]])
+        own = y[internal_at[k, 3] : internal_at[k, 4]]
+        ax, ay, az = internals[internal_at[k, 0]](t, own, p[internal_at[k, 1] : internal_at[k, 2]])
         hx, hy, hz = hx - ax, hy - ay, hz - az
     w = compiled.symmetric_solve(six[0], six[1], six[2], six[3], six[4], six[5], hx, hy, hz)
     gx, gy, gz = compiled.cross(w[0], w[1], w[2], y[4], y[5], y[6])
     tx, ty, tz = -gx, -gy, -gz
     q = (y[0], y[1], y[2], y[3])
     for k in range(len(torque_at)):
-        ax, ay, az = torques[k](t, q, w, p[torque_at[k, 0] : torque_at[k, 1]], six, sky)
+        ax, ay, az = torques[torque_at[k, 0]](t, q, w, p[torque_at[k, 1] : torque_at[k, 2]], six, sky)
         tx, ty, tz = tx + ax, ty + ay, tz + az
     out[0], out[1], out[2], out[3] = compiled.quaternion_rate(y[0], y[1], y[2], y[3], w[0], w[1], w[2])
     out[4], out[5], out[6] = tx, ty, tz
     at = 7
     for k in range(len(rate_at)):
-        own = y[rate_at[k, 2] : rate_at[k, 3]]
-        out[at], out[at + 1], out[at + 2] = rates[k](t, w, own, p[rate_at[k, 0] : rate_at[k, 1]])
+        own = y[rate_at[k, 3] : rate_at[k, 4]]
+        out[at], out[at + 1], out[at + 2] = rates[rate_at[k, 0]](t, w, own, p[rate_at[k, 1] : rate_at[k, 2]])
         at += 3
 
 
@@ -96,8 +96,7 @@ def march(y0, start, size, six, p, functions, places, sky, position):  # type: i
 
     Args:
         y0: (ny,) state; start, size: (s,) [s]; six: inertia; p: (k,) parameters of all effects.
-        functions: a tuple of functions for each name of `SIGNATURES`; places: for each, (n, 4) where its parameters
-            and its states lie, from and to, of the n that act.
+        functions: a tuple of functions for each name of `SIGNATURES`; places: for each, `_places` of those that act.
         sky: what does not change of the surroundings; position: (s, 3, 3) of the planet at start, middle and end.
     """
     s, n = size.shape[0], y0.shape[0]
@@ -127,11 +126,6 @@ def marched(y0, start, size, six, p, acting, around):  # type: ignore[no-untyped
     Args:
         acting: `rotation.Acting`; around: `Surroundings`; the others as of `march`.
     """
-    names = [e.NAME for e, _, _ in acting]
-    places = tuple(
-        np.array([[a.start, a.stop, z.start, z.stop] for _, a, z in acting.having[name]], dtype=np.int64).reshape(-1, 4)
-        for name in SIGNATURES
-    )
     times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
     position = np.zeros((*times.shape, 3))
     needs = any("orbit" in e.NEEDS for e, _, _ in acting)
@@ -140,6 +134,7 @@ def marched(y0, start, size, six, p, acting, around):  # type: ignore[no-untyped
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
         return march(
-            np.array(y0, float), start, size, six, np.asarray(p, float), tuple(slots(n, names) for n in SIGNATURES), places,
+            np.array(y0, float), start, size, six, np.asarray(p, float), tuple(tuple(functions(n).values()) for n in SIGNATURES),
+            tuple(_places(n, acting) for n in SIGNATURES),
             around.sky(0.0)._replace(position=(0.0, 0.0, 0.0)), position,
         )  # fmt: skip
