@@ -1,7 +1,8 @@
 """Search over the moment of an effect that moves the tracks at once.
 
 Where feature points or the attitude jump, the misfit is not continuous as the moment passes an epoch: a search by
-slopes rests in whichever gap between epochs it comes to. Gaps farther off are tried one by one.
+slopes rests in whichever gap between epochs it comes to. But the motion is nearly linear in the size of an effect that
+begins at a given moment: a score test shows what the effect would be worth in another gap instead.
 """
 
 from __future__ import annotations
@@ -12,16 +13,16 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnose.case import Case
-from massprops.diagnose.refit import Added, Scored, refit
+from massprops.diagnose.refit import MOST_ITERATIONS, Added, Scored, refit
+from massprops.diagnose.score import score_tests
 from massprops.effects import searched
 from massprops.estimators.batch.state import BatchState
 from massprops.model import Model
 
-WIDEST = 0.2
-"""Share of the epochs by which the moment is moved at first; halved whenever neither side is better."""
-TRIAL = 5
-"""Iterations after which two moments are compared."""
-MOST_TRIALS = 16
+NEAR = (1, 2, 3, 4, 6, 8, 11)
+"""Gaps away from the moment that is that are looked at, on both sides."""
+APART = 16
+"""Gaps between those that are looked at first over the whole record."""
 EVIDENCE = 10.0
 """Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
 
@@ -41,35 +42,54 @@ def between_epochs(case: Case, state: BatchState, added: Added) -> BatchState:
     return _at(state, effect, place, float(middles[now]))
 
 
-def best_moment(case: Case, s: Scored, widest: float = WIDEST, most: int = 40) -> Scored:
-    """The fit `s`, or one with the moment of its last effect in another gap between epochs if that explains more.
+def best_moment(case: Case, s: Scored, far: bool = True, most: int = MOST_ITERATIONS) -> Scored:
+    """The fit `s`, or one with the moments of its effects in other gaps between epochs if that explains more.
 
     Args:
-        widest: share of the epochs by which the moment is moved at first.
+        far: looks over the whole record, not only near.
     """
-    effect = s.added[-1].effect
-    place = _place(effect)
-    if place is None or not moves_at_once(effect):
-        return s
-    away = max(1, round(widest * len(case.problem.times)))
-    best, trials, tried = s, 0, set()
-    while away >= 1 and trials < MOST_TRIALS:
-        middles, now = _gap(case, best.fit.state, effect, place)
-        found = None
-        for k in (now - away, now + away):
-            if not 0 <= k < len(middles) or k in tried:
-                continue
-            tried.add(k)
-            trials += 1
-            start = _at(best.fit.state, effect, place, float(middles[k]))
-            trial = refit(case, start, s.added, most=TRIAL)
-            if trial.bic < min(best.bic - EVIDENCE, found.bic if found else np.inf):
-                found = trial
-        if found is None:
-            away //= 2
-        else:
-            best = found
-    return best if best is s else refit(case, best.fit.state, s.added, most)
+    for added in s.added:
+        place = _place(added.effect)
+        while place is not None and moves_at_once(added.effect):
+            moment = _promising(case, s, added, place, far)
+            if moment is None:
+                break
+            # sizes that suit another moment would lead a search by slopes away from this one
+            there = _at(s.fit.state, added.effect, place, moment)
+            still = refit(case, there, s.added, most, moments=False)
+            found = refit(case, still.fit.state, s.added, most)
+            if not found.bic < s.bic - EVIDENCE:
+                break
+            s = found
+    return s
+
+
+def _promising(case: Case, s: Scored, added: Added, place: int, far: bool) -> float | None:
+    """The middle of the gap to which it would be worth most to move an effect, coarse to fine; None where nothing is."""
+    effect = added.effect
+    middles, now = _gap(case, s.fit.state, effect, place)
+    last = len(middles) - 1
+    gains, best = {now: 0.0}, now
+    away = np.array([*NEAR, *(range(APART, last + 1, APART) if far else ())])
+    look = now + np.concatenate([-away, away])
+    while True:
+        ks = [int(k) for k in np.unique(look) if 0 <= k <= last and int(k) not in gains]
+        if not ks:
+            return float(middles[best])
+        tests = score_tests(case, s, [(added, _nothing(effect, place, float(middles[k]))) for k in ks], effect.NAME)
+        gains.update((k, t.gain) for k, t in zip(ks, tests, strict=True))
+        best = max(gains, key=lambda k: gains[k])
+        if gains[best] < EVIDENCE:
+            return None
+        tried = sorted(gains)
+        i = tried.index(best)
+        look = np.linspace(tried[max(i - 1, 0)], tried[min(i + 1, len(tried) - 1)], 2 * len(NEAR) + 1).round()
+
+
+def _nothing(effect: ModuleType, place: int, moment: float) -> np.ndarray:
+    values = np.zeros(len(effect.PARAMETERS))
+    values[place] = moment
+    return values
 
 
 def _place(effect: ModuleType) -> int | None:

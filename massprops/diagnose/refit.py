@@ -92,12 +92,13 @@ def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
     return out
 
 
-def free_of(case: Case, state: BatchState, added: tuple[Added, ...]) -> np.ndarray:
-    """(size,) which parameters may move."""
+def free_of(case: Case, state: BatchState, added: tuple[Added, ...], moments: bool = True) -> np.ndarray:
+    """(size,) which parameters may move; `moments`: those of effects that act at one too."""
     form = {a.name: a.form for a in added}
     mask = list(case.first.free)
     for module in state.model.modules:
-        mask += searched(module, form[module.NAME])
+        own = zip(module.PARAMETERS, searched(module, form[module.NAME]), strict=True)
+        mask += [yes and (moments or q.kind != "time") for q, yes in own]
     return np.array(mask)
 
 
@@ -108,9 +109,11 @@ def refit(
     most: int = MOST_ITERATIONS,
     against: float = np.inf,
     idle: float = IDLE,
+    moments: bool = True,
 ) -> Scored:
-    """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.fit`."""
-    free = free_of(case, start, added)
+    """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.fit`, `moments` as in
+    `free_of`."""
+    free = free_of(case, start, added, moments)
     with np.errstate(all="ignore"):
         # wild trial steps overflow; the search turns back from them by itself
         found = fit(case.problem, case.fitted, start, case.around, free, case.belief, most, idle=idle, against=against)

@@ -33,8 +33,14 @@ class Score:
     values: np.ndarray
 
 
-def score_tests(case: Case, upon: Scored, candidates: list[tuple[Added, np.ndarray]]) -> list[Score]:
-    """The gain of each candidate, an effect with parameters to begin with, beside a fitted model; in the same order."""
+def score_tests(
+    case: Case, upon: Scored, candidates: list[tuple[Added, np.ndarray]], instead_of: str = ""
+) -> list[Score]:
+    """The gain of each candidate, an effect with parameters to begin with, beside a fitted model; in the same order.
+
+    Args:
+        instead_of: name of an effect of the model that goes to zero as the candidate comes.
+    """
     with np.errstate(all="ignore"):
         at = predict(case.problem, upon.fit.state, case.around)
         left = residuals(case.problem, case.scored, at)
@@ -52,7 +58,7 @@ def score_tests(case: Case, upon: Scored, candidates: list[tuple[Added, np.ndarr
         out: dict[int, Score] = {}
         for group in groups:
             together = [candidates[i] for i in group]
-            out.update(zip(group, _scored_together(case, upon, together, weights, cost), strict=True))
+            out.update(zip(group, _scored_together(case, upon, together, weights, cost, instead_of), strict=True))
     return [out[i] for i in range(len(candidates))]
 
 
@@ -63,13 +69,21 @@ def _idle(added: Added, values: np.ndarray) -> bool:
 
 
 def _scored_together(
-    case: Case, upon: Scored, candidates: list[tuple[Added, np.ndarray]], weights: np.ndarray, cost: float
+    case: Case,
+    upon: Scored,
+    candidates: list[tuple[Added, np.ndarray]],
+    weights: np.ndarray,
+    cost: float,
+    instead_of: str,
 ) -> list[Score]:
     if not candidates:
         return []
     old = upon.fit.state.model
     form = {a.name: a.form for a in upon.added}
-    entries = [(m, v, searched(m, form[m.NAME]), -1) for m, v in zip(old.modules, old.values, strict=True)]
+    entries = [
+        (m, v, searched(m, form[m.NAME]), -2 if instead_of == m.NAME else -1)
+        for m, v in zip(old.modules, old.values, strict=True)
+    ]
     for k, (added, values) in enumerate(candidates):
         moves = [
             yes and q.kind not in HELD
@@ -86,12 +100,17 @@ def _scored_together(
     linear = linearise(case.problem, case.scored, at, case.around)
     reduced = reduced_equations(linear, case.scored, weights, free, trial, case.belief)
     worse = float(np.sum(weights * linear.residuals.squares)) - cost
-    owner = owner[free]
     share = case.fitted.count / max(1, case.scored.count)
-    base, _ = _solved(reduced.H, reduced.full, reduced.b, owner == -1)
+    owner = owner[free]
+    base, _ = _solved(reduced.H, reduced.full, reduced.b, owner < 0)
+    # an effect that goes takes a given step: what that does to chi-square, and to the gradient of the others
+    goes = owner == -2
+    step = -np.concatenate([np.zeros(17), *(v for _, v, *_ in entries)])[free][goes]
+    b = reduced.b - reduced.H[:, goes] @ step
+    worse -= float((reduced.b[goes] + b[goes]) @ step)
     out = []
     for k, (added, values) in enumerate(candidates):
-        gain, step = _solved(reduced.H, reduced.full, reduced.b, (owner == -1) | (owner == k))
+        gain, step = _solved(reduced.H, reduced.full, b, (owner == -1) | (owner == k))
         moved = np.array(values, float)
         own = [q for q, yes in zip(range(len(values)), _free_of(entries, k), strict=True) if yes]
         moved[own] += step[owner[(owner == -1) | (owner == k)] == k]

@@ -23,8 +23,6 @@ CLOSE = 6.0
 """Difference of BIC below which two explanations cannot be told apart."""
 FIRST_SHARE = 0.35
 """Share of the excess mean square that an effect's simple form may leave over to be thought of as the leading one."""
-NEAR_MOMENT = 0.05
-"""Share of the epochs by which the moment of a longer form is moved at first: its simple form was searched farther."""
 AS_GOOD = 0.5
 """Share of the best gain of BIC at which an effect's longer forms come before pairs of effects."""
 BEAM = 2
@@ -245,5 +243,5 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
         small = case.fitted.count <= SMALL
         least = np.inf if small else 1.02 * min((s.fit.cost for s in singles), default=np.inf) + 50.0
         fits = [refit(case, state, added, most=40 if small else 20, against=least) for state in states]
-        out += [s if explained(s) else best_moment(case, s, NEAR_MOMENT) for s in fits]
+        out += [s if explained(s) else best_moment(case, s) for s in fits]
     return out

@@ -10,6 +10,7 @@ import numpy as np
 from massprops.diagnose.assumed import DENSITY, believing, with_mass
 from massprops.diagnose.beside import FITS_OF_A_PAIR, Watch, fits_beside
 from massprops.diagnose.case import Case
+from massprops.diagnose.moment import best_moment
 from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, refit, with_effects
 from massprops.diagnose.worth import WORSE, explained, worth
 
@@ -25,7 +26,7 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     Each step adds the effect that explains most of what is left, then takes away the one that became idle: what was
     chosen first, to stand for two effects, gives way when both are there. At the end each of two is exchanged for others.
     """
-    at = believing(case, refit(case, start.fit.state, start.added, idle=POLISH))
+    at = believing(case, best_moment(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False))
     found = [at]
     while True:
         better = with_mass(case, at, usable) or _step(case, at, usable, watch)
@@ -38,6 +39,10 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
         if plain is not None and plain.bic < at.bic and _may_follow(plain, at):
             found.append(plain)
             at = plain
+    timed = best_moment(case, at, far=False) if len(found) > 1 else at
+    if timed is not at:
+        found.append(timed)
+        at = timed
     if explained(at) and len(at.added) > 1:
         found += _exchanged(case, at, usable, watch)
     return found
