@@ -10,9 +10,11 @@ import numpy as np
 from massprops.diagnose.assumed import DENSITY, believing, with_mass
 from massprops.diagnose.beside import FITS_OF_A_PAIR, Watch, fits_beside
 from massprops.diagnose.case import Case
-from massprops.diagnose.moment import best_moment
+from massprops.diagnose.misfit import count
+from massprops.diagnose.moment import EVIDENCE, best_moment
 from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, refit, with_effects
 from massprops.diagnose.worth import WORSE, explained, worth
+from massprops.effects import searched
 
 MOST_EFFECTS = 2
 """Effects at once that are sought; a third stands beside them only until one of the three is idle."""
@@ -28,6 +30,10 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     """
     at = believing(case, best_moment(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False))
     found = [at]
+    lean = _lean(case, at)
+    if lean is not at:
+        found.append(lean)
+        at = lean
     while True:
         better = with_mass(case, at, usable) or _step(case, at, usable, watch)
         if better is None:
@@ -46,6 +52,33 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     if explained(at) and len(at.added) > 1:
         found += _exchanged(case, at, usable, watch)
     return found
+
+
+def _lean(case: Case, at: Scored) -> Scored:
+    """The model without an effect that is idle beside the others: chosen beside a poor fit of another, which then found its
+    place."""
+    for a in at.added if len(at.added) > 1 else ():
+        price = EVIDENCE + np.log(count(at.fit.residuals)) * sum(searched(a.effect, a.form))
+        fewer = _without(case, at, a) if _needed(at, a) < price else None
+        if fewer is not None and worth(fewer) <= worth(at) and _may_follow(fewer, at):
+            return fewer
+    return at
+
+
+def _needed(s: Scored, a: Added) -> float:
+    """By how much chi-square would rise without an effect, to second order (Wald's test)."""
+    own, at = np.zeros(len(s.fit.free), bool), 17
+    for module in s.fit.state.model.modules:
+        for i, q in enumerate(module.PARAMETERS):
+            own[at + i] = module is a.effect and q.kind == "number"
+        at += len(module.PARAMETERS)
+    values = np.concatenate([np.zeros(17), *s.fit.state.model.values])[s.fit.free]
+    own = own[s.fit.free]
+    scale = np.sqrt(np.maximum(np.diag(s.fit.information), 1e-100))
+    H, v = s.fit.information / scale[:, None] / scale, (values * scale)[own]
+    across = H[np.ix_(own, ~own)]
+    left = H[np.ix_(own, own)] - across @ np.linalg.pinv(H[np.ix_(~own, ~own)], hermitian=True) @ across.T
+    return float(v @ left @ v)
 
 
 def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:

@@ -51,6 +51,14 @@ def test_nothing_is_added_beside_what_is_enough(damped_magnet: tuple[Case, Score
     assert set(min(steps, key=lambda s: s.bic).names) == set(right.names)
 
 
+def test_an_idle_effect_goes_where_nothing_is_added(damped_magnet: tuple[Case, Scored]) -> None:
+    case, base = damped_magnet
+    right = fitted(case, base, "viscous-damping", "magnetic-dipole-torque")
+    idle = fitted(case, right, "viscous-damping", "magnetic-dipole-torque", "range-bias")
+    assert abs(idle.fitted - right.fitted) < 1e-3
+    assert set(stepwise(case, idle, [], QUIET)[-1].names) == set(right.names)
+
+
 def test_an_inertia_off_by_more_than_chance_contradicts(damped_magnet: tuple[Case, Scored]) -> None:
     case, base = damped_magnet
     right = fitted(case, base, "viscous-damping", "magnetic-dipole-torque")
