@@ -15,7 +15,9 @@ from massprops.estimators.batch.linearise import predict
 from massprops.estimators.batch.measurements import measurements_of
 from massprops.estimators.batch.state import BatchState
 from massprops.model import Model, load_model, model_of
-from massprops.simulate.tracks import TrackScenario, asked_for, blank_problem, sized
+from massprops.simulate.effect_size import asked_for, sized
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.track_view import blank_problem
 
 
 def effects_model(

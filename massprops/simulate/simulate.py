@@ -43,7 +43,8 @@ def simulate(
     from massprops.simulate.render import Renderer, lens_of
 
     if is_tracks(scenario):
-        from massprops.simulate.tracks import track_scenario, write_tracks
+        from massprops.simulate.track_scenario import track_scenario
+        from massprops.simulate.tracks import write_tracks
 
         if video:
             raise InputError(f"{scenario}: a scenario of tracks has no images, so no video: leave --video out")

@@ -13,7 +13,8 @@ from diagnose.half_turns import off
 from massprops.effects import Parameter, effects
 from massprops.errors import NotPossible
 from massprops.sequence import write_sequence
-from massprops.simulate.tracks import TrackScenario, simulate_tracks
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.tracks import simulate_tracks
 
 SINGLES = tuple(n for n in effects() if n not in ("range-bias", "baseline-error"))
 """Effects that show in the tracks whatever else is measured."""

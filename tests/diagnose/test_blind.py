@@ -9,7 +9,8 @@ import pytest
 from diagnose.blind import hide, judge
 
 from massprops.sequence import write_sequence
-from massprops.simulate.tracks import TrackScenario, simulate_tracks
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.tracks import simulate_tracks
 
 FRAMES = 160
 

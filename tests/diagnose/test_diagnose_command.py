@@ -16,7 +16,8 @@ from massprops.estimators.batch.measurements import Measurements
 from massprops.model import load_model
 from massprops.sensing.predict import Seen
 from massprops.sequence import Environment, write_sequence
-from massprops.simulate.tracks import TrackScenario, simulate_tracks
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.tracks import simulate_tracks
 from massprops_cli.main import run
 
 SHORT = TrackScenario(frames=120, features=8, rate_deg=5.0, seed=3)

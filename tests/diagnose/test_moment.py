@@ -13,7 +13,8 @@ from massprops.diagnose.score import score_tests
 from massprops.diagnose.stepwise import stepwise
 from massprops.effects import effects
 from massprops.estimators.problem import problem_of
-from massprops.simulate.tracks import TrackScenario, simulate_tracks
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.tracks import simulate_tracks
 
 CHANGE = "inertia-change"
 QUIET = lambda what, done, total: None  # noqa: E731

@@ -14,7 +14,8 @@ from massprops.diagnose.stepwise import stepwise
 from massprops.effects import effects
 from massprops.estimators.problem import problem_of
 from massprops.model import model_of
-from massprops.simulate.tracks import TrackScenario, simulate_tracks
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.tracks import simulate_tracks
 
 QUIET = lambda what, done, total: None  # noqa: E731
 

@@ -24,7 +24,8 @@ from massprops.estimators.start import first_guess
 from massprops.estimators.surroundings import Surroundings
 from massprops.sensing.pinhole import Pinhole
 from massprops.sequence.data import Orbit
-from massprops.simulate.tracks import TrackScenario, simulate_tracks
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.tracks import simulate_tracks
 
 LAYOUTS = [Layout(4, 2), Layout(4, 5), Layout(4, 2, additive=True)]
 

@@ -10,7 +10,8 @@ from massprops.estimators.methods import smoother
 from massprops.estimators.problem import problem_of
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
-from massprops.simulate.tracks import TrackScenario, simulate_tracks
+from massprops.simulate.track_scenario import TrackScenario
+from massprops.simulate.tracks import simulate_tracks
 
 SENSORS = {
     "stereo": {},

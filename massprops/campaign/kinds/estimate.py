@@ -1,6 +1,6 @@
 """Simulated tracks, one estimator, and its errors against the truth.
 
-Parameters are those of `massprops.simulate.tracks.TrackScenario`, `scenario` (several of them as one value, with a
+Parameters are those of `massprops.simulate.track_scenario.TrackScenario`, `scenario` (several of them as one value, with a
 `name`) and `estimator`. The same seed gives the same tracks to every estimator.
 """
 
@@ -18,7 +18,7 @@ from massprops.errors import InputError, NotPossible
 
 if TYPE_CHECKING:
     from massprops.estimators.result import Estimate
-    from massprops.simulate.tracks import TrackScenario
+    from massprops.simulate.track_scenario import TrackScenario
 
 SENTENCE = "Simulated tracks with any effects and noise, an estimator, and its errors against the truth."
 OWN_THREADS = False
@@ -39,7 +39,7 @@ def prepared(
 
 
 def _scenario_keys() -> list[str]:
-    from massprops.simulate.tracks import TrackScenario
+    from massprops.simulate.track_scenario import TrackScenario
 
     return [f.name for f in fields(TrackScenario) if f.name != "seed"]
 
@@ -68,7 +68,7 @@ def scenario_of(values: dict[str, Any], seed: int) -> TrackScenario:
         InputError: an unknown name, or a value of the wrong kind or out of range.
     """
     from massprops.effects import effects
-    from massprops.simulate.tracks import RANGES, TrackScenario
+    from massprops.simulate.track_scenario import RANGES, TrackScenario
 
     group = values.get("scenario") or {}
     if not isinstance(group, dict):

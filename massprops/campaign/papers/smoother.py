@@ -60,7 +60,8 @@ def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]
 def _run(c: dict[str, Any], seed: int) -> dict[str, Any]:
     from massprops.estimators.estimate import estimate_all
     from massprops.estimators.methods.smoother import LARGEST_SIGMA_K
-    from massprops.simulate.tracks import TrackScenario, simulate_tracks
+    from massprops.simulate.track_scenario import TrackScenario
+    from massprops.simulate.tracks import simulate_tracks
 
     rng = np.random.default_rng([SEED, seed])
     pairs = ("rate_deg", "distance_m", "sigma_px", "attitude_sigma")
