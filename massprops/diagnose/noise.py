@@ -7,7 +7,7 @@ from math import comb
 
 import numpy as np
 
-from massprops.estimators.problem import Problem
+from massprops.estimators.problem import Problem, no_sigma_px
 from massprops.sequence.data import Sequence
 
 ORDERS = range(2, 9)
@@ -19,15 +19,14 @@ FEWEST = 100
 def with_track_noise(sequence: Sequence, problem: Problem) -> Problem:
     """The problem with the noise of those cameras estimated that state none, and its warnings put right."""
     sigma, warnings = problem.sigma_px.copy(), list(problem.warnings)
-    numbers = [k for k in sorted(sequence.cameras) if f"cam{k} states no sigma_px" in " ".join(warnings)]
-    for k in numbers:
+    for k in (k for k in sorted(sequence.cameras) if no_sigma_px(k) in warnings):
         place = min(k, len(sigma) - 1)
         found = track_noise(problem.uv[:, place])
         if found is None:
             continue
         sigma[place] = found
-        said = f"cam{k} states no sigma_px: {found:.3g} px estimated from the tracks"
-        warnings = [said if w.startswith(f"cam{k} states no sigma_px") else w for w in warnings]
+        warnings = [w for w in warnings if w != no_sigma_px(k)]
+        warnings.append(f"cam{k} states no sigma_px: {found:.3g} px estimated from the tracks")
     return replace(problem, sigma_px=sigma, warnings=tuple(warnings))
 
 

@@ -208,9 +208,14 @@ def _without_distortion(camera: Camera, uv: np.ndarray) -> np.ndarray:
 
 def _sigma_px(camera: Camera, number: int, warnings: list[str]) -> float:
     if camera.sigma_px is None:
-        warnings.append(f"cam{number} states no sigma_px: {DEFAULT_SIGMA_PX} px assumed")
+        warnings.append(no_sigma_px(number))
         return DEFAULT_SIGMA_PX
     return camera.sigma_px
+
+
+def no_sigma_px(number: int) -> str:
+    """The warning for a camera that states no noise."""
+    return f"cam{number} states no sigma_px: {DEFAULT_SIGMA_PX} px assumed"
 
 
 def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
