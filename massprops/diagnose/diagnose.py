@@ -164,6 +164,7 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     then one of the two is held in its place, or the record was made so."""
     from massprops.diagnose.moment import EVIDENCE
     from massprops.diagnose.refit import refit
+    from massprops.diagnose.stepwise import lean
     from massprops.diagnose.worth import explained
     from massprops.dynamics.surroundings import Surroundings
 
@@ -181,7 +182,8 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
         found = _selected(case, base, progress)
     best = found.best or base
     begun = replace(best.fit.state, points=other_base.fit.state.points)
-    same = refit(other, begun, best.added, against=best.fit.cost)
+    # an effect that stood for the wrong path is idle on the right one
+    same = lean(other, refit(other, begun, best.added, against=best.fit.cost))
     if explained(best) and not best.held > PREDICTS:
         if explained(same) and same.bic < best.bic - EVIDENCE:
             return other, replace(found, base=other_base, best=same)

@@ -30,13 +30,12 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     """
     at = believing(case, best_moment(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False))
     found = [at]
-    lean = _lean(case, at)
-    if lean is not at:
-        found.append(lean)
-        at = lean
+    without_idle = lean(case, at)
+    if without_idle is not at:
+        found.append(without_idle)
+        at = without_idle
     while True:
-        mass = with_mass(case, at, usable) if len(at.added) <= MOST_EFFECTS else None
-        better = mass or _step(case, at, usable, watch)
+        better = with_mass(case, at, usable) or _step(case, at, usable, watch)
         if better is None:
             break
         found.append(better)
@@ -55,7 +54,7 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     return found
 
 
-def _lean(case: Case, at: Scored) -> Scored:
+def lean(case: Case, at: Scored) -> Scored:
     """The model without an effect that is idle beside the others: chosen beside a poor fit of another, which then found its
     place."""
     for a in at.added if len(at.added) > 1 else ():

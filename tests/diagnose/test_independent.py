@@ -44,6 +44,15 @@ def test_a_textbook_effect_is_named_with_its_size(
     assert worst(document, world, name) < 3.5
 
 
+def test_no_knock_stands_for_a_path_that_does_not_fall(tmp_path: Path) -> None:
+    world = sized(drawn(108, "range"), "focal-length-error", 5.8)
+    assert not world.falls, "environment.yaml says where the planet is all the same"
+    document = diagnosed(world, tmp_path)
+    assert [e["name"] for e in document["effects"]] == ["focal-length-error"]
+    assert any("straight" in w for w in document["warnings"])
+    assert worst(document, world, "focal-length-error") < 3.5
+
+
 def test_nothing_is_found_where_nothing_is_and_the_noise_is_not_stated(tmp_path: Path) -> None:
     document = diagnosed(drawn(1, "stereo"), tmp_path, noise_stated=False, environment=False, body=False)
     assert document["verdict"] == "none" and any("sigma_px" in w for w in document["warnings"])
