@@ -124,7 +124,7 @@ def rows_csv(points: list[Point]) -> str:
     """Every run as a line of CSV: point, what the grid set, seed, its columns, error."""
     grid = list(dict.fromkeys(name for p in points for name in p.cell))
     data = list(dict.fromkeys(name for p in points for r in p.rows for name in r.data))
-    data = [name for name in data if name not in grid]
+    data = [name for name in data if name not in (*grid, "seed")]
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["point", *grid, "seed", *data, "error"])
