@@ -35,7 +35,8 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
         found.append(without_idle)
         at = without_idle
     while True:
-        better = with_mass(case, at, usable) or _step(case, at, usable, watch)
+        mass = with_mass(case, at, usable) if len(at.added) <= MOST_EFFECTS else None
+        better = mass or _step(case, at, usable, watch)
         if better is None:
             break
         found.append(better)
