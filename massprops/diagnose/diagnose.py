@@ -168,7 +168,7 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     from massprops.diagnose.worth import explained
     from massprops.dynamics.surroundings import Surroundings
 
-    if not case.around.falls or not len(case.fitted.uv) or explained(base):
+    if not case.around.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
         return case, _selected(case, base, progress)
     said = "the path is straight, not that of free fall beside the chaser: one of the two is held, it seems"
     other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))

@@ -53,6 +53,14 @@ def test_no_knock_stands_for_a_path_that_does_not_fall(tmp_path: Path) -> None:
     assert worst(document, world, "focal-length-error") < 3.5
 
 
+def test_a_path_that_does_not_fall_is_no_effect(tmp_path: Path) -> None:
+    # without a range sensor a baseline that is off only scales what is seen
+    world = sized(drawn(409, "stereo"), "baseline-error", 4.5)
+    assert not world.falls
+    document = diagnosed(world, tmp_path, noise_stated=False)
+    assert document["verdict"] == "none" and any("straight" in w for w in document["warnings"])
+
+
 def test_nothing_is_found_where_nothing_is_and_the_noise_is_not_stated(tmp_path: Path) -> None:
     document = diagnosed(drawn(1, "stereo"), tmp_path, noise_stated=False, environment=False, body=False)
     assert document["verdict"] == "none" and any("sigma_px" in w for w in document["warnings"])
