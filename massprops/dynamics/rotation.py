@@ -201,7 +201,8 @@ def trajectory(
         acting, p: effects and the flat vector of their parameters.
         around: surroundings.
     """
-    march = _marched if _in_catalogue(acting) else _plain_march
+    # a free body is done with before the kernel would be compiled
+    march = _marched if acting.effects and _in_catalogue(acting) else _plain_march
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]
     y = start_state([float(v) for v in q0], [float(v) for v in w0], six, acting, values)
@@ -237,13 +238,15 @@ def _marched(*given: Any) -> np.ndarray:
 def _plain_march(
     y0: list, start: np.ndarray, size: np.ndarray, six: tuple, p: list, acting: Acting, around: Surroundings
 ) -> np.ndarray:
-    """`march` for effects that are not files of the catalogue, and so not compiled: a torque made for one record."""
+    """`march` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
     y, out = y0, [y0]
+    here = around.sky(0.0)
+    moving = around.orbit is not None and any("orbit" in e.NEEDS for e in acting.effects)
     for t, h in zip(start.tolist(), size.tolist(), strict=True):
         ways: list[list] = []
         for at, reach in ((INSIDE * h, 0.0), (0.5 * h, 0.5 * h), (0.5 * h, 0.5 * h), (h - INSIDE * h, h)):
             z = [a + reach * b for a, b in zip(y, ways[-1], strict=True)] if ways else y
-            ways.append(slope(t + at, z, six, acting, p, around.sky(t + at)))
+            ways.append(slope(t + at, z, six, acting, p, around.sky(t + at) if moving else here))
         y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *ways, strict=True)]
         out.append(y)
     return np.array(out)
