@@ -50,6 +50,11 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     if timed is not at:
         found.append(timed)
         at = timed
+    if len(at.added) > MOST_EFFECTS:
+        fewer = min((_without(case, at, a) for a in at.added), key=worth)
+        if worth(fewer) < worth(at) and _may_follow(fewer, at):
+            found.append(fewer)
+            at = fewer
     if explained(at) and len(at.added) > 1:
         found += _exchanged(case, at, usable, watch)
     return found
