@@ -10,7 +10,7 @@ import numpy as np
 from massprops.diagnose.beside import Watch
 from massprops.diagnose.case import Case
 from massprops.diagnose.moment import EVIDENCE
-from massprops.diagnose.refit import POLISH, Added, Scored, refit, with_effects
+from massprops.diagnose.refit import POLISH, Added, Scored, near, refit, with_effects
 from massprops.estimators.batch.solve import believed
 
 DENSITY = "nonuniform-density"
@@ -59,5 +59,5 @@ def beside_each(case: Case, singles: list[Scored], usable: list[ModuleType], wat
             watch(f"uneven density beside {s.names[0]}", k, len(singles))
             added = (*s.added, *density)
             least = min((p.fit.cost for p in out), default=np.inf)
-            out.append(refit(case, with_effects(s.fit.state, added, {}), added, against=1.02 * least + 50.0))
+            out.append(refit(case, with_effects(s.fit.state, added, {}), added, against=near(least)))
     return sorted(out, key=lambda s: s.bic)

@@ -10,7 +10,7 @@ import numpy as np
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count
 from massprops.diagnose.moment import EVIDENCE
-from massprops.diagnose.refit import Added, Scored, refit, start_values, with_effects
+from massprops.diagnose.refit import Added, Scored, near, refit, start_values, with_effects
 from massprops.diagnose.score import Score, score_tests
 from massprops.diagnose.worth import explained
 from massprops.effects import searched
@@ -59,7 +59,7 @@ def fits_beside(
         watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
         least = min((s.fit.cost for s in out), default=against)
         most = len(starts) if _paced(starts[0].added.effect) and k == 0 else STARTS
-        out.append(_best_fit(case, upon, starts[:most], 1.02 * least + 50.0))
+        out.append(_best_fit(case, upon, starts[:most], near(least)))
     return sorted(out, key=lambda s: s.bic)
 
 
@@ -71,7 +71,7 @@ def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> 
         tried = refit(case, begin, added, against=against)
         if best is None or tried.bic < best.bic:
             best = tried
-            against = min(against, 1.02 * tried.fit.cost + 50.0)
+            against = min(against, near(tried.fit.cost))
         if explained(best) and not _paced(test.added.effect):
             break
     assert best is not None

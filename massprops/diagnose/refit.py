@@ -102,6 +102,11 @@ def free_of(case: Case, state: BatchState, added: tuple[Added, ...], moments: bo
     return np.array(mask)
 
 
+def near(cost: float) -> float:
+    """The cost that a fit must be able to come to if it is to be compared with one of this cost."""
+    return 1.02 * cost + 50.0
+
+
 def refit(
     case: Case,
     start: BatchState,

@@ -11,7 +11,7 @@ from massprops.diagnose.assumed import DENSITY, beside_each
 from massprops.diagnose.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_beside
 from massprops.diagnose.case import Case
 from massprops.diagnose.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
-from massprops.diagnose.refit import POLISH, Added, Scored, refit, with_effects
+from massprops.diagnose.refit import POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnose.score import score_tests
 from massprops.diagnose.stepwise import stepwise
 from massprops.diagnose.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
@@ -107,7 +107,9 @@ def select(
         done = [p for p in better if settled(p)]
         for k, s in enumerate([] if done else _beam(good)):
             rest = [m for m in usable if m.NAME not in s.names]
-            pairs += fits_beside(case, s, rest, FITS_OF_A_PAIR, watch, f"two effects, with {s.names[0]} ({k + 1})")
+            what = f"two effects, with {s.names[0]} ({k + 1})"
+            least = min((p.fit.cost for p in pairs), default=np.inf)
+            pairs += fits_beside(case, s, rest, FITS_OF_A_PAIR, watch, what, against=least)
             better = [p for p in pairs if may_be(p, base) and all_needed(p, [*first, *longer])]
             done = [p for p in better if settled(p)]
             if done:
@@ -241,7 +243,7 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
                     with_effects(base.fit.state, added, {module.NAME: t.start}) for t in tests[: FITS_OF_A_FORM // 2]
                 ]
         small = case.fitted.count <= SMALL
-        least = np.inf if small else 1.02 * min((s.fit.cost for s in singles), default=np.inf) + 50.0
+        least = np.inf if small else near(min((s.fit.cost for s in singles), default=np.inf))
         fits = [refit(case, state, added, most=40 if small else 20, against=least) for state in states]
         out += [s if explained(s) else best_moment(case, s) for s in fits]
     return out

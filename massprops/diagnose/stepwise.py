@@ -12,7 +12,7 @@ from massprops.diagnose.beside import FITS_OF_A_PAIR, Watch, fits_beside
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count
 from massprops.diagnose.moment import EVIDENCE, best_moment
-from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, refit, with_effects
+from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnose.worth import WORSE, explained, worth
 from massprops.effects import searched
 
@@ -90,10 +90,10 @@ def _needed(s: Scored, a: Added) -> float:
 def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
     """The model with another effect, or with that in place of one of its own; None where neither is worth it."""
     what = f"beside {' + '.join(at.names)}"
-    larger = fits_beside(case, at, _rest(at, usable), FITS_OF_A_PAIR, watch, what, pays=True)
+    larger = fits_beside(case, at, _rest(at, usable), FITS_OF_A_PAIR, watch, what, pays=True, against=at.fit.cost)
     if not larger or not worth(larger[0]) < worth(at):
         return None
-    fewer = [_without(case, larger[0], a) for a in at.added]
+    fewer = [_without(case, larger[0], a, against=near(at.fit.cost)) for a in at.added]
     options = fewer if len(at.added) >= MOST_EFFECTS else [larger[0], *fewer]
     better = [s for s in options if _may_follow(s, at) and worth(s) < worth(at)]
     return min(better, key=worth) if better else None
@@ -127,6 +127,6 @@ def _simpler(case: Case, s: Scored, a: Added) -> Scored:
     return refit(case, with_effects(s.fit.state, added, {a.name: np.array(kept)}), added)
 
 
-def _without(case: Case, s: Scored, idle: Added, most: int = MOST_ITERATIONS) -> Scored:
+def _without(case: Case, s: Scored, idle: Added, most: int = MOST_ITERATIONS, against: float = np.inf) -> Scored:
     added = tuple(a for a in s.added if a is not idle)
-    return refit(case, with_effects(s.fit.state, added, {}), added, most)
+    return refit(case, with_effects(s.fit.state, added, {}), added, most, against=against)
