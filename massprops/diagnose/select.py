@@ -7,15 +7,17 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnose.assumed import DENSITY, beside_each
+from massprops.diagnose.assumed import CHANCE, DENSITY, beside_each
 from massprops.diagnose.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_beside
 from massprops.diagnose.case import Case
+from massprops.diagnose.misfit import count, mean_square
 from massprops.diagnose.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
 from massprops.diagnose.refit import POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnose.score import score_tests
 from massprops.diagnose.stepwise import stepwise
 from massprops.diagnose.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
 from massprops.effects import effects, forms
+from massprops.estimators.batch.linearise import residuals
 from massprops.estimators.batch.measurements import measurements_of
 from massprops.model import lacks
 
@@ -125,7 +127,9 @@ def select(
             return out
         lengthen(far)
     done = [s for s in good if explained(s)] or [s for s in good if fits(s)][:1]
-    if done and (explained(done[0]) or fits(_on_all(case, done[0]))):
+    while done and not _constant(case, done[0]):
+        done = done[1:]
+    if done:
         chosen, out.rivals = _decided(case, done)
         out.best = refit(case, chosen.fit.state, chosen.added, idle=POLISH)
         out.verdict = "ambiguous" if out.rivals else "named"
@@ -133,8 +137,8 @@ def select(
     if good:
         out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
         left = good[0].fitted ** 2 - 1.0
-        predicts = not good[0].held > STRAYS
-        if left < NEARLY * (base.fitted**2 - 1.0) and predicts and not good[0].implausible:
+        nearly = left < NEARLY * (base.fitted**2 - 1.0) and not good[0].held > STRAYS and not good[0].implausible
+        if nearly and _constant(case, good[0]):
             out.rivals = _rivals_of(good)
             out.verdict = "ambiguous" if out.rivals else "named"
             return out
@@ -150,6 +154,20 @@ def _on_all(case: Case, s: Scored) -> Scored:
         keep[m.seen.epoch, m.seen.camera, m.seen.feature] = True
     every = measurements_of(case.problem, None, keep, case.first.channels)
     return refit(replace(case, fitted=every), s.fit.state, s.added)
+
+
+def _constant(case: Case, s: Scored) -> bool:
+    """Whether a model that predicts badly is one whose parameters the fitted data leave open: then the held-out data join
+    the fit without spoiling what it explained. Chi-square of the fitted data rises by no more than its parameters allow
+    (Chow 1960), and what fitted, fits."""
+    from scipy.stats import chi2
+
+    if explained(s) and not s.held > PREDICTS or not np.isfinite(s.held):
+        return True
+    whole = _on_all(case, s)
+    now = mean_square(residuals(case.problem, case.fitted, whole.fit.predicted))
+    rise = count(s.fit.residuals) * (now / max(1.0, s.fitted**2) - min(1.0, s.fitted**2))
+    return bool(rise < chi2.isf(CHANCE, s.fit.parameters) and (fits(whole) or not fits(s)))
 
 
 def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
