@@ -171,14 +171,20 @@ def _constant(case: Case, s: Scored) -> bool:
 
 
 def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
-    """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data."""
-    models = distinct(done)
-    close = [s for s in models if s.bic - models[0].bic < EVIDENCE and len(s.added) == len(models[0].added)]
-    if len(close) == 1:
-        return close[0], []
-    worth = {s.names: _on_all(case, s).bic for s in close}
-    close.sort(key=lambda s: worth[s.names])
-    return close[0], [s for s in close[1:] if worth[s.names] - worth[close[0].names] < CLOSE]
+    """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data.
+
+    What fits no worse with more parameters is a rival too: the price of a parameter speaks against it, no measurement.
+    """
+    best, *others = distinct(done)
+    others = [s for s in others if len(s.added) == len(best.added)]
+    close = [s for s in others if s.bic - best.bic < EVIDENCE]
+    rivals: list[Scored] = []
+    if close:
+        worth = {s.names: _on_all(case, s).bic for s in (best, *close)}
+        best, *close = sorted((best, *close), key=lambda s: worth[s.names])
+        rivals = [s for s in close if worth[s.names] - worth[best.names] < CLOSE]
+    known = {s.names for s in (best, *close)}
+    return best, rivals + [s for s in others if s.deviance <= best.deviance and s.names not in known]
 
 
 def _rivals_of(models: list[Scored]) -> list[Scored]:
