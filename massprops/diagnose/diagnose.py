@@ -369,7 +369,8 @@ def _reason(case: Case, s: Selection) -> str:
     if s.verdict == "ambiguous":
         every = [" + ".join(x.names) for x in (best, *s.rivals)]
         return f"this data cannot tell apart: {', '.join(every)}. {_separates(case, every)}"
-    left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}"
+    held = f", and {best.held:.2f} on data held out" if np.isfinite(best.held) else ""
+    left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}{held}"
     return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{left}"
 
 
