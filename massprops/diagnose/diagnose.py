@@ -212,7 +212,8 @@ def _selected_unless(other: Case | None, case: Case, base: Scored, progress: Wat
 
 
 def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:
-    """The base model with its inertia held at what is assumed, when the data contradict that assumption."""
+    """The base model with its inertia held at what is assumed, when the data contradict that assumption: as it is where
+    that leads astray."""
     from massprops.diagnose.assumed import contradicts
     from massprops.diagnose.refit import refit
 
@@ -221,6 +222,8 @@ def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool
     firm = replace(case, belief=replace(case.belief, sigma=1e-3 * case.belief.sigma))
     state = replace(base.fit.state, inertia=assumed)
     held = refit(firm, state, (), most=40)
+    if held.fitted > ASTRAY * base.fitted:
+        return base, True
     return replace(held, bic=base.bic), True
 
 

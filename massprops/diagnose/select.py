@@ -12,7 +12,7 @@ from massprops.diagnose.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_b
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count, mean_square
 from massprops.diagnose.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
-from massprops.diagnose.refit import POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnose.refit import IMPLAUSIBLE, MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnose.score import score_tests
 from massprops.diagnose.stepwise import stepwise
 from massprops.diagnose.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
@@ -82,6 +82,9 @@ def select(
         # what the contradiction itself says, however steep the scores of others from so wrong a model
         density = [m for m in usable if m.NAME == DENSITY]
         first = sorted([*first, *fits_beside(case, base, density, 1, watch, "one effect")], key=lambda s: s.bic)
+    if first and not explained(first[0]) and first[0].fit.iterations >= MOST_ITERATIONS:
+        # what leads is seen through to its end before another effect is asked to help
+        first[0] = refit(case, first[0].fit.state, first[0].added, most=3 * MOST_ITERATIONS)
     if other is not None and _explains_more(other, base, first):
         return None
     out.tried += first
@@ -184,7 +187,16 @@ def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
         best, *close = sorted((best, *close), key=lambda s: worth[s.names])
         rivals = [s for s in close if worth[s.names] - worth[best.names] < CLOSE]
     known = {s.names for s in (best, *close)}
-    return best, rivals + [s for s in others if s.deviance <= best.deviance and s.names not in known]
+    return best, rivals + [s for s in others if s.deviance <= best.deviance and s.names not in known and _begins(s)]
+
+
+def _begins(s: Scored) -> bool:
+    """Whether the record shows what was before the moments of a model's effects: what began earlier is no event."""
+    for a in s.added:
+        moments = [i for i, q in enumerate(a.effect.PARAMETERS) if q.kind == "time"]
+        if any(s.fit.state.model.value(a.name)[i] < IMPLAUSIBLE * s.sigma[a.name][i] for i in moments):
+            return False
+    return True
 
 
 def _rivals_of(models: list[Scored]) -> list[Scored]:
