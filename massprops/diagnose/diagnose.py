@@ -23,7 +23,7 @@ ASTRAY = 8.0
 """Residual over the noise at which the first guess may have gone astray."""
 OTHER_PATH = 0.1
 """Fall of BIC per measurement with which the base model shows the path by itself."""
-BETTER_PATH = 0.2
+BETTER_PATH = 0.5
 """Share of the excess mean square that another path must explain to be worth a selection of its own."""
 PREDICTS = 1.1
 """Residual held out up to which nothing better is looked for."""
@@ -176,10 +176,10 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     much = case.fitted.count
     if other_base.bic < base.bic - OTHER_PATH * much or explained(other_base):
         (case, base), (other, other_base) = (other, other_base), (case, base)
-    unless = _selected_unless(other, case, base, progress)
-    if unless is None:
+    found = _selected_unless(other, case, base, progress)
+    if found is None:
         (case, base), (other, other_base) = (other, other_base), (case, base)
-    found = unless or _selected(case, base, progress)
+        found = _selected(case, base, progress)
     best = found.best or base
     begun = replace(best.fit.state, points=other_base.fit.state.points)
     # an effect that stood for the wrong path is idle on the right one
@@ -189,7 +189,7 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
             return other, replace(found, base=other_base, best=same)
         return case, found
     left, there = best.fitted**2 - 1.0, same.fitted**2 - 1.0
-    if unless is None or there > (1.0 - BETTER_PATH) * left:
+    if there > (1.0 - BETTER_PATH) * left:
         return case, found
     again = _selected(other, other_base, progress)
     return (other, again) if (again.best or other_base).bic < best.bic else (case, found)

@@ -44,9 +44,7 @@ class Scored:
     Attributes:
         added: effects beyond the base model; fit: where the search ended.
         fitted, held: root-mean-square residual over the noise on the fitted data and on that held out.
-        white: score of correlation between neighbouring residuals.
-        deviance: twice the negative logarithm of the likelihood, with what is believed of the inertia; bic: that with
-            its parameters' price. Lower is better.
+        white: score of correlation between neighbouring residuals; bic: lower is better.
         sigma: by effect, 1-sigma of its parameters; implausible: why it cannot be, or empty.
     """
 
@@ -55,7 +53,6 @@ class Scored:
     fitted: float
     held: float
     white: float
-    deviance: float
     bic: float
     sigma: dict[str, np.ndarray]
     implausible: str = ""
@@ -136,8 +133,7 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     value, _ = believed(found.state, case.belief)
     unit = _unit(found.information)
     parameters = int(np.linalg.matrix_rank(unit, tol=1e-10)) if np.isfinite(unit).all() else len(unit)
-    deviance = float(n * np.log(max(ms, 1e-12) + float(value @ value) / n))
-    bic = deviance + parameters * np.log(n)
+    bic = n * np.log(max(ms, 1e-12) + float(value @ value) / n) + parameters * np.log(n)
     held = residuals(case.problem, case.held, found.predicted)
     usable = bool(np.isfinite(found.information).all() and np.isfinite(found.cost))
     covariance = covariance_of(found) if usable else np.full((len(found.free),) * 2, np.inf)
@@ -158,7 +154,6 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
         float(np.sqrt(ms)),
         float(np.sqrt(mean_square(held))) if case.held.count else float("nan"),
         whiteness(r, case.fitted, case.problem.rate_memory),
-        deviance,
         float(bic) if usable and np.isfinite(bic) else np.inf,
         sigma,
         implausible,

@@ -12,7 +12,7 @@ from massprops.diagnose.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_b
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count, mean_square
 from massprops.diagnose.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
-from massprops.diagnose.refit import IMPLAUSIBLE, MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnose.score import score_tests
 from massprops.diagnose.stepwise import stepwise
 from massprops.diagnose.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
@@ -174,29 +174,14 @@ def _constant(case: Case, s: Scored) -> bool:
 
 
 def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
-    """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data.
-
-    What fits no worse with more parameters is a rival too: the price of a parameter speaks against it, no measurement.
-    """
-    best, *others = distinct(done)
-    others = [s for s in others if len(s.added) == len(best.added)]
-    close = [s for s in others if s.bic - best.bic < EVIDENCE]
-    rivals: list[Scored] = []
-    if close:
-        worth = {s.names: _on_all(case, s).bic for s in (best, *close)}
-        best, *close = sorted((best, *close), key=lambda s: worth[s.names])
-        rivals = [s for s in close if worth[s.names] - worth[best.names] < CLOSE]
-    known = {s.names for s in (best, *close)}
-    return best, rivals + [s for s in others if s.deviance <= best.deviance and s.names not in known and _begins(s)]
-
-
-def _begins(s: Scored) -> bool:
-    """Whether the record shows what was before the moments of a model's effects: what began earlier is no event."""
-    for a in s.added:
-        moments = [i for i, q in enumerate(a.effect.PARAMETERS) if q.kind == "time"]
-        if any(s.fit.state.model.value(a.name)[i] < IMPLAUSIBLE * s.sigma[a.name][i] for i in moments):
-            return False
-    return True
+    """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data."""
+    models = distinct(done)
+    close = [s for s in models if s.bic - models[0].bic < EVIDENCE and len(s.added) == len(models[0].added)]
+    if len(close) == 1:
+        return close[0], []
+    worth = {s.names: _on_all(case, s).bic for s in close}
+    close.sort(key=lambda s: worth[s.names])
+    return close[0], [s for s in close[1:] if worth[s.names] - worth[close[0].names] < CLOSE]
 
 
 def _rivals_of(models: list[Scored]) -> list[Scored]:
