@@ -160,17 +160,26 @@ def _on_all(case: Case, s: Scored) -> Scored:
 
 
 def _constant(case: Case, s: Scored) -> bool:
-    """Whether a model that predicts badly is one whose parameters the fitted data leave open: then the held-out data join
-    the fit without spoiling what it explained. Chi-square of the fitted data rises by no more than its parameters allow
-    (Chow 1960), and what fitted, fits."""
+    """Whether the held-out data join a model's fit without spoiling it (Chow 1960): a right model whose parameters the
+    fitted data leave open predicts badly, but stays right.
+
+    The fit moves by what the held-out data know: chi-square of the fitted data rises by a sum of squares, each weighted
+    with the share of all that is known of one direction which the held-out data bring (Satterthwaite's approximation).
+    """
     from scipy.stats import chi2
 
-    if explained(s) and not s.held > PREDICTS or not np.isfinite(s.held):
+    if not np.isfinite(s.held):
         return True
     whole = _on_all(case, s)
     now = mean_square(residuals(case.problem, case.fitted, whole.fit.predicted))
-    rise = count(s.fit.residuals) * (now / max(1.0, s.fitted**2) - min(1.0, s.fitted**2))
-    return bool(rise < chi2.isf(CHANCE, s.fit.parameters) and (fits(whole) or not fits(s)))
+    rise = count(s.fit.residuals) * (now - s.fitted**2) / max(1.0, s.fitted**2)
+    scale = np.sqrt(np.maximum(np.diag(whole.fit.information), 1e-100))
+    ours, every = (f.information / scale[:, None] / scale for f in (s.fit, whole.fit))
+    share = 1.0 - np.linalg.eigvals(np.linalg.pinv(every, hermitian=True) @ ours).real
+    points = np.full(s.fit.parameters - len(ours), 1.0 - count(s.fit.residuals) / count(whole.fit.residuals))
+    share = np.clip(np.concatenate([share, points]), 1e-3, 1.0)
+    mean, spread = share.sum(), (share**2).sum()
+    return bool(rise * mean / spread < chi2.isf(CHANCE, mean**2 / spread) and (fits(whole) or not fits(s)))
 
 
 def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
