@@ -30,6 +30,8 @@ AS_GOOD = 0.5
 BEAM = 2
 FITS_OF_A_FORM = 4
 MOST_SCORES = 26
+JOINS = 1.05
+"""Held-out residual over the noise beyond which the held-out data are asked to join the fit."""
 SMALL = 1500
 """Scalar measurements up to which every start is fitted for a few iterations rather than scored."""
 NEARLY = 0.03
@@ -168,7 +170,7 @@ def _constant(case: Case, s: Scored) -> bool:
     """
     from scipy.stats import chi2
 
-    if not np.isfinite(s.held):
+    if explained(s) and not s.held > JOINS or not np.isfinite(s.held):
         return True
     whole = _on_all(case, s)
     now = mean_square(residuals(case.problem, case.fitted, whole.fit.predicted))
