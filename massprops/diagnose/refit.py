@@ -131,7 +131,7 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     n = count(r)
     ms = mean_square(r)
     value, _ = believed(found.state, case.belief)
-    unit = _unit(found.information)
+    unit = found.unit
     parameters = int(np.linalg.matrix_rank(unit, tol=1e-10)) if np.isfinite(unit).all() else len(unit)
     bic = n * np.log(max(ms, 1e-12) + float(value @ value) / n) + parameters * np.log(n)
     held = residuals(case.problem, case.held, found.predicted)
@@ -169,8 +169,3 @@ def _implausible(module: ModuleType, values: np.ndarray, sigma: np.ndarray, case
         if q.kind == "time" and not 0 < v < case.span:
             return f"{q.name} {v:.3g} s lies outside the record"
     return ""
-
-
-def _unit(information: np.ndarray) -> np.ndarray:
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-100))
-    return information / scale[:, None] / scale

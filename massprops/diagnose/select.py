@@ -175,9 +175,9 @@ def _constant(case: Case, s: Scored) -> bool:
     whole = _on_all(case, s)
     now = mean_square(residuals(case.problem, case.fitted, whole.fit.predicted))
     rise = count(s.fit.residuals) * (now - s.fitted**2) / max(1.0, s.fitted**2)
-    scale = np.sqrt(np.maximum(np.diag(whole.fit.information), 1e-100))
-    ours, every = (f.information / scale[:, None] / scale for f in (s.fit, whole.fit))
-    share = 1.0 - np.linalg.eigvals(np.linalg.pinv(every, hermitian=True) @ ours).real
+    scale = whole.fit.scale
+    ours = s.fit.information / scale[:, None] / scale
+    share = 1.0 - np.linalg.eigvals(np.linalg.pinv(whole.fit.unit, hermitian=True) @ ours).real
     points = np.full(s.fit.parameters - len(ours), 1.0 - count(s.fit.residuals) / count(whole.fit.residuals))
     share = np.clip(np.concatenate([share, points]), 1e-3, 1.0)
     mean, spread = share.sum(), (share**2).sum()

@@ -80,8 +80,7 @@ def _needed(s: Scored, a: Added) -> float:
         at += len(module.PARAMETERS)
     values = np.concatenate([np.zeros(17), *s.fit.state.model.values])[s.fit.free]
     own = own[s.fit.free]
-    scale = np.sqrt(np.maximum(np.diag(s.fit.information), 1e-100))
-    H, v = s.fit.information / scale[:, None] / scale, (values * scale)[own]
+    H, v = s.fit.unit, (values * s.fit.scale)[own]
     across = H[np.ix_(own, ~own)]
     left = H[np.ix_(own, own)] - across @ np.linalg.pinv(H[np.ix_(~own, ~own)], hermitian=True) @ across.T
     return float(v @ left @ v)

@@ -17,10 +17,13 @@ symmetric_times = numba.njit(kernels.symmetric_times)
 symmetric_solve = numba.njit(kernels.symmetric_solve, error_model="numpy")
 
 
+def calling(function, **names):  # type: ignore[no-untyped-def]
+    """`function` with the functions that it calls replaced by their compiled forms, ready to be compiled."""
+    return types.FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
+
+
 def _bind(function, **names):  # type: ignore[no-untyped-def]
-    """`function` compiled, with the functions that it calls replaced by their compiled forms."""
-    bound = types.FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
-    return numba.njit(bound, error_model="numpy")
+    return numba.njit(calling(function, **names), error_model="numpy")
 
 
 euler_acceleration = _bind(

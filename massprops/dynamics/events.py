@@ -32,6 +32,11 @@ def struck(y: Sequence, effect: ModuleType, p: Sequence) -> list:
     return [*q, *h, *y[7:]]
 
 
+def stepped(values: Sequence, j: int) -> list:
+    """The values with a complex step of number j."""
+    return [v + 1j * STEP if i == j else v for i, v in enumerate(values)]
+
+
 def acts_at_once(effect: ModuleType) -> bool:
     """Whether the state is not continuous at the effect's moment."""
     return hasattr(effect, "jump") or hasattr(effect, "swing")
@@ -43,7 +48,7 @@ def struck_slopes(y: Sequence, effect: ModuleType, p: Sequence) -> tuple[np.ndar
     def columns(start: list, other: Any, first: bool) -> np.ndarray:
         out = []
         for j in range(len(start)):
-            moved = [v + (1j * STEP if i == j else 0) for i, v in enumerate(start)]
+            moved = stepped(start, j)
             after = struck(moved, effect, other) if first else struck(other, effect, moved)
             out.append(np.imag(np.array(after, complex)) / STEP)
         return np.stack(out, axis=1)

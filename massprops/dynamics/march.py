@@ -6,8 +6,8 @@ effect needs no kernel of its own. Imported late, for importing it loads numba.
 
 from __future__ import annotations
 
-import types
 import warnings
+from collections.abc import Callable
 from functools import cache
 
 import numba
@@ -42,23 +42,23 @@ EQUATIONS = {
 
 
 @cache
-def functions(name: str) -> dict[str, object]:
-    """The compiled functions of this name by their effect's, of every effect that has one."""
+def functions(name: str) -> dict[Callable, object]:
+    """The compiled functions of this name by the plain ones, of every effect that has one."""
     found = {}
     for effect in effects().values():
         plain = getattr(effect, name, None)
         if plain is not None:
             names = {k: v for k, v in EQUATIONS.items() if k in plain.__globals__}
-            bound = types.FunctionType(plain.__code__, {**plain.__globals__, **names}, plain.__name__)
-            found[effect.NAME] = numba.cfunc(SIGNATURES[name], cache=True, error_model="numpy")(bound)
+            bound = compiled.calling(plain, **names)
+            found[plain] = numba.cfunc(SIGNATURES[name], cache=True, error_model="numpy")(bound)
     return found
 
 
 def _places(name: str, acting) -> np.ndarray:  # type: ignore[no-untyped-def]
     """(n, 5) of the effects that act by this function: its number, where their parameters and their states lie, from
     and to."""
-    number = {effect: k for k, effect in enumerate(functions(name))}
-    rows = [(number[e.NAME], p.start, p.stop, 7 + z.start, 7 + z.stop) for e, p, z in acting if hasattr(e, name)]
+    number = {plain: k for k, plain in enumerate(functions(name))}
+    rows = [(number[plain], p.start, p.stop, z.start, z.stop) for plain, p, z in acting.having[name]]
     return np.array(rows, dtype=np.int64).reshape(-1, 5)
 
 
@@ -127,14 +127,12 @@ def marched(y0, start, size, six, p, acting, around):  # type: ignore[no-untyped
         acting: `rotation.Acting`; around: `Surroundings`; the others as of `march`.
     """
     times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
-    position = np.zeros((*times.shape, 3))
-    needs = any("orbit" in e.NEEDS for e, _, _ in acting)
-    if needs and around.orbit is not None:
-        position = np.stack(around.position(times), axis=-1)
+    sky = around.sky(times, acting.orbiting)
+    position = np.stack([np.broadcast_to(x, times.shape) for x in sky.position], axis=-1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
         return march(
             np.array(y0, float), start, size, six, np.asarray(p, float), tuple(tuple(functions(n).values()) for n in SIGNATURES),
             tuple(_places(n, acting) for n in SIGNATURES),
-            around.sky(0.0)._replace(position=(0.0, 0.0, 0.0)), position,
+            sky._replace(position=(0.0, 0.0, 0.0)), position,
         )  # fmt: skip

@@ -56,6 +56,11 @@ class Acting:
         return iter(zip(self.effects, self.places, self.states, strict=True))
 
     @cached_property
+    def orbiting(self) -> bool:
+        """Whether any of them asks where the planet is."""
+        return any("orbit" in e.NEEDS for e in self.effects)
+
+    @cached_property
     def having(self) -> dict[str, list]:
         """By function's name: (function, place of its parameters, place of its states within y) of those that have it."""
         return {
@@ -142,6 +147,16 @@ class Steps:
     jumps: tuple[tuple[int, int], ...]
     events: np.ndarray
 
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """(s + 1,) [s] where each begins, and where the last ends."""
+        return np.append(self.start, self.start[-1] + self.size[-1])
+
+
+def fastest(w0: np.ndarray) -> float:
+    """Rate [rad/s] that a body begun with w0 (3,) is allowed for when its steps are laid out."""
+    return 1.5 * float(np.linalg.norm(w0)) + 1e-12
+
 
 def steps_through(times: np.ndarray, speed: float, acting: Acting, p: np.ndarray) -> Steps:
     """Steps short enough for `speed` [rad/s], ending at every time and event."""
@@ -206,7 +221,7 @@ def trajectory(
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]
     y = start_state([float(v) for v in q0], [float(v) for v in w0], six, acting, values)
-    steps = steps_through(times, 1.5 * float(np.linalg.norm(w0)) + 1e-12, acting, p)
+    steps = steps_through(times, fastest(w0), acting, p)
     states = np.empty((len(steps.size) + 1, len(y)))
     jumps, before = dict(steps.jumps), {}
     pieces = [0, *sorted(jumps), len(steps.size)]
@@ -240,13 +255,11 @@ def _plain_march(
 ) -> np.ndarray:
     """`march` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
     y, out = y0, [y0]
-    here = around.sky(0.0)
-    moving = around.orbit is not None and any("orbit" in e.NEEDS for e in acting.effects)
     for t, h in zip(start.tolist(), size.tolist(), strict=True):
         ways: list[list] = []
         for at, reach in ((INSIDE * h, 0.0), (0.5 * h, 0.5 * h), (0.5 * h, 0.5 * h), (h - INSIDE * h, h)):
             z = [a + reach * b for a, b in zip(y, ways[-1], strict=True)] if ways else y
-            ways.append(slope(t + at, z, six, acting, p, around.sky(t + at) if moving else here))
+            ways.append(slope(t + at, z, six, acting, p, around.sky(t + at, acting.orbiting)))
         y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *ways, strict=True)]
         out.append(y)
     return np.array(out)

@@ -7,13 +7,25 @@ make one step of theirs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from massprops.dynamics.events import struck_slopes
-from massprops.dynamics.rotation import INSIDE, Acting, Steps, Trajectory, angular_velocity, six_of, slope, start_state
+from massprops.dynamics.events import STEP, stepped, struck_slopes
+from massprops.dynamics.kernels import quaternion_rate
+from massprops.dynamics.rotation import (
+    INSIDE,
+    Acting,
+    Steps,
+    Trajectory,
+    angular_velocity,
+    fastest,
+    six_of,
+    slope,
+    start_state,
+)
 from massprops.dynamics.surroundings import Surroundings
 
-STEP = 1e-30
 LARGEST_TURN = 0.4
 """Rotation [rad] in a step: derivatives to about 1e-4 of their size after ten revolutions."""
 
@@ -44,18 +56,16 @@ def sensitivities(
     moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
     flat_six, flat_p = list(six), list(np.asarray(p, float))
     kinds = {place.start + i: q.kind for e, place, _ in acting for i, q in enumerate(e.PARAMETERS)}
-    timed = {i for i, kind in kinds.items() if kind == "time"}
     fixed = {i for i, kind in kinds.items() if kind in ("time", "span")}
-    nodes = _nodes(path.steps, 1.5 * float(np.linalg.norm(w0)))
+    nodes = _nodes(path.steps, fastest(w0))
     first, last = nodes[:-1], nodes[1:]
-    begin = np.append(path.steps.start, path.steps.start[-1] + path.steps.size[-1])[nodes]
+    begin = path.steps.ends[nodes]
     h = np.diff(begin)
     from_y, to_y = path.y[first], path.y[last]
     for k, y in path.before.items():
         to_y[last == k] = y
     t = begin[:-1, None] + np.array([INSIDE, 0.5, 1 - INSIDE]) * h[:, None]
-    sky = around.sky(t)
-
+    sky = around.sky(t, acting.orbiting)
     middle = 0.5 * (from_y + to_y)
     ends = np.stack([from_y, middle, to_y], axis=1)
     stage = [ends[..., i] for i in range(ny)]
@@ -68,11 +78,11 @@ def sensitivities(
             F[..., i, column] = np.imag(value) / STEP
 
     for j in range(ny):
-        put(j, _moved(stage, j), flat_six, flat_p)
+        put(j, stepped(stage, j), flat_six, flat_p)
     for j in range(d):
         put(ny + 6 + j, stage, list(six + 1j * STEP * moves[j]), flat_p)
-    for j in sorted(_of_effects(acting, ("torque", "inertia", "internal", "internal_rate")) - fixed):
-        put(ny + 6 + d + j, stage, flat_six, _moved(flat_p, j))
+    for j in sorted(_of_effects(acting, tuple(acting.having)) - fixed):
+        put(ny + 6 + d + j, stage, flat_six, stepped(flat_p, j))
     hh = h[:, None, None]
     eye = np.concatenate([np.eye(ny), np.zeros((ny, m))], axis=1)
 
@@ -91,7 +101,7 @@ def sensitivities(
     from_S, to_S = np.empty((len(h), ny, m)), np.empty((len(h), ny, m))
     for k, node in enumerate(first.tolist()):
         if node in jumps:
-            S = _across(S, path, node, jumps[node], acting, flat_six, flat_p, d, timed, around)
+            S = _across(S, path, node, jumps[node], acting, flat_six, flat_p, d, around)
         from_S[k] = S
         S = M[k, :, :ny] @ S
         S += M[k, :, ny:]
@@ -107,7 +117,7 @@ def sensitivities(
 def _nodes(steps: Steps, speed: float) -> np.ndarray:
     """Numbers of the steps of the motion with which those of the derivatives begin, and of the end: every event among
     them."""
-    ends = np.append(steps.start, steps.start[-1] + steps.size[-1])
+    ends = steps.ends
     hard = np.unique(np.concatenate([[0, len(steps.size)], steps.events]))
     found = [hard]
     for a, b in zip(hard[:-1], hard[1:], strict=True):
@@ -131,21 +141,14 @@ def _at_start(
         return np.imag(np.array(start_state(q, w, s, acting, v), complex)) / STEP
 
     for j in range(3):
-        small = [1j * STEP / 2 if i == j else 0 for i in range(3)]
-        qw, qx, qy, qz = base_q
         # q (1, e/2)
-        q = [
-            qw - qx * small[0] - qy * small[1] - qz * small[2],
-            qx + qw * small[0] + qy * small[2] - qz * small[1],
-            qy + qw * small[1] - qx * small[2] + qz * small[0],
-            qz + qw * small[2] + qx * small[1] - qy * small[0],
-        ]
-        S[:, j] = started(q, base_w, six, p)
-        S[:, 3 + j] = started(base_q, _moved(base_w, j), six, p)
+        small = quaternion_rate(*base_q, *stepped([0.0] * 3, j))
+        S[:, j] = started([a + b for a, b in zip(base_q, small, strict=True)], base_w, six, p)
+        S[:, 3 + j] = started(base_q, stepped(base_w, j), six, p)
     for j in range(d):
         S[:, 6 + j] = started(base_q, base_w, list(np.array(six) + 1j * STEP * moves[j]), p)
     for j in sorted(set(range(count)) - fixed):
-        S[:, 6 + d + j] = started(base_q, base_w, six, _moved(p, j))
+        S[:, 6 + d + j] = started(base_q, base_w, six, stepped(p, j))
     return S
 
 
@@ -158,21 +161,24 @@ def _across(
     six: list,
     p: list,
     d: int,
-    timed: set[int],
     around: Surroundings,
 ) -> np.ndarray:
     """Derivatives just after what happens at once before a step, from those just before."""
     effect, place = acting.effects[number], acting.places[number]
     before = path.before[step]
     by_state, own = struck_slopes(before, effect, p[place])
-    own[:, [i - place.start for i in timed if place.start <= i < place.stop]] = 0.0
+    moments = [i for i, q in enumerate(effect.PARAMETERS) if q.kind == "time"]
+    own[:, moments] = 0.0
     t0, inside = path.steps.start[step], INSIDE * path.steps.size[step]
-    leaves = np.array(slope(t0 - inside, before, six, acting, p, around.sky(float(t0 - inside))))
-    begins = np.array(slope(t0 + inside, path.y[step], six, acting, p, around.sky(float(t0 + inside))))
+
+    def way(t: float, y: Sequence) -> np.ndarray:
+        return np.array(slope(t, y, six, acting, p, around.sky(t, acting.orbiting)))
+
+    leaves, begins = way(float(t0 - inside), before), way(float(t0 + inside), path.y[step])
     S = by_state @ S
     S[:, 6 + d + place.start : 6 + d + place.stop] += own
-    for j in (i for i in timed if place.start <= i < place.stop):
-        S[:, 6 + d + j] = by_state @ leaves - begins
+    for i in moments:
+        S[:, 6 + d + place.start + i] = by_state @ leaves - begins
     return S
 
 
@@ -186,14 +192,9 @@ def _between(x: np.ndarray, h: np.ndarray, ends: list[np.ndarray], step: np.ndar
     return (weights[:, None] @ every[step]).reshape(len(x), *ends[0].shape[1:])
 
 
-def _moved(values: list, j: int) -> list:
-    """The values with a complex step of number j."""
-    return [v + 1j * STEP if i == j else v for i, v in enumerate(values)]
-
-
 def _of_effects(acting: Acting, names: tuple[str, ...]) -> set[int]:
     """Places of the parameters of the effects that have one of these functions."""
-    return {i for e, place, _ in acting if any(hasattr(e, n) for n in names) for i in range(place.start, place.stop)}
+    return {i for n in names for _, place, _ in acting.having[n] for i in range(place.start, place.stop)}
 
 
 def _small_turn(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -227,10 +228,10 @@ def _outputs(
 
     W_y = np.zeros((len(t), 3, at.shape[1]))
     for j in range(4, at.shape[1]):
-        W_y[..., j] = velocity(_moved(y, j), list(six), p)
+        W_y[..., j] = velocity(stepped(y, j), list(six), p)
     rate = W_y @ S
     for j in range(d):
         rate[..., 6 + j] += velocity(y, list(six + 1j * STEP * moves[j]), p)
     for j in sorted(_of_effects(acting, ("inertia", "internal")) - fixed):
-        rate[..., 6 + d + j] += velocity(y, list(six), _moved(p, j))
+        rate[..., 6 + d + j] += velocity(y, list(six), stepped(p, j))
     return turn, rate

@@ -16,7 +16,7 @@ class Sky(NamedTuple):
     """What an effect may ask of the surroundings at a moment; inertial axes.
 
     Attributes:
-        position: of the chaser from the planet's centre [m], zeros without an orbit; sun: direction; field: [T].
+        position: of the chaser from the planet's centre [m]; sun: direction; field: [T].
         mu: [m^3/s^2], 0 without an orbit.
     """
 
@@ -69,9 +69,9 @@ class Surroundings:
         (a, b, _), (c, d, _), (e, f, _) = self._rows
         return a * x + b * y, c * x + d * y, e * x + f * y
 
-    def sky(self, t: Any) -> Sky:
-        """All that effects ask for at time(s) t."""
-        place = (0.0, 0.0, 0.0) if self.orbit is None else self.position(t)
+    def sky(self, t: Any, orbiting: bool = True) -> Sky:
+        """All that effects ask for at time(s) t; the position is zeros without an orbit, or where none asks for it."""
+        place = self.position(t) if orbiting and self.orbit is not None else (0.0, 0.0, 0.0)
         return Sky(place, self.sun, self.field, self.mu)
 
     def chaser_turn(self, times: np.ndarray) -> np.ndarray:

@@ -68,6 +68,17 @@ class Fit:
     iterations: int
 
     @property
+    def scale(self) -> np.ndarray:
+        """(f,) root of the information's diagonal, above 0."""
+        root: np.ndarray = np.sqrt(np.maximum(np.diag(self.information), 1e-100))
+        return root
+
+    @property
+    def unit(self) -> np.ndarray:
+        """(f, f) the information in units of its scale."""
+        return self.information / self.scale[:, None] / self.scale
+
+    @property
     def freedom(self) -> int:
         """Measurements less parameters."""
         return max(1, self.count - self.parameters)

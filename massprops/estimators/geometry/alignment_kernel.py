@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from massprops.dynamics.compiled import matrix_of
+from massprops.dynamics.compiled import matrix_of, turned
 
 SINGULAR = 1e-10
 """Pivot of a normal matrix with unit diagonal under which it counts as singular."""
@@ -189,18 +189,6 @@ def _pseudo(normal, scale, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _turned(q, x, y, z):  # type: ignore[no-untyped-def]
-    """A small turn about the reference axes, in place."""
-    square = x * x + y * y + z * z
-    if square < 1e-12:
-        c, s = 1.0 - square / 8.0, 0.5 - square / 48.0
-    else:
-        angle = np.sqrt(square)
-        c, s = np.cos(angle / 2), np.sin(angle / 2) / angle
-    x, y, z = s * x, s * y, s * z
-    w, a, b, d = q
-    q[0] = c * w - x * a - y * b - z * d
-    q[1] = c * a + x * w + y * d - z * b
-    q[2] = c * b - x * d + y * w + z * a
-    q[3] = c * d + x * b - y * a + z * w
-    size = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
-    q /= size
+    """A small turn about the reference axes, in place: seen from the body it is the inverse turned the other way."""
+    w, a, b, d = turned(q[0], -q[1], -q[2], -q[3], -x, -y, -z)
+    q[0], q[1], q[2], q[3] = w, -a, -b, -d

@@ -121,9 +121,8 @@ def _rivals(
 def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
     """(size, size) covariance of the parameters, zero for those held, inflated by a misfit; what the data do not show
     gets `weak` times its scale."""
-    scale = np.sqrt(np.maximum(np.diag(found.information), 1e-100))
-    unit = found.information / scale[:, None] / scale
-    values, vectors = np.linalg.eigh(unit)
+    scale = found.scale
+    values, vectors = np.linalg.eigh(found.unit)
     inverse = (vectors / np.maximum(values, 1.0 / weak**4)) @ vectors.T
     own = inverse / scale[:, None] / scale * max(1.0, found.chi2 / found.freedom)
     out = np.zeros((len(found.free), len(found.free)))
