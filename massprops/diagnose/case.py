@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, multiply
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
 from massprops.estimators.batch.measurements import Measurements, measurements_of
 from massprops.estimators.batch.solve import Belief
 from massprops.estimators.batch.start import BatchStart, batch_start
-from massprops.estimators.batch.state import BatchState
+from massprops.estimators.batch.state import in_axes
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
@@ -159,17 +158,7 @@ def _in_body_axes(first: BatchStart, assumed: np.ndarray) -> BatchStart:
         own[:, 0] *= -1
     if np.linalg.det(given) < 0:
         given[:, 0] *= -1
-    T = given @ own.T
-    s = first.state
-    turned = BatchState(
-        multiply(s.q0, from_rotation_matrix(T.T)),
-        T @ s.w0,
-        s.r0,
-        s.v0,
-        assumed.copy(),
-        s.model,
-        s.points @ T.T,
-    )
+    turned = replace(in_axes(first.state, given @ own.T), inertia=assumed.copy())
     free = first.free.copy()
     free[:3] = True
     return replace(first, state=turned, free=free, body_frame="body.yaml")

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 ASTRAY = 8.0
 """Residual over the noise at which the first guess may have gone astray."""
+AGREE = 0.01
+"""Relative difference of the residuals at which two guesses led to the same."""
 OTHER_PATH = 0.1
 """Fall of BIC per measurement with which the base model shows the path by itself."""
 BETTER_PATH = 0.5
@@ -105,16 +107,21 @@ def diagnose_problem(
     Args:
         own_attitudes: attitude0 does not come from the same pictures as the tracks, as it does in a run.
     """
+    from massprops.diagnose.axes import otherwise
     from massprops.diagnose.case import case_of
     from massprops.diagnose.refit import refit
     from massprops.diagnose.select import Selection
     from massprops.diagnose.strays import mended
     from massprops.diagnose.unexplained import recovered_torque
+    from massprops.diagnose.worth import explained
 
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     case, base = mended(case, base)
     blind = _blind(case, base)
+    if not blind and not explained(base):
+        progress("base model, the axes otherwise", 0, 1)
+        base = otherwise(case, base)
     if blind:
         selection = Selection(base, best=base)
     else:
@@ -150,9 +157,10 @@ def _begin(
             continue
         progress("base model", 0, 1)
         base = refit(case, case.first.state, (), most=40)
+        again = best is not None and abs(base.fitted - best[1].fitted) < AGREE * base.fitted
         if best is None or base.fitted < best[1].fitted:
             best = case, base
-        if best[1].fitted < ASTRAY or not case.first.observed.any():
+        if again or best[1].fitted < ASTRAY or not case.first.observed.any():
             break
     if best is None:
         raise refused or NotPossible("nothing in the sequence shows how the body moves")

@@ -28,35 +28,28 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     Each step adds the effect that explains most of what is left, then takes away the one that became idle: what was
     chosen first, to stand for two effects, gives way when both are there. At the end each of two is exchanged for others.
     """
-    at = believing(case, best_moment(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False))
-    found = [at]
-    without_idle = lean(case, at)
-    if without_idle is not at:
-        found.append(without_idle)
-        at = without_idle
-    while True:
-        mass = with_mass(case, at, usable) if len(at.added) <= MOST_EFFECTS else None
-        better = mass or _step(case, at, usable, watch)
-        if better is None:
-            break
+    found = [believing(case, best_moment(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False))]
+
+    def follow(s: Scored) -> None:
+        if s is not found[-1]:
+            found.append(s)
+
+    follow(lean(case, found[-1]))
+    while (better := _grown(case, found[-1], usable, watch)) is not None:
         found.append(better)
-        at = better
-    for a in at.added:
-        plain = _simpler(case, at, a) if a.form else None
-        if plain is not None and plain.bic < at.bic and _may_follow(plain, at):
+    for a in found[-1].added:
+        plain = _simpler(case, found[-1], a) if a.form else None
+        if plain is not None and plain.bic < found[-1].bic and _may_follow(plain, found[-1]):
             found.append(plain)
-            at = plain
-    timed = best_moment(case, at, far=False) if len(found) > 1 else at
-    if timed is not at:
-        found.append(timed)
-        at = timed
+    if len(found) > 1:
+        follow(best_moment(case, found[-1], far=False))
+    at = found[-1]
     if len(at.added) > MOST_EFFECTS:
         fewer = min((_without(case, at, a) for a in at.added), key=worth)
         if worth(fewer) < worth(at) and _may_follow(fewer, at):
             found.append(fewer)
-            at = fewer
-    if explained(at) and len(at.added) > 1:
-        found += _exchanged(case, at, usable, watch)
+    if explained(found[-1]) and len(found[-1].added) > 1:
+        found += _exchanged(case, found[-1], usable, watch)
     return found
 
 
@@ -84,6 +77,12 @@ def _needed(s: Scored, a: Added) -> float:
     across = H[np.ix_(own, ~own)]
     left = H[np.ix_(own, own)] - across @ np.linalg.pinv(H[np.ix_(~own, ~own)], hermitian=True) @ across.T
     return float(v @ left @ v)
+
+
+def _grown(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
+    """The next model with one effect more, or with another: mass that a contradicted inertia asks for comes first."""
+    mass = with_mass(case, at, usable) if len(at.added) <= MOST_EFFECTS else None
+    return mass or _step(case, at, usable, watch)
 
 
 def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:

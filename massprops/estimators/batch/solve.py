@@ -20,6 +20,9 @@ GATE = 5.0
 """Beyond this it is an outlier, left out of the result and counted."""
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
+MOST_QUICKENED, MOST_TURNED = 10.0, 100.0
+"""Times the first angular velocity, and turn over the record [rad] beside that, beyond which a trial step is wild: its
+motion would take for ever to follow."""
 PATIENCE = 2
 """Iterations in a row that must say a search is over."""
 FIRST_JUDGED = 5
@@ -108,6 +111,7 @@ def fit(
     """
     state, at = start, predict(problem, start, around)
     damping = 1e-3
+    quickest = MOST_QUICKENED * float(np.linalg.norm(start.w0)) + MOST_TURNED / max(float(np.ptp(problem.times)), 1e-9)
     weights = robust(residuals(problem, m, at))
     linear = linearise(problem, m, at, around)
     cost = _cost(linear.residuals, weights, state, belief)
@@ -120,10 +124,12 @@ def fit(
             size = reduced.significance(d[free])
             _hold_times(d, state, problem)
             trial = moved(state, d, points)
-            with np.errstate(all="ignore"):
-                at_trial = predict(problem, trial, around)
-                left = residuals(problem, m, at_trial)
-                new = _cost(left, weights, trial, belief)
+            new = np.inf
+            if np.linalg.norm(trial.w0) <= quickest:
+                with np.errstate(all="ignore"):
+                    at_trial = predict(problem, trial, around)
+                    left = residuals(problem, m, at_trial)
+                    new = _cost(left, weights, trial, belief)
             if np.isfinite(new) and new <= cost * (1 + 1e-12):
                 accepted = True
                 break

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
@@ -73,7 +73,8 @@ def batch_start(
         w, moments = w @ turn.T, turn @ moments @ turn.T
         features = None if features is None else features @ turn.T
     moments = physical(3.0 * moments / np.trace(moments))
-    q0, w0 = _back(problem.times[0], start.times, q, w, moments)
+    k = _first_steady(start.times, q, w, moments)
+    q0, w0 = _back(problem.times[0], start.times[k:], q[k:], w[k:], moments)
     r0, v0 = np.array([0.0, 0.0, 1.0]), np.zeros(3)
     if tracks:
         assert start.position is not None
@@ -128,6 +129,20 @@ def _gyroscope_frame(problem: Problem, start: Start) -> np.ndarray:
     return U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
 
 
+def _turn(w: np.ndarray) -> float:
+    """Time [s] of the revolutions that the first fit spans."""
+    return FIRST_TURNS * 2 * np.pi / max(float(np.median(np.linalg.norm(w, axis=1))), 1e-12)
+
+
+def _first_steady(times: np.ndarray, q: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> int:
+    """The first epoch whose angular momentum is as near as most to that of its neighbours in the first revolution: the
+    rates at the ends of the record, and where features come and go, are the worst known."""
+    rows = np.flatnonzero(times <= times[0] + _turn(w))
+    momentum = np.einsum("kij,jl,kl->ki", rotation_matrix(q[rows]), inertia, w[rows])
+    away = np.linalg.norm(momentum - np.median(momentum, axis=0), axis=1)
+    return int(rows[np.argmax(away <= np.median(away))])
+
+
 def _back(
     first: float, times: np.ndarray, q: np.ndarray, w: np.ndarray, inertia: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -151,8 +166,7 @@ def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, arou
     free = np.zeros(17, bool)
     free[:6] = free[12:17] = True
     quiet = Surroundings(replace(problem.environment, chaser_attitude="inertial"))
-    speed = float(np.median(np.linalg.norm(start.w, axis=1)))
-    span = max(FIRST_TURNS * 2 * np.pi / max(speed, 1e-12), problem.times[min(FEWEST_EPOCHS, n - 1)])
+    span = max(_turn(start.w), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
 
     still_inertia = free.copy()

@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
+from massprops.dynamics.quaternion import (
+    from_rotation_matrix,
+    from_rotation_vector,
+    multiply,
+    normalise,
+    rotation_matrix,
+)
 from massprops.dynamics.rotation import six_of
 from massprops.estimators.result import ratios
 from massprops.model import Model
@@ -59,6 +65,20 @@ BASIS = (
 
 LEAST = 1e-4
 """Smallest part of a second moment over the largest: a plate this thin, or a rod, is still a body."""
+
+
+def in_axes(state: BatchState, T: np.ndarray) -> BatchState:
+    """The same motion in other body axes; T (3, 3) turns components in the old ones into those in the new.
+
+    Parameters of effects in body axes are left as they are.
+    """
+    return replace(
+        state,
+        q0=multiply(state.q0, from_rotation_matrix(T.T)),
+        w0=T @ state.w0,
+        inertia=T @ state.inertia @ T.T,
+        points=state.points @ T.T,
+    )
 
 
 def second_moment(inertia: np.ndarray) -> np.ndarray:
