@@ -1,0 +1,38 @@
+"""Which way round the body lies in the axes of `body.yaml`, where only its motion tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprops.diagnose.case import Case
+from massprops.diagnose.refit import Scored, refit
+from massprops.estimators.batch.state import in_axes
+
+OTHERWISE = (
+    ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+    ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
+)
+"""Turns that exchange principal axes; half turns about them change nothing in free rotation."""
+
+
+def otherwise(case: Case, base: Scored) -> Scored:
+    """The base model from the other ways to match principal axes, where one explains more.
+
+    What the model lacks can turn the axes that the first guess takes from the motion, and the search then rests where
+    no effect leads to the true ones.
+    """
+    if case.first.body_frame != "body.yaml" or case.belief.inertia is None:
+        return base
+    best = base
+    _, own = np.linalg.eigh(base.fit.state.inertia)
+    for turn in OTHERWISE:
+        begun = in_axes(base.fit.state, own @ np.array(turn, float) @ own.T)
+        tried = refit(case, replace(begun, inertia=case.belief.inertia), (), most=40, against=best.fit.cost)
+        if tried.bic < best.bic:
+            best = tried
+    return best
