@@ -79,6 +79,11 @@ def searched(effect: ModuleType, form: int = 0) -> list[bool]:
     return [q.kind != "span" and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
 
 
+def paced(effect: ModuleType) -> bool:
+    """Whether slow and fast versions of an effect can look alike."""
+    return any(q.kind == "pace" for q in effect.PARAMETERS)
+
+
 def forms(effect: ModuleType) -> int:
     """How many forms an effect has."""
     return 1 + max(q.form for q in effect.PARAMETERS)

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.rotation import Acting
-from massprops.effects import changes_motion, effects
+from massprops.effects import changes_motion, effects, paced
 from massprops.errors import InputError
 from massprops.sensing.predict import Sensed
 
 FORMAT = "massprops-model/1"
+MOST_GROWN = 2.0
+"""Logarithm of the factor by which a step changes a parameter that moves in proportion."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +61,20 @@ class Model:
         own = [v for m, v in zip(self.modules, self.values, strict=True) if changes_motion(m) == motion]
         return np.concatenate([np.zeros(0), *own])
 
-    def with_values(self, motion: np.ndarray, sensing: np.ndarray) -> Model:
-        """The same effects with parameters from the two flat vectors."""
+    def moved(self, motion: np.ndarray, sensing: np.ndarray) -> Model:
+        """The same effects with parameters moved by two flat vectors.
+
+        Those of an effect that has a pace move in proportion: size and pace make up for each other, and the long valley of
+        the misfit along which they do is straight in their logarithms.
+        """
         out, at = [], {True: 0, False: 0}
-        for m in self.modules:
+        for m, value in zip(self.modules, self.values, strict=True):
             kind = changes_motion(m)
-            count = len(m.PARAMETERS)
-            out.append((motion if kind else sensing)[at[kind] : at[kind] + count].copy())
-            at[kind] += count
+            d = (motion if kind else sensing)[at[kind] : at[kind] + len(value)]
+            grown = (value > 0) & paced(m)
+            share = np.divide(d, value, where=grown, out=np.zeros(len(value)))
+            out.append(np.where(grown, value * np.exp(np.clip(share, -MOST_GROWN, MOST_GROWN)), value + d))
+            at[kind] += len(value)
         return Model(self.modules, tuple(out), self.inertia)
 
 

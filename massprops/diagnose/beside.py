@@ -13,7 +13,7 @@ from massprops.diagnose.moment import EVIDENCE
 from massprops.diagnose.refit import Added, Scored, near, refit, start_values, with_effects
 from massprops.diagnose.score import Score, score_tests
 from massprops.diagnose.worth import explained
-from massprops.effects import searched
+from massprops.effects import paced, searched
 
 WORTH_A_FIT = 0.1
 """Share of the best score gain that a candidate needs to be fitted."""
@@ -58,7 +58,7 @@ def fits_beside(
     for k, starts in enumerate(chosen):
         watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
         least = min((s.fit.cost for s in out), default=against)
-        most = len(starts) if _paced(starts[0].added.effect) else STARTS
+        most = len(starts) if paced(starts[0].added.effect) else STARTS
         out.append(_best_fit(case, upon, starts[:most], near(least)))
     return sorted(out, key=lambda s: s.bic)
 
@@ -72,21 +72,16 @@ def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> 
         if best is None or tried.bic < best.bic:
             best = tried
             against = min(against, near(tried.fit.cost))
-        if explained(best) and not _paced(test.added.effect):
+        if explained(best) and not paced(test.added.effect):
             break
     assert best is not None
     return best
 
 
-def _paced(effect: ModuleType) -> bool:
-    """Whether slow and fast versions of an effect can look alike: then all its starts are fitted."""
-    return any(q.kind == "pace" for q in effect.PARAMETERS)
-
-
 def _begun(test: Score) -> np.ndarray:
     """Parameters to begin with: an effect whose pace means nothing without a size begins with the size that the score
     test gives it."""
-    if not _paced(test.added.effect):
+    if not paced(test.added.effect):
         return test.start
     values = np.array(test.values)
     for i, q in enumerate(test.added.effect.PARAMETERS):

@@ -56,7 +56,7 @@ def best_moment(case: Case, s: Scored, far: bool = True, most: int = MOST_ITERAT
                 break
             # sizes that suit another moment would lead a search by slopes away from this one
             there = _at(s.fit.state, added.effect, place, moment)
-            still = refit(case, there, s.added, most, moments=False)
+            still = refit(case, there, s.added, most, hold="time")
             found = refit(case, still.fit.state, s.added, most)
             if not found.bic < s.bic - EVIDENCE:
                 break

@@ -92,13 +92,13 @@ def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
     return out
 
 
-def free_of(case: Case, state: BatchState, added: tuple[Added, ...], moments: bool = True) -> np.ndarray:
-    """(size,) which parameters may move; `moments`: those of effects that act at one too."""
+def free_of(case: Case, state: BatchState, added: tuple[Added, ...], hold: str = "") -> np.ndarray:
+    """(size,) which parameters may move; `hold`: kind of the effects' parameters that keep their values."""
     form = {a.name: a.form for a in added}
     mask = list(case.first.free)
     for module in state.model.modules:
         own = zip(module.PARAMETERS, searched(module, form[module.NAME]), strict=True)
-        mask += [yes and (moments or q.kind != "time") for q, yes in own]
+        mask += [yes and q.kind != hold for q, yes in own]
     return np.array(mask)
 
 
@@ -114,11 +114,10 @@ def refit(
     most: int = MOST_ITERATIONS,
     against: float = np.inf,
     idle: float = IDLE,
-    moments: bool = True,
+    hold: str = "",
 ) -> Scored:
-    """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.fit`, `moments` as in
-    `free_of`."""
-    free = free_of(case, start, added, moments)
+    """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.fit`, `hold` as in `free_of`."""
+    free = free_of(case, start, added, hold)
     with np.errstate(all="ignore"):
         # wild trial steps overflow; the search turns back from them by itself
         found = fit(case.problem, case.fitted, start, case.around, free, case.belief, most, idle=idle, against=against)

@@ -12,6 +12,7 @@ from massprops.diagnose.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_b
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count, mean_square
 from massprops.diagnose.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
+from massprops.diagnose.profile import profiled
 from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnose.score import score_tests
 from massprops.diagnose.stepwise import stepwise
@@ -136,11 +137,11 @@ def select(
         done = done[1:]
     if done:
         chosen, out.rivals = _decided(case, done)
-        out.best = refit(case, chosen.fit.state, chosen.added, idle=POLISH)
+        out.best = _to_the_end(case, chosen)
         out.verdict = "ambiguous" if out.rivals else "named"
         return out
     if good:
-        out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
+        out.best = good[0] = _to_the_end(case, good[0])
         left = good[0].fitted ** 2 - 1.0
         nearly = left < NEARLY * (base.fitted**2 - 1.0) and not good[0].held > STRAYS and not good[0].implausible
         if nearly and _constant(case, good[0]):
@@ -149,6 +150,11 @@ def select(
             return out
     out.verdict = "unexplained"
     return out
+
+
+def _to_the_end(case: Case, s: Scored) -> Scored:
+    """The model chosen, searched until nothing is gained: its parameters are what is told."""
+    return profiled(case, refit(case, s.fit.state, s.added, most=4 * MOST_ITERATIONS, idle=0.1 * POLISH))
 
 
 def _on_all(case: Case, s: Scored) -> Scored:

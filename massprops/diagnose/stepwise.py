@@ -14,7 +14,7 @@ from massprops.diagnose.misfit import count
 from massprops.diagnose.moment import EVIDENCE, best_moment
 from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnose.worth import WORSE, explained, worth
-from massprops.effects import searched
+from massprops.effects import paced, searched
 
 MOST_EFFECTS = 2
 """Effects at once that are sought; a third stands beside them only until one of the three is idle."""
@@ -43,6 +43,7 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
             found.append(plain)
     if len(found) > 1:
         follow(best_moment(case, found[-1], far=False))
+        follow(_best_pace(case, found[-1], watch))
     at = found[-1]
     if len(at.added) > MOST_EFFECTS:
         fewer = min((_without(case, at, a) for a in at.added), key=worth)
@@ -95,6 +96,17 @@ def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Sco
     options = fewer if len(at.added) >= MOST_EFFECTS else [larger[0], *fewer]
     better = [s for s in options if _may_follow(s, at) and worth(s) < worth(at)]
     return min(better, key=worth) if better else None
+
+
+def _best_pace(case: Case, at: Scored, watch: Watch) -> Scored:
+    """The model, or one with the pace of an effect sought anew: from slow to fast the valley of the misfit is so long and
+    bent that a search begun beside a poor fit of another effect rests far from its lowest place."""
+    for a in at.added:
+        if paced(a.effect):
+            rest = _without(case, at, a, most=0)
+            tried = fits_beside(case, rest, [a.effect], 1, watch, f"pace of {a.name}", against=at.fit.cost)
+            at = min([at, *(s for s in tried if _may_follow(s, at))], key=lambda s: s.bic)
+    return at
 
 
 def _exchanged(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> list[Scored]:

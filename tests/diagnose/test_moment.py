@@ -41,7 +41,7 @@ def at(case: Case, base: Scored, moment: float) -> Scored:
     """The fit with the moment held."""
     added = (Added(effects()[CHANGE]),)
     values = {CHANGE: np.array([moment, *[0.0] * 12])}
-    return refit(case, with_effects(base.fit.state, added, values), added, moments=False)
+    return refit(case, with_effects(base.fit.state, added, values), added, hold="time")
 
 
 def test_a_moment_one_epoch_off_is_put_right(deployed: tuple[Case, Scored, float]) -> None:

@@ -131,7 +131,6 @@ def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:
     which only a belief about the inertia prevents, is then straight however far it goes.
     """
     k = 17 + state.motion_count
-    motion, sensing = state.model.flat(True) + d[17:k], state.model.flat(False) + d[k:]
     back, inertia = rotation_matrix(from_rotation_vector(-d[:3])), state.inertia
     if np.any(d[12:17]):
         inertia = back @ moved_inertia(inertia, d[12:17] - _turning(inertia, d[:3])) @ back.T
@@ -142,7 +141,7 @@ def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:
         r0=state.r0 + d[6:9],
         v0=state.v0 + d[9:12],
         inertia=inertia,
-        model=state.model.with_values(motion, sensing),
+        model=state.model.moved(d[17:k], d[k:]),
         points=(points + np.cross(d[:3], state.points)) @ back.T,
     )
 
