@@ -18,6 +18,8 @@ OTHERWISE = (
     ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
 )
 """Turns that exchange principal axes; half turns about them change nothing in free rotation."""
+FIRST = 10
+"""Iterations after which the best of them is followed further."""
 
 
 def otherwise(case: Case, base: Scored) -> Scored:
@@ -28,11 +30,9 @@ def otherwise(case: Case, base: Scored) -> Scored:
     """
     if case.first.body_frame != "body.yaml" or case.belief.inertia is None:
         return base
-    best = base
     _, own = np.linalg.eigh(base.fit.state.inertia)
-    for turn in OTHERWISE:
-        begun = in_axes(base.fit.state, own @ np.array(turn, float) @ own.T)
-        tried = refit(case, replace(begun, inertia=case.belief.inertia), (), most=40, against=best.fit.cost)
-        if tried.bic < best.bic:
-            best = tried
-    return best
+    begun = [in_axes(base.fit.state, own @ np.array(turn, float) @ own.T) for turn in OTHERWISE]
+    tried = [refit(case, replace(state, inertia=case.belief.inertia), (), most=FIRST) for state in begun]
+    good = min(tried, key=lambda s: s.bic)
+    found = refit(case, good.fit.state, (), most=40, against=base.fit.cost)
+    return found if found.bic < base.bic else base

@@ -58,7 +58,7 @@ def fits_beside(
     for k, starts in enumerate(chosen):
         watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
         least = min((s.fit.cost for s in out), default=against)
-        most = len(starts) if paced(starts[0].added.effect) else STARTS
+        most = len(starts) if paced(starts[0].added.effect) and (k == 0 or not upon.added) else STARTS
         out.append(_best_fit(case, upon, starts[:most], near(least)))
     return sorted(out, key=lambda s: s.bic)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -115,6 +116,8 @@ def diagnose_problem(
     from massprops.diagnose.unexplained import recovered_torque
     from massprops.diagnose.worth import explained
 
+    # many fits are to come: the free body goes by the compiled kernel, too
+    importlib.import_module("massprops.dynamics.march")
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     case, base = mended(case, base)

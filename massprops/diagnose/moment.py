@@ -13,7 +13,8 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnose.case import Case
-from massprops.diagnose.refit import MOST_ITERATIONS, Added, Scored, refit
+from massprops.diagnose.misfit import count
+from massprops.diagnose.refit import MOST_ITERATIONS, Added, Scored, near, refit
 from massprops.diagnose.score import score_tests
 from massprops.effects import searched
 from massprops.estimators.batch.state import BatchState
@@ -25,6 +26,9 @@ APART = 16
 """Gaps between those that are looked at first over the whole record."""
 EVIDENCE = 10.0
 """Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
+
+OF_THE_REST = 0.02
+"""Share of what a model leaves over that another moment must explain."""
 
 
 def moves_at_once(effect: ModuleType) -> bool:
@@ -56,9 +60,10 @@ def best_moment(case: Case, s: Scored, far: bool = True, most: int = MOST_ITERAT
                 break
             # sizes that suit another moment would lead a search by slopes away from this one
             there = _at(s.fit.state, added.effect, place, moment)
-            still = refit(case, there, s.added, most, hold="time")
-            found = refit(case, still.fit.state, s.added, most)
-            if not found.bic < s.bic - EVIDENCE:
+            least = near(s.fit.cost)
+            still = refit(case, there, s.added, most, least, hold="time")
+            found = refit(case, still.fit.state, s.added, most, least)
+            if not found.bic < s.bic - _decides(s):
                 break
             s = found
     return s
@@ -79,11 +84,16 @@ def _promising(case: Case, s: Scored, added: Added, place: int, far: bool) -> fl
         tests = score_tests(case, s, [(added, _nothing(effect, place, float(middles[k]))) for k in ks], effect.NAME)
         gains.update((k, t.gain) for k, t in zip(ks, tests, strict=True))
         best = max(gains, key=lambda k: gains[k])
-        if gains[best] < EVIDENCE:
+        if gains[best] < _decides(s):
             return None
         tried = sorted(gains)
         i = tried.index(best)
         look = np.linspace(tried[max(i - 1, 0)], tried[min(i + 1, len(tried) - 1)], 2 * len(NEAR) + 1).round()
+
+
+def _decides(s: Scored) -> float:
+    """Difference of BIC that decides between moments: where much is left over anyway, a share of that."""
+    return max(EVIDENCE, OF_THE_REST * count(s.fit.residuals) * float(np.log(max(1.0, s.fitted**2))))
 
 
 def _nothing(effect: ModuleType, place: int, moment: float) -> np.ndarray:

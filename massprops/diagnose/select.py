@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnose.assumed import CHANCE, DENSITY, beside_each
+from massprops.diagnose.assumed import DENSITY, beside_each
 from massprops.diagnose.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_beside
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count, mean_square
@@ -33,6 +33,9 @@ FITS_OF_A_FORM = 4
 MOST_SCORES = 26
 JOINS = 1.05
 """Held-out residual over the noise beyond which the held-out data are asked to join the fit."""
+SPOILS = 1e-6
+"""Probability by chance of the rise of chi-square with which the held-out data spoil a fit: far less than where the fitted
+data leave nothing else open, as the motion is not linear in its parameters."""
 SMALL = 1500
 """Scalar measurements up to which every start is fitted for a few iterations rather than scored."""
 NEARLY = 0.03
@@ -187,7 +190,7 @@ def _constant(case: Case, s: Scored) -> bool:
     points = np.full(s.fit.parameters - len(ours), 1.0 - count(s.fit.residuals) / count(whole.fit.residuals))
     share = np.clip(np.concatenate([share, points]), 1e-3, 1.0)
     mean, spread = share.sum(), (share**2).sum()
-    return bool(rise * mean / spread < chi2.isf(CHANCE, mean**2 / spread) and (fits(whole) or not fits(s)))
+    return bool(rise * mean / spread < chi2.isf(SPOILS, mean**2 / spread) and (fits(whole) or not fits(s)))
 
 
 def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:

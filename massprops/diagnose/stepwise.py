@@ -46,7 +46,7 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
         follow(_best_pace(case, found[-1], watch))
     at = found[-1]
     if len(at.added) > MOST_EFFECTS:
-        fewer = min((_without(case, at, a) for a in at.added), key=worth)
+        fewer = min((_without(case, at, a, against=near(at.fit.cost)) for a in at.added), key=worth)
         if worth(fewer) < worth(at) and _may_follow(fewer, at):
             found.append(fewer)
     if explained(found[-1]) and len(found[-1].added) > 1:

@@ -7,6 +7,7 @@ continuous when the mass distribution changes or a wheel spins up, the angular v
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -216,8 +217,9 @@ def trajectory(
         acting, p: effects and the flat vector of their parameters.
         around: surroundings.
     """
-    # a free body is done with before the kernel would be compiled
-    march = _marched if acting.effects and _in_catalogue(acting) else _plain_march
+    # a free body is done with before the kernel would be compiled: it goes by it, with the same numbers, where it is there
+    wanted = bool(acting.effects) or "massprops.dynamics.march" in sys.modules
+    march = _marched if wanted and _in_catalogue(acting) else _plain_march
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]
     y = start_state([float(v) for v in q0], [float(v) for v in w0], six, acting, values)

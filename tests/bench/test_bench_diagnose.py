@@ -81,6 +81,7 @@ def summary(rows: list[dict]) -> str:
         f"none taken for something                          <=  2 %   {share([not r['right'] for r in of('none')])}",
         f"outside the catalogue: not misnamed               >= 90 %   {share([r['right'] for r in of('outside')])}",
         f"two effects, both named                           >= 80 %   {share([r['right'] for r in two])}",
+        f"... or both in the ambiguous list                           {share([r['listed'] for r in two])}",
         f"held-out gap after at most 1.1                    >= 95 %   {share([r['after'] <= 1.1 for r in named])}",
         f"parameters within 3 sigma                         >= 95 %   {share([(r['worst_z'] or 0) <= 3 for r in named])}",
         f"CPU seconds: median {np.median([r['cpu'] for r in rows]):.0f}, largest {max(r['cpu'] for r in rows):.0f} (wanted < 60)",
