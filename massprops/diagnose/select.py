@@ -144,10 +144,11 @@ def select(
         out.verdict = "ambiguous" if out.rivals else "named"
         return out
     if good:
-        out.best = good[0] = _to_the_end(case, good[0])
+        out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
         left = good[0].fitted ** 2 - 1.0
         nearly = left < NEARLY * (base.fitted**2 - 1.0) and not good[0].held > STRAYS and not good[0].implausible
         if nearly and _constant(case, good[0]):
+            out.best = _to_the_end(case, good[0])
             out.rivals = _rivals_of(good)
             out.verdict = "ambiguous" if out.rivals else "named"
             return out
