@@ -79,9 +79,14 @@ def searched(effect: ModuleType, form: int = 0) -> list[bool]:
     return [q.kind != "span" and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
 
 
+def places_of(effect: ModuleType, kind: str) -> list[int]:
+    """Which of an effect's parameters are of this kind."""
+    return [i for i, q in enumerate(effect.PARAMETERS) if q.kind == kind]
+
+
 def paced(effect: ModuleType) -> bool:
     """Whether slow and fast versions of an effect can look alike."""
-    return any(q.kind == "pace" for q in effect.PARAMETERS)
+    return bool(places_of(effect, "pace"))
 
 
 def forms(effect: ModuleType) -> int:

@@ -122,12 +122,12 @@ def diagnose_problem(
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     case, base = mended(case, base)
     blind = _blind(case, base)
-    if not blind and not explained(base):
-        progress("base model, the axes otherwise", 0, 1)
-        base = otherwise(case, base)
     if blind:
         selection = Selection(base, best=base)
     else:
+        if not explained(base):
+            progress("base model, the axes otherwise", 0, 1)
+            base = otherwise(case, base)
         case, selection = _on_some_path(case, base, progress)
     base = selection.base
     torque = None

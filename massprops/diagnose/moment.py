@@ -7,18 +7,16 @@ begins at a given moment: a score test shows what the effect would be worth in a
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count
-from massprops.diagnose.refit import MOST_ITERATIONS, Added, Scored, near, refit
+from massprops.diagnose.refit import MOST_ITERATIONS, Added, Scored, near, refit, with_value
 from massprops.diagnose.score import score_tests
-from massprops.effects import searched
+from massprops.effects import places_of, searched
 from massprops.estimators.batch.state import BatchState
-from massprops.model import Model
 
 NEAR = (1, 2, 3, 4, 6, 8, 11)
 """Gaps away from the moment that is that are looked at, on both sides."""
@@ -26,7 +24,6 @@ APART = 16
 """Gaps between those that are looked at first over the whole record."""
 EVIDENCE = 10.0
 """Difference of BIC that decides (Kass and Raftery 1995: very strong)."""
-
 OF_THE_REST = 0.02
 """Share of what a model leaves over that another moment must explain."""
 
@@ -43,7 +40,7 @@ def between_epochs(case: Case, state: BatchState, added: Added) -> BatchState:
     if place is None or searched(effect, added.form)[place]:
         return state
     middles, now = _gap(case, state, effect, place)
-    return _at(state, effect, place, float(middles[now]))
+    return with_value(state, effect, place, float(middles[now]))
 
 
 def best_moment(case: Case, s: Scored, far: bool = True, most: int = MOST_ITERATIONS) -> Scored:
@@ -59,7 +56,7 @@ def best_moment(case: Case, s: Scored, far: bool = True, most: int = MOST_ITERAT
             if moment is None:
                 break
             # sizes that suit another moment would lead a search by slopes away from this one
-            there = _at(s.fit.state, added.effect, place, moment)
+            there = with_value(s.fit.state, added.effect, place, moment)
             least = near(s.fit.cost)
             still = refit(case, there, s.added, most, least, hold="time")
             found = refit(case, still.fit.state, s.added, most, least)
@@ -103,7 +100,7 @@ def _nothing(effect: ModuleType, place: int, moment: float) -> np.ndarray:
 
 
 def _place(effect: ModuleType) -> int | None:
-    places = [i for i, q in enumerate(effect.PARAMETERS) if q.kind == "time"]
+    places = places_of(effect, "time")
     return places[0] if places else None
 
 
@@ -112,10 +109,3 @@ def _gap(case: Case, state: BatchState, effect: ModuleType, place: int) -> tuple
     times = case.problem.times
     now = np.searchsorted(times, state.model.value(effect.NAME)[place]) - 1
     return 0.5 * (times[1:] + times[:-1]), int(np.clip(now, 0, len(times) - 2))
-
-
-def _at(state: BatchState, effect: ModuleType, place: int, moment: float) -> BatchState:
-    model = state.model
-    values = [v.copy() for v in model.values]
-    values[model.names.index(effect.NAME)][place] = moment
-    return replace(state, model=Model(model.modules, tuple(values), model.inertia))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 
 from massprops.diagnose.case import Case
 from massprops.diagnose.misfit import count
-from massprops.diagnose.refit import POLISH, Scored, refit
-from massprops.effects import paced
+from massprops.diagnose.refit import POLISH, Scored, refit, with_value
+from massprops.effects import places_of
 
 SHORTEST, LONGEST = 0.1, 0.5
 """Logarithm of the factor between one pace and the next that is tried."""
@@ -26,27 +27,23 @@ def profiled(case: Case, s: Scored) -> Scored:
     """
     sigma = dict(s.sigma)
     for a in s.added:
-        if not paced(a.effect):
-            continue
-        place = next(i for i, q in enumerate(a.effect.PARAMETERS) if q.kind == "pace")
-        pace, spread = s.fit.state.model.value(a.name)[place], s.sigma[a.name][place]
-        if not pace > 0 or not np.isfinite(spread):
-            continue
-        factor = float(np.exp(np.clip(spread / pace, SHORTEST, LONGEST)))
-        for way in (factor, 1.0 / factor):
-            away = _until_worse(case, s, a.name, place, way)
-            sigma = {name: np.maximum(own, away.get(name, own)) for name, own in sigma.items()}
+        for place in places_of(a.effect, "pace"):
+            pace, spread = s.fit.state.model.value(a.name)[place], s.sigma[a.name][place]
+            if not pace > 0 or not np.isfinite(spread):
+                continue
+            factor = float(np.exp(np.clip(spread / pace, SHORTEST, LONGEST)))
+            for way in (factor, 1.0 / factor):
+                away = _until_worse(case, s, a.effect, place, way)
+                sigma = {name: np.maximum(own, away[name]) for name, own in sigma.items()}
     return replace(s, sigma=sigma)
 
 
-def _until_worse(case: Case, s: Scored, name: str, place: int, factor: float) -> dict[str, np.ndarray]:
+def _until_worse(case: Case, s: Scored, effect: ModuleType, place: int, factor: float) -> dict[str, np.ndarray]:
     """How far the parameters of the effects, but for moments, have moved when chi-square has risen by one."""
     at, rise = s, 0.0
     for _ in range(MOST):
-        model = at.fit.state.model
-        held = [v.copy() for v in model.values]
-        held[model.names.index(name)][place] *= factor
-        begun = replace(at.fit.state, model=replace(model, values=tuple(held)))
+        pace = at.fit.state.model.value(effect.NAME)[place]
+        begun = with_value(at.fit.state, effect, place, pace * factor)
         tried = refit(case, begun, s.added, idle=POLISH, hold="pace")
         if not np.isfinite(tried.fit.cost):
             break

@@ -79,6 +79,14 @@ def with_effects(state: BatchState, added: tuple[Added, ...], values: dict[str, 
     return replace(state, model=Model(tuple(modules), tuple(out)))
 
 
+def with_value(state: BatchState, effect: ModuleType, place: int, value: float) -> BatchState:
+    """The state with one of the effects' parameters at a value."""
+    values = state.model.value(effect.NAME).copy()
+    values[place] = value
+    every = zip(state.model.modules, state.model.values, strict=True)
+    return replace(state, model=replace(state.model, values=tuple(values if m is effect else v for m, v in every)))
+
+
 def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
     """Parameter vectors to begin a search with: the effect's own, or zero."""
     offered = effect.starts(case.span, case.speed) if hasattr(effect, "starts") else [np.zeros(len(effect.PARAMETERS))]

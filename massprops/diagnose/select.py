@@ -17,7 +17,7 @@ from massprops.diagnose.refit import MOST_ITERATIONS, POLISH, Added, Scored, nea
 from massprops.diagnose.score import score_tests
 from massprops.diagnose.stepwise import stepwise
 from massprops.diagnose.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
-from massprops.effects import effects, forms
+from massprops.effects import effects, forms, places_of
 from massprops.estimators.batch.linearise import residuals
 from massprops.estimators.batch.measurements import measurements_of
 from massprops.model import lacks
@@ -229,7 +229,7 @@ def _beam(good: list[Scored]) -> list[Scored]:
     """The models that a second effect is tried beside: the best, and the best of those without a moment, as an effect that
     begins at any time can follow much that it is not."""
     models = distinct(good)
-    smooth = [s for s in models if not any(q.kind == "time" for a in s.added for q in a.effect.PARAMETERS)]
+    smooth = [s for s in models if not any(places_of(a.effect, "time") for a in s.added)]
     first = models[:BEAM]
     return first + [s for s in smooth[:1] if s not in first]
 

@@ -19,7 +19,7 @@ import numpy as np
 from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.surroundings import Sky, Surroundings
-from massprops.effects import effects
+from massprops.effects import effects, places_of
 
 LARGEST_TURN = 0.08
 """Rotation [rad] in a step of the fourth-order Runge-Kutta method: below 1e-6 rad of error a revolution."""
@@ -182,7 +182,7 @@ def event_times(acting: Acting, p: Any) -> list[tuple[float, int | None]]:
     do."""
     found: list[tuple[Any, int | None]] = []
     for k, (effect, place, _) in enumerate(acting):
-        found += [(p[place][i], k) for i, q in enumerate(effect.PARAMETERS) if q.kind == "time"]
+        found += [(p[place][i], k) for i in places_of(effect, "time")]
         if hasattr(effect, "corners"):
             found += [(t, None) for t in effect.corners(p[place])]
     return [(float(np.real(t)), k) for t, k in found]

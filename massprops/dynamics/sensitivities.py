@@ -25,6 +25,7 @@ from massprops.dynamics.rotation import (
     start_state,
 )
 from massprops.dynamics.surroundings import Surroundings
+from massprops.effects import places_of
 
 LARGEST_TURN = 0.4
 """Rotation [rad] in a step: derivatives to about 1e-4 of their size after ten revolutions."""
@@ -167,7 +168,7 @@ def _across(
     effect, place = acting.effects[number], acting.places[number]
     before = path.before[step]
     by_state, own = struck_slopes(before, effect, p[place])
-    moments = [i for i, q in enumerate(effect.PARAMETERS) if q.kind == "time"]
+    moments = places_of(effect, "time")
     own[:, moments] = 0.0
     t0, inside = path.steps.start[step], INSIDE * path.steps.size[step]
 

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.quaternion import rotation_matrix
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
 from massprops.estimators.batch.linearise import linearise
 from massprops.estimators.batch.measurements import Measurements, measurements_of
 from massprops.estimators.batch.solve import Fit, fit
 from massprops.estimators.batch.start import BatchStart, place_points
-from massprops.estimators.batch.state import BatchState
+from massprops.estimators.batch.state import BatchState, in_axes
 from massprops.estimators.problem import Problem
 from massprops.model import Model, model_of
 
@@ -90,13 +90,7 @@ def _in_axes_of_attitudes(problem: Problem, found: Fit, around: Surroundings) ->
         seen = found.predicted.motion.turn[rows] @ seen
     u, _, vt = np.linalg.svd((np.swapaxes(rotation_matrix(problem.attitude[rows]), 1, 2) @ seen).sum(axis=0))
     R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return replace(
-        state,
-        q0=multiply(state.q0, from_rotation_matrix(R.T)),
-        w0=R @ state.w0,
-        inertia=R @ state.inertia @ R.T,
-        points=state.points @ R.T,
-    )
+    return in_axes(state, R)
 
 
 def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> np.ndarray:
