@@ -10,7 +10,7 @@ from massprops.errors import NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
-READS = ("capture", "sfm", "silhouettes", "dense")
+READS = ("capture", "sfm", "shape", "silhouettes", "dense")
 OPTIONS = ("seed",)
 
 FAR = 15.0
@@ -63,8 +63,16 @@ def run(job: Job) -> dict:
             image = read_image(job.work("capture") / "frames" / name, 0)
             grey.append(undistort(image, views.K[i], views.distortion[i]))
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
+    beside = job.work("shape") / "other.npz"
     surface = reconstruct_surface(
-        views, masks, cloud, seed=job.seed, progress=job.progress, support=support, moving=tumbling or given
+        views,
+        masks,
+        cloud,
+        seed=job.seed,
+        progress=job.progress,
+        support=support,
+        moving=tumbling or given,
+        surroundings=Cloud.load(beside) if beside.is_file() else None,
     )
     lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > NOTHING_LEFT:
