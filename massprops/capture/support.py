@@ -253,7 +253,7 @@ def _pieces(xyz: np.ndarray, candidate: np.ndarray, region: Region, axis: np.nda
     index = np.flatnonzero(candidate & (np.linalg.norm(xyz - region.centre, axis=1) < 1.2 * region.radius))
     if len(index) < 20:
         return out
-    size = max(region.radius / CELLS, 2.0 * _spacing(xyz[index]))
+    size = max(region.radius / CELLS, 3.0 * _spacing(xyz[index]))
     cell = np.floor((xyz[index] - region.centre) / size).astype(np.int64)
     cell -= cell.min(0)
     count = np.zeros(cell.max(0) + 1, np.int32)

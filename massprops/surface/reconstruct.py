@@ -24,7 +24,7 @@ from massprops.run.job import Progress, silent
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
-from massprops.surface.refine import fair, measured_faces, membrane, remove_bias
+from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
 from massprops.views import Views
@@ -50,6 +50,7 @@ class Surface:
         vertices: (v, 3).
         faces: (f, 3) int32.
         observed: (f,) bool, measured and not filled.
+        inferred: (f,) bool, closed at the plane of support, which nobody saw.
         hull: the silhouettes' evidence.
         cloud: the points the surface was made of, without outliers.
         spacing: distance between neighbouring vertices where it was measured.
@@ -58,6 +59,7 @@ class Surface:
     vertices: np.ndarray
     faces: np.ndarray
     observed: np.ndarray
+    inferred: np.ndarray
     hull: Hull
     cloud: Cloud
     spacing: float
@@ -123,8 +125,17 @@ def reconstruct_surface(
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = measured_faces(vertices, faces, cloud, 2 * h)
+    inferred = ~observed & _on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
-    return Surface(vertices, faces.astype(np.int32), observed, hull, cloud, h)
+    return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
+
+
+def _on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | None, near: float) -> np.ndarray:
+    """(f,) bool: faces that lie on the plane of support and look into it."""
+    if support is None:
+        return np.zeros(len(faces), bool)
+    height = np.abs(vertices @ support[:3] + support[3])
+    return (height[faces] < near).all(1) & (face_normals(vertices, faces) @ support[:3] < -0.7)
 
 
 def _hollow(vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray) -> np.ndarray:

@@ -68,7 +68,7 @@ def test_the_object_is_what_stands_in_the_middle() -> None:
 
 def test_a_flat_object_is_not_its_own_table() -> None:
     rng = np.random.default_rng(1)
-    tile = box(rng, 20_000, np.array([0.2, 0.2, 0.02]), np.array([0, 0, 0.02]))
+    tile = box(rng, 60_000, np.array([0.2, 0.2, 0.02]), np.array([0, 0, 0.02]))
     ground = table(rng)
     xyz, normal = scene(ground, tile)
     region = Region(np.zeros(3), 0.6)

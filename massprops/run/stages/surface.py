@@ -19,8 +19,8 @@ MOST_LOST = 0.03
 """Above this share of measured points that lie far off the mesh, a part of the body is missing in it."""
 NOTHING_LEFT = 0.5
 """Above this share the mesh is not what was measured."""
-LEAST_OBSERVED = 0.4
-"""Below this share of measured area the mesh is kept, but called partial."""
+MOST_FILLED = 0.6
+"""Above this share of filled area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
 """Relative 1-sigma of a self-calibrated focal length when the structure from motion could not give its own."""
 
@@ -86,12 +86,15 @@ def run(job: Job) -> dict:
 
     corners = surface.vertices[surface.faces]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    observed = float(area[surface.observed].sum() / area.sum())
+    observed, inferred = (float(area[w].sum() / area.sum()) for w in (surface.observed, surface.inferred))
+    filled = 1 - observed - inferred
     warnings = []
-    if observed < 0.9:
-        warnings.append(f"{100 * (1 - observed):.0f} % of the surface was not measured but filled from the silhouettes")
+    if filled > 0.1:
+        warnings.append(f"{100 * filled:.0f} % of the surface was not measured but filled from the silhouettes")
+    if inferred > 0.02:
+        warnings.append(f"{100 * inferred:.0f} % of the surface stood on its support, unseen, and was closed there")
     partial = None
-    if observed < LEAST_OBSERVED:
+    if filled > MOST_FILLED:
         partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"
         warnings.append(partial)
     if lost > MOST_LOST:
@@ -106,12 +109,14 @@ def run(job: Job) -> dict:
         vertices=surface.vertices,
         faces=surface.faces,
         observed=surface.observed,
+        inferred=surface.inferred,
         replicate_integrals=rows,
         replicate_length=lengths,
     )
     facts = {
         "watertight": closed(surface.vertices, surface.faces),
         "observed_fraction": observed,
+        "inferred_fraction": inferred,
         "area": float(area.sum()),
         "vertices": len(surface.vertices),
         "faces": len(surface.faces),
