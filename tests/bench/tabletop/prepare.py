@@ -20,7 +20,7 @@ from tabletop import cameras, rooms
 from tabletop.objects import Item, make_item, resting_poses
 from tabletop.scenes import Scene
 
-SAMPLES = 20
+SAMPLES = 12
 MARGIN = 12
 """Pixels rendered beyond each edge, for the lens distortion: 0.06 moves the corners by less than 10."""
 FPS = Fraction(5, 2)

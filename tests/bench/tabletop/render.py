@@ -106,9 +106,10 @@ def set_up(scene: dict) -> None:
     s = bpy.context.scene
     s.render.engine = "CYCLES"
     s.cycles.device, s.cycles.samples, s.cycles.seed = "CPU", scene["samples"], 0
-    s.cycles.use_adaptive_sampling = True
-    s.cycles.adaptive_threshold = 0.05
+    s.cycles.use_adaptive_sampling = False
     s.cycles.use_denoising, s.cycles.denoiser = True, "OPENIMAGEDENOISE"
+    # each of the guides' own filterings costs as much as the picture's
+    s.cycles.denoising_prefilter, s.cycles.denoising_quality = "FAST", "BALANCED"
     s.cycles.max_bounces, s.cycles.diffuse_bounces, s.cycles.glossy_bounces = 4, 2, 2
     s.cycles.caustics_reflective = s.cycles.caustics_refractive = False
     s.render.threads_mode, s.render.threads = "FIXED", 1
