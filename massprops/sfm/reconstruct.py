@@ -23,6 +23,7 @@ from massprops.sfm.precision import Precision
 from massprops.sfm.refine import RefineOptions, adjust, refine, remove_outliers
 from massprops.sfm.steady import largest_jump
 from massprops.sfm.surface_tracks import Image, with_surface
+from massprops.sfm.turned import turn_image, upright
 from massprops.views import Views, undistort
 
 ENOUGH = 0.9
@@ -117,6 +118,7 @@ def reconstruct(
         accuracy = with_surface(
             model, accuracy, image, options.refine, free, bent, options.seed, options.threads, progress
         )
+    model = upright(model, footage)
     model.extract_colors_for_all_images(footage.folder / "frames", options.threads)
     views, ids = to_views(model, {f.name: f.timestamp_ns for f in footage.frames})
     points = to_points(model, ids)
@@ -136,16 +138,20 @@ def reconstruct(
 
 
 def _pictures(footage: FootageRecord, views: Views) -> Image:
-    """The views undistorted, with their silhouettes; one without a silhouette shows nothing."""
+    """The views undistorted, with their silhouettes, turned as their camera's are; one without a silhouette shows
+    nothing."""
+    frames = {f.name: f for f in footage.frames}
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
-        name, size = views.names[i], (int(views.size[i, 0]), int(views.size[i, 1]))
-        colour, mask = cv2.imread(str(footage.image(name))), read_mask(footage, name, size)
+        frame = frames[views.names[i]]
+        size = footage.size(frame)
+        colour, mask = cv2.imread(str(footage.image(frame.name))), read_mask(footage, frame.name, size)
         if colour is None:
-            raise InputError(f"{footage.image(name)}: not a readable image; run the capture stage again")
+            raise InputError(f"{footage.image(frame.name)}: not a readable image; run the capture stage again")
         if mask is None:
             mask = np.zeros((size[1], size[0]), np.uint8)
         K, distortion = views.K[i], views.distortion[i]
+        colour, mask = turn_image(colour, frame.turn), turn_image(mask, frame.turn)
         return undistort(colour, K, distortion), undistort(mask, K, distortion, nearest=True)
 
     return image
@@ -228,9 +234,9 @@ def _steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: Map
     loss = remove_outliers(trial, RefineOptions(), 2.0)
     adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, iterations=20)
     views, _ = to_views(trial)
-    first = footage.cameras[0].id
+    first = footage.frames[0].name.split("/", 1)[0]
     timed = all(f.timestamp_ns >= 0 for f in footage.frames)
-    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.camera == first}
+    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.name.startswith(f"{first}/")}
     own = sorted((place[n], i) for i, n in enumerate(views.names) if n in place)
     return largest_jump(views.R[[i for _, i in own]], np.array([k for k, _ in own])) < 1.0
 
@@ -239,7 +245,7 @@ def _first_pairs(
     footage: FootageRecord, names: list[str], descriptors: list[np.ndarray], options: SfmOptions
 ) -> list[tuple[str, str]]:
     n = len(names)
-    if len(footage.cameras) > 1:
+    if footage.rig:
         return _rig_pairs(footage, names, options)
     if n <= (16 if footage.ordered else options.exhaustive_below):
         index = pairing.exhaustive(n)

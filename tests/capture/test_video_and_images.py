@@ -123,11 +123,8 @@ def test_photograph_folders_that_cannot_be_used(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, [scene(0), scene(5)])
     with pytest.raises(InputError, match="2 images are too few"):
         open_sources(folder)
-    cv2.imwrite(str(folder / "im2.png"), scene(0)[:100])
-    with pytest.raises(InputError, match="different sizes"):
-        open_sources(folder)
     (folder / "im2.png").write_text("broken")
-    with pytest.raises(InputError, match="not an image"):
+    with pytest.raises(InputError, match=r"2 of 3 images can be used.*im2\.png \(not an image"):
         open_sources(folder)
 
 

@@ -43,7 +43,7 @@ def _solve(job: Job, footage) -> dict:
     result.points.save(job.out / "points.npz")
     np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
     _write_model(result.model, job.out / "sparse")
-    rig = len(footage.cameras) > 1 and _seen_by(result.views.names) > 1
+    rig = footage.rig and _seen_by(result.views.names) > 1
     return {
         "models": [{"images": n, "points": p} for n, p in result.models],
         "given": len(footage.frames),
