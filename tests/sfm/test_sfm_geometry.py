@@ -103,12 +103,12 @@ def test_signatures_of_empty_images():
 
 def test_precision_matches_independent_noise():
     views, points = scene.make(14, 250, noise=0.3)
-    p = precision(views, points, True, False)
+    p = precision(views, points, True, 0)
     # without an adjustment the residuals are the noise, and both covariances agree
     assert p.rms_px == pytest.approx(0.3, rel=0.1)
     assert p.focal_relative == pytest.approx(p.focal_relative_model, rel=0.3)
     assert 1e-5 < np.median(p.attitude) < 1e-2
-    assert precision(views, points, False, False).focal_relative == 0
+    assert precision(views, points, False, 0).focal_relative == 0
 
 
 def test_precision_sees_errors_that_tracks_share():
@@ -116,13 +116,13 @@ def test_precision_sees_errors_that_tracks_share():
     rng = np.random.default_rng(2)
     drift = rng.normal(size=(250, 2))[points.obs_point] * (points.obs_view[:, None] - 6.5) / 4 * 0.3
     wrong = SparsePoints(**{**points.__dict__, "obs_uv": points.obs_uv + drift})
-    p = precision(views, wrong, True, False)
+    p = precision(views, wrong, True, 0)
     assert p.focal_relative > 1.5 * p.focal_relative_model
 
 
 def test_precision_scales_with_noise():
-    a = precision(*scene.make(10, 100, noise=0.1), True, True)
-    b = precision(*scene.make(10, 100, noise=0.4), True, True)
+    a = precision(*scene.make(10, 100, noise=0.1), True, 1)
+    b = precision(*scene.make(10, 100, noise=0.4), True, 1)
     assert b.focal_relative == pytest.approx(4 * a.focal_relative, rel=0.1)
 
 

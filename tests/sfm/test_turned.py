@@ -76,7 +76,7 @@ def test_sideways_and_zoomed_images_in_one_model(tmp_path):
     options = MappingOptions(masked=True, threads=1)
     match(database, [(views.names[i], views.names[j]) for i in range(12) for j in range(i + 1, 12)], options)
     model = map_images(database, tmp_path, tmp_path / "models", options, 12)[0]
-    accuracy, _ = refine(model, RefineOptions(), True, False, 1)
+    accuracy = refine(model, RefineOptions(), True, False, 1).precision
     solved, _ = to_views(model)
     assert len(solved) == 12 and len(model.cameras) == 2
     focal = solved.K[:, 0, 0]
