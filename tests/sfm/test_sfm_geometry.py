@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -169,6 +170,16 @@ def test_one_observation_of_a_feature_per_image(tmp_path):
     np.testing.assert_allclose(back.attitude.q, s.attitude.q, atol=1e-9)
     np.testing.assert_allclose(back.tracks.uv, s.tracks.uv, atol=1e-5)
     assert not back.warnings
+
+
+def test_a_sequence_takes_its_tracks_from_one_camera():
+    views, points = scene.make(10, 50, step_deg=5.0)
+    K = views.K.copy()
+    K[7:, 0, 0] *= 1.5
+    s = to_sequence(replace(views, K=K), points, np.arange(10), True)
+    assert s.cameras[0].intrinsics[0] == K[0, 0, 0]
+    assert set(s.tracks.timestamp_ns.tolist()) == set(views.timestamp_ns[:7].tolist())
+    assert len(s.attitude.q) == 10 and any("3 images of other cameras" in w for w in s.warnings)
 
 
 def test_quaternions_keep_their_sign():

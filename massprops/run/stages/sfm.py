@@ -30,7 +30,7 @@ def run(job: Job) -> dict:
         job.warn(line)
     (job.out / "sfm.json").write_text(json.dumps(document, indent=1))
     facts = {k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")}
-    return facts if document["imported"] else {**facts, "lens": _lens_line(document["cameras"])}
+    return facts if document["imported"] else {**facts, "lens": document["lens"]}
 
 
 def _solve(job: Job, footage) -> dict:
@@ -43,6 +43,7 @@ def _solve(job: Job, footage) -> dict:
     options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=1)
     result = reconstruct(footage, work, options, job.progress)
     shutil.rmtree(work)
+    cameras = [_camera(footage, c) for c in result.cameras]
     result.views.save(job.out / "views.npz")
     result.points.save(job.out / "points.npz")
     np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
@@ -59,7 +60,8 @@ def _solve(job: Job, footage) -> dict:
         "focal_sigma_relative": _finite(result.precision.focal_relative),
         "distortion": list(result.cameras[0].distortion),
         "distortion_estimated": any(c.estimated for c in result.cameras),
-        "cameras": [_camera(footage, c) for c in result.cameras],
+        "cameras": cameras,
+        "lens": _lens_line(cameras),
         # the mounting of the second camera is in metres, and the adjustment keeps it
         "scale_metres_per_unit": 1.0 if rig else None,
         "imported": False,
