@@ -10,7 +10,7 @@ import pytest
 
 from massprops.capture.colours import agrees, learn
 from massprops.capture.doubt import UNKNOWN, predicted_silhouette, with_doubt
-from massprops.capture.given import check_masks, find_mask, load_mask
+from massprops.capture.given import GivenMasks, load_mask
 from massprops.capture.motion import judge
 from massprops.capture.silhouette import against_background, against_plain, against_sky, main_object, sky_level
 from massprops.errors import InputError
@@ -99,14 +99,13 @@ def test_an_unlit_side_is_doubt_not_emptiness() -> None:
 
 
 def test_given_masks_are_checked(tmp_path: Path) -> None:
+    names = [("cam0/a.jpg", "a.jpg"), ("cam0/b.jpg", "b.jpg")]
     with pytest.raises(InputError, match="no mask for 2 of 2"):
-        check_masks(tmp_path, 0, ["a.jpg", "b.jpg"])
+        GivenMasks(tmp_path).check(names)
     cv2.imwrite(str(tmp_path / "a.jpg.png"), np.full((120, 160), 255, np.uint8))
     (tmp_path / "cam0").mkdir()
     cv2.imwrite(str(tmp_path / "cam0" / "b.jpg.png"), np.zeros((120, 160), np.uint8))
-    check_masks(tmp_path, 0, ["a.jpg", "b.jpg"])
-    a, b = find_mask(tmp_path, 0, "a.jpg"), find_mask(tmp_path, 0, "b.jpg")
-    assert a is not None and b is not None
+    a, b = GivenMasks(tmp_path).check(names)
     assert load_mask(a, (160, 120), (80, 60)).shape == (60, 80)
     with pytest.raises(InputError, match="must agree"):
         load_mask(a, (200, 120), (100, 60))
