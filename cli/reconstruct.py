@@ -43,6 +43,9 @@ def command(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of every random draw.")] = 0,
     threads: Annotated[int, typer.Option(help="Processor threads; 0: all.")] = 0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
     ] = False,
@@ -64,6 +67,7 @@ def command(
             source,
             out,
             watch,
+            force,
             motion=motion,
             masks=str(masks) if masks else None,
             frames=frames,

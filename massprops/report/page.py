@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import pkgutil
+from dataclasses import replace
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+from massprops.core.files import json_text, write_whole
+from massprops.core.outputs import Outputs, claim
 from massprops.report import sections
 from massprops.report.data import RunData, read_run
 from massprops.report.html import text
 from massprops.report.viewer import MARK, script
-from massprops.run.files import write_whole
 
+OWNER = "report"
+"""What the record of a folder calls the files of this page."""
 UNREADABLE = "This section could not be made from the run's files"
 
 
@@ -31,11 +36,30 @@ def write_report(run: str | Path) -> Path:
 
     Returns:
         the page.
+
+    Raises:
+        InputError: the folder holds a `report.html` that is not of a run, or cannot be written.
     """
     folder = Path(run)
-    path = folder / "report.html"
-    write_whole(path, page(read_run(folder)))
-    return path
+    with claim(folder, OWNER, ["report.html"]) as outputs:
+        return publish_report(outputs)
+
+
+def publish_report(
+    outputs: Outputs, key: str | None = None, verdict: dict[str, Any] | None = None, force: bool = False
+) -> Path:
+    """Writes `report.html`, and `report.json` where the verdict is given, into a folder that the caller holds."""
+    data = read_run(outputs.folder)
+    if verdict is None:  # the page again, of the same run: its key stays
+        key = (outputs.files.get("report.json") or {"key": None})["key"]
+    else:
+        data = replace(data, verdict={"format": "massprops-report/1", **verdict})
+    new = outputs.staging()
+    if verdict is not None:
+        write_whole(new / "report.json", json_text(data.verdict))
+    write_whole(new / "report.html", page(data))
+    outputs.publish(OWNER, key, force=force, derived=True, keep=("report.json",))
+    return outputs.folder / "report.html"
 
 
 def page(data: RunData) -> str:
