@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from massprops_cli.terminal import say, warn
+
 
 def command(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Closed mesh: STL, OBJ, PLY, GLB or OFF.")],
@@ -32,7 +34,7 @@ def command(
 
     run = mass(mesh, out, density, scale, scale_sigma, force)
     for warning in run.warnings:
-        typer.echo(f"warning: {warning}", err=True)
-    typer.echo(json.dumps(run.properties) if json_output else mass_table(run.properties))
+        warn(warning)
+    say(json.dumps(run.properties) if json_output else mass_table(run.properties))
     if not json_output:
-        typer.echo(f"report: {run.folder / 'report.html'}")
+        say(f"report: {run.folder / 'report.html'}")

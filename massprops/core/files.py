@@ -109,7 +109,7 @@ def write_whole(path: Path, content: str | bytes, by_way_of: Path | None = None)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
-        temporary.unlink(missing_ok=True)
+        remove(temporary)
 
 
 def copy_whole(source: Path, target: Path) -> None:
@@ -121,7 +121,7 @@ def copy_whole(source: Path, target: Path) -> None:
         shutil.copyfile(source, temporary)
         rename(temporary, target)
     finally:
-        temporary.unlink(missing_ok=True)
+        remove(temporary)
 
 
 def replace_folder(source: Path, target: Path) -> None:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -120,11 +120,15 @@ class Outputs:
             InputError: says which file stands in the way, and what to do.
         """
         given = [p for p in inputs if os.path.lexists(p)]
+        names = list(names)
         for name in names:
             path = self.folder / name
             self._check_parents(path)
+            own = self._owner(name) == by or self.folders.get(name.rstrip("/")) == by
             for source in given:
-                _refuse_input(path, source)
+                _refuse_input(path, source, own)
+        for name in names:
+            path = self.folder / name
             if not name.endswith("/"):
                 refuse_special(path)
                 if path.exists() and not force:
@@ -141,15 +145,20 @@ class Outputs:
             if str(parent) != "." and (place.is_symlink() or (place.exists() and not place.is_dir())):
                 raise InputError(f"{place}: is not a folder of its own, and no link is followed: choose another -o")
 
+    def _owner(self, name: str) -> str | None:
+        announced = {} if self.pending is None else self.pending["files"]  # whoever writes next puts them in place
+        entry = announced.get(name) or self.files.get(name)
+        return None if entry is None else entry["by"]
+
     def _check_owner(self, name: str, by: str) -> None:
-        entry = self.files.get(name)
-        if entry is None:
+        owner = self._owner(name)
+        if owner is None:
             raise InputError(
                 f"{self.folder / name}: was not written by massprops: choose another place with -o, or --force to replace it"
             )
-        if entry["by"] != by:
+        if owner != by:
             raise InputError(
-                f"{self.folder / name}: was written by 'massprops {entry['by']}': choose another place with -o, "
+                f"{self.folder / name}: was written by 'massprops {owner}': choose another place with -o, "
                 "or --force to replace it"
             )
 
@@ -170,6 +179,7 @@ class Outputs:
         force: bool = False,
         derived: bool = False,
         keep: Iterable[str] = (),
+        keep_old: bool = True,
     ) -> None:
         """Puts what lies in `staging()` in the place of this command's former files.
 
@@ -179,6 +189,7 @@ class Outputs:
             inputs, force: as in `check`.
             derived: the files are made from the folder's own results, and go with them.
             keep: former files of the command that stay.
+            keep_old: the command's own former files go to `previous/`; else they are lost.
 
         Raises:
             InputError: as `check`.
@@ -200,6 +211,8 @@ class Outputs:
             others = {self.files[n]["by"] for n in entries if n in self.files} - {by}
             gone |= {n: e["by"] for n, e in self.files.items() if e["by"] in others and n not in stays}
         aside = gone | {n: (self.files.get(n) or {"by": "found"})["by"] for n in entries if (self.folder / n).exists()}
+        if not keep_old:
+            aside = {n: owner for n, owner in aside.items() if owner != by}
         self._change(entries, gone, aside)
 
     def retract(self, which: Iterable[str] | None = None) -> None:
@@ -276,6 +289,9 @@ class Outputs:
                 make_folder((self.folder / name).parent)
                 rename(new / name, self.folder / name)
         for name in gone:
+            if name not in aside and self.files.get(name, {"sha256": None})["sha256"] is not None:
+                remove(self.folder / name)
+                _remove_empty((self.folder / name).parent, self.folder)
             self.files.pop(name, None)
         self.files |= entries
         self.pending = None
@@ -301,7 +317,12 @@ def claim(
         except OSError as error:
             raise _unwritable(folder, error) from None
         outputs.check(by, names, inputs, force)
-        yield outputs
+        try:
+            yield outputs
+        except BaseException:
+            if Outputs(folder).pending is None:
+                remove_folder(outputs.place / "new")
+            raise
 
 
 @contextlib.contextmanager
@@ -355,8 +376,38 @@ def _leave_nothing(folder: Path, made: list[Path]) -> None:
                 path.rmdir()
 
 
+def deliver(
+    folder: Path,
+    by: str,
+    contents: Mapping[str, str | bytes],
+    key: str | None = None,
+    inputs: Iterable[Path] = (),
+    force: bool = False,
+    derived: bool = False,
+    keep: Iterable[str] = (),
+) -> None:
+    """Claims a folder and publishes files into it; see `Outputs.publish`.
+
+    Raises:
+        InputError: as `claim`, or the disk refuses.
+    """
+    inputs = list(inputs)
+    with claim(folder, by, contents, inputs, force) as outputs:
+        try:
+            new = outputs.staging()
+            for name, content in contents.items():
+                write_whole(new / name, content)
+            outputs.publish(by, key, inputs, force, derived, keep)
+        except OSError as error:
+            raise _unwritable(folder, error) from None
+
+
 def verify(folder: Path, *names: str) -> None:
     """Refuses to read results that are not what the command that made them wrote; absent ones are another's to miss.
+
+    Args:
+        folder: a run, or any folder; one without a record is taken as it is.
+        names: files and trees of the record; a name ending in "/" stands for the files below it.
 
     Raises:
         InputError: a change was cut short, or a file was changed, damaged or removed since.
@@ -367,7 +418,9 @@ def verify(folder: Path, *names: str) -> None:
             f"{folder}: the command that writes this folder is at work, or was ended while it replaced its files: "
             "give it again"
         )
-    for name in names:
+    below = tuple(name for name in names if name.endswith("/"))
+    chosen = [*names, *(name for name in outputs.files if below and name.startswith(below))]
+    for name in chosen:
         if not outputs.intact(name):
             by = (outputs.files.get(name) or outputs.trees[name])["by"]
             raise InputError(
@@ -376,10 +429,12 @@ def verify(folder: Path, *names: str) -> None:
             )
 
 
-def _refuse_input(path: Path, source: Path) -> None:
-    """An input is never what is written, nor inside it."""
+def _refuse_input(path: Path, source: Path, own: bool) -> None:
+    """An input is never what is written, nor inside it; nor is a file of an input folder, but for one of the command's
+    own from an earlier time."""
     target, origin = Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(source))
     same = target == origin or target in origin.parents
+    same = same or (path.is_file() and not own and origin in target.parents)
     if not same and path.is_file() and source.is_file():
         same = path.samefile(source)
     if same:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import pkgutil
 from dataclasses import replace
 from importlib import import_module
@@ -82,10 +84,21 @@ def page(data: RunData) -> str:
     return document(f"massprops · {data.folder.resolve().name}", "".join(parts), "".join(links), str(source or ""))
 
 
+def script_source(code: str) -> str:
+    """Which scripts a page may run: the one of ours, by its hash, and no other that a text might smuggle in."""
+    inner = code.removeprefix("<script>").removesuffix("</script>")
+    digest = base64.b64encode(hashlib.sha256(inner.encode()).digest()).decode()
+    return f"'sha256-{digest}'" if code else "'none'"
+
+
 def document(title: str, body: str, links: str = "", subtitle: str = "") -> str:
     """A page with the house's style; no address outside the file, and a policy that forbids any."""
     style = files(__package__).joinpath("style.css").read_text()
-    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+    code = script() if MARK in body else ""
+    policy = (
+        f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {script_source(code)}; "
+        "base-uri 'none'; form-action 'none'"
+    )
     below = f'<p class="soft breaks">{text(subtitle)}</p>' if subtitle else ""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -93,5 +106,5 @@ def document(title: str, body: str, links: str = "", subtitle: str = "") -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<link rel="icon" href="data:,"><title>{text(title)}</title><style>{style}</style></head><body>'
         f"<header><h1>{text(title)}</h1>{below}<nav>{links}</nav></header><main>{body}</main>"
-        f"{script() if MARK in body else ''}</body></html>"
+        f"{code}</body></html>"
     )

@@ -22,9 +22,11 @@ __all__ = [
     "copy_whole",
     "hash_input",
     "hash_of",
+    "key_of_source",
     "locked",
     "plain",
     "read_image",
+    "readable",
     "replace_folder",
     "write_json",
     "write_whole",
@@ -57,6 +59,14 @@ def hash_input(source: Path) -> dict[str, str]:
         return {readable(source).name: hash_file(source)}
     names = [n for n in sorted(files_below(source)) if not {"truth", OWN} & set(Path(n).parts)]
     return {n: hash_file(readable(source / n)) for n in names if (source / n).is_file()}
+
+
+def key_of_source(source: Path, *more: Any) -> str:
+    """Key of what is made from a file or folder, and from further files (paths) and settings (anything else)."""
+    import massprops
+
+    parts = [hash_input(p) if isinstance(p, Path) else p for p in (source, *more)]
+    return hash_of([massprops.__version__, *parts])
 
 
 def readable(path: Path) -> Path:
