@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from massprops.errors import InputError
-from massprops.exchange.body import Body, read_body
+from massprops.exchange.body import Body, identifier, read_body
 from massprops.exchange.formats import formats
 
 
@@ -67,7 +67,9 @@ def _write_meshes(body: Body, path: Path) -> dict[str, str]:
     light = collision_mesh(body.mesh)
     names = {}
     for tag, mesh in (("visual", collision_mesh(body.mesh, 150_000)), ("collision", light)):
-        name = f"{path.stem}_{tag}.stl"
+        # control characters and bytes that are no text cannot be written in XML
+        stem = path.stem if path.stem.isprintable() else identifier(path.stem)
+        name = f"{stem}_{tag}.stl"
         write_whole(path.parent / name, mesh.export(file_type="stl"))
         names[tag] = name
     return names
