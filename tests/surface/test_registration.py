@@ -15,12 +15,13 @@ from massprops.surface.silhouette import make_hull
 def placed(mesh: trimesh.Trimesh, painted: bool, seed: int) -> Placed:
     """What cameras above a body see of it; its colour depends on the place on the body."""
     rng = np.random.default_rng(seed)
-    a = np.arange(20) * 0.95
-    up = np.column_stack([np.cos(a), np.sin(a), rng.uniform(0.3, 1.5, 20)])
-    views = cameras(up, 8.0, 600.0)
+    a = np.arange(12) * 0.95
+    up = np.column_stack([np.cos(a), np.sin(a), rng.uniform(0.3, 1.5, 12)])
+    views = cameras(up, 8.0, 300.0, (160, 120))
     cloud, masks = observe(mesh, views, 0.004, seed)
     local = (cloud.xyz - mesh.metadata["t"]) @ mesh.metadata["R"]
-    colour = np.stack([128 + 80 * np.sin(4 * local[:, k] + k) for k in range(3)], axis=1) if painted else cloud.xyz * 0
+    waves = np.array([[7.0, 3, 2], [-4, 6, 5], [2, -5, 8]])
+    colour = 128 + 80 * np.sin(local @ waves.T + [0.3, 1.1, 2.0]) if painted else 0 * cloud.xyz
     return Placed(cloud, colour, make_hull(views, masks, cloud.xyz), np.asarray(mesh.center_mass))
 
 

@@ -32,8 +32,8 @@ LEAST_VIEWS = 6
 
 
 def run(job: Job) -> dict:
-    """Writes shape.json and, for each placement, a folder with shape.npz (vertices, faces), object.npz, colour.npy
-    and other.npz.
+    """Writes shape.json and, for each placement, a folder with shape.npz (vertices, faces), object.npz, other.npz and
+    their colours.
 
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written.
     """
@@ -106,6 +106,7 @@ def _placement(job: Job, views, sparse, number: int) -> dict:  # type: ignore[no
     np.savez(folder / "shape.npz", vertices=surface.vertices, faces=surface.faces)
     own.save(folder / "object.npz")
     np.save(folder / "colour.npy", colour[found.member])
+    np.save(folder / "other_colour.npy", colour[found.other])
     other.save(folder / "other.npz")
     return {
         "support_plane": None if found.plane is None else found.plane.tolist(),

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from massprops.capture.from_shape import moved, overlap, refine, to_stored, trimap
+from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
 from massprops.errors import NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
@@ -120,14 +120,17 @@ def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> 
         vertices, faces = z["vertices"], z["faces"]
     with np.load(folder / "other.npz", allow_pickle=False) as z:
         other = z["xyz"]
+    colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
     out = []
     for done, i in enumerate(index):
         K, R, t = views.K[i], views.R[i], views.t[i]
         image = undistort(read_image(job.work("capture") / "frames" / views.names[i]), K, views.distortion[i])
         depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
         camera = other @ R.T + t
-        camera = camera[camera[:, 2] > 0]
-        known = trimap(depth, camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2], camera[:, 2])
+        ahead = camera[:, 2] > 0
+        camera = camera[ahead]
+        uv = camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2]
+        known = trimap(depth, uv, camera[:, 2], shows_points(image, uv, colour[ahead], far_from(depth)))
         mask = refine(image, known)
         out.append((mask, overlap(mask, known.drawn)))
         job.progress(before + done + 1, len(views), "silhouettes")
