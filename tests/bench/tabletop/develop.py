@@ -27,6 +27,18 @@ def linear(image: np.ndarray) -> np.ndarray:
     return UNDER * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
+def rendered_light(work: Path, number: int) -> np.ndarray:
+    """(h, w, 3) float32 light of a rendered frame, BGR.
+
+    Raises:
+        FileNotFoundError: it has not been rendered.
+    """
+    path = work / "frames" / f"{number:06d}.png"
+    if not path.is_file():
+        raise FileNotFoundError(path)
+    return linear(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+
+
 def display(light: np.ndarray) -> np.ndarray:
     """uint8 sRGB; from 0.8 of white a soft shoulder, as cameras have."""
     v = np.clip(light, 0, None)
@@ -72,12 +84,7 @@ def develop(scene: Scene, folder: Path) -> None:
     exposure, tint = drift(rng, count, 0.07), np.column_stack([drift(rng, count, 0.015) for _ in range(3)])
     images, gain = [], 0.0
     for i in range(count):
-        path = work / "frames" / f"{i:06d}.png"
-        if not path.is_file():
-            raise FileNotFoundError(path)
-        light = distort(
-            linear(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)), truth["K"], float(truth["distortion"][0]), size
-        )
+        light = distort(rendered_light(work, i), truth["K"], float(truth["distortion"][0]), size)
         gain = gain or 0.30 / float(np.percentile(light.mean(2), 60))
         light = np.clip(light * gain * exposure[i] * tint[i], 0, None)
         light += sensor_noise(light, rng)
