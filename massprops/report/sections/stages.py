@@ -87,7 +87,7 @@ def _cameras(cameras: list[dict[str, Any]]) -> list[tuple[str, str]]:
     for c in cameras if len(cameras) > 1 else ():
         prior, sigma = c.get("focal_prior_px"), c.get("focal_sigma_relative")
         said = f"{c['focal_px'][0]:.1f} px" + (f" ± {100 * sigma:.2g} %" if sigma else "")
-        said += f" ({SOURCES.get(c.get('focal_source'), 'expected')} {prior:.1f})" if prior else ""
+        said += f" ({SOURCES.get(str(c.get('focal_source')), 'expected')} {prior:.1f})" if prior else ""
         device = f", {c['device']}" if c.get("device") else ""
         rows.append((f"camera {c['id']}{device}", f"{c['images']} of {c['given']} images placed, {said}"))
     return rows
