@@ -57,7 +57,8 @@ def run(job: Job) -> dict:
     support = None if stand is None else np.array(stand, float)
     tumbling, given = footage["motion"] == "tumbling", bool(footage["masks_given"])
     # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
-    if tumbling and footage["background"] == "black" and not given and len(footage["cameras"]) == 1:
+    still = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
+    if tumbling and footage["background"] == "black" and not given and still:
         grey = []
         for i, name in enumerate(views.names):
             image = read_image(job.work("capture") / "frames" / name, 0)
