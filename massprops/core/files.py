@@ -56,16 +56,6 @@ def remove_folder(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def synchronise(path: Path) -> None:
-    """Brings a file or a folder's entries to the disk."""
-    _step("fsync", path)
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def refuse_special(path: Path) -> None:
     """Only a regular file is ever replaced: a link leads elsewhere, a device is nothing to replace.
 

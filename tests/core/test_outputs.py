@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 
 import pytest
-from faults import KINDS, failing, tree
+from faults import KINDS, failing, quick_disk, tree
 
 from massprops.core.outputs import Outputs, claim, deliver, locked, verify
 from massprops.errors import InputError
@@ -42,6 +42,11 @@ def test_a_set_takes_the_place_of_the_set_before_and_that_one_is_kept(tmp_path: 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_anywhere_leaves_one_set_and_the_same_command_makes_the_new_one(tmp_path: Path, kind: str) -> None:
+    with quick_disk(tmp_path) as place:
+        sweep(place, kind)
+
+
+def sweep(tmp_path: Path, kind: str) -> None:
     with failing() as disk:
         write(tmp_path / "whole", "one", OLD, "k1")
         first = disk.count
