@@ -8,7 +8,7 @@ from pathlib import Path
 from massprops.core.files import hash_of, make_folder, write_whole
 from massprops.core.outputs import Outputs, deliver
 from massprops.errors import InputError
-from massprops.exchange.body import Body, read_body
+from massprops.exchange.body import Body, identifier, read_body
 from massprops.exchange.formats import formats
 
 OWNER = "export"
@@ -95,5 +95,7 @@ def _meshes(body: Body, stem: str) -> dict[str, tuple[str, bytes]]:
     """`<stem>_visual.stl` and `<stem>_collision.stl`, by what they are for: name and content."""
     from massprops.exchange.collision import collision_mesh
 
+    # control characters and bytes that are no text cannot be written in XML
+    stem = stem if stem.isprintable() else identifier(stem)
     kinds = {"visual": collision_mesh(body.mesh, 150_000), "collision": collision_mesh(body.mesh)}
     return {tag: (f"{stem}_{tag}.stl", mesh.export(file_type="stl")) for tag, mesh in kinds.items()}

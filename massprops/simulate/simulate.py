@@ -118,7 +118,7 @@ def is_tracks(scenario: str | Path) -> bool:
 
 
 def _tracks_file(scenario: str | Path) -> dict[str, Any]:
-    from massprops.sequence.read import load_yaml
+    from massprops.documents.loading import load_yaml
 
     path = Path(scenario)
     return load_yaml(path) if path.suffix.lower() in (".yaml", ".yml") and path.is_file() else {}

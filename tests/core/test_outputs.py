@@ -176,3 +176,14 @@ def test_a_second_command_is_told_who_holds_the_folder(tmp_path: Path) -> None:
         pass
     with locked(tmp_path):
         pass
+
+
+def test_names_that_are_no_text_are_told_by_their_bytes(tmp_path: Path) -> None:
+    import yaml
+
+    from massprops.run.files import hash_input
+
+    (tmp_path / os.fsdecode(b"caf\xe9.png")).write_text("x")
+    found = hash_input(tmp_path)
+    assert list(found) == [r"caf\xe9.png"]
+    assert yaml.safe_load(yaml.safe_dump(found).encode()) == found
