@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
 from massprops.surface.length import model_length
 
 
@@ -23,7 +24,7 @@ class Replicates:
 def read_replicates(run: Path) -> Replicates | None:
     """Those of a run's surface stage; None when the run keeps none."""
     try:
-        with np.load(run / "work" / "surface" / "surface.npz", allow_pickle=False) as z:
+        with open_arrays(run / "work" / "surface" / "surface.npz") as z:
             vertices, faces, observed = z["vertices"], z["faces"], z["observed"].astype(bool)
             rows, lengths = z["replicate_integrals"], z["replicate_length"]
     except (OSError, ValueError, KeyError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.errors import InputError
+from massprops.mass.document import document as make_document
+from massprops.mass.document import read_document
 from massprops.mass.properties import is_physical
 
 if TYPE_CHECKING:
@@ -71,14 +72,13 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
         if not document_file.is_file() or not mesh_file.is_file():
             missing = document_file.name if not document_file.is_file() else mesh_file.name
             raise InputError(f"{source}: no {missing} in this run: finish it with 'massprops reconstruct' first")
-        document = _read_document(document_file)
+        document = read_document(document_file)
         mesh = read_mesh(mesh_file, process=False)
         if not mesh.is_volume:
             raise InputError(f"{mesh_file}: not watertight or inside out: make the run again, or repair the mesh")
         run: Path | None = source
         name = identifier(source.resolve().name)
     elif source.is_file():
-        from massprops.mass.document import document as make_document
         from massprops.mass.properties import mass_properties
 
         mesh, notes = read_solid(source)
@@ -91,16 +91,6 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
             f"{source}: no such run folder or mesh file; give what 'massprops reconstruct' wrote, or a mesh"
         )
     return body_of(document, mesh, name, run, mass)
-
-
-def _read_document(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text())
-    except ValueError:  # UnicodeDecodeError and JSONDecodeError are
-        document = None
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: not a massprops.json: make the run again")
-    return document
 
 
 def body_of(
