@@ -20,6 +20,7 @@ from massprops.documents.fields import as_written, read
 from massprops.documents.filter import FORMAT, FilterFile
 from massprops.documents.loading import load_json
 from massprops.documents.massprops_json import MassFile
+from massprops.documents.scale_json import ScaleStageFile
 from massprops.errors import InputError
 from massprops.exchange.body import CONVENTION, Body
 from massprops.mass.ratio_space import covariance_of_intervals
@@ -179,8 +180,8 @@ def sfm_factor(run: Path) -> float:
     Raises:
         InputError: the run has no scale stage, or a damaged one.
     """
-    scale = load_json(run / "work" / "scale" / "scale.json")
-    return float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)
+    path = run / "work" / "scale" / "scale.json"
+    return read(ScaleStageFile, load_json(path), str(path)).factor
 
 
 def _colmap_points(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
