@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import resource
 import signal
 import traceback
@@ -58,7 +59,7 @@ def fault(target: Target, folder: Path, name: str, data: bytes) -> str:
         place = traceback.extract_tb(error.__traceback__)
         own = [f for f in place if "massprops" in f.filename and "/tests/" not in f.filename] or place
         return f"{type(error).__name__} at {Path(own[-1].filename).name}:{own[-1].lineno} ({str(error)[:80]!r})"
-    if any(word in said.getvalue() for word in ("Traceback", "unexpected", "Warning")):
+    if re.search(r"Traceback|unexpected \w*(Error|Exception|Interrupt)|bug of massprops|Warning:", said.getvalue()):
         return f"said {said.getvalue().strip().splitlines()[-1][:200]!r}"
     if sorted(folder.rglob("*")) != before:
         return "files were left behind"
