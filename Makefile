@@ -2,6 +2,7 @@
 # make test   installs and passes the tests
 # make bench  prints the benchmarks (slow)
 # make test-other-machine  passes the numerical tests as a plainer processor would compute them
+# make fuzz   gives mutated files to every reader (slow); what it finds goes into tests/fuzz/corpus
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 \
 	&& { echo $$p; break; }; done)
@@ -9,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 THREADS := OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
-.PHONY: demo test test-other-machine bench lint install clean
+.PHONY: demo test test-other-machine bench fuzz lint install clean
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or later with venv found; type: sudo apt-get install python3.11 python3.11-venv"; exit 2; }
@@ -48,6 +49,9 @@ test-other-machine: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed-dev
 	$(THREADS) $(BIN)/python -m pytest -q -s -m bench
+
+fuzz: $(VENV)/.installed-dev
+	$(THREADS) nice -n 10 $(BIN)/python -m tests.fuzz --inputs 20000
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check massprops cli tests

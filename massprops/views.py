@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
+
 
 def entries(start: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Entries of some rows of lists kept end to end, row i from start[i] to start[i + 1].
@@ -88,7 +90,7 @@ class Views:
     @staticmethod
     def load(path: Path) -> Views:
         """Reads what `save` wrote."""
-        with np.load(path, allow_pickle=False) as z:
+        with open_arrays(path) as z:
             names = tuple(str(s) for s in z["names"])
             return Views(names, z["timestamp_ns"], z["size"], z["K"], z["distortion"], z["R"], z["t"])
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
 from massprops.views import Views
 
 
@@ -39,7 +40,7 @@ class SparsePoints:
     @staticmethod
     def load(path: Path) -> SparsePoints:
         """Reads what `save` wrote."""
-        with np.load(path, allow_pickle=False) as z:
+        with open_arrays(path) as z:
             return SparsePoints(**{k: z[k] for k in SparsePoints.__dataclass_fields__})
 
     def observed(self, keep: np.ndarray) -> SparsePoints:

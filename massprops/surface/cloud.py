@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
 from massprops.views import entries
 
 RAYS = 5
@@ -37,7 +38,7 @@ class Cloud:
     @staticmethod
     def load(path: Path) -> Cloud:
         """Reads the dense stage's `points.npz`; points that are not finite are left out."""
-        with np.load(path, allow_pickle=False) as z:
+        with open_arrays(path) as z:
             cloud = Cloud(**{k: z[k] for k in Cloud.__dataclass_fields__})
         return cloud.finite()
 
