@@ -38,15 +38,15 @@ class Cloud:
     def load(path: Path) -> Cloud:
         """Reads the dense stage's `points.npz`; points that are not finite are left out."""
         with np.load(path, allow_pickle=False) as z:
-            cloud = Cloud(
-                z["xyz"].astype(float),
-                z["normal"].astype(float),
-                z["sigma"].astype(float),
-                z["view_start"].astype(np.int64),
-                z["view_index"].astype(np.int64),
-            )
-        length = np.linalg.norm(cloud.normal, axis=1)
-        good = np.isfinite(cloud.xyz).all(1) & np.isfinite(cloud.sigma) & (cloud.sigma > 0) & (length > 0.5)
+            cloud = Cloud(**{k: z[k] for k in Cloud.__dataclass_fields__})
+        return cloud.finite()
+
+    def finite(self) -> Cloud:
+        """The points whose place, normal and noise are numbers, as 64-bit floats."""
+        length = np.linalg.norm(self.normal, axis=1)
+        good = np.isfinite(self.xyz).all(1) & np.isfinite(self.sigma) & (self.sigma > 0) & (length > 0.5)
+        xyz, normal, sigma = (a.astype(float) for a in (self.xyz, self.normal, self.sigma))
+        cloud = Cloud(xyz, normal, sigma, self.view_start.astype(np.int64), self.view_index.astype(np.int64))
         return cloud if good.all() else cloud.take(np.flatnonzero(good))
 
     def take(self, index: np.ndarray) -> Cloud:

@@ -256,3 +256,21 @@ def test_page_is_pure_text_of_its_data(run: Path) -> None:
     from massprops.report.data import read_run
 
     assert page(read_run(run)) == page(read_run(run))
+
+
+def test_images_left_out_cameras_and_lens_are_said(tmp_path: Path) -> None:
+    run = make_run(tmp_path)
+    capture, sfm = run / "work" / "capture" / "footage.json", run / "work" / "sfm" / "sfm.json"
+    footage, solved = json.loads(capture.read_text()), json.loads(sfm.read_text())
+    footage["left_out"] = [{"source_name": "<b>\udcff.heic", "reason": "not an image that can be read"}]
+    solved["lens"] = "camera 0: k1 (held-out error in px: no distortion 0.310, k1 0.290)"
+    solved["cameras"] = [
+        {"id": i, "device": "phone", "images": 9 - i, "given": 9, "focal_px": [1000.0 + i, 1000.0 + i],
+         "focal_sigma_relative": 0.001, "focal_prior_px": 990.0, "focal_source": "exif"}
+        for i in (0, 1)
+    ]  # fmt: skip
+    capture.write_text(json.dumps(footage))
+    sfm.write_text(json.dumps(solved))
+    words = Page(write_report(run).read_text()).words
+    assert "Left out: <b>\\udcff.heic (not an image that can be read)" in words
+    assert "8 of 9 images placed, 1001.0 px ± 0.1 % (EXIF says 990.0)" in words and "k1 0.290" in words

@@ -54,7 +54,8 @@ def solve(folder, seed=0, mapper="incremental", **camera):
     names = views.names
     match(database, [(names[i], names[j]) for i in range(8) for j in range(i + 1, 8)], options)
     model = map_images(database, folder, folder / "models", options, 8)[0]
-    accuracy, bent = refine(model, RefineOptions(), not fixed, not fixed, 1)
+    refined = refine(model, RefineOptions(), not fixed, not fixed, 1)
+    accuracy, bent = refined.precision, refined.bent
     return model, accuracy, bent, views
 
 

@@ -26,6 +26,9 @@ def run(job: Job) -> dict:
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         colour = read_image(job.work("capture") / "frames" / views.names[i])
         mask = read_image(job.work("silhouettes") / "masks" / f"{views.names[i]}.png", 0)
+        if not (mask == 255).any():
+            # nobody knows where the object is in this view
+            mask = np.zeros_like(mask)
         return (
             undistort(colour, views.K[i], views.distortion[i]),
             undistort(mask, views.K[i], views.distortion[i], nearest=True),

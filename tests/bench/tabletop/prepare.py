@@ -1,0 +1,155 @@
+"""Turns a scene's description into what the renderer reads, and into its truth.
+
+A scene folder under work: `work/scene.json`, `work/body.npz`, `work/pictures/`, `work/truth.npz`, `cad.ply`. The
+truth stays in `work/` until the pictures are finished, so a folder with `truth.npz` is a whole scene.
+"""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from trimesh.transformations import rotation_matrix, translation_matrix
+
+from massprops.mass.properties import mass_properties
+from tabletop import cameras, rooms
+from tabletop.objects import Item, make_item, resting_poses
+from tabletop.scenes import Scene
+
+SAMPLES = 12
+MARGIN = 12
+"""Pixels rendered beyond each edge, for the lens distortion: 0.06 moves the corners by less than 10."""
+FPS = Fraction(5, 2)
+"""Frames a second of the videos: a hand-held phone video of 16 s, of which every twelfth frame is kept."""
+SHUTTER = {"video": 1 / 60, "turntable": 1 / 60, "photos": 1 / 200}
+"""Exposure times [s]."""
+
+
+def prepare(scene: Scene, scans: Path, folder: Path) -> None:
+    """Writes the folder of a scene up to its pictures.
+
+    Args:
+        scene: the description.
+        scans: folder of the scanned objects.
+        folder: of the scene, made here.
+    """
+    work = folder / "work"
+    (work / "pictures").mkdir(parents=True, exist_ok=True)
+    rng = scene.generator()
+    item = make_item(scene, scans)
+    pictures = rooms.Pictures(rng)
+    lens = cameras.draw_lens(rng, upright=scene.images != "photos")
+    things = rooms.shell(rng, pictures, scene.table)
+    rests = resting_poses(item.mesh, scene.up, scene.turned)
+    footprint = max(_reach(item, pose) for pose in rests)
+    raised = 0.0
+    if scene.stand:
+        thing, raised = rooms.stand(rng, pictures, footprint)
+        things.append(thing)
+    if scene.images == "turntable":
+        thing, raised = rooms.turntable(pictures, footprint)
+        things.append(thing)
+    free = footprint * (2.6 if raised else 1.3)
+    if scene.cluttered:
+        things += rooms.clutter(rng, pictures, free, max(2.5 * footprint, free + 0.25))
+    lamps, ambient = rooms.lights(rng)
+    moves = _moves(scene, rng, item, rests, raised, lens)
+    pictures.images["body"] = item.image
+    document = {
+        "size": [lens.width + 2 * MARGIN, lens.height + 2 * MARGIN],
+        "focal": lens.focal,
+        "samples": SAMPLES,
+        "body": {"picture": "body", "span": item.span, "smooth": item.uv is not None, **item.look},
+        "things": things,
+        "lights": lamps,
+        "ambient": ambient,
+        "frames": [{k: np.asarray(v).tolist() for k, v in m.items() if k != "placement"} for m in moves],
+    }
+    for name, image in pictures.images.items():
+        cv2.imwrite(str(work / "pictures" / f"{name}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    uv = {} if item.uv is None else {"uv": item.uv}
+    np.savez(work / "body.npz", vertices=item.drawn.vertices, faces=item.drawn.faces, **uv)
+    item.mesh.export(folder / "cad.ply")
+    np.savez(work / "truth.npz", **truth(scene, item, lens, moves))
+    temporary = work / "scene.json.tmp"
+    temporary.write_text(json.dumps(document))
+    temporary.replace(work / "scene.json")
+
+
+def _reach(item: Item, pose: np.ndarray) -> float:
+    """Greatest horizontal distance of the object from the z axis [m]."""
+    points = item.mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+    return float(np.linalg.norm(points[:, :2], axis=1).max())
+
+
+def _moves(
+    scene: Scene, rng: np.random.Generator, item: Item, rests: list[np.ndarray], raised: float, lens: cameras.Lens
+) -> list[dict[str, Any]]:
+    """Of each frame: poses of camera, body and plate at the shutter's opening, middle and closing, and placement."""
+    turn = [rotation_matrix(rng.uniform(0, 2 * np.pi), [0, 0, 1]) for _ in rests]
+    bodies = [translation_matrix([0, 0, raised]) @ t @ pose for t, pose in zip(turn, rests, strict=True)]
+    share = scene.count // len(bodies)
+    half = SHUTTER[scene.images] / 2
+    found = []
+    for placement, body in enumerate(bodies):
+        points = item.mesh.vertices @ body[:3, :3].T + body[:3, 3]
+        target = (points.min(0) + points.max(0)) / 2
+        away = cameras.fitting_distance(points, target, lens)
+        if scene.images == "turntable":
+            heights = cameras.still(rng, away, target)
+            for i in range(share):
+                angle = 2 * np.pi * (2 * i / share)
+                step = 2 * np.pi * 2 / share * float(FPS) * half
+                spins = [rotation_matrix(angle + d, [0, 0, 1]) for d in (-step, 0.0, step)]
+                camera = heights[0] if 2 * i < share else heights[1]
+                found.append(
+                    {
+                        "camera": [camera] * 3,
+                        "body": [s @ body for s in spins],
+                        "plate": spins,
+                        "placement": i * 2 // share,
+                    }
+                )
+            for frame in found:
+                frame["plate"] = [s @ translation_matrix([0, 0, raised / 2]) for s in frame["plate"]]
+            continue
+        if scene.images == "video":
+            path = cameras.hand_held(rng, share / float(FPS), away, target)
+            shots = [[path(i / float(FPS) + d) for d in (-half, 0.0, half)] for i in range(share)]
+        else:
+            shots = [[pose] * 3 for pose in cameras.photographs(rng, share, away, target)]
+        found += [{"camera": shot, "body": [body] * 3, "placement": placement} for shot in shots]
+    return found
+
+
+def truth(scene: Scene, item: Item, lens: cameras.Lens, moves: list[dict[str, Any]]) -> dict[str, Any]:
+    """The arrays of `truth.npz`, in the format of the shared scenes, with `distortion` (radial k1, k2) beside `K`."""
+    body = np.stack([np.asarray(m["body"][1]) for m in moves]) @ translation_matrix(item.mesh.center_mass)
+    camera = np.linalg.inv(np.stack([np.asarray(m["camera"][1]) for m in moves]))
+    poses = camera @ body
+    mass = mass_properties(item.mesh, 1.0)
+    clock = np.arange(len(moves)) / float(FPS)
+    if scene.images == "photos":
+        clock = 11.0 * np.arange(len(moves)) + 420.0 * np.array([m["placement"] for m in moves])
+    return {
+        "t": clock,
+        "poses": poses[:, :3],
+        "object_world": body[:, :3],
+        "camera_world": camera[:, :3],
+        "K": lens.K,
+        "distortion": np.array([lens.k1, 0.0]),
+        "focal_35mm": lens.focal_35mm,
+        "size": np.tile([lens.width, lens.height], (len(moves), 1)),
+        "placement": np.array([m["placement"] for m in moves]),
+        "volume": mass.volume,
+        "I": mass.inertia,
+        "principal": mass.principal_moments,
+        "axes": mass.principal_axes,
+        "extents": item.mesh.extents,
+        "com_cad": mass.center_of_mass,
+        "names": np.array([""] * len(moves)),
+    }

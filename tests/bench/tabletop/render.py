@@ -1,0 +1,191 @@
+"""Renders the frames of one prepared scene with Blender Cycles; runs alone in a Python that has `bpy`.
+
+    python render.py WORK
+
+WORK holds `scene.json`, `body.npz` and `pictures/`, as `prepare.py` writes them. Each frame goes to
+`frames/000000.png` (16 bits, sRGB, two stops under so that highlights keep their detail) under a temporary name first,
+so an interrupted rendering goes on where it stopped. One thread, and no more of the machine than that.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Blender's camera looks along -z with y up."""
+EXPOSURE = -2.0
+"""Stops, taken off by the camera and given back in `develop.py`."""
+
+
+def warm_colour(warm: float) -> tuple[float, float, float]:
+    return (1.0 + 0.5 * warm, 1.0, 1.0 - 0.9 * warm)
+
+
+def material(name: str, look: dict, pictures: Path, uv: bool) -> bpy.types.Material:
+    """A principled surface whose picture lies on it by its coordinates, or along the three axes of the object."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    nodes, links = made.node_tree.nodes, made.node_tree.links
+    shader = nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = look.get("roughness", 0.6)
+    shader.inputs["Metallic"].default_value = look.get("metallic", 0.0)
+    shader.inputs["Coat Weight"].default_value = look.get("coat", 0.0)
+    shader.inputs["Coat Roughness"].default_value = 0.08
+    image = nodes.new("ShaderNodeTexImage")
+    image.image = bpy.data.images.load(str(pictures / f"{look['picture']}.png"), check_existing=True)
+    links.new(image.outputs["Color"], shader.inputs["Base Color"])
+    if not uv:
+        image.projection, image.projection_blend = "BOX", 0.15
+        place, scale = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")
+        scale.inputs["Scale"].default_value = (1.0 / look["span"],) * 3
+        links.new(place.outputs["Object"], scale.inputs["Vector"])
+        links.new(scale.outputs["Vector"], image.inputs["Vector"])
+    if look.get("bump"):
+        bump = nodes.new("ShaderNodeBump")
+        bump.inputs["Strength"].default_value = look["bump"]
+        bump.inputs["Distance"].default_value = 0.001
+        links.new(image.outputs["Color"], bump.inputs["Height"])
+        links.new(bump.outputs["Normal"], shader.inputs["Normal"])
+    return made
+
+
+def add_mesh(name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray | None = None) -> bpy.types.Object:
+    """An object of triangles, or of faces given as lists; `uv` (v, 2) by vertex."""
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(np.asarray(vertices, float).tolist(), [], [list(map(int, f)) for f in faces])
+    if uv is not None:
+        layer = data.uv_layers.new(name="picture")
+        order = np.empty(len(data.loops), np.int32)
+        data.loops.foreach_get("vertex_index", order)
+        layer.data.foreach_set("uv", np.asarray(uv, np.float32)[order].ravel())
+    data.update()
+    found = bpy.data.objects.new(name, data)
+    bpy.context.collection.objects.link(found)
+    return found
+
+
+def add_thing(number: int, thing: dict, pictures: Path) -> bpy.types.Object:
+    if thing["shape"] == "box":
+        bpy.ops.mesh.primitive_cube_add(size=1.0)
+        found = bpy.context.active_object
+        found.data.transform(Matrix.Diagonal((*thing["size"], 1.0)))
+    else:
+        radius, height = thing["size"]
+        bpy.ops.mesh.primitive_cylinder_add(vertices=64, radius=radius, depth=height)
+        found = bpy.context.active_object
+    found.matrix_world = Matrix(thing["pose"])
+    found.data.materials.append(material(f"thing{number}", thing["surface"], pictures, uv=False))
+    return found
+
+
+def add_lights(scene: dict) -> None:
+    for i, lamp in enumerate(scene["lights"]):
+        data = bpy.data.lights.new(f"lamp{i}", "AREA")
+        data.size, data.energy, data.color = lamp["size"], lamp["watts"], warm_colour(lamp["warm"])
+        found = bpy.data.objects.new(f"lamp{i}", data)
+        bpy.context.collection.objects.link(found)
+        found.location = lamp["at"]
+        found.rotation_euler = (-found.location).to_track_quat("-Z", "Y").to_euler()
+    world = bpy.data.worlds.new("room")
+    bpy.context.scene.world = world
+    world.use_nodes = True
+    background = world.node_tree.nodes["Background"]
+    background.inputs["Color"].default_value = (*scene.get("sky", warm_colour(scene["ambient"]["warm"])), 1.0)
+    background.inputs["Strength"].default_value = scene["ambient"]["strength"]
+
+
+def set_up(scene: dict) -> None:
+    """Size, samples, threads; nothing of the machine's settings decides."""
+    s = bpy.context.scene
+    s.render.engine = "CYCLES"
+    s.cycles.device, s.cycles.samples, s.cycles.seed = "CPU", scene["samples"], 0
+    s.cycles.use_adaptive_sampling = False
+    s.cycles.use_denoising, s.cycles.denoiser = True, "OPENIMAGEDENOISE"
+    # each of the guides' own filterings costs as much as the picture's
+    s.cycles.denoising_prefilter, s.cycles.denoising_quality = "FAST", "BALANCED"
+    s.cycles.max_bounces, s.cycles.diffuse_bounces, s.cycles.glossy_bounces = 4, 2, 2
+    s.cycles.caustics_reflective = s.cycles.caustics_refractive = False
+    s.render.threads_mode, s.render.threads = "FIXED", 1
+    s.render.use_persistent_data = True
+    s.render.resolution_x, s.render.resolution_y = scene["size"]
+    s.render.resolution_percentage = 100
+    s.render.use_motion_blur, s.render.motion_blur_shutter = True, 2.0
+    s.render.image_settings.file_format, s.render.image_settings.color_depth = "PNG", "16"
+    s.render.image_settings.color_mode, s.render.image_settings.compression = "RGB", 15
+    s.view_settings.view_transform, s.view_settings.exposure = "Standard", EXPOSURE
+    s.frame_set(1)
+
+
+def add_camera(scene: dict) -> bpy.types.Object:
+    data = bpy.data.cameras.new("camera")
+    data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
+    data.lens = 36.0 * scene["focal"] / scene["size"][0]
+    data.clip_start, data.clip_end = 0.01, 1000.0
+    found = bpy.data.objects.new("camera", data)
+    bpy.context.collection.objects.link(found)
+    bpy.context.scene.camera = found
+    return found
+
+
+def place(thing: bpy.types.Object, poses: list) -> None:
+    """Moves a thing through its poses at the shutter's opening, middle and closing (frames 0, 1, 2)."""
+    thing.rotation_mode = "QUATERNION"
+    last = None
+    for frame, pose in enumerate(poses):
+        where, turn, _ = Matrix(pose).decompose()
+        if last is not None and turn.dot(last) < 0:
+            turn.negate()
+        last = turn
+        thing.location, thing.rotation_quaternion = where, turn
+        thing.keyframe_insert("location", frame=frame)
+        thing.keyframe_insert("rotation_quaternion", frame=frame)
+
+
+def main(work: Path) -> None:
+    """Renders what is missing."""
+    scene = json.loads((work / "scene.json").read_text())
+    missing = [i for i in range(len(scene["frames"])) if not (work / "frames" / f"{i:06d}.png").is_file()]
+    (work / "frames").mkdir(exist_ok=True)
+    if not missing:
+        return
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.context.preferences.edit.keyframe_new_interpolation_type = "LINEAR"
+    set_up(scene)
+    pictures = work / "pictures"
+    with np.load(work / "body.npz", allow_pickle=False) as z:
+        uv = z["uv"] if "uv" in z.files else None
+        body = add_mesh("body", z["vertices"], z["faces"], uv)
+    body.data.materials.append(material("body", scene["body"], pictures, uv is not None))
+    if scene["body"].get("smooth"):
+        for polygon in body.data.polygons:
+            polygon.use_smooth = True
+    moving = [body]
+    movers = ["body"]
+    for i, thing in enumerate(scene["things"]):
+        made = add_thing(i, thing, pictures)
+        if thing["moves"]:
+            moving.append(made)
+            movers.append(thing["moves"])
+    add_lights(scene)
+    camera = add_camera(scene)
+    for i in missing:
+        frame = scene["frames"][i]
+        place(camera, [np.array(p) @ FROM_OPENCV for p in frame["camera"]])
+        for thing, name in zip(moving, movers, strict=True):
+            place(thing, frame[name])
+        temporary = work / "frames" / f"rendering.{os.getpid()}.png"
+        bpy.context.scene.frame_set(1)
+        bpy.context.scene.render.filepath = str(temporary)
+        bpy.ops.render.render(write_still=True)
+        temporary.replace(work / "frames" / f"{i:06d}.png")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

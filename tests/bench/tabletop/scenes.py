@@ -1,0 +1,122 @@
+"""The 24 table-top scenes: which object, how it is filmed, and in which room. All else is drawn from `SEED`.
+
+Scenes with an even number are for development. **Scenes with an odd number are held out**: nobody looks at their
+pictures or runs the tool on them until the end. Objects of the two halves differ; where a kind of our own objects
+stands in both, its shape is drawn anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SEED = 20261122
+"""Of every draw: scene number k uses the generator (SEED, k)."""
+
+UPRIGHT = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """One scene to render.
+
+    Attributes:
+        number: place in `SCENES`.
+        name: of its folder.
+        item: a folder of the scanned objects, or a kind of `objects.KINDS`.
+        images: `video` (hand-held), `photos` (with EXIF), `turntable` (video, the camera and the room stand still).
+        turned: the object is turned over half-way, the room stays (photographs only).
+        table: a kind of `rooms.TABLES`.
+        cluttered: other things lie about.
+        stand: the object stands on a block.
+        up: direction in the object's axes that shall point up, or None: the likeliest resting pose.
+        finish: `textured`, `plain` or `glossy` of our own objects; scanned ones keep their colours and may be
+            `glossy`.
+        count: images.
+    """
+
+    number: int
+    name: str
+    item: str
+    images: str
+    turned: bool = False
+    table: str = "plain"
+    cluttered: bool = False
+    stand: bool = False
+    up: tuple[float, float, float] | None = None
+    finish: str = "textured"
+    count: int = 40
+
+    @property
+    def held_out(self) -> bool:
+        """Not looked at until the end."""
+        return self.number % 2 == 1
+
+    def generator(self) -> np.random.Generator:
+        """The scene's own random numbers."""
+        return np.random.default_rng([SEED, self.number])
+
+
+def _scene(number: int, item: str, images: str, table: str, words: str = "", up: tuple | None = None) -> Scene:
+    """`words`: any of turned, cluttered, stand, plain, glossy."""
+    said = set(words.split())
+    half = "held" if number % 2 else "dev"
+    finish = next((f for f in ("plain", "glossy") if f in said), "textured")
+    turned = "turned" in said
+    return Scene(
+        number=number,
+        name=f"{number:02d}_{half}_{item.split('_', 1)[-1] if item[0].isdigit() else item}",
+        item=item,
+        images=images,
+        turned=turned,
+        table=table,
+        cluttered="cluttered" in said,
+        stand="stand" in said,
+        up=up,
+        finish=finish,
+        count=56 if turned else 40,
+    )
+
+
+SCENES = (
+    _scene(0, "004_sugar_box", "video", "plain", "", UPRIGHT),
+    _scene(1, "021_bleach_cleanser", "video", "wood", "cluttered", UPRIGHT),
+    _scene(2, "figure", "video", "wood", "cluttered", UPRIGHT),
+    _scene(3, "shoe", "photos", "tiles", "cluttered", UPRIGHT),
+    _scene(4, "rock", "photos", "cloth", "turned"),
+    _scene(5, "043_phillips_screwdriver", "photos", "wood", "turned"),
+    _scene(6, "061_foam_brick", "turntable", "plain", "cluttered"),
+    _scene(7, "012_strawberry", "photos", "tiles", "stand"),
+    _scene(8, "shoe", "photos", "newspaper", "", UPRIGHT),
+    _scene(9, "part", "photos", "newspaper", "turned cluttered"),
+    _scene(10, "part", "photos", "wood", "turned glossy"),
+    _scene(11, "019_pitcher_base", "video", "cloth", "", UPRIGHT),
+    _scene(12, "029_plate", "video", "wood", "cluttered glossy", UPRIGHT),
+    _scene(13, "chair", "video", "tiles", "", UPRIGHT),
+    _scene(14, "011_banana", "photos", "tiles", "turned"),
+    _scene(15, "073-g_lego_duplo", "photos", "plain", "turned cluttered"),
+    _scene(16, "chair", "photos", "cloth", "cluttered", UPRIGHT),
+    _scene(17, "figure", "turntable", "wood", "glossy", UPRIGHT),
+    _scene(18, "038_padlock", "photos", "newspaper", "stand"),
+    _scene(19, "rock", "photos", "cloth", "turned cluttered plain"),
+    _scene(20, "065-a_cups", "photos", "wood", "turned"),
+    _scene(21, "figure", "video", "cloth", "stand plain", UPRIGHT),
+    _scene(22, "010_potted_meat_can", "turntable", "tiles", "glossy", UPRIGHT),
+    _scene(23, "037_scissors", "photos", "newspaper", "cluttered"),
+)
+"""Half of them hold scanned objects, eight are turned over: four on each side."""
+
+
+def by_name(name: str) -> Scene:
+    """The scene of that name.
+
+    Raises:
+        KeyError: there is none.
+    """
+    return {s.name: s for s in SCENES}[name]
+
+
+def render_order() -> tuple[Scene, ...]:
+    """Development and held-out scenes by turns, so that both halves grow alike."""
+    return SCENES

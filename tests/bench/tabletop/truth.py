@@ -1,0 +1,91 @@
+"""The truth of a rendered scene: `truth.npz` and `cad.ply` beside its images. For the judge only, never for a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneTruth:
+    """What a scene shows. Object axes: those of the CAD, with the origin at the centre of mass.
+
+    Attributes:
+        names: (n,) image file names; empty strings for the frames of a video, which are numbered in their order.
+        poses: (n, 3, 4) object axes -> camera axes (x right, y down, z forward) [m]. They follow the object when it
+            is turned over.
+        K: (3, 3) pinhole matrix; the centre of the first pixel is at (0.5, 0.5) [px].
+        size: (n, 2) width and height [px].
+        distortion: (2,) radial k1, k2 of OpenCV's model; zeros in scenes without it.
+        placement: (n,) int, which way up the object lies.
+        mesh: the CAD about its centre of mass [m].
+        volume: [m^3].
+        moments: (3,) principal moments at unit density, ascending [m^5].
+    """
+
+    names: tuple[str, ...]
+    poses: np.ndarray
+    K: np.ndarray
+    size: np.ndarray
+    distortion: np.ndarray
+    placement: np.ndarray
+    mesh: trimesh.Trimesh
+    volume: float
+    moments: np.ndarray
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(n, 3) camera centres in object axes [m]."""
+        return -np.einsum("nij,ni->nj", self.poses[:, :, :3], self.poses[:, :, 3])
+
+    def row(self, image: str) -> int | None:
+        """The row of an image by the name a run gives it, or None.
+
+        A run names the frames of a video by their index (`000012.png`) and keeps the names of photographs, to which
+        it adds an ending where it had to convert them.
+        """
+        name = Path(image).name
+        if any(self.names):
+            for candidate in (name, Path(name).stem):
+                if candidate in self.names:
+                    return self.names.index(candidate)
+            return None
+        digits = Path(name).stem
+        return int(digits) if digits.isdigit() and int(digits) < len(self.poses) else None
+
+
+def read_scene_truth(folder: Path) -> SceneTruth:
+    """Reads `truth.npz` and `cad.ply` of a scene folder.
+
+    Raises:
+        ValueError: the CAD is not closed, or its volume is not the one stated.
+    """
+    with np.load(folder / "truth.npz", allow_pickle=False) as z:
+        mesh = trimesh.load(folder / "cad.ply", force="mesh")
+        if not mesh.is_volume or abs(mesh.volume / float(z["volume"]) - 1) > 1e-3:
+            raise ValueError(f"{folder}: cad.ply does not have the volume that truth.npz states")
+        mesh.apply_translation(-z["com_cad"])
+        return SceneTruth(
+            names=tuple(str(n) for n in z["names"]),
+            poses=z["poses"],
+            K=z["K"],
+            size=z["size"],
+            distortion=z["distortion"] if "distortion" in z.files else np.zeros(2),
+            placement=z["placement"],
+            mesh=mesh,
+            volume=float(z["volume"]),
+            moments=np.sort(z["principal"]),
+        )
+
+
+def scene_input(folder: Path) -> Path:
+    """What a user would give to the tool: the video or the folder of photographs."""
+    return folder / "photos" if (folder / "photos").is_dir() else folder / "cam0.mp4"
+
+
+def scene_folders(root: Path) -> list[Path]:
+    """The finished scenes under a folder, by name: those that have a truth and images."""
+    return sorted(p.parent for p in root.glob("*/truth.npz") if scene_input(p.parent).exists())
