@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from massprops.diagnosis import criteria
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.record import Record, record_of_rates
 from massprops.diagnosis.selection import Selection, select
-from massprops.errors import InputError
 from massprops.sequence.data import Sequence
 
 
@@ -78,25 +77,33 @@ def _noise(s: Selection) -> float:
     return float(np.sqrt(np.mean(fit.noise**2)) * fit.record.rows.sigma[0])
 
 
-def write_balance_diagnosis(out: Path, d: BalanceDiagnosis) -> Path:
-    """Writes `diagnosis.json`, `model.yaml`, `residual.csv` and `report.html`, each whole or not at all.
+def write_balance_diagnosis(out: Path, d: BalanceDiagnosis, inputs: Iterable[Path] = (), force: bool = False) -> Path:
+    """Writes `diagnosis.json`, `model.yaml`, `residual.csv` and `report.html`, all of them or none.
+
+    Args:
+        out: folder; made when it is not there.
+        d: what was found.
+        inputs: what it was found in.
+        force: files in the folder that no `diagnose` wrote may be replaced.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder holds somebody's files, or cannot be written.
     """
     import yaml
 
+    from massprops.core.files import json_text, plain
+    from massprops.core.outputs import deliver
     from massprops.diagnosis.page import page
-    from massprops.run.files import plain, write_json, write_whole
+    from massprops.run.files import key_of_source
 
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        write_whole(out / "residual.csv", residual_table(d))
-        write_whole(out / "model.yaml", yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True))
-        write_json(out / "diagnosis.json", d.document)
-        write_whole(out / "report.html", page(d))
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place with -o") from None
+    given = list(inputs)
+    contents: dict[str, str | bytes] = {
+        "residual.csv": residual_table(d),
+        "model.yaml": yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True),
+        "diagnosis.json": json_text(d.document),
+        "report.html": page(d),
+    }
+    deliver(out, "diagnose", contents, key_of_source(*given) if given else None, given, force)
     return out
 
 
