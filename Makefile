@@ -41,8 +41,7 @@ PLAIN_BLAS := $(if $(filter x86_64 amd64,$(shell uname -m)),Nehalem,ARMV8)
 OTHER_MACHINE := OPENBLAS_CORETYPE=$(PLAIN_BLAS) OPENCV_CPU_DISABLE=AVX512-SKX,AVX2,FP16 \
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-generic
 NUMERICAL := tests/estimators/test_ekf.py tests/estimators/test_ukf.py tests/estimators/test_batch_step.py \
-	tests/dense/test_dense.py tests/surface/test_surface.py \
-	tests/run/test_end_to_end.py::test_the_answer_is_near_the_truth
+	tests/dense/test_dense.py tests/surface/test_surface.py
 
 test-other-machine: $(VENV)/.installed-dev
 	$(THREADS) $(OTHER_MACHINE) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
