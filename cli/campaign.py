@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from massprops_cli.terminal import say, warn
+
 
 def command(
     configuration: Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file: kind, parameters, grid, runs.")],
@@ -19,6 +21,9 @@ def command(
     workers: Annotated[int | None, typer.Option(help="Processes on this machine; default: one per core.")] = None,
     only: Annotated[int | None, typer.Option(metavar="SEED", help="Make the runs of one seed again, alone.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Consent to more than a million runs.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print table.json on stdout and nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
 ) -> None:
@@ -42,11 +47,11 @@ def command(
     from massprops.campaign.text import text_of
 
     with RunProgress(quiet) as watch:
-        outcome = run_campaign(plan, out, scheduler, workers, yes, watch)
+        outcome = run_campaign(plan, out, scheduler, workers, yes, watch, force)
     if len(outcome.versions) > 1:
-        typer.echo("warning: the runs of this folder were made with more than one version of the code", err=True)
-    typer.echo(json.dumps(outcome.document) if json_output else text_of(outcome.document))
+        warn("the runs of this folder were made with more than one version of the code")
+    say(json.dumps(outcome.document) if json_output else text_of(outcome.document))
     if not json_output:
-        typer.echo(f"report: {outcome.folder / 'report.html'}")
+        say(f"report: {outcome.folder / 'report.html'}")
     if outcome.document["failed"] == outcome.document["done"]:
         raise NotPossible("every run failed: the errors are in the report and in runs.csv")

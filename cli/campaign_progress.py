@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
+from massprops_cli.terminal import say
 
 if TYPE_CHECKING:
     from massprops.campaign.configuration import Plan
@@ -78,11 +78,11 @@ def alone(
 
     points = run_alone(plan, seed, out, scheduler, workers)
     if json_output:
-        typer.echo(json.dumps([{"point": p.cell, **row} for p in points for row in p.dictionaries()]))
+        say(json.dumps([{"point": p.cell, **row} for p in points for row in p.dictionaries()]))
         return
     for point in points:
         for row in point.dictionaries():
-            typer.echo(f"{point.label}, seed {seed}")
+            say(f"{point.label}, seed {seed}")
             for name, value in row.items():
                 if name != "seed":
-                    typer.echo(f"  {name:<28}{cell_text(value)}")
+                    say(f"  {name:<28}{cell_text(value)}")

@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops_cli.terminal import say, warn
+
 
 def command(
     source: Annotated[Path, typer.Argument(metavar="RUN_OR_MESH", help="Run folder, or a mesh file.")],
@@ -20,6 +22,9 @@ def command(
         typer.Option("--free-scale/--fixed-scale", help="Fit the scale too; default: when the run has none."),
     ] = None,
     cad_unit: Annotated[str, typer.Option("--cad-unit", help="Unit of the CAD file: m, cm, mm, in, or auto.")] = "auto",
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print compare.json on stdout and nothing else.")] = False,
 ) -> None:
     """Align with a CAD mesh, then measure surface distances and the errors of every mass property.
@@ -30,14 +35,14 @@ def command(
 
     from massprops.exchange.compare import compare
 
-    found = compare(source, cad, out=out, free_scale=free_scale, cad_unit=cad_unit)
+    found = compare(source, cad, out=out, free_scale=free_scale, cad_unit=cad_unit, force=force)
     if out is not None and (out / "run.yaml").is_file():
         from massprops.report import write_report
 
         write_report(out)
     for warning in found.warnings:
-        typer.echo(f"warning: {warning}", err=True)
-    typer.echo(json.dumps(found.document()) if json_output else comparison_table(found.document()))
+        warn(warning)
+    say(json.dumps(found.document()) if json_output else comparison_table(found.document()))
 
 
 def comparison_table(document: dict[str, Any]) -> str:

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops_cli.terminal import say, warn
+
 
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of 'massprops reconstruct'.")],
@@ -15,6 +17,9 @@ def command(
         Path | None, typer.Option("--sequence", metavar="SEQ", help="Another sequence of the same footage.")
     ] = None,
     method: Annotated[list[str] | None, typer.Option("--method", help="Estimator, may be repeated; or all.")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print crosscheck.json on stdout and nothing else.")
     ] = False,
@@ -32,16 +37,17 @@ def command(
             run,
             sequence,
             method or ["all"],
+            force=force,
             progress=lambda done, total, what: watch(what or "compare", min(done, total - 1), total, 0, 0, ""),
         )
     document = json.loads((run / "crosscheck.json").read_text())
     for warning in found.warnings:
-        typer.echo(f"warning: {warning}", err=True)
+        warn(warning)
     if json_output:
-        typer.echo(json.dumps(document))
+        say(json.dumps(document))
     else:
-        typer.echo(crosscheck_table(document))
-        typer.echo(f"report: {run / 'report.html'}")
+        say(crosscheck_table(document))
+        say(f"report: {run / 'report.html'}")
 
 
 def verdict_line(folder: Path) -> str:

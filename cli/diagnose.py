@@ -7,12 +7,17 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops_cli.terminal import say, warn
+
 
 def command(
     source: Annotated[Path, typer.Argument(metavar="SEQ_OR_RUN", help="Sequence folder, or a run folder.")],
     out: Annotated[
         Path, typer.Option("-o", "--out", help="Folder for diagnosis.json, model.yaml, residual.csv and report.html.")
     ],
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print diagnosis.json on stdout and nothing else.")
     ] = False,
@@ -28,15 +33,15 @@ def command(
     from massprops_cli.progress import StageProgress
 
     with StageProgress(quiet) as watch:
-        found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""))
+        found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force)
     document = found.document
     for warning in document["warnings"]:
-        typer.echo(f"warning: {warning}", err=True)
+        warn(warning)
     if json_output:
-        typer.echo((out / "diagnosis.json").read_text() if (out / "diagnosis.json").is_file() else json.dumps(document))
+        say((out / "diagnosis.json").read_text() if (out / "diagnosis.json").is_file() else json.dumps(document))
     else:
-        typer.echo(diagnosis_table(document))
-        typer.echo(f"report: {out / 'report.html'}")
+        say(diagnosis_table(document))
+        say(f"report: {out / 'report.html'}")
     return 0
 
 

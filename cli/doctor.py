@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from massprops_cli.terminal import say
+
 
 def command(json_output: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False) -> int:
     """Check the installation; exit code 0 when everything is there, 2 otherwise.
@@ -19,8 +21,8 @@ def command(json_output: Annotated[bool, typer.Option("--json", help="Print the 
 
     findings = examine()
     if json_output:
-        typer.echo(json.dumps([asdict(f) for f in findings]))
+        say(json.dumps([asdict(f) for f in findings]))
     else:
         for f in findings:
-            typer.echo(f"  {'ok     ' if f.ok else 'MISSING'}  {f.name:<12} {f.detail}")
+            say(f"  {'ok     ' if f.ok else 'MISSING'}  {f.name:<12} {f.detail}")
     return 0 if all(f.ok for f in findings) else 2

@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops_cli.terminal import say, tell, warn
+
 
 def command(
     source: Annotated[Path, typer.Argument(metavar="SEQ_OR_RUN", help="Sequence folder, or a run folder.")],
@@ -23,6 +25,9 @@ def command(
     model: Annotated[
         Path | None, typer.Option("--model", metavar="MODEL_YAML", help="What 'diagnose' wrote; for the smoother.")
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print estimates.json on stdout and nothing else.")
     ] = False,
@@ -35,8 +40,11 @@ def command(
     import json
 
     from massprops.estimators.estimate import estimate_all, write_outcome
+    from massprops.report.estimates import check_place
     from massprops_cli.progress import StageProgress
 
+    given = (source, *(p for p in (prior, model) if p is not None))
+    check_place(out, given, force)
     with StageProgress(quiet) as watch:
         outcome = estimate_all(
             source,
@@ -45,17 +53,17 @@ def command(
             lambda done, total, what: watch(what or "done", min(done, total - 1), total, 0, 0, ""),
             model,
         )
-    write_outcome(outcome, out, source)
+    write_outcome(outcome, out, source, given[1:], force)
     document = json.loads((out / "estimates.json").read_text())
     for warning in document["warnings"]:
-        typer.echo(f"warning: {warning}", err=True)
+        warn(warning)
     if document["reason"]:
-        typer.echo(f"massprops: {' '.join(document['reason'].split())}", err=True)
+        tell(f"massprops: {' '.join(document['reason'].split())}")
     if json_output:
-        typer.echo(json.dumps(document))
+        say(json.dumps(document))
     else:
-        typer.echo(estimate_table(document))
-        typer.echo(f"report: {out / 'report.html'}")
+        say(estimate_table(document))
+        say(f"report: {out / 'report.html'}")
     return 3 if document["reason"] else 0
 
 

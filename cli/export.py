@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from massprops_cli.terminal import say, warn
+
 
 def command(
     source: Annotated[Path, typer.Argument(metavar="RUN_OR_MESH", help="Run folder, or a mesh file in metres.")],
@@ -16,6 +18,9 @@ def command(
     ] = None,
     density: Annotated[float, typer.Option(help="For a mesh file [kg/m^3].")] = 1000.0,
     mass: Annotated[float | None, typer.Option(help="Measured mass [kg]; the inertia is scaled to it.")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print the written path as JSON.")] = False,
 ) -> None:
     """Write mass properties for a filter or a simulator.
@@ -26,5 +31,5 @@ def command(
 
     from massprops.exchange.export import export
 
-    path = export(source, to, out, density, mass, lambda text: typer.echo(f"warning: {text}", err=True))
-    typer.echo(json.dumps({"file": str(path), "format": to}) if json_output else f"{to}: {path}")
+    path = export(source, to, out, density, mass, warn, force)
+    say(json.dumps({"file": str(path), "format": to}) if json_output else f"{to}: {path}")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import sys
+from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
 import typer
 import typer.core
 
-from massprops.errors import MasspropsError
+from massprops.errors import InputError, MasspropsError
+from massprops_cli.terminal import tell
 
 COMMANDS = {
     "reconstruct": "From footage to mesh, volume, centre of mass and inertia.",
@@ -103,14 +106,54 @@ def app() -> Any:
 
 def main() -> None:
     """Entry point: exit codes 0 done, 2 wrong input, 3 in part, 130 interrupted."""
-    # small matrices throughout: a second BLAS thread only spins; large stages set their own threads
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for name, value in QUIET.items():
+        os.environ.setdefault(name, value)
+    for stream in (sys.stdout, sys.stderr):  # a terminal of another encoding shows a code for what it cannot show
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
     sys.exit(run(sys.argv[1:]))
 
 
+QUIET = {
+    # small matrices throughout: a second BLAS thread only spins; large stages set their own threads
+    "OPENBLAS_NUM_THREADS": "1",
+    # native libraries write their warnings past Python
+    "OPENCV_LOG_LEVEL": "SILENT",
+    "GLOG_minloglevel": "3",
+    # for what is started from here: the current folder holds the user's files, not modules
+    "PYTHONSAFEPATH": "1",
+}
+
+
 def run(arguments: list[str]) -> int:
-    """Runs one command line; never a traceback."""
+    """Runs one command line; never a traceback, and no word of a library's."""
+    with _libraries_silent():
+        return _run(arguments)
+
+
+@contextlib.contextmanager
+def _libraries_silent() -> Iterator[None]:
+    """Keeps the warnings and logs of libraries from the terminal; `MASSPROPS_DEBUG=1` shows them."""
+    if os.environ.get("MASSPROPS_DEBUG"):
+        yield
+        return
+    import logging
+    import warnings
+
+    last = logging.lastResort
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        logging.lastResort = None
+        try:
+            yield
+        finally:
+            logging.lastResort = last
+
+
+def _run(arguments: list[str]) -> int:
     try:
+        for argument in arguments:
+            _check_text(argument)
         status = app().main(args=arguments, prog_name="massprops", standalone_mode=False)
         if status == 130:  # typer's own word for an interrupt
             raise KeyboardInterrupt
@@ -132,13 +175,46 @@ def run(arguments: list[str]) -> int:
     except OSError as error:
         _say(f"{error.filename or 'output'}: {error.strerror or error}{PLACES.get(error.errno or 0, '')}")
         return 2
+    except MemoryError:
+        _say("not enough memory for this input: give a smaller one")
+        return 3
     except Exception as error:
         _say(
-            f"unexpected {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''} (set MASSPROPS_DEBUG=1 to see where)"
+            f"unexpected {type(error).__name__}: {_first_line(error)}: this is a bug of massprops; {_report(arguments)}"
         )
         if os.environ.get("MASSPROPS_DEBUG"):
             raise
         return 3
+
+
+def _check_text(argument: str) -> None:
+    """Refuses a name that is no UTF-8: native libraries cannot open it, and some crash over it."""
+    try:
+        argument.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{argument}: the name is not UTF-8: rename it") from None
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [""])[0][:200]
+
+
+def _report(arguments: list[str]) -> str:
+    """Writes what a developer needs into a file; what to do with it."""
+    import platform
+    import tempfile
+    import traceback
+
+    import massprops
+
+    head = f"massprops {massprops.__version__}, Python {platform.python_version()}, {platform.platform()}\n{arguments!r}\n\n"
+    try:
+        handle, name = tempfile.mkstemp(prefix="massprops-", suffix=".txt", text=True)
+        with os.fdopen(handle, "w", errors="backslashreplace") as file:
+            file.write(head + traceback.format_exc())
+    except OSError:
+        return "please report it in the project's issue tracker, with what MASSPROPS_DEBUG=1 shows"
+    return f"please report it in the project's issue tracker, with the file {name}"
 
 
 def _after_interrupt(arguments: list[str]) -> str:
@@ -149,7 +225,7 @@ def _after_interrupt(arguments: list[str]) -> str:
 
 
 def _say(text: str) -> None:
-    print("massprops: " + " ".join(text.split()), file=sys.stderr)
+    tell("massprops: " + " ".join(text.split()))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from massprops_cli.terminal import say, warn
+
 
 def command(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Closed mesh: STL, OBJ, PLY, GLB or OFF.")],
@@ -14,6 +16,9 @@ def command(
     density: Annotated[float, typer.Option(help="Constant density [kg/m^3].")] = 1000.0,
     scale: Annotated[float, typer.Option(help="Metres per unit of the file; 0.001 for millimetres.")] = 1.0,
     scale_sigma: Annotated[float, typer.Option(help="Relative 1-sigma of the scale.")] = 0.0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files and results that this command did not write; never MESH.")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
     ] = False,
@@ -27,9 +32,9 @@ def command(
     from massprops.run.from_mesh import mass
     from massprops_cli.table import mass_table
 
-    run = mass(mesh, out, density, scale, scale_sigma)
+    run = mass(mesh, out, density, scale, scale_sigma, force)
     for warning in run.warnings:
-        typer.echo(f"warning: {warning}", err=True)
-    typer.echo(json.dumps(run.properties) if json_output else mass_table(run.properties))
+        warn(warning)
+    say(json.dumps(run.properties) if json_output else mass_table(run.properties))
     if not json_output:
-        typer.echo(f"report: {run.folder / 'report.html'}")
+        say(f"report: {run.folder / 'report.html'}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 import time
 
+from massprops.core.text import clean
+
 
 class StageProgress:
     """A `Watch` for `run_stages`; use as a context manager."""
@@ -29,7 +31,7 @@ class StageProgress:
             )
 
             self.bar = Progress(
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 BarColumn(),
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
@@ -47,7 +49,7 @@ class StageProgress:
     def __call__(self, stage: str, number: int, count: int, done: int, total: int, what: str) -> None:
         if self.quiet:
             return
-        title = f"[{number + 1}/{count}] {stage}"
+        title, what = f"[{number + 1}/{count}] {clean(stage)}", clean(what)
         if self.bar is not None:
             if stage != self.stage:
                 self.task = self.bar.add_task(title, total=None)

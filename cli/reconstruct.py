@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from massprops_cli.terminal import say, tell, warn
+
 
 def command(
     source: Annotated[Path, typer.Argument(metavar="INPUT", help="Video, folder of images, or sequence folder.")],
@@ -43,6 +45,9 @@ def command(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of every random draw.")] = 0,
     threads: Annotated[int, typer.Option(help="Processor threads; 0: all.")] = 0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
     ] = False,
@@ -64,6 +69,7 @@ def command(
             source,
             out,
             watch,
+            force,
             motion=motion,
             masks=str(masks) if masks else None,
             frames=frames,
@@ -81,17 +87,17 @@ def command(
             threads=threads,
         )
     for warning in run.warnings:
-        typer.echo(f"warning: {warning}", err=True)
+        warn(warning)
     if run.exit_code:
-        typer.echo(f"massprops: {' '.join(run.reason.split())}", err=True)
+        tell(f"massprops: {' '.join(run.reason.split())}")
     if (run.folder / "massprops.json").is_file() and "mass" in run.stages and run.stages["mass"]["status"] == "done":
         if json_output:
-            typer.echo(json.dumps(run.properties))
+            say(json.dumps(run.properties))
         else:
-            typer.echo(mass_table(run.properties))
-            typer.echo(verdict_line(run.folder))
+            say(mass_table(run.properties))
+            say(verdict_line(run.folder))
     elif json_output:
-        typer.echo(json.dumps({"exit_code": run.exit_code, "reason": run.reason}))
+        say(json.dumps({"exit_code": run.exit_code, "reason": run.reason}))
     if not json_output:
-        typer.echo(f"report: {run.folder / 'report.html'}")
+        say(f"report: {run.folder / 'report.html'}")
     return run.exit_code

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from massprops_cli.terminal import say
+
 
 def command(
     paper: Annotated[str, typer.Argument(metavar="PAPER", help="For example pesce2017; a wrong name lists them all.")],
@@ -40,7 +42,7 @@ def command(
 
     if case == SPEED and hasattr(load_paper(paper), SPEED):
         found = speed_of(paper)
-        typer.echo(json.dumps(found) if json_output else "\n".join(f"{k}: {v}" for k, v in found.items()))
+        say(json.dumps(found) if json_output else "\n".join(f"{k}: {v}" for k, v in found.items()))
         return
     from massprops.campaign.text import text_of
     from massprops_cli.campaign_progress import RunProgress, alone
@@ -51,6 +53,6 @@ def command(
         return
     with RunProgress(quiet) as watch:
         outcome = reproduced(plan, out, scheduler, workers, yes, watch)
-    typer.echo(json.dumps(outcome.document) if json_output else text_of(outcome.document))
+    say(json.dumps(outcome.document) if json_output else text_of(outcome.document))
     if not json_output and out is not None:
-        typer.echo(f"report: {outcome.folder / 'report.html'}")
+        say(f"report: {outcome.folder / 'report.html'}")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from massprops.errors import InputError
+from massprops_cli.terminal import say
 
 
 def command(
@@ -57,6 +58,9 @@ def command(
     ] = None,
     video: Annotated[bool, typer.Option("--video", help="Also write cam0/video.mp4 (H.264).")] = False,
     seed: Annotated[int, typer.Option(help="Of motion, Sun, texture and noise.")] = 0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print the folder as JSON on stdout and nothing else.")
     ] = False,
@@ -90,6 +94,7 @@ def command(
             out,
             video,
             lambda done, total, what: watch("simulate", 0, 1, done, total, what),
+            force,
             frames=frames,
             size=_size(size),
             rate_deg=rate,
@@ -106,7 +111,7 @@ def command(
             seed=seed,
             **of_tracks,
         )
-    typer.echo(json.dumps({"sequence": str(folder)}) if json_output else str(folder))
+    say(json.dumps({"sequence": str(folder)}) if json_output else str(folder))
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

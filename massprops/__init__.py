@@ -10,6 +10,8 @@ from importlib import import_module as _import_module
 from types import ModuleType as _ModuleType
 from typing import Any as _Any
 
+from massprops.native import prepare_numba_cache as _prepare_numba_cache
+
 __version__ = "0.1.0"
 
 _VERBS = {
@@ -23,6 +25,8 @@ _VERBS = {
     "simulate": "massprops.simulate",
 }
 __all__ = sorted(_VERBS)
+
+_prepare_numba_cache()
 
 
 class _Verb(_ModuleType):

@@ -13,12 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from massprops.documents.loading import shown
+from massprops.documents.model import FORMAT
 from massprops.dynamics.rotation import Acting
 from massprops.effects import changes_motion, effects, paced
 from massprops.errors import InputError
 from massprops.sensing.predict import Sensed
 
-FORMAT = "massprops-model/1"
+LARGEST_PARAMETER = 1e12
+"""Of any effect's parameter, in SI units: beyond it the arithmetic of a step overflows."""
 MOST_GROWN = 2.0
 """Logarithm of the factor by which a step changes a parameter that moves in proportion."""
 
@@ -129,35 +132,37 @@ def load_model(path: str | Path) -> Model:
     Raises:
         InputError: not such a file, an unknown effect, or a parameter missing.
     """
-    from massprops.sequence.read import load_yaml, numbers
+    from massprops.documents.fields import Number, no_key, read, unread
+    from massprops.documents.loading import load_yaml
+    from massprops.documents.model import ModelFile
 
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such model file")
     content = load_yaml(path)
     if content.get("format") != FORMAT:
-        raise InputError(
-            f"{path}: format {content.get('format')!r}; expected {FORMAT!r}, as 'massprops diagnose' writes"
-        )
+        found = shown(content.get("format"))
+        raise InputError(f"{path}: format {found}; expected {FORMAT!r}, as 'massprops diagnose' writes")
+    document = read(ModelFile, unread(ModelFile, content, str(path))[0], str(path))
     known = effects()
     sizes: dict[str, np.ndarray | None] = {}
-    entries = content.get("effects") or []
-    if not isinstance(entries, list):
-        raise InputError(f"{path}: effects must be a list")
-    for entry in entries:
-        name = entry.get("name") if isinstance(entry, dict) else entry
-        if name not in known:
-            raise InputError(f"{path}: effect {name!r} is not known; there are {', '.join(known)}")
-        given = entry.get("parameters") if isinstance(entry, dict) else None
-        given = given if isinstance(given, dict) else {}
+    for entry in document.effects or ():
+        if entry.name not in known:
+            raise InputError(f"{path}: {no_key(entry.name, known, 'effect')}")
+        wanted = {q.name: q for q in known[entry.name].PARAMETERS}
+        for key in entry.parameters:
+            if key not in wanted:
+                raise InputError(f"{path}: effect {entry.name}: {no_key(key, wanted, 'parameter')}")
         values = []
-        for q in known[name].PARAMETERS:
-            value = given.get(q.name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-                raise InputError(f"{path}: effect {name} has no finite {q.name} [{q.unit}]")
-            values.append(float(value))
-        sizes[name] = np.array(values)
-    inertia = numbers(path, content, "inertia", (3, 3)) if content.get("inertia") is not None else None
+        for q in wanted.values():
+            try:
+                values.append(
+                    Number("", q.unit, -LARGEST_PARAMETER, LARGEST_PARAMETER).check(entry.parameters.get(q.name))
+                )
+            except ValueError as error:
+                raise InputError(f"{path}: effect {entry.name}: {q.name} [{q.unit}] {error}") from None
+        sizes[entry.name] = np.array(values)
+    inertia = document.inertia
     if inertia is not None:
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):

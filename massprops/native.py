@@ -2,9 +2,54 @@
 
 from __future__ import annotations
 
+import stat
+from pathlib import Path
 from types import ModuleType
 
 from massprops.errors import InputError
+
+
+def prepare_numba_cache() -> None:
+    """Gives numba a place for its compiled code where it would find none: a read-only install with no home to write to.
+
+    It would fail at the first function that it compiles, minutes into a run. The place is this user's alone, since
+    numba loads what it finds there; call this before numba is imported.
+    """
+    import os
+    import tempfile
+
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") if _has_home() else Path(os.devnull)
+    package = Path(__file__).parent
+    if _writable(package) and _writable(package / "__pycache__") or _writable(cache):
+        return
+    try:
+        place = Path(tempfile.gettempdir()) / f"massprops-numba-{os.getuid()}"
+        place.mkdir(mode=0o700, exist_ok=True)
+        found = place.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+            place = Path(tempfile.mkdtemp(prefix="massprops-numba-"))
+    except (OSError, AttributeError):
+        return
+    os.environ["NUMBA_CACHE_DIR"] = str(place)
+
+
+def _has_home() -> bool:
+    try:
+        Path.home()
+    except (RuntimeError, KeyError):
+        return False
+    return True
+
+
+def _writable(path: Path) -> bool:
+    """Whether a folder can be written, or made."""
+    import os
+
+    while not path.exists() and path != path.parent:
+        path = path.parent
+    return path.is_dir() and os.access(path, os.W_OK | os.X_OK)
 
 
 def load_open3d() -> ModuleType:

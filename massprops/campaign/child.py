@@ -1,4 +1,4 @@
-"""Runs in a process of their own: `python -m massprops.campaign.child`, requests on stdin, replies on a pipe.
+"""Runs in a process of their own: `python -P -m massprops.campaign.child`, requests on stdin, replies on a pipe.
 
 A crash of native code, a run without end or one that takes all memory then costs this process alone.
 Per request two lines: `ready` with the versions of the code here, then `rows` or `raised`.
@@ -21,9 +21,9 @@ IDLE_S = 600.0
 
 def main() -> int:
     """Answers requests until stdin ends."""
-    from massprops.run.child import _die_with_parent
+    from massprops.core.processes import die_with_parent
 
-    _die_with_parent()
+    die_with_parent()
     from massprops.campaign.draws import drawn
     from massprops.campaign.kinds import load_kind
     from massprops.campaign.versions import versions

@@ -14,14 +14,15 @@ from typing import Any
 from massprops.campaign.draws import check_draw, extremes
 from massprops.campaign.kinds import kinds, load_kind
 from massprops.campaign.nearest import unknown
+from massprops.documents.campaign import LARGEST_SEED, CampaignFile
+from massprops.documents.fields import keys, read
 from massprops.errors import InputError
 from massprops.run.files import hash_of, plain
 
 MOST_RUNS = 1_000_000
-MOST_CHUNK = 10_000
-LARGEST_SEED = 2**31 - 1
-RESERVED = ("kind", "name", "runs", "seed", "grid", "draw", "chunk", "limits")
-LIMITS = {"time_s": (1e-3, 1e7), "memory_mb": (16.0, 1e8)}
+RESERVED = tuple(keys(CampaignFile))
+MAYBE_EMPTY = ("seed",)
+"""Keys whose `null` is the default, not a value."""
 EXPONENT = re.compile(r"[+-]?\d+(\.\d*)?[eE][+-]?\d+")
 
 
@@ -117,7 +118,7 @@ def read_configuration(path: str | Path) -> Plan:
     Raises:
         InputError: no such file, not YAML, or see `plan_of`.
     """
-    from massprops.sequence.read import load_yaml
+    from massprops.documents.loading import load_yaml
 
     path = Path(path)
     if not path.is_file():
@@ -137,12 +138,13 @@ def plan_of(content: dict[str, Any], where: str = "configuration", folder: Path 
         InputError: an unknown key (with the nearest known one), a value out of range, or nothing to run.
     """
     content = _numbers(content)
+    document = _document(content, where)
     if "kind" not in content:
         raise InputError(f"{where}: no kind: give one of {', '.join(kinds())}")
     if content["kind"] not in kinds():
         raise unknown("kind", content["kind"], kinds(), where)
     kind = load_kind(content["kind"])
-    grid, draw = (_mapping(where, content, key) for key in ("grid", "draw"))
+    grid, draw = dict(document.grid or {}), dict(document.draw or {})
     fixed = {key: value for key, value in content.items() if key not in RESERVED}
     fixed, grid = kind.prepared(fixed, grid, folder or Path.cwd(), where)
     _known_keys(where, kind, fixed, grid, draw)
@@ -151,23 +153,17 @@ def plan_of(content: dict[str, Any], where: str = "configuration", folder: Path 
             raise InputError(f"{where}: grid of {axis}: give a list of values, not {values!r}")
     for name, spec in draw.items():
         check_draw(where, name, spec)
-    limits = _mapping(where, content, "limits")
-    for key, value in limits.items():
-        if key not in LIMITS:
-            raise unknown("limit", key, LIMITS, where)
-        limits[key] = _number(where, key, value, *LIMITS[key])
-    runs = content.get("runs")
     plan = Plan(
-        name=str(content.get("name") or content["kind"]),
+        name=document.name or content["kind"],
         kind=content["kind"],
         fixed=fixed,
         grid=grid,
         draw=draw,
-        runs=None if runs is None else int(_number(where, "runs", runs, 1, 10**12, whole=True)),
-        seed=int(_number(where, "seed", content.get("seed", 0), 0, LARGEST_SEED, whole=True)),
-        chunk=int(_number(where, "chunk", content.get("chunk", kind.chunk(fixed)), 1, MOST_CHUNK, whole=True)),
-        time_s=limits.get("time_s"),
-        memory_mb=limits.get("memory_mb"),
+        runs=document.runs,
+        seed=document.seed,
+        chunk=kind.chunk(fixed) if document.chunk is None else document.chunk,
+        time_s=None if document.limits is None else document.limits.time_s,
+        memory_mb=None if document.limits is None else document.limits.memory_mb,
         where=where,
     )
     _check_values(plan, kind)
@@ -218,18 +214,12 @@ def _check_values(plan: Plan, kind: ModuleType) -> None:
             kind.check({**plan.fixed, **first, axis: value}, plan.where)
 
 
-def _mapping(where: str, content: dict[str, Any], key: str) -> dict[str, Any]:
-    value = content.get(key) or {}
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: {key}: give names with values, not {value!r}")
-    return {str(k): v for k, v in value.items()}
-
-
-def _number(where: str, key: str, value: Any, low: float, high: float, whole: bool = False) -> float:
-    kind = int if whole else (int, float)
-    if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
-        raise InputError(f"{where}: {key} {value}: give a {'whole ' if whole else ''}number from {low:g} to {high:g}")
-    return value
+def _document(content: dict[str, Any], where: str) -> CampaignFile:
+    """The keys of every campaign; those of its kind stand beside them and are checked by the kind."""
+    own = {k: v for k, v in content.items() if k in RESERVED and not (k in MAYBE_EMPTY and v is None)}
+    if own.get("name") is not None:
+        own["name"] = str(own["name"])
+    return read(CampaignFile, {"kind": "", **own}, where)
 
 
 def _numbers(value: Any) -> Any:

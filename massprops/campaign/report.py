@@ -12,9 +12,9 @@ from massprops.campaign.kinds import load_kind
 from massprops.campaign.store import Store
 from massprops.campaign.table import PERCENTILES, Point, columns_of, cost
 from massprops.campaign.text import cell_text
+from massprops.core.files import write_whole
 from massprops.report.html import number, table, text
 from massprops.report.page import document as page
-from massprops.run.files import write_whole
 
 MOST_POINTS, MOST_COLUMNS, MOST_FAILURES = 60, 24, 100
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import tempfile
@@ -17,11 +18,15 @@ from massprops.campaign.engine import Backend, Watch, missing, rows_of, run_plan
 from massprops.campaign.kinds import load_kind
 from massprops.campaign.local import Local, cores
 from massprops.campaign.report import write_report
-from massprops.campaign.store import Row, Store
+from massprops.campaign.store import FILE, Row, Store
 from massprops.campaign.table import Point, document, points_of
-from massprops.errors import InputError
-from massprops.run.files import locked, plain, write_json, write_whole
+from massprops.core.files import plain, write_json, write_whole
+from massprops.core.outputs import Outputs, claim
+from massprops.errors import InputError, NotPossible
 
+OWNER = "campaign"
+STORE = tuple(FILE + end for end in ("", "-wal", "-shm", "-journal"))
+NAMES = ("campaign.yaml", "table.json", "runs.csv", "report.html", *STORE, "runs/")
 MOST_WORKERS = 1024
 
 
@@ -56,6 +61,7 @@ def run_campaign(
     workers: int | None = None,
     yes: bool = False,
     watch: Watch | None = None,
+    force: bool = False,
 ) -> Outcome:
     """Does what is missing of a campaign, then writes its table, rows and report.
 
@@ -66,14 +72,19 @@ def run_campaign(
         workers: processes on this machine; None takes one per core.
         yes: consent to more than a million runs.
         watch: told of progress.
+        force: files in the folder that no campaign wrote may be replaced, and a store that an older version left is
+            taken over.
 
     Raises:
-        InputError: the folder belongs to another campaign, or see `backend_of` and `check_size`.
+        InputError: the folder belongs to another campaign or holds somebody's files, or see `backend_of` and `check_size`.
         NotPossible: the cluster or the disk failed on the way; finished runs are kept.
     """
     check_size(plan, yes)
     folder = Path(out).resolve()
-    with locked(folder), Store(folder, plan.document(), plan.digest) as store:
+    given = [Path(plan.where)]
+    with claim(folder, OWNER, NAMES, given, force) as outputs, contextlib.ExitStack() as stack:
+        _own(outputs)
+        store = stack.enter_context(Store(folder, plan.document(), plan.digest))
         if next(missing(plan, store), None) is not None:
             backend = backend_of(plan, scheduler, workers)
             try:
@@ -82,12 +93,34 @@ def run_campaign(
                 backend.close()
         points = points_of(plan, store)
         result = plain(document(plan, points))
-        write_whole(folder / "campaign.yaml", yaml.safe_dump(plan.document(), sort_keys=False))
-        write_json(folder / "table.json", result)
-        write_whole(folder / "runs.csv", rows_csv(points))
-        write_report(folder, plan, points, result, store)
+        try:
+            new = outputs.staging()
+            write_whole(new / "campaign.yaml", yaml.safe_dump(plan.document(), sort_keys=False))
+            write_json(new / "table.json", result)
+            write_whole(new / "runs.csv", rows_csv(points))
+            write_report(new, plan, points, result, store)
+            outputs.publish(OWNER, plan.digest, given, force, keep_old=False)
+        except OSError as error:
+            raise NotPossible(
+                f"{folder}: {error.strerror}: free some space, then give the same command; finished runs are kept"
+            ) from None
         versions = [v for _, _, v, count in store.sessions() if count]
     return Outcome(folder, result, [v for k, v in enumerate(versions) if v not in versions[:k]])
+
+
+def _own(outputs: Outputs) -> None:
+    """Claims the store's files and the folder of the runs' own files.
+
+    Raises:
+        InputError: the record cannot be written.
+    """
+    try:
+        outputs.list_live(OWNER, *STORE)
+        outputs.take_folder("runs", OWNER)
+    except OSError as error:
+        raise InputError(
+            f"{outputs.folder}: cannot be written ({error.strerror}): choose another place with -o"
+        ) from None
 
 
 def run_alone(plan: Plan, seed: int, out: str | Path | None, scheduler: str | None, workers: int | None) -> list[Point]:

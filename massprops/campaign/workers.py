@@ -9,12 +9,13 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from massprops.core.processes import child_environment, python_module
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "BLIS_NUM_THREADS")
 LOOK_S = 0.05
@@ -54,14 +55,14 @@ class Process:
 
     def __init__(self, own_threads: bool) -> None:
         read, write = os.pipe()
-        environment = dict(os.environ) | {"MASSPROPS_PIPE": str(write)}
+        environment = child_environment(MASSPROPS_PIPE=str(write))
         if not own_threads:
             environment |= dict.fromkeys(ONE_THREAD, "1")
         out = None if os.environ.get("MASSPROPS_DEBUG") else subprocess.DEVNULL
         self.own_threads = own_threads
         self.versions: dict[str, str] = {}
         self.child = subprocess.Popen(
-            [sys.executable, "-m", "massprops.campaign.child"],
+            python_module("massprops.campaign.child"),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=out,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from massprops.capture.images import Photograph, inspect, list_images, load, reduce
+from massprops.capture.cameras import CameraPrior, group, unusable, with_focal
+from massprops.capture.images import inspect, list_images, load, printable, reduce
 from massprops.capture.keyframes import choose, sharpness, view_motion
 from massprops.capture.video import read_video
 from massprops.errors import InputError, NotPossible
@@ -19,43 +21,69 @@ LOOK = 320
 MOST_LOOKED_AT = 1500
 """Frames of a video that are judged; of longer ones every n-th."""
 
+FEWEST = 3
+"""Images without which no shape is tried."""
+
+NAMED = 8
+"""Images that a warning names; `footage.json` names all."""
+
+
+@dataclass(frozen=True)
+class Still:
+    """One image of a folder: timestamp_ns or -1; file; number of its camera in `Source.cameras`; quarter turns clockwise
+    from the image upright to the way that camera's images are held."""
+
+    timestamp_ns: int
+    path: Path
+    camera: int = 0
+    turn: int = 0
+
 
 @dataclass(frozen=True)
 class Source:
-    """One camera's images, not yet chosen.
+    """One stream of images, not yet chosen: a video, a folder of photographs, or one half of a stereo rig.
 
     Attributes:
-        camera: 0 or 1.
+        stream: 0, or 1 for the second half of a rig.
         kind: `video`, `images` or `sequence`.
         video: the file, or None.
-        images: (timestamp_ns or -1, file) of single images.
-        size: width, height upright [px].
-        focal_px: at that size, or None.
-        focal_source: given, exif or none.
-        principal_point, distortion, T_BS: where the sensor file gives them.
+        images: of a folder.
+        cameras: that took them: one, but for photographs by several devices or at several zooms or sizes.
+        T_BS: (4, 4) sensor to chaser body [m], where the sensor file gives it.
+        left_out: (file name, why) of images that cannot be used.
     """
 
-    camera: int
+    stream: int
     kind: str
     video: Path | None
-    images: tuple[tuple[int, Path], ...]
-    size: tuple[int, int]
-    focal_px: float | None = None
-    focal_source: str = "none"
-    principal_point: tuple[float, float] | None = None
-    distortion: tuple[float, ...] | None = None
+    images: tuple[Still, ...]
+    cameras: tuple[CameraPrior, ...]
     T_BS: np.ndarray | None = None
+    left_out: tuple[tuple[str, str], ...] = ()
+
+    def camera(self, index: int) -> CameraPrior:
+        """The camera of an image."""
+        return self.cameras[self.images[index].camera if self.images else 0]
+
+    def turn(self, index: int) -> int:
+        """The turn of an image."""
+        return self.images[index].turn if self.images else 0
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Small frames of a source: index, timestamp_ns (n,), grey (n, h, w) uint8, sharp (n,), motion (n,)."""
+    """Small frames of a source: index, timestamp_ns (n,), grey (n, h, w) uint8, sharp (n,), motion (n,).
+
+    Images of several shapes are stretched to the commonest, which is good enough to look at.
+    left_out: as of the source, with the images that could not be decoded.
+    """
 
     index: np.ndarray
     timestamp_ns: np.ndarray
     grey: np.ndarray
     sharp: np.ndarray
     motion: np.ndarray
+    left_out: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -69,58 +97,91 @@ class Chosen:
 
 
 def open_sources(path: Path, focal: float | None = None) -> list[Source]:
-    """What the input holds: one source per camera.
+    """What the input holds: one source per stream.
 
     Args:
         path: video, folder of images, or sequence folder.
-        focal: focal length given by the user [px of the source images].
+        focal: focal length given by the user [px of the source images]; of several cameras, the one with most images.
 
     Raises:
-        InputError: nothing there that can be used; images of different sizes; a damaged file.
+        InputError: nothing there that can be used; a damaged video.
     """
     if path.is_dir() and any((path / f"cam{i}").is_dir() for i in (0, 1)):
         sources = _sequence_sources(path)
     elif path.is_dir():
-        sources = [_folder_source(path, list_images(path), 0)]
+        sources = [_folder_source(path, list_images(path))]
     else:
-        first = next(iter(read_video(path)))
-        sources = [Source(0, "video", path, (), (first.image.shape[1], first.image.shape[0]))]
+        sources = [_video_source(path, 0, "video")]
     if focal is not None:
-        sources = [replace(s, focal_px=focal, focal_source="given") for s in sources]
+        sources = [replace(s, cameras=tuple(with_focal(list(s.cameras), focal))) for s in sources]
     return sources
 
 
-def _folder_source(folder: Path, files: list[Path], camera: int) -> Source:
+def _video_source(path: Path, stream: int, kind: str) -> Source:
+    first = next(iter(read_video(path)))
+    return Source(stream, kind, path, (), (CameraPrior((first.image.shape[1], first.image.shape[0])),))
+
+
+def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
     if not files:
         raise InputError(
-            f"{folder}: no images here (JPEG, PNG, TIFF); give a video, a folder of images or a sequence folder"
+            f"{folder}: no images here (JPEG, PNG, TIFF, WebP, HEIC); give a video, a folder of images or a sequence "
+            "folder"
         )
-    if len(files) < 3:
+    if len(files) < FEWEST:
         raise InputError(f"{folder}: {len(files)} images are too few for a shape; take at least 20 from all sides")
-    photographs = [inspect(file) for file in files]
-    _same_size(folder, photographs)
-    focals = [p.focal_px for p in photographs if p.focal_px]
-    focal = float(np.median(focals)) if focals and np.ptp(focals) < 0.02 * np.median(focals) else None
-    return Source(
-        camera,
-        "images",
-        None,
-        tuple((p.timestamp_ns, p.path) for p in photographs),
-        photographs[0].size,
-        focal,
-        "exif" if focal else "none",
-    )
+    photographs, left_out = [], []
+    for file in files:
+        try:
+            photographs.append(inspect(file))
+        except InputError as error:
+            left_out.append((file.name, _why(error, file)))
+    common = float(np.median([max(p.size) for p in photographs])) if photographs else 0.0
+    refused = {p.path.name: why for p in photographs if (why := unusable(p, common))}
+    photographs = [p for p in photographs if p.path.name not in refused]
+    left_out += refused.items()
+    refuse_few(folder.name, len(photographs), left_out)
+    cameras, camera, turn = group(photographs)
+    images = tuple(Still(p.timestamp_ns, p.path, c, t) for p, c, t in zip(photographs, camera, turn, strict=True))
+    return Source(stream, "images", None, images, tuple(cameras), left_out=tuple(left_out))
 
 
-def _same_size(folder: Path, photographs: list[Photograph]) -> None:
-    sizes = [p.size for p in photographs]
-    common = max(set(sizes), key=sizes.count)
-    odd = next((p for p in photographs if p.size != common), None)
-    if odd is not None:
+def refuse_few(name: str, count: int, left_out: Sequence[tuple[str, str]]) -> None:
+    """Raises InputError when fewer than three images are left."""
+    if count < FEWEST:
         raise InputError(
-            f"{folder}: images of different sizes ({odd.path.name} is {odd.size[0]}x{odd.size[1]}, most are "
-            f"{common[0]}x{common[1]}); put one camera's images in one folder"
+            f"{name}: {count} of {count + len(left_out)} images can be used, too few for a shape: {said(left_out)}; copy the images again, or take "
+            "at least 20 from all sides"
         )
+
+
+def said(left_out: Sequence[tuple[str, str]]) -> str:
+    """The images that were left out, and why, as part of a sentence."""
+    some = ", ".join(f"{printable(name)} ({why})" for name, why in left_out[:NAMED])
+    return some + (f" and {len(left_out) - NAMED} more" if len(left_out) > NAMED else "")
+
+
+def _why(error: InputError, file: Path) -> str:
+    return str(error).removeprefix(f"{file}: ").rsplit(";", 1)[0]
+
+
+def _one_camera(source: Source, images: tuple[tuple[int, Path], ...] | None = None) -> Source:
+    """A stream of a sequence: one camera that nobody turns; images of another size are left out.
+
+    Args:
+        images: its clocks and files where the sequence lists them.
+    """
+    clock = {file: t for t, file in images} if images else None
+    own = [s for s in source.images if source.cameras[s.camera].size == source.cameras[0].size and s.turn % 2 == 0]
+    own = [replace(s, camera=0, turn=0) for s in own if clock is None or s.path in clock]
+    if clock is not None:
+        own = sorted((replace(s, timestamp_ns=clock[s.path]) for s in own), key=lambda s: s.timestamp_ns)
+    kept = {s.path for s in own}
+    odd = [(s.path.name, "another size than the rest of its camera") for s in source.images if s.path not in kept]
+    left_out = (*source.left_out, *odd)
+    refuse_few(source.images[0].path.parent.name, len(own), left_out)
+    camera = replace(source.cameras[0], images=len(own))
+    return replace(source, kind="sequence", images=tuple(own), cameras=(camera,), left_out=left_out)
 
 
 def _sequence_sources(path: Path) -> list[Source]:
@@ -135,24 +196,22 @@ def _sequence_sources(path: Path) -> list[Source]:
         camera = sequence.cameras.get(number)
         if camera is not None and camera.images:
             files = [file for _, file in camera.images]
-            plain = _folder_source(folder, files, number)
-            source = replace(plain, kind="sequence", images=camera.images)
+            source = _one_camera(_folder_source(folder, files, number), camera.images)
         elif (folder / "video.mp4").is_file():
-            first = next(iter(read_video(folder / "video.mp4")))
-            source = Source(number, "sequence", folder / "video.mp4", (), (first.image.shape[1], first.image.shape[0]))
+            source = _video_source(folder / "video.mp4", number, "sequence")
         else:
             data = folder / "data" if (folder / "data").is_dir() else folder
-            source = replace(_folder_source(data, list_images(data), number), kind="sequence")
+            source = _one_camera(_folder_source(data, list_images(data), number))
         if camera is not None:
             fu, fv, cu, cv = (float(v) for v in camera.intrinsics)
-            source = replace(
-                source,
+            known = replace(
+                source.cameras[0],
                 focal_px=0.5 * (fu + fv),
                 focal_source="given",
                 principal_point=(cu, cv),
                 distortion=tuple(float(v) for v in camera.distortion),
-                T_BS=camera.T_BS,
             )
+            source = replace(source, cameras=(known,), T_BS=camera.T_BS)
         sources.append(source)
     if not sources:
         raise InputError(f"{path}: a sequence without images; reconstruct needs cam0/data or cam0/video.mp4")
@@ -160,37 +219,62 @@ def _sequence_sources(path: Path) -> list[Source]:
 
 
 def judge_frames(source: Source, progress: Callable[[int, int, str], None]) -> Judged:
-    """Small grey frames with their sharpness and motion, from one pass over the source."""
+    """Small grey frames with their sharpness and motion, from one pass over the source.
+
+    Raises:
+        InputError: fewer than three frames can be decoded.
+    """
     import cv2
 
-    index, stamp, grey = [], [], []
-    stride = 1
+    left_out = list(source.left_out)
     if source.video is not None:
-        for frame in read_video(source.video, LOOK):
-            if frame.index % stride:
-                continue
-            index.append(frame.index)
-            stamp.append(frame.timestamp_ns)
-            grey.append(cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY))
-            if len(index) >= 2 * MOST_LOOKED_AT:
-                index, stamp, grey, stride = index[::2], stamp[::2], grey[::2], 2 * stride
-            progress(frame.index, 0, "reading")
+        index, stamp, grey = _look_through(source.video, progress)
     else:
-        for i, (t, file) in enumerate(source.images):
-            index.append(i)
-            stamp.append(t)
-            grey.append(cv2.cvtColor(load(file, LOOK), cv2.COLOR_BGR2GRAY))
+        index, stamp, grey = [], [], []
+        for i, still in enumerate(source.images):
+            try:
+                grey.append(cv2.cvtColor(load(still.path, LOOK), cv2.COLOR_BGR2GRAY))
+                index.append(i)
+                stamp.append(still.timestamp_ns)
+            except InputError as error:
+                left_out.append((still.path.name, _why(error, still.path)))
             progress(i + 1, len(source.images), "reading")
-    if len(index) < 3:
+        if left_out:
+            refuse_few("images", len(index), left_out)
+    if len(index) < FEWEST:
         raise InputError(
             f"{source.video or 'images'}: {len(index)} frames are too few for a shape; film at least a full turn"
         )
-    frames = np.stack(grey)
-    sharp = np.array([sharpness(g) for g in frames])
+    sharp = np.array([sharpness(g) for g in grey])
+    shape = Counter(g.shape for g in grey).most_common(1)[0][0]
+    frames = np.stack(
+        [g if g.shape == shape else cv2.resize(g, shape[::-1], interpolation=cv2.INTER_AREA) for g in grey]
+    )
     motion = np.zeros(len(frames))
     for i in range(1, len(frames)):
         motion[i] = view_motion(frames[i - 1], frames[i])
-    return Judged(np.array(index), np.array(stamp, np.int64), frames, sharp, motion)
+    return Judged(np.array(index), np.array(stamp, np.int64), frames, sharp, motion, tuple(left_out))
+
+
+def _look_through(
+    video: Path, progress: Callable[[int, int, str], None]
+) -> tuple[list[int], list[int], list[np.ndarray]]:
+    import cv2
+
+    index: list[int] = []
+    stamp: list[int] = []
+    grey: list[np.ndarray] = []
+    stride = 1
+    for frame in read_video(video, LOOK):
+        if frame.index % stride:
+            continue
+        index.append(frame.index)
+        stamp.append(frame.timestamp_ns)
+        grey.append(cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY))
+        if len(index) >= 2 * MOST_LOOKED_AT:
+            index, stamp, grey, stride = index[::2], stamp[::2], grey[::2], 2 * stride
+        progress(frame.index, 0, "reading")
+    return index, stamp, grey
 
 
 def refuse_useless(judged: Judged, name: str) -> None:
@@ -300,5 +384,5 @@ def full_frames(source: Source, chosen: Chosen, longest: int) -> Iterator[tuple[
             yield frame.index, f"{frame.index:06d}.png", reduce(frame.image, longest)
         return
     for i in chosen.index.tolist():
-        file = source.images[i][1]
+        file = source.images[i].path
         yield i, file.name, load(file, longest)

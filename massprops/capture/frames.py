@@ -40,6 +40,8 @@ def read_frames(
 ) -> Iterator[Frame]:
     """The sharp, distinct frames of a video, a folder of images or a sequence folder, one camera after the other.
 
+    Images of a folder that cannot be used are passed over.
+
     Args:
         source: the footage.
         most: frames per camera.
@@ -60,5 +62,6 @@ def read_frames(
         place = {int(i): k for k, i in enumerate(chosen.index)}
         for index, name, image in full_frames(s, chosen, longest):
             k = place[index]
-            focal = None if s.focal_px is None else s.focal_px * image.shape[1] / s.size[0]
-            yield Frame(s.camera, index, int(chosen.timestamp_ns[k]), name, float(chosen.sharp[k]), image, focal)
+            prior = s.camera(index)
+            focal = None if prior.focal_px is None else prior.focal_px * max(image.shape[:2]) / max(prior.size)
+            yield Frame(s.stream, index, int(chosen.timestamp_ns[k]), name, float(chosen.sharp[k]), image, focal)

@@ -1,4 +1,4 @@
-"""Folders of photographs: natural order, orientation and focal length from EXIF, damaged files named."""
+"""Photographs: what their headers say, and their pixels, upright; damaged files named."""
 
 from __future__ import annotations
 
@@ -6,33 +6,64 @@ import re
 from dataclasses import dataclass
 from datetime import UTC
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from massprops.errors import InputError
 
-SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
+SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".hif"}
+FORMATS = ("JPEG", "PNG", "TIFF", "BMP", "WEBP", "HEIF")
+"""What Pillow may take a file for; its other readers stay closed to files of unknown origin."""
+
 LARGEST_PIXELS = 400_000_000
+QUARTER_TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 1, 7: 3, 8: 3}
+"""Quarter turns clockwise from the image as stored to the image as shown, by EXIF orientation; 2, 4, 5 and 7 mirror too."""
+
+LAST_CLOCK_S = 2**63 // 10**9
+"""Nanoseconds are counted in 64 bits: to the year 2262."""
 
 
 @dataclass(frozen=True)
 class Photograph:
-    """path; size (width, height) upright as shown [px]; focal_px from EXIF at that size, or None; time [ns] or -1."""
+    """What the header of one image says.
+
+    Attributes:
+        path: the file.
+        size: width, height upright as shown [px].
+        focal_px: at that size, or None.
+        timestamp_ns: when it was taken, or -1.
+        device: maker, model, focal length, its 35 mm equivalent and digital zoom as EXIF has them; all None without.
+        turns: quarter turns clockwise from the sensor to the image as shown, or None where the header is silent.
+    """
 
     path: Path
     size: tuple[int, int]
     focal_px: float | None
     timestamp_ns: int
+    device: tuple[str | float | None, ...] = (None,) * 5
+    turns: int | None = None
 
 
 def list_images(folder: Path) -> list[Path]:
     """Image files of a folder in natural order (`2.jpg` before `10.jpg`)."""
     files = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file() and not p.name.startswith(".")]
-    return sorted(files, key=lambda p: [int(s) if s.isdigit() else s.lower() for s in re.split(r"(\d+)", p.name)])
+    return sorted(
+        files, key=lambda p: [(not s.isdecimal(), int(s) if s.isdecimal() else 0, s.lower()) for s in _runs(p)]
+    )
+
+
+def _runs(path: Path) -> list[str]:
+    return [s for s in re.split(r"([0-9]+)", path.name) if s]
+
+
+def printable(name: str) -> str:
+    """A file's name for a message: what no terminal can show is written as its code."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)
 
 
 def inspect(path: Path) -> Photograph:
-    """Size, focal length and time of one photograph, from its header.
+    """What the header says; no pixel is decoded.
 
     The focal length is EXIF's 35 mm equivalent (36 mm over the longer side), or the focal length over the sensor's
     pixel pitch when the focal plane's resolution is there.
@@ -40,60 +71,145 @@ def inspect(path: Path) -> Photograph:
     Raises:
         InputError: not an image that can be read, or absurdly large.
     """
-    from PIL import Image
+    header = _Header(path)
+    focal = _focal(header.detail, max(header.shown))
+    turns = QUARTER_TURNS.get(header.said)  # type: ignore[arg-type]
+    return Photograph(path, header.shown, focal, _time(header.detail), header.device, turns)
 
-    Image.MAX_IMAGE_PIXELS = None
+
+class _Header:
+    """Format, size (w, h) as stored and as shown, orientation and EXIF of a file; no pixel is decoded."""
+
+    def __init__(self, path: Path) -> None:
+        from PIL import Image
+        from pillow_heif import register_heif_opener
+
+        register_heif_opener()
+        Image.MAX_IMAGE_PIXELS = None
+        try:
+            with Image.open(path, formats=FORMATS) as image:
+                self.format = image.format or ""
+                # of a TIFF, Pillow gives the size as shown
+                tags = getattr(image, "tag_v2", {})
+                self.stored = (int(tags.get(256, image.size[0])), int(tags.get(257, image.size[1])))
+                if self.stored[0] * self.stored[1] > LARGEST_PIXELS:
+                    raise InputError(
+                        f"{path}: {self.stored[0]}x{self.stored[1]} pixels are too many; reduce the image first"
+                    )
+                main, self.detail = _exif(image)
+                original = image.info.get("original_orientation")
+        except InputError:
+            raise
+        # a damaged header can raise anything in Pillow's readers
+        except Exception:
+            raise InputError(f"{path}: not an image that can be read; remove it or copy it again") from None
+        self.said = original if self.format == "HEIF" else main.get(0x0112)
+        # what libheif decodes is upright already
+        self.orientation = int(self.said) if self.said in QUARTER_TURNS and self.format != "HEIF" else 1
+        self.shown = self.stored if self.orientation < 5 else self.stored[::-1]
+        zoom = _number(self.detail.get(0xA404))
+        self.device = (
+            _text(main.get(0x010F)),
+            _text(main.get(0x0110)),
+            _number(self.detail.get(0x920A)),
+            _number(self.detail.get(0xA405)),
+            zoom if zoom and zoom > 1 else None,
+        )
+
+
+def _exif(image: Any) -> tuple[dict[int, Any], dict[int, Any]]:
+    """Main and detail tags; empty where they are damaged, for a bad clock spoils no picture."""
     try:
-        with Image.open(path) as image:
-            width, height = image.size
-            if width * height > LARGEST_PIXELS:
-                raise InputError(f"{path}: {width}x{height} pixels are too many; reduce the image first")
-            exif = image.getexif()
-            detail = exif.get_ifd(0x8769)
-    except (OSError, SyntaxError, ValueError, ZeroDivisionError) as error:
-        raise InputError(f"{path}: not an image that can be read ({error}); remove it or copy it again") from None
-    longer = max(width, height)
-    focal = None
-    equivalent, millimetres, pitch, unit = (detail.get(tag) for tag in (0xA405, 0x920A, 0xA20E, 0xA210))
+        exif = image.getexif()
+        return dict(exif), dict(exif.get_ifd(0x8769))
+    except Exception:
+        return {}, {}
+
+
+def _number(value: Any) -> float | None:
     try:
-        if equivalent:
-            focal = float(equivalent) / 36.0 * longer
-        elif millimetres and pitch:
-            per_mm = float(pitch) / {2: 25.4, 3: 10.0, 4: 1.0}.get(int(unit or 2), 25.4)
-            original = float(detail.get(0xA002) or longer)
-            focal = float(millimetres) * per_mm * longer / max(original, float(detail.get(0xA003) or 0))
+        number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):
-        focal = None
-    if focal is not None and not 0.2 * longer < focal < 50 * longer:
-        focal = None
-    if int(exif.get(0x0112, 1) or 1) >= 5:
-        width, height = height, width
-    return Photograph(path, (width, height), focal, _time(detail))
+        return None
+    return number if np.isfinite(number) and number > 0 else None
 
 
-def _time(detail) -> int:  # type: ignore[no-untyped-def]
+def _text(value: Any) -> str | None:
+    return value.strip("\0 ").lower() or None if isinstance(value, str) else None
+
+
+def _focal(detail: dict[int, Any], longer: int) -> float | None:
+    millimetres, equivalent, pitch = (_number(detail.get(tag)) for tag in (0x920A, 0xA405, 0xA20E))
+    focal = None
+    if equivalent:
+        focal = equivalent / 36.0 * longer
+    elif millimetres and pitch:
+        per_mm = pitch / {3: 10.0, 4: 1.0}.get(int(_number(detail.get(0xA210)) or 2), 25.4)
+        original = max(_number(detail.get(0xA002)) or 0.0, _number(detail.get(0xA003)) or 0.0) or longer
+        focal = millimetres * per_mm * longer / original
+    return focal if focal is not None and 0.2 * longer < focal < 50 * longer else None
+
+
+def _time(detail: dict[int, Any]) -> int:
     from datetime import datetime
 
-    text = detail.get(0x9003)
     try:
-        return int(datetime.strptime(str(text), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC).timestamp()) * 10**9
-    except ValueError:
+        taken = datetime.strptime(str(detail.get(0x9003)), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+    except (ValueError, OverflowError):
         return -1
+    seconds = int(taken.timestamp())
+    return seconds * 10**9 if 0 <= seconds < LAST_CLOCK_S else -1
 
 
 def load(path: Path, longest: int | None = None) -> np.ndarray:
-    """One image as (h, w, 3) uint8 BGR, upright, reduced to `longest` [px].
+    """One image as (h, w, 3) uint8 BGR, upright, reduced to `longest` [px]; 16 bits are cut to 8.
 
     Raises:
-        InputError: it cannot be decoded.
+        InputError: it cannot be decoded, or is absurdly large.
     """
     import cv2
 
-    data = np.fromfile(path, np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    if image is None:
-        raise InputError(f"{path}: not an image that can be read; remove it or copy it again")
+    header = _Header(path)
+    if header.format == "HEIF":
+        image = _by_pillow(path)
+    else:
+        data = np.fromfile(path, np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        # OpenCV's TIFF reader turns the image whether asked to or not
+        if image is not None and header.format != "TIFF":
+            image = turn(image, header.orientation)
+    if image is None or image.shape[1::-1] != header.shown:
+        raise InputError(f"{path}: its pixels cannot be decoded; remove it or copy it again")
     return reduce(image, longest)
+
+
+def _by_pillow(path: Path) -> np.ndarray | None:
+    from PIL import Image
+
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            return np.ascontiguousarray(np.asarray(image.convert("RGB"))[..., ::-1])
+    # as for the header
+    except Exception:
+        return None
+
+
+def orientation(path: Path) -> int:
+    """EXIF orientation, 1 to 8, by which the file's pixels are to be turned.
+
+    Raises:
+        InputError: as of `inspect`.
+    """
+    return _Header(path).orientation
+
+
+def turn(image: np.ndarray, orientation: int) -> np.ndarray:
+    """The image as shown, from its pixels as stored and its EXIF orientation 1 to 8."""
+    if orientation in (2, 4):
+        image = image[:, ::-1]
+    elif orientation in (5, 7):
+        image = image[::-1]
+    return np.ascontiguousarray(np.rot90(image, -QUARTER_TURNS[orientation]))
 
 
 def reduce(image: np.ndarray, longest: int | None) -> np.ndarray:
@@ -104,4 +220,5 @@ def reduce(image: np.ndarray, longest: int | None) -> np.ndarray:
     if longest is None or max(height, width) <= longest:
         return image
     factor = longest / max(height, width)
-    return cv2.resize(image, (round(width * factor), round(height * factor)), interpolation=cv2.INTER_AREA)
+    size = (max(1, round(width * factor)), max(1, round(height * factor)))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)

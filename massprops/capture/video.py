@@ -11,6 +11,13 @@ import numpy as np
 
 from massprops.errors import InputError
 
+FORMATS = (
+    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpegtsraw,mpeg,mpegvideo,m4v,h264,hevc,flv,asf,ogg,gif,ivf,mxf,"
+    "dv,rm,wtv,yuv4mpegpipe,mjpeg,vc1,obu,av1"
+)
+"""Containers that hold their pictures themselves. Playlists and lists (HLS, DASH, SDP, concat, image sequences) name
+other files and addresses, and are not opened, whatever the file is called."""
+
 
 @dataclass(frozen=True)
 class VideoFrame:
@@ -41,7 +48,7 @@ def read_video(path: Path, longest: int | None = None, wanted: set[int] | None =
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty; record or copy it again")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), container_options={"format_whitelist": FORMATS, "protocol_whitelist": "file"})
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise InputError(
             f"{path}: not a video that can be read ({_reason(error)}); give MP4, MOV, MKV or AVI"

@@ -9,10 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.files import json_text
+from massprops.core.outputs import Outputs, deliver, verify
 from massprops.errors import InputError, NotPossible
 
 Progress = Callable[[int, int, str], None]
 STILL = "the object is still: nothing moves, so nothing shows its inertia"
+OWNER = "crosscheck"
+READ = ("massprops.json", "mesh.ply", "work/sfm", "work/surface", "work/scale")
+"""What is read of a run beside its sequence, as its record names it."""
 MOST_POINTS = 300
 """Epochs of the residuals kept for the page."""
 
@@ -50,6 +55,7 @@ def crosscheck(
     write: bool = True,
     report: bool = True,
     progress: Progress = silent,
+    force: bool = False,
 ) -> CrossCheck:
     """Shape against motion.
 
@@ -62,6 +68,7 @@ def crosscheck(
         write: whether `crosscheck.json` is written into the run.
         report: whether the run's page is made again with it.
         progress: told of each estimator.
+        force: a `crosscheck.json` that massprops did not write may be replaced.
 
     Raises:
         InputError: no mass properties in the run, or a sequence that cannot be read.
@@ -75,11 +82,16 @@ def crosscheck(
     folder = Path(run)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such run folder")
+    outputs = Outputs(folder)
+    verify(folder, *READ, *(["sequence/"] if sequence is None else []))
+    if write:  # before the work is done
+        outputs.check(OWNER, ["crosscheck.json"], force=force)
     result = _check(folder, read_mesh_side(folder), sequence, methods, progress)
     if write:
-        from massprops.run.files import write_json
-
-        write_json(folder / "crosscheck.json", result.document)
+        if Outputs(folder).base != outputs.base:
+            raise InputError(f"{folder}: was made anew in the meantime: give the command again")
+        key = (outputs.files.get("crosscheck.json") or {"key": None})["key"]  # of the stage, whose place this takes
+        deliver(folder, OWNER, {"crosscheck.json": json_text(result.document)}, key, force=force, derived=True)
         if report:
             from massprops.report import write_report
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.outputs import Outputs, verify
 from massprops.errors import InputError, NotPossible
 from massprops.estimators.result import ratios
 
@@ -32,6 +33,9 @@ PREDICTS = 1.1
 """Residual held out up to which nothing better is looked for."""
 DOUBTS = (8.0, 40.0)
 """Times the stated noise that further guesses allow for."""
+
+NAMES = ("residual.csv", "model.yaml", "diagnosis.json", "report.html")
+"""Files of a diagnosis."""
 
 Watch = Callable[[str, int, int], None]
 
@@ -56,7 +60,10 @@ class Diagnosis:
 
 
 def diagnose(
-    source: str | Path | Sequence, out: str | Path | None = None, progress: Watch = lambda what, done, total: None
+    source: str | Path | Sequence,
+    out: str | Path | None = None,
+    progress: Watch = lambda what, done, total: None,
+    force: bool = False,
 ) -> Diagnosis:
     """Where model and data disagree, and which effect the model lacks.
 
@@ -73,9 +80,14 @@ def diagnose(
     from massprops.estimators.problem import problem_of
     from massprops.sequence.read import read_sequence
 
+    given = [Path(source)] if isinstance(source, str | Path) else []
+    for folder in given:
+        verify(folder, "sequence/", "mesh.ply", "massprops.json")
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
     if out is not None and Path(out).is_file():
         raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
+    if out is not None:  # before the work is done
+        Outputs(Path(out)).check("diagnose", NAMES, given, force)
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
@@ -84,7 +96,7 @@ def diagnose(
     if out is not None:
         from massprops.diagnose.files import write_diagnosis
 
-        write_diagnosis(Path(out), found)
+        write_diagnosis(Path(out), found, given, force)
     return found
 
 

@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from massprops.core.files import json_text, plain
+from massprops.core.outputs import deliver
 from massprops.diagnose.diagnose import Diagnosis
-from massprops.errors import InputError
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
-from massprops.run.files import plain, write_json, write_whole
+from massprops.run.files import key_of_source
 
 
-def write_diagnosis(out: Path, d: Diagnosis) -> Path:
-    """Writes everything, each file whole or not at all.
+def write_diagnosis(out: Path, d: Diagnosis, inputs: Iterable[Path] = (), force: bool = False) -> Path:
+    """Writes everything, all of it or nothing.
+
+    Args:
+        out: folder; made when it is not there.
+        d: what was found.
+        inputs: what it was found in.
+        force: files in the folder that no `diagnose` wrote may be replaced.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder holds somebody's files, or cannot be written.
     """
     import yaml
 
     from massprops.diagnose.report import page
 
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        write_whole(out / "residual.csv", _residual_table(d))
-        write_whole(out / "model.yaml", yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True))
-        write_json(out / "diagnosis.json", d.document)
-        write_whole(out / "report.html", page(d))
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place with -o") from None
+    given = list(inputs)
+    contents: dict[str, str | bytes] = {
+        "residual.csv": _residual_table(d),
+        "model.yaml": yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True),
+        "diagnosis.json": json_text(d.document),
+        "report.html": page(d),
+    }
+    deliver(out, "diagnose", contents, key_of_source(*given) if given else None, given, force)
     return out
 
 

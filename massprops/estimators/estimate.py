@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.outputs import verify
+from massprops.documents.loading import shown
 from massprops.errors import InputError, MasspropsError, NotPossible
 
 if TYPE_CHECKING:
@@ -24,6 +26,9 @@ Progress = Callable[[int, int, str], None]
 
 REFERENCE = "smoother"
 """The method that the others are measured against, and that judges a prior."""
+
+BREAKS = (ArithmeticError, ValueError, IndexError)
+"""What numbers that overflow or are none end in, inside one method; numpy's LinAlgError is a ValueError."""
 
 MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
 """Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
@@ -75,6 +80,7 @@ def estimate(
     out: str | Path | None = None,
     progress: Progress = silent,
     model: str | Path | None = None,
+    force: bool = False,
 ) -> list[Estimate]:
     """Motion and inertia ratios of a sequence by several estimators.
 
@@ -85,6 +91,7 @@ def estimate(
         out: folder for `estimates.json`, one CSV of the state history per estimator, and `report.html`.
         progress: told of each method.
         model: `model.yaml` of `massprops diagnose`, for the methods that take one.
+        force: files in `out` that no `estimate` wrote may be replaced.
 
     Returns:
         one estimate per method that could run.
@@ -98,7 +105,8 @@ def estimate(
     """
     outcome = estimate_all(source, methods, prior, progress, model)
     if out is not None:
-        write_outcome(outcome, out, source)
+        more = [Path(p) for p in (prior, model) if isinstance(p, str | Path)]
+        write_outcome(outcome, out, source, more, force)
     return outcome.estimates
 
 
@@ -121,6 +129,8 @@ def estimate_all(
     chosen, named = chosen_methods(methods)
     given = _read_prior(prior)
     effects = _read_model(model)
+    if isinstance(source, str | Path):
+        verify(Path(source), "sequence/")
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
     problem = problem_of(sequence, MOST_FEATURES if 1 in sequence.cameras else MOST_FEATURES_ONE_CAMERA)
     if not body_known:
@@ -245,6 +255,8 @@ class _Bench:
                 whole = replace(whole, warnings=(*whole.warnings, line))
         except NotPossible as stop:
             return _NoStart(str(stop))
+        except BREAKS as error:
+            return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {shown(error)})")
         return replace(whole, early=early_start(self.problem, Prior(), whole)) if early else whole
 
     def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
@@ -265,8 +277,8 @@ class _Bench:
             return checked(method.estimate(self.problem, prior or Prior(), start, **extra))
         except MasspropsError as error:
             raise NotPossible(str(error)) from None
-        except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError, OverflowError) as error:
-            raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {error})") from None
+        except BREAKS as error:
+            raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {shown(error)})") from None
 
 
 @dataclass(frozen=True)
@@ -318,12 +330,26 @@ def _read_model(path: str | Path | None) -> Any:
     return load_model(path)
 
 
-def write_outcome(outcome: Outcome, out: str | Path, source: Any = None) -> Path:
+def write_outcome(
+    outcome: Outcome,
+    out: str | Path,
+    source: Any = None,
+    more: Iterable[Path] = (),
+    force: bool = False,
+) -> Path:
     """`estimates.json`, one CSV per estimator and `report.html`, all of them or none.
 
+    Of an earlier `estimate` of the same data in the folder, the methods that did not run this time stay.
+
+    Args:
+        source: sequence or run folder, None for data in memory.
+        more: further files that the estimates rest on.
+        force: files in the folder that no `estimate` wrote may be replaced.
+
     Raises:
-        InputError: the folder holds a run or a sequence, or cannot be written.
+        InputError: the folder holds a run, a sequence or somebody's files, or cannot be written.
     """
     from massprops.report.estimates import write_estimates
 
-    return write_estimates(outcome, Path(out), None if source is None or not isinstance(source, str | Path) else source)
+    given = None if source is None or not isinstance(source, str | Path) else source
+    return write_estimates(outcome, Path(out), given, tuple(more), force)

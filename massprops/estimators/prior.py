@@ -20,10 +20,10 @@ from massprops.mass.ratio_space import (
 )
 
 if TYPE_CHECKING:
+    from massprops.documents.filter import FeaturesFile, FilterFile
     from massprops.estimators.problem import Problem
     from massprops.estimators.result import Estimate
 
-FORMAT = "massprops-filter/1"
 REJECT_BELOW = 1e-3
 """A prior that the data would contradict so by chance less often than this is left out."""
 AXES_UNKNOWN = 1.0
@@ -91,59 +91,62 @@ def read_prior(path: str | Path) -> Prior:
 
 def read_filter(path: str | Path) -> FilterPrior:
     """As `read_prior`, with the covariances and the frame's mark."""
-    from massprops.sequence.read import load_yaml
+    from massprops.documents.fields import read
+    from massprops.documents.filter import FORMAT, FilterFile
+    from massprops.documents.loading import load_yaml, shown
 
     path = Path(path)
     if not path.is_file():
         raise InputError(f"--prior {path}: no such file; massprops export RUN --to filter writes one")
     content = load_yaml(path)
     if content.get("format", FORMAT) != FORMAT:
-        raise InputError(
-            f"{path}: format {content.get('format')!r} is not {FORMAT!r}; write it with export --to filter"
-        )
-    inertia = _inertia(path, content)
-    noise = _number(path, content, "process_noise")
-    k_cov = _covariance(path, content, "k_covariance", 2)
-    axes_cov = _covariance(path, content, "axes_covariance_rad2", 3)
-    ids, points, sigma, metric = _features(path, content.get("features"))
-    mark_ns, mark_q = _mark(path, content.get("frame"))
+        found = shown(content["format"])
+        raise InputError(f"{path}: format {found} is not {FORMAT!r}; write it with export --to filter")
+    document = read(FilterFile, content, str(path))
+    inertia = _inertia(path, document)
+    k_cov = _covariance(path, "k_covariance", document.k_covariance)
+    axes_cov = _covariance(path, "axes_covariance_rad2", document.axes_covariance_rad2)
+    ids, points = _features(path, document.features)
+    mark = document.frame.mark if document.frame is not None and document.frame.mark else None
     prior = Prior(
         inertia=inertia,
         k_sigma=None if k_cov is None else np.sqrt(np.diag(k_cov)),
         axes_sigma=None if axes_cov is None else np.sqrt(np.diag(axes_cov)),
         features=points,
         feature_ids=ids,
-        feature_sigma=sigma,
-        process_noise=noise,
+        feature_sigma=None if points is None or document.features is None else document.features.sigma,
+        process_noise=document.process_noise,
     )
-    if inertia is None and points is None and noise is None:
+    if inertia is None and points is None and document.process_noise is None:
         raise InputError(f"{path}: says nothing of the body: give inertia, or k1 and k2, or features")
-    return FilterPrior(prior, k_cov, axes_cov, mark_ns, mark_q, metric, str(content.get("source") or path))
+    # the marks' timestamps are taken from the text: as floats they would lose their last digits
+    return FilterPrior(
+        prior,
+        k_cov,
+        axes_cov,
+        None if mark is None else np.array([int(row[0]) for row in content["frame"]["mark"]], np.int64),
+        None if mark is None else np.array([row[1:] for row in mark]),
+        document.features is None or document.features.units == "m",
+        document.source or str(path),
+    )
 
 
-def _inertia(path: Path, content: dict[str, Any]) -> np.ndarray | None:
-    from massprops.sequence.read import numbers
-
+def _inertia(path: Path, document: FilterFile) -> np.ndarray | None:
     axes = np.eye(3)
-    if content.get("principal_axes") is not None:
-        axes = numbers(path, content, "principal_axes", (3, 3))
+    if document.principal_axes is not None:
+        axes = document.principal_axes
         if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-3):
             raise InputError(f"{path}: principal_axes must be three unit columns at right angles")
         axes = np.linalg.svd(axes)[0] @ np.linalg.svd(axes)[2]
-    given = content.get("inertia_ratios")
     k = None
-    if given is not None:
-        if not isinstance(given, dict):
-            raise InputError(f"{path}: inertia_ratios must hold k1 and k2")
-        k = np.array([_number(path, given, name, required=True) for name in ("k1", "k2")], float)
-        if (k > 1e-9).any():
-            raise InputError(f"{path}: k1 = ln(I1/I2) and k2 = ln(I2/I3) of ascending moments are not above 0")
-    if content.get("inertia") is None:
+    if document.inertia_ratios is not None:
+        k = np.array([document.inertia_ratios.k1, document.inertia_ratios.k2])
+    if document.inertia is None:
         if k is None:
             return None
         inertia = inertia_of(np.minimum(k, 0.0), axes)
     else:
-        inertia = numbers(path, content, "inertia", (3, 3))
+        inertia = document.inertia
         if not np.allclose(inertia, inertia.T, rtol=1e-6, atol=1e-9 * float(np.abs(inertia).max())):
             raise InputError(f"{path}: inertia is not symmetric")
     inertia = 0.5 * (inertia + inertia.T)
@@ -165,23 +168,9 @@ def _inertia(path: Path, content: dict[str, Any]) -> np.ndarray | None:
     return whole
 
 
-def _number(path: Path, content: dict[str, Any], key: str, required: bool = False) -> float | None:
-    value = content.get(key)
-    if value is None and not required:
+def _covariance(path: Path, key: str, matrix: np.ndarray | None) -> np.ndarray | None:
+    if matrix is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{path}: {key} must be a finite number, not {value!r}")
-    if key in ("process_noise", "sigma") and value < 0:
-        raise InputError(f"{path}: {key} must not be below 0")
-    return float(value)
-
-
-def _covariance(path: Path, content: dict[str, Any], key: str, size: int) -> np.ndarray | None:
-    from massprops.sequence.read import numbers
-
-    if content.get(key) is None:
-        return None
-    matrix = numbers(path, content, key, (size, size))
     if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-12 * float(np.abs(matrix).max() or 1.0)):
         raise InputError(f"{path}: {key} is not symmetric")
     matrix = 0.5 * (matrix + matrix.T)
@@ -190,39 +179,16 @@ def _covariance(path: Path, content: dict[str, Any], key: str, size: int) -> np.
     return matrix
 
 
-def _features(path: Path, content: Any) -> tuple[np.ndarray | None, np.ndarray | None, float | None, bool]:
-    from massprops.sequence.read import numbers
-
-    if content is None:
-        return None, None, None, True
-    if not isinstance(content, dict) or not isinstance(content.get("ids"), list):
-        raise InputError(f"{path}: features must hold ids and xyz")
-    try:
-        ids = np.array(content["ids"], np.int64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{path}: features: ids must be whole numbers") from None
-    if ids.ndim != 1 or len(np.unique(ids)) != len(ids):
-        raise InputError(f"{path}: features: ids must be a list of different whole numbers")
-    if not len(ids):
-        return None, None, None, True
-    xyz = numbers(path, content, "xyz", (len(ids), 3))
-    unit = content.get("units", "m")
-    if unit not in ("m", "model"):
-        raise InputError(f"{path}: features: units {unit!r}; give m or model")
-    return ids, xyz, _number(path, content, "sigma"), unit == "m"
-
-
-def _mark(path: Path, content: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-    if not isinstance(content, dict) or not content.get("mark"):
+def _features(path: Path, content: FeaturesFile | None) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Numbers (m,) and places (m, 3); None without any."""
+    if content is None or not content.ids:
         return None, None
-    try:
-        rows = [(int(row[0]), [float(v) for v in row[1:5]]) for row in content["mark"]]
-        q = np.array([r[1] for r in rows]).reshape(-1, 4)
-    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
-        raise InputError(f"{path}: frame: mark must be rows of timestamp, q_w, q_x, q_y, q_z") from None
-    if not np.isfinite(q).all() or any(abs(r[0]) > 2**62 for r in rows):
-        raise InputError(f"{path}: frame: mark holds numbers that are not finite")
-    return np.array([r[0] for r in rows], np.int64), q
+    ids = np.array(content.ids, np.int64)
+    if len(np.unique(ids)) != len(ids):
+        raise InputError(f"{path}: features: ids must be a list of different whole numbers")
+    if content.xyz is None or len(content.xyz) != len(ids):
+        raise InputError(f"{path}: features: xyz must have one row of 3 numbers for each of the {len(ids)} ids")
+    return ids, content.xyz
 
 
 def judge(given: FilterPrior, reference: Estimate | None, start: Any, problem: Problem) -> PriorTest:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.outputs import verify
 from massprops.errors import InputError
+from massprops.mass.document import document as make_document
+from massprops.mass.document import read_document
 from massprops.mass.properties import is_physical
 
 if TYPE_CHECKING:
     import trimesh
 
+READ = ("massprops.json", "mesh.ply", "work/sfm", "work/surface", "work/scale")
+"""What is read of a run, as its record names it."""
 CONVENTION = "inertia about the centre of mass in the mesh's axes, products as tensor elements (I_xy = -int x y dm)"
 
 
@@ -32,6 +36,7 @@ class Body:
         document: the whole `massprops.json`.
         mesh: the surface, in the same axes and units.
         run: the run folder, None when a bare mesh was given.
+        files: what it was read from.
     """
 
     name: str
@@ -42,6 +47,7 @@ class Body:
     document: dict[str, Any]
     mesh: trimesh.Trimesh
     run: Path | None = None
+    files: tuple[Path, ...] = ()
 
 
 def identifier(text: str) -> str:
@@ -71,36 +77,27 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
         if not document_file.is_file() or not mesh_file.is_file():
             missing = document_file.name if not document_file.is_file() else mesh_file.name
             raise InputError(f"{source}: no {missing} in this run: finish it with 'massprops reconstruct' first")
-        document = _read_document(document_file)
+        verify(source, *READ)
+        document = read_document(document_file)
+        files = (mesh_file, document_file)
         mesh = read_mesh(mesh_file, process=False)
         if not mesh.is_volume:
             raise InputError(f"{mesh_file}: not watertight or inside out: make the run again, or repair the mesh")
         run: Path | None = source
         name = identifier(source.resolve().name)
     elif source.is_file():
-        from massprops.mass.document import document as make_document
         from massprops.mass.properties import mass_properties
 
         mesh, notes = read_solid(source)
         surface = {"watertight": True, "area": float(mesh.area), "observed_fraction": 1.0}
         scale = {"source": "given", "metres_per_unit": 1.0, "relative_sigma": 0.0}
         document = make_document(mass_properties(mesh, density), {}, scale, surface, list(notes))
-        run, name = None, identifier(source.stem)
+        run, name, files = None, identifier(source.stem), (source,)
     else:
         raise InputError(
             f"{source}: no such run folder or mesh file; give what 'massprops reconstruct' wrote, or a mesh"
         )
-    return body_of(document, mesh, name, run, mass)
-
-
-def _read_document(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text())
-    except ValueError:  # UnicodeDecodeError and JSONDecodeError are
-        document = None
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: not a massprops.json: make the run again")
-    return document
+    return replace(body_of(document, mesh, name, run, mass), files=files)
 
 
 def body_of(

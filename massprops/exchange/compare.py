@@ -74,6 +74,7 @@ def compare(
     free_scale: bool | None = None,
     cad_unit: str = "auto",
     seed: int = 0,
+    force: bool = False,
 ) -> Comparison:
     """Aligns a run's mesh (or a mesh file) with a CAD mesh and measures what differs.
 
@@ -86,17 +87,22 @@ def compare(
         cad_unit: of the CAD's coordinates, one of `mesh_files.UNITS`, or `auto`: metres, unless the lengths of the
             bodies say millimetres, centimetres or inches.
         seed: of the surface samples.
+        force: files in `out` that no `compare` wrote may be replaced; the meshes may not.
 
     Raises:
         InputError: a file is missing or is no closed body, or `out` cannot be written.
     """
     from massprops.exchange.alignment import align
     from massprops.exchange.body import read_body
+    from massprops.exchange.compare_files import check_place
     from massprops.exchange.distances import Surface, surface_distances
     from massprops.mass.integrals import greatest_length
     from massprops.mass.properties import mass_properties
 
     body = read_body(run_or_mesh)
+    inputs = [*body.files, Path(cad)]
+    if out is not None:
+        check_place(Path(out), body.run, inputs, force)
     free = (not body.metric) if free_scale is None else free_scale
     target, notes = read_solid(cad)
     ours_length = None if free or not body.metric else greatest_length(np.asarray(body.mesh.vertices))[0]
@@ -119,7 +125,7 @@ def compare(
     if out is not None:
         from massprops.exchange.compare_files import write_comparison
 
-        write_comparison(found, out)
+        write_comparison(found, out, inputs, force)
     return found
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from massprops.core.files import hash_file, hash_of, json_text
+from massprops.core.outputs import Outputs, deliver
 from massprops.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,26 +19,46 @@ ON, OUTSIDE, INSIDE = (245, 245, 245), (190, 30, 45), (35, 80, 170)
 """Colours of the surface on, outside and inside the CAD's."""
 
 
-def write_comparison(comparison: Comparison, out: str | Path) -> Path:
-    """Writes `compare.json`, `compare.ply` and `compare_legend.png` into a folder; gives the JSON's path.
+OWNER = "compare"
+NAMES = ("compare.json", "compare.ply", "compare_legend.png")
+
+
+def check_place(folder: Path, run: Path | None, inputs: Sequence[Path], force: bool) -> None:
+    """Refuses a folder that a comparison cannot go to; called before the work is done.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: somebody's files are there, or the results of another body.
     """
-    from massprops.run.files import write_json, write_whole
+    outputs = Outputs(folder)
+    outputs.check(OWNER, NAMES, inputs, force)
+    if outputs.base is not None and (run is None or not run.samefile(folder)):
+        raise InputError(f"{folder}: holds the results of another body: choose another place with -o")
 
+
+def write_comparison(comparison: Comparison, out: str | Path, inputs: Sequence[Path] = (), force: bool = False) -> Path:
+    """Writes `compare.json`, `compare.ply` and `compare_legend.png` into a folder; gives the JSON's path.
+
+    Args:
+        comparison: what was found.
+        out: the folder, made when it is not there.
+        inputs: the files compared.
+        force: files that no `compare` wrote may be replaced.
+
+    Raises:
+        InputError: the folder holds somebody's files, or cannot be written.
+    """
     folder = Path(out)
     limit = colour_limit(comparison.vertex_distance)
     mesh = comparison.mesh.copy()
     mesh.visual.vertex_colors = paint(comparison.vertex_distance / limit)
     mesh.vertex_attributes["distance"] = comparison.vertex_distance.astype(np.float32)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "compare.json", {**comparison.document(), "colour_limit": limit})
-        write_whole(folder / "compare.ply", mesh.export(file_type="ply"))
-        write_whole(folder / "compare_legend.png", legend(limit))
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
+    contents: dict[str, str | bytes] = {
+        "compare.json": json_text({**comparison.document(), "colour_limit": limit}),
+        "compare.ply": mesh.export(file_type="ply"),
+        "compare_legend.png": legend(limit),
+    }
+    key = hash_of([hash_file(path) for path in inputs])
+    deliver(folder, OWNER, contents, key, inputs, force, derived=True)
     return folder / "compare.json"
 
 

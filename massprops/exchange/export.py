@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
+from massprops.core.files import hash_of, make_folder, write_whole
+from massprops.core.outputs import Outputs, deliver
 from massprops.errors import InputError
-from massprops.exchange.body import Body, read_body
+from massprops.exchange.body import Body, identifier, read_body
 from massprops.exchange.formats import formats
+
+OWNER = "export"
 
 
 def export(
@@ -18,6 +21,7 @@ def export(
     density: float = 1000.0,
     mass: float | None = None,
     warn: Callable[[str], None] = lambda text: None,
+    force: bool = False,
 ) -> Path:
     """Writes one export format.
 
@@ -28,6 +32,7 @@ def export(
         density: [kg/m^3], for a mesh file.
         mass: measured mass [kg], in place of density times volume.
         warn: told what had to be repaired in a mesh file.
+        force: another file of that name may be replaced; the mesh itself may not.
 
     Returns:
         the file written.
@@ -51,33 +56,46 @@ def export(
     path = Path(out) if out is not None else default
     if path.is_dir():
         path = path / (body.name + style.SUFFIX)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        meshes = _write_meshes(body, path) if style.MESHES else {}
-        write_whole(path, style.render(body, meshes).encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}): choose another place with -o") from None
+    meshes = _meshes(body, path.stem) if style.MESHES else {}
+    names = {tag: name for tag, (name, _) in meshes.items()}
+    contents: dict[str, str | bytes] = dict(meshes.values())
+    contents[path.name] = style.render(body, names)
+    inputs = list(body.files)
+    if body.run is not None and path.parent.is_dir() and path.parent.samefile(body.run):
+        key = hash_of([Outputs(body.run).base, to, density, mass])
+        keep = [n for n, e in Outputs(body.run).files.items() if e["by"] == OWNER]
+        deliver(body.run, OWNER, contents, key, inputs, force, derived=True, keep=keep)
+    else:
+        _write_elsewhere(path.parent, contents, inputs, force)
     return path
 
 
-def _write_meshes(body: Body, path: Path) -> dict[str, str]:
-    """Writes `<stem>_visual.stl` and `<stem>_collision.stl` beside the file; gives their relative names."""
+def _write_elsewhere(folder: Path, contents: dict[str, str | bytes], inputs: list[Path], force: bool) -> None:
+    """Writes files into a folder that is the user's: new ones, or such as are there already, byte for byte.
+
+    Raises:
+        InputError: another file is there and `force` is not given, or it is an input, or the folder cannot be written.
+    """
+    data = {name: text.encode() if isinstance(text, str) else text for name, text in contents.items()}
+    try:
+        changed = {name: new for name, new in data.items() if not _same(folder / name, new)}
+        Outputs(folder).check(OWNER, changed, inputs, force)
+        make_folder(folder)
+        for name, new in changed.items():
+            write_whole(folder / name, new)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
+
+
+def _same(path: Path, content: bytes) -> bool:
+    return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+
+
+def _meshes(body: Body, stem: str) -> dict[str, tuple[str, bytes]]:
+    """`<stem>_visual.stl` and `<stem>_collision.stl`, by what they are for: name and content."""
     from massprops.exchange.collision import collision_mesh
 
-    light = collision_mesh(body.mesh)
-    names = {}
-    for tag, mesh in (("visual", collision_mesh(body.mesh, 150_000)), ("collision", light)):
-        name = f"{path.stem}_{tag}.stl"
-        write_whole(path.parent / name, mesh.export(file_type="stl"))
-        names[tag] = name
-    return names
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Writes to a temporary name in the same folder and renames: never half a file."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    # control characters and bytes that are no text cannot be written in XML
+    stem = stem if stem.isprintable() else identifier(stem)
+    kinds = {"visual": collision_mesh(body.mesh, 150_000), "collision": collision_mesh(body.mesh)}
+    return {tag: (f"{stem}_{tag}.stl", mesh.export(file_type="stl")) for tag, mesh in kinds.items()}

@@ -55,12 +55,9 @@ def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) ->
         estimate: what the mesh itself gives.
         level: share of replicates between the ends.
     """
-    rows = rows[rows[:, 0] > 0]
+    rows = rows[valid_bodies(rows)]
     mass, centre, inertia = central_inertia(rows, estimate.density)
     moments = np.linalg.eigvalsh(inertia)
-    body = moments[:, 2] > 0  # a replicate bent beyond any body has no moments
-    mass, centre, inertia, moments = mass[body], centre[body], inertia[body], moments[body]
-    moments = np.maximum(moments, 1e-12 * moments[:, 2:])
     ratios = inertia_ratios(moments)
     middle = inertia_ratios(estimate.principal_moments)
 
@@ -77,3 +74,18 @@ def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) ->
         "k1": bounds(ratios[:, 0], middle[0]),
         "k2": bounds(ratios[:, 1], middle[1]),
     }
+
+
+def valid_bodies(rows: np.ndarray) -> np.ndarray:
+    """(r,) bool: replicates that a body of positive density could have.
+
+    One that collapses, or whose moments break the triangle inequality, is no opinion about the inertia.
+
+    Args:
+        rows: (r, 10) integrals.
+    """
+    out = rows[:, 0] > 0
+    moments = np.full((len(rows), 3), np.nan)
+    moments[out] = np.linalg.eigvalsh(central_inertia(rows[out], 1.0)[2])
+    with np.errstate(invalid="ignore"):
+        return out & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] >= moments[:, 2])

@@ -7,10 +7,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.errors import InputError
+from massprops.mass.bodies import one_solid
 
 if TYPE_CHECKING:
     import trimesh
 
+LARGEST_COORDINATE = 1e12
+"""Its fifth power, times a density, is still a float."""
+SMALLEST_SIZE = 1e-6
+"""Equal corners are joined to 1e-8 when a file is read: a body of a hundred such steps keeps its shape."""
+FARTHEST = 1e5
+"""Distance over length at which single precision, which STL has, leaves a hundredth of the length."""
+FLAT = 1e-9
 LARGEST_HOLE = 0.05
 """Greatest share of the mesh's area that filled holes may have: beyond it the shape would be our invention."""
 
@@ -31,8 +39,9 @@ def repair(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
         raise InputError("mesh has no faces: give a surface, not a point cloud")
     if not np.isfinite(mesh.vertices).all():
         raise InputError("mesh has coordinates that are not finite: export it again")
-    if mesh.is_volume:
-        return mesh, ()
+    _refuse_shapeless(mesh)
+    if mesh.is_watertight and mesh.is_winding_consistent:
+        return _checked(*one_solid(mesh))
     import trimesh
 
     fixed = mesh.copy()
@@ -47,14 +56,47 @@ def repair(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     if not fixed.is_winding_consistent:
         trimesh.repair.fix_winding(fixed)
         notes.append("mesh: faces turned so that neighbours agree")
-    if fixed.is_watertight and fixed.is_winding_consistent:
-        bodies = fixed.body_count
-        trimesh.repair.fix_inversion(fixed, multibody=bodies > 1)
-        if mesh.is_watertight and mesh.is_winding_consistent:
-            notes.append("mesh: was inside out, turned")
-    if not fixed.is_volume:
-        raise InputError("mesh is not closed and could not be closed: export it as a solid, or close it in MeshLab")
-    return fixed, tuple(notes)
+    if not (fixed.is_watertight and fixed.is_winding_consistent):
+        raise InputError("mesh is not watertight and could not be closed: export it as a solid, or close it in MeshLab")
+    fixed, more = one_solid(fixed)
+    return _checked(fixed, (*notes, *more))
+
+
+def _checked(mesh: trimesh.Trimesh, notes: tuple[str, ...]) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    if not mesh.is_volume:
+        raise InputError(
+            "mesh is closed but encloses no volume: its faces fold back on themselves; export it as a solid"
+        )
+    return mesh, notes
+
+
+def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
+    """A mesh that cannot be a solid for another reason than holes gets that reason.
+
+    Raises:
+        InputError: flat, too small or too large for its numbers, or too far from its origin.
+    """
+    vertices = np.asarray(mesh.vertices, float)
+    largest = float(np.abs(vertices).max())
+    if largest > LARGEST_COORDINATE:
+        raise InputError(f"mesh has coordinates up to {largest:.3g}: give them in metres")
+    middle = vertices.mean(0)
+    size = float(np.ptp(vertices, axis=0).max())
+    if mesh.is_watertight and size > SMALLEST_SIZE:
+        return
+    far = float(np.linalg.norm(middle))
+    if far > max(FARTHEST * size, SMALLEST_SIZE):
+        raise InputError(
+            f"mesh of length {size:.3g} lies {far:.3g} from its origin, where its corners fall on each other: move it there"
+        )
+    if size <= SMALLEST_SIZE:
+        raise InputError(
+            f"mesh is {size:.3g} long: corners closer than 1e-8 are taken for one: export it in a smaller unit and give "
+            "--scale"
+        )
+    spread = np.linalg.svd(vertices - middle, compute_uv=False)
+    if spread[2] <= FLAT * spread[0]:
+        raise InputError("mesh is flat: it encloses no volume; give a solid")
 
 
 def _fill(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
@@ -68,7 +110,9 @@ def _fill(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
     ordered = np.sort(edges, axis=1)
     _, inverse, count = np.unique(ordered, axis=0, return_inverse=True, return_counts=True)
     if (count > 2).any():
-        raise InputError("mesh has edges shared by more than two faces: export it as a solid, or repair it in MeshLab")
+        raise InputError(
+            "mesh is not watertight: edges shared by more than two faces: export it as a solid, or repair it in MeshLab"
+        )
     following: dict[int, list[int]] = {}
     for a, b in edges[count[inverse] == 1].tolist():
         following.setdefault(b, []).append(a)
@@ -80,7 +124,7 @@ def _fill(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
         while len(loop) == 1 or loop[-1] != start:
             after = following.get(loop[-1])
             if after is None:
-                raise InputError("mesh has a hole whose border is not one loop: close it in MeshLab")
+                raise InputError("mesh is not watertight: a hole whose border is not one loop: close it in MeshLab")
             here = loop[-1]
             loop.append(after.pop())
             if not after:
@@ -96,7 +140,7 @@ def _fill(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
     share = added / (added + mesh.area)
     if share > LARGEST_HOLE:
         raise InputError(
-            f"mesh has {loops} holes, {100 * share:.0f} % of its area: too much to be closed; close it in a mesh editor"
+            f"mesh is not watertight: {loops} holes, {100 * share:.0f} % of its area: too much to be closed; close it in a mesh editor"
         )
     notes.append(f"mesh: {loops} holes filled, {100 * share:.2g} % of the area")
     return trimesh.Trimesh(np.concatenate(vertices), np.concatenate(faces), process=False)

@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.outputs import Outputs
 from massprops.report.meshes import Shape, read_compared, read_shape
+
+READ = (
+    *("massprops.json", "mesh.ply", "report.json", "crosscheck.json", "compare.json", "compare.ply"),
+    *(f"work/{stage}" for stage in ("capture", "sfm", "silhouettes", "dense", "surface", "scale")),
+)
+"""What the page is made of, as the run's record names it."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,7 @@ class RunData:
         compared: the mesh in the CAD's axes with its distances, or None.
         views: registered cameras in SfM units, or None.
         factor: final units per SfM unit.
+        changed: files and folders that are not what was written there; they are left out.
     """
 
     folder: Path
@@ -40,6 +48,7 @@ class RunData:
     compared: Shape | None = None
     views: Any = None
     factor: float = 1.0
+    changed: tuple[str, ...] = ()
 
     @property
     def metric(self) -> bool:
@@ -87,31 +96,38 @@ def read_run(folder: Path) -> RunData:
         manifest = yaml.safe_load((folder / "run.yaml").read_text()) or {}
     except (OSError, yaml.YAMLError):
         manifest = {}
-    work = folder / "work"
+    outputs = Outputs(folder)
+    changed = tuple(name for name in READ if not outputs.intact(name))
+
+    def known(*parts: str) -> dict[str, Any]:
+        whole = "/".join(parts[:2])
+        return {} if whole in changed else read_json(folder / "/".join(parts))
+
     facts = {
-        "footage": read_json(work / "capture" / "footage.json"),
-        "sfm": read_json(work / "sfm" / "sfm.json"),
-        "silhouettes": read_json(work / "silhouettes" / "silhouettes.json"),
-        "dense": read_json(work / "dense" / "dense.json"),
-        "surface": read_json(work / "surface" / "surface.json"),
-        "scale": read_json(work / "scale" / "scale.json"),
+        "footage": known("work", "capture", "footage.json"),
+        "sfm": known("work", "sfm", "sfm.json"),
+        "silhouettes": known("work", "silhouettes", "silhouettes.json"),
+        "dense": known("work", "dense", "dense.json"),
+        "surface": known("work", "surface", "surface.json"),
+        "scale": known("work", "scale", "scale.json"),
     }
     scale = facts["scale"]
     factor = float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)
     try:
-        views = Views.load(work / "sfm" / "views.npz")
+        views = None if "work/sfm" in changed else Views.load(folder / "work" / "sfm" / "views.npz")
     except (OSError, ValueError, KeyError):
         views = None
     return RunData(
         folder=folder,
-        document=read_json(folder / "massprops.json"),
+        document=known("massprops.json"),
         manifest=manifest if isinstance(manifest, dict) else {},
-        verdict=read_json(folder / "report.json"),
-        crosscheck=read_json(folder / "crosscheck.json"),
-        comparison=read_json(folder / "compare.json"),
+        verdict=known("report.json"),
+        crosscheck=known("crosscheck.json"),
+        comparison=known("compare.json"),
         facts=facts,
-        shape=read_shape(folder, factor),
-        compared=read_compared(folder),
+        shape=None if {"mesh.ply", "work/surface"} & set(changed) else read_shape(folder, factor),
+        compared=None if "compare.ply" in changed else read_compared(folder),
         views=views,
         factor=factor,
+        changed=changed,
     )

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from massprops.core.files import json_text, plain
+from massprops.core.outputs import Outputs, deliver
 from massprops.errors import InputError
 from massprops.estimators.documents import document, history_csv
 from massprops.estimators.estimate import Outcome
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
+from massprops.report.data import read_json
 from massprops.report.html import Safe, number, plot, table, text
 from massprops.report.page import document as page
+from massprops.run.files import key_of_source
 from massprops.sequence.truth import Truth
 
 MOST_POINTS = 400
@@ -23,51 +26,69 @@ MOST_POINTS = 400
 AXES = "xyz"
 
 
-def write_estimates(outcome: Outcome, folder: Path, source: str | Path | None) -> Path:
-    """Writes `estimates.json`, one CSV per estimator and `report.html`.
+OWNER = "estimate"
+
+
+def check_place(folder: Path, inputs: tuple[Path, ...] = (), force: bool = False) -> None:
+    """Refuses a folder that estimates cannot go to; called before the work is done.
 
     Raises:
-        InputError: the folder holds a run or a sequence, or cannot be written.
+        InputError: the folder holds a run, a sequence or somebody's files.
     """
-    from massprops.run.files import write_json, write_whole
-
     for mark, what in (("run.yaml", "a run"), ("tracks0", "a sequence"), ("cam0", "a sequence")):
         if (folder / mark).exists():
             raise InputError(f"{folder}: holds {what}: choose another -o")
+    Outputs(folder).check(OWNER, ["estimates.json", "report.html"], inputs, force)
+
+
+def write_estimates(
+    outcome: Outcome, folder: Path, source: str | Path | None, more: tuple[Path, ...] = (), force: bool = False
+) -> Path:
+    """Writes `estimates.json`, one CSV per estimator and `report.html`; see `write_outcome`.
+
+    Raises:
+        InputError: as `check_place`, or the folder cannot be written.
+    """
+    inputs = more if source is None else (Path(source), *more)
+    check_place(folder, inputs, force)
     truth = None if source is None else truth_of(source)
     found = {e.name: errors(e, outcome.problem, truth) for e in outcome.estimates} if truth is not None else {}
-    content = document(outcome, "" if source is None else str(source))
+    content = plain(document(outcome, "" if source is None else str(source)))
     content["against_truth"] = None if truth is None else {n: v.summary() for n, v in found.items() if v is not None}
-    fresh = folder / ".writing"
-    try:
-        fresh.mkdir(parents=True, exist_ok=True)
-        for e in outcome.estimates:
-            if len(e.times):
-                write_whole(fresh / f"{e.name}.csv", history_csv(e, outcome.problem))
-        write_whole(fresh / "report.html", render(outcome, content, found, truth))
-        write_json(fresh / "estimates.json", content)
-        _forget(folder)
-        for path in sorted(fresh.iterdir(), key=lambda p: p.name == "estimates.json"):
-            path.replace(folder / path.name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another -o") from None
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+    key = None if source is None else key_of_source(_sequence_of(Path(source)), *more)
+    kept = _with_earlier(content, folder, key)
+    files: dict[str, str | bytes] = {
+        f"{e.name}.csv": history_csv(e, outcome.problem) for e in outcome.estimates if len(e.times)
+    }
+    files["report.html"] = render(outcome, content, found, truth)
+    files["estimates.json"] = json_text(content)
+    deliver(folder, OWNER, files, key, inputs, force, keep=kept)
     return folder / "report.html"
 
 
-def _forget(folder: Path) -> None:
-    """Removes the histories of an earlier estimate, so that none stands beside another's document."""
-    import json
+def _sequence_of(source: Path) -> Path:
+    return source / "sequence" if (source / "sequence").is_dir() else source
 
-    try:
-        before = json.loads((folder / "estimates.json").read_text())
-        names = [Path(str(e["history"])).name for e in before["estimators"] if e.get("history")]
-    except (OSError, ValueError, KeyError, TypeError):
-        return
-    (folder / "estimates.json").unlink()
-    for name in names:
-        (folder / name).unlink(missing_ok=True)
+
+def _with_earlier(content: dict[str, Any], folder: Path, key: str | None) -> list[str]:
+    """Adds to a document what an earlier one in the folder says of other methods on the same data.
+
+    Returns:
+        the histories of those methods, which stay.
+    """
+    outputs = Outputs(folder)
+    entry = outputs.files.get("estimates.json")
+    if key is None or entry is None or entry["key"] != key or not outputs.intact("estimates.json"):
+        return []
+    before = read_json(folder / "estimates.json")
+    new = {e["name"] for e in content["estimators"]} | {e["name"] for e in content["skipped"]}
+    for part in ("estimators", "skipped"):
+        content[part] += [e for e in before[part] if e["name"] not in new]
+    earlier = [e for e in before["estimators"] if e["name"] not in new]
+    if content["against_truth"] is not None:
+        known = before.get("against_truth") or {}
+        content["against_truth"] |= {e["name"]: known[e["name"]] for e in earlier if e["name"] in known}
+    return [e["history"] for e in earlier if e["history"]]
 
 
 def render(
@@ -78,6 +99,8 @@ def render(
     parts += [
         (e.name, f"e{i}", _method(e, outcome.problem, found.get(e.name))) for i, e in enumerate(outcome.estimates)
     ]
+    ran = {e.name for e in outcome.estimates}
+    parts += [(e["name"], f"k{i}", _earlier(e)) for i, e in enumerate(content["estimators"]) if e["name"] not in ran]
     body = "".join(f'<section id="{key}"><h2>{text(title)}</h2>{inner}</section>' for title, key, inner in parts)
     links = "".join(f'<a href="#{key}">{text(title)}</a>' for title, key, _ in parts)
     return page("massprops · estimates", body, links, content["source"])
@@ -138,6 +161,11 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
         own = {} if true is None else {"name": "truth", "k1": float(true[0]), "k2": float(true[1])}
         parts.append(f'<div class="narrow">{ratio_plane(own, sound, "smoother")}</div>')
     return "".join(parts)
+
+
+def _earlier(entry: dict[str, Any]) -> str:
+    history = f"; its history is in {entry['history']}" if entry["history"] else ""
+    return f'<p class="soft">{text(f"By an earlier command on the same data{history}.")}</p>'
 
 
 def _deg(value: float | None) -> float | None:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import pkgutil
+from dataclasses import replace
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+from massprops.core.files import json_text, write_whole
+from massprops.core.outputs import Outputs, claim
 from massprops.report import sections
 from massprops.report.data import RunData, read_run
 from massprops.report.html import text
 from massprops.report.viewer import MARK, script
-from massprops.run.files import write_whole
 
+OWNER = "report"
+"""What the record of a folder calls the files of this page."""
 UNREADABLE = "This section could not be made from the run's files"
 
 
@@ -31,11 +38,30 @@ def write_report(run: str | Path) -> Path:
 
     Returns:
         the page.
+
+    Raises:
+        InputError: the folder holds a `report.html` that is not of a run, or cannot be written.
     """
     folder = Path(run)
-    path = folder / "report.html"
-    write_whole(path, page(read_run(folder)))
-    return path
+    with claim(folder, OWNER, ["report.html"]) as outputs:
+        return publish_report(outputs)
+
+
+def publish_report(
+    outputs: Outputs, key: str | None = None, verdict: dict[str, Any] | None = None, force: bool = False
+) -> Path:
+    """Writes `report.html`, and `report.json` where the verdict is given, into a folder that the caller holds."""
+    data = read_run(outputs.folder)
+    if verdict is None:  # the page again, of the same run: its key stays
+        key = (outputs.files.get("report.json") or {"key": None})["key"]
+    else:
+        data = replace(data, verdict={"format": "massprops-report/1", **verdict})
+    new = outputs.staging()
+    if verdict is not None:
+        write_whole(new / "report.json", json_text(data.verdict))
+    write_whole(new / "report.html", page(data))
+    outputs.publish(OWNER, key, force=force, derived=True, keep=("report.json",))
+    return outputs.folder / "report.html"
 
 
 def page(data: RunData) -> str:
@@ -58,10 +84,21 @@ def page(data: RunData) -> str:
     return document(f"massprops · {data.folder.resolve().name}", "".join(parts), "".join(links), str(source or ""))
 
 
+def script_source(code: str) -> str:
+    """Which scripts a page may run: the one of ours, by its hash, and no other that a text might smuggle in."""
+    inner = code.removeprefix("<script>").removesuffix("</script>")
+    digest = base64.b64encode(hashlib.sha256(inner.encode()).digest()).decode()
+    return f"'sha256-{digest}'" if code else "'none'"
+
+
 def document(title: str, body: str, links: str = "", subtitle: str = "") -> str:
     """A page with the house's style; no address outside the file, and a policy that forbids any."""
     style = files(__package__).joinpath("style.css").read_text()
-    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+    code = script() if MARK in body else ""
+    policy = (
+        f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {script_source(code)}; "
+        "base-uri 'none'; form-action 'none'"
+    )
     below = f'<p class="soft breaks">{text(subtitle)}</p>' if subtitle else ""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -69,5 +106,5 @@ def document(title: str, body: str, links: str = "", subtitle: str = "") -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<link rel="icon" href="data:,"><title>{text(title)}</title><style>{style}</style></head><body>'
         f"<header><h1>{text(title)}</h1>{below}<nav>{links}</nav></header><main>{body}</main>"
-        f"{script() if MARK in body else ''}</body></html>"
+        f"{code}</body></html>"
     )

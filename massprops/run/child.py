@@ -1,30 +1,30 @@
-"""A stage in a process of its own: `python -m massprops.run.child REQUEST.json`, progress on a pipe.
+"""A stage in a process of its own: `python -P -m massprops.run.child REQUEST.json`, progress on a pipe.
 
 A crash of a native library is then a message, its memory goes back, and the stage can be run again.
 """
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import json
 import os
-import signal
 import sys
 import time
 import traceback
 from pathlib import Path
 from typing import Any
 
+from massprops.core.files import plain
+from massprops.core.processes import die_with_parent, limit_memory
 from massprops.errors import MasspropsError
-from massprops.run.files import plain
 from massprops.run.job import Job, ReconstructOptions
 from massprops.run.stages import load_stage
 
 
 def main() -> int:
     """Runs the requested stage; the last line on the pipe is its result."""
-    _die_with_parent()
+    die_with_parent()
+    limit_memory()
     request = json.loads(Path(sys.argv[1]).read_text())
     pipe = os.fdopen(int(os.environ["MASSPROPS_PIPE"]), "w", buffering=1)
 
@@ -49,6 +49,8 @@ def main() -> int:
         progress=progress,
         seed=request["seed"],
         threads=request["threads"],
+        key=request["key"],
+        force=request["force"],
     )
     try:
         facts = load_stage(request["stage"], request["package"]).run(job)
@@ -101,12 +103,6 @@ def _unexpected(say, error: Exception, job: Job) -> int:  # type: ignore[no-unty
     traceback.print_exc()
     say({"error": f"{type(error).__name__}: {error}".splitlines()[0], "unexpected": True, "warnings": job.notes})
     return 1
-
-
-def _die_with_parent() -> None:
-    """Asks the kernel to end this process with its parent (Linux), so that a killed run leaves nothing at work."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
 if __name__ == "__main__":

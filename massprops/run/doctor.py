@@ -46,7 +46,9 @@ def examine() -> list[Finding]:
 
     known = {**versions(), "opencv": versions()["opencv-python-headless"], "PyAV": versions()["av"]}
     for name, code in LIBRARIES.items():
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120, check=False
+        )
         if done.returncode == 0:
             found.append(Finding(name, True, known.get(name, "")))
         else:

@@ -1,34 +1,36 @@
-"""Whole-or-nothing writing, hashing and locking of a run folder."""
+"""Hashing of inputs, reading of images, and the lock of a run folder."""
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import json
-import math
-import os
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from massprops.core.files import (
+    copy_whole,
+    files_below,
+    hash_file,
+    hash_of,
+    plain,
+    replace_folder,
+    write_json,
+    write_whole,
+)
+from massprops.core.outputs import OWN, locked
 from massprops.errors import InputError
 
-
-def write_whole(path: Path, content: str | bytes) -> None:
-    """Writes to a temporary name in the same folder, then renames: a reader never sees half a file."""
-    data = content.encode() if isinstance(content, str) else content
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)
+__all__ = [
+    "copy_whole",
+    "hash_input",
+    "hash_of",
+    "key_of_source",
+    "locked",
+    "plain",
+    "read_image",
+    "readable",
+    "replace_folder",
+    "write_json",
+    "write_whole",
+]
 
 
 def read_image(path: Path, kind: int = 1) -> Any:
@@ -45,90 +47,35 @@ def read_image(path: Path, kind: int = 1) -> Any:
     return image
 
 
-def copy_whole(source: Path, target: Path) -> None:
-    """Copies a file under a temporary name, then renames."""
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        shutil.copyfile(source, temporary)
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def replace_folder(source: Path, target: Path) -> None:
-    """Puts `source` in the place of `target`, whose old content goes away after the change."""
-    old = target.with_name(f".{target.name}.{os.getpid()}.old")
-    if target.exists():
-        target.rename(old)
-    source.rename(target)
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def plain(value: Any) -> Any:
-    """`value` with numpy numbers, arrays, paths and tuples as what JSON and YAML know; NaN and infinity become None."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def write_json(path: Path, content: Any) -> None:
-    """A JSON file, written whole."""
-    write_whole(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
-
-
-def hash_of(value: Any) -> str:
-    """sha256 of a value's JSON."""
-    return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
-
-
 def hash_input(source: Path) -> dict[str, str]:
     """sha256 of a file, or of every file of a folder by relative name.
 
-    Truth beside a simulated sequence is no input, and is not opened.
+    Truth beside a simulated sequence is no input, and is not opened; nor is the record of what wrote the folder.
+
+    A name that is not UTF-8 is written with the codes of its bytes.
     """
     if source.is_file():
-        return {source.name: _hash_file(source)}
-    files = sorted(p for p in source.rglob("*") if p.is_file() and "truth" not in p.relative_to(source).parts)
-    return {str(p.relative_to(source)): _hash_file(p) for p in files}
+        return {plain(source.name): hash_file(source)}
+    names = [n for n in sorted(files_below(source)) if not {"truth", OWN} & set(Path(n).parts)]
+    return {plain(n): hash_file(source / n) for n in names if (source / n).is_file()}
 
 
-def _hash_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def key_of_source(source: Path, *more: Any) -> str:
+    """Key of what is made from a file or folder, and from further files (paths) and settings (anything else)."""
+    import massprops
+
+    parts = [hash_input(p) if isinstance(p, Path) else p for p in (source, *more)]
+    return hash_of([massprops.__version__, *parts])
 
 
-@contextlib.contextmanager
-def locked(run: Path) -> Iterator[None]:
-    """Holds the run folder for this process; the lock goes with the process, however it ends.
+def readable(path: Path) -> Path:
+    """The path, refused where its name is not text: native libraries cannot open it, and some crash over it.
 
     Raises:
-        InputError: another process is at work in the folder, or it cannot be written.
+        InputError: its name is not UTF-8.
     """
-    import fcntl
-
-    work = run / "work"
     try:
-        work.mkdir(parents=True, exist_ok=True)
-        file = (work / "lock").open("a+")
-    except FileExistsError:
-        raise InputError(f"{run}: is a file, not a folder: choose another place with -o") from None
-    except OSError as error:
-        raise InputError(f"{run}: cannot be written ({error.strerror}): choose another place with -o") from None
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(
-                f"{run}: another massprops is at work in this folder: wait for it, or choose another -o"
-            ) from None
-        for stale in (*work.glob("*.tmp-*"), *work.glob(".*.old")):
-            shutil.rmtree(stale, ignore_errors=True)
-        yield
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{path}: its name is not UTF-8: rename it") from None
+    return path

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from massprops.core.files import hash_of, write_json, write_whole
+from massprops.core.outputs import Outputs, claim
 from massprops.errors import InputError
-from massprops.run.files import hash_input, locked, write_json, write_whole
-from massprops.run.job import ReconstructOptions
+from massprops.run.files import hash_input, readable
 from massprops.run.reconstruct import Run
 from massprops.run.runner import versions
 
+COMMAND = "mass"
+NAMES = ("run.yaml", "mesh.ply", "mesh.glb", "massprops.json")
+
 
 def mass(
-    mesh: str | Path, out: str | Path, density: float = 1000.0, scale: float = 1.0, scale_sigma: float = 0.0
+    mesh: str | Path,
+    out: str | Path,
+    density: float = 1000.0,
+    scale: float = 1.0,
+    scale_sigma: float = 0.0,
+    force: bool = False,
 ) -> Run:
     """Mass properties, report and exportable run folder of a mesh file.
 
@@ -26,23 +34,20 @@ def mass(
         density: [kg/m^3].
         scale: metres per unit of the file (0.001 for millimetres).
         scale_sigma: relative one sigma of that.
+        force: other files and results in the folder may be replaced; the mesh itself may not.
 
     Raises:
-        InputError: not a closed body, or a value out of range.
+        InputError: not a closed body, a value out of range, or a folder that holds something else.
     """
-    import yaml
-
-    import massprops
     from massprops.exchange.mesh_files import read_solid
     from massprops.mass.document import document
     from massprops.mass.properties import mass_properties
-    from massprops.report import write_report
-    from massprops.run.stages.publish import MEASURED, mesh_ply
 
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"--scale {scale}: metres per unit of the file is a number above 0")
     if not 0 <= scale_sigma < 0.5:
         raise InputError(f"--scale-sigma {scale_sigma}: give a relative sigma from 0 to 0.5")
+    mesh = readable(Path(mesh))
     solid, notes = read_solid(mesh)
     solid = solid.copy()
     solid.apply_scale(scale)
@@ -53,28 +58,44 @@ def mass(
         properties, _intervals(properties, scale_sigma), known, surface, list(notes), "axes and origin of the mesh file"
     )
     content["images"] = {"given": 0, "used": 0, "registered": 0}
-    run = Path(out).resolve()
-    with locked(run):
-        colours = np.tile(np.array(MEASURED, np.uint8), (len(solid.faces), 1))
-        vertices, faces = np.asarray(solid.vertices), np.asarray(solid.faces)
-        write_whole(run / "mesh.ply", mesh_ply(vertices, faces, np.ones(len(faces), bool), colours))
-        write_whole(run / "mesh.glb", solid.export(file_type="glb"))
-        write_json(run / "massprops.json", content)
-        write_json(run / "report.json", {"format": "massprops-report/1", "exit_code": 0, "reason": "", "stage": None})
-        manifest: dict[str, Any] = {
-            "format": "massprops-run/1",
-            "massprops": massprops.__version__,
-            "inputs": {"source": str(Path(mesh).resolve()), "sha256": hash_input(Path(mesh))},
-            "options": {
-                k: v
-                for k, v in asdict(ReconstructOptions(density=density, scale=scale)).items()
-                if k in ("density", "scale")
-            },
-            "versions": versions(),
-        }
-        write_whole(run / "run.yaml", yaml.safe_dump(manifest, sort_keys=False))
-        write_report(run)
+    run = readable(Path(out)).resolve()
+    with claim(run, COMMAND, NAMES, [mesh], force) as outputs:
+        outputs.check("report", ("report.json", "report.html"), [mesh], force)
+        if force and outputs.base is not None:  # of two bodies in one folder each would pass for the other
+            outputs.start_over()
+        try:
+            _publish(outputs, mesh, solid, content, {"density": density, "scale": scale}, force)
+        except OSError as error:
+            raise InputError(f"{run}: cannot be written ({error.strerror}): choose another place with -o") from None
     return Run(run, warnings=list(notes))
+
+
+def _publish(
+    outputs: Outputs, mesh: Path, solid: Any, content: dict[str, Any], options: dict[str, float], force: bool
+) -> None:
+    """The run folder of a finished mesh, into a folder that the caller holds."""
+    import yaml
+
+    import massprops
+    from massprops.report.page import publish_report
+    from massprops.run.stages.publish import MEASURED, mesh_ply
+
+    manifest: dict[str, Any] = {
+        "format": "massprops-run/1",
+        "massprops": massprops.__version__,
+        "inputs": {"source": str(mesh.resolve()), "sha256": hash_input(mesh)},
+        "options": options,
+        "versions": versions(),
+    }
+    colours = np.tile(np.array(MEASURED, np.uint8), (len(solid.faces), 1))
+    vertices, faces = np.asarray(solid.vertices), np.asarray(solid.faces)
+    new = outputs.staging()
+    write_whole(new / "mesh.ply", mesh_ply(vertices, faces, np.ones(len(faces), bool), colours))
+    write_whole(new / "mesh.glb", solid.export(file_type="glb"))
+    write_json(new / "massprops.json", content)
+    write_whole(new / "run.yaml", yaml.safe_dump(manifest, sort_keys=False))
+    outputs.publish(COMMAND, hash_of([manifest, content]), [mesh], force)
+    publish_report(outputs, outputs.base, {"exit_code": 0, "reason": "", "stage": None}, force)
 
 
 def _intervals(properties: Any, sigma: float) -> dict[str, Any]:

@@ -67,6 +67,8 @@ class Job:
         progress: see `Progress`.
         seed: seed of this stage's draws.
         threads: processor threads it may use.
+        key: of everything that this stage's result depends on.
+        force: files of the run folder that are not massprops' may be replaced.
     """
 
     run: Path
@@ -75,6 +77,8 @@ class Job:
     progress: Progress = silent
     seed: int = 0
     threads: int = 2
+    key: str = ""
+    force: bool = False
     notes: list[str] = field(default_factory=list)
 
     def work(self, stage: str) -> Path:

@@ -8,10 +8,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from massprops.core.outputs import claim, verify
 from massprops.errors import InputError
-from massprops.run.files import hash_input, locked
+from massprops.run.files import hash_input, readable
 from massprops.run.job import ReconstructOptions
 from massprops.run.runner import Watch, run_stages
+from massprops.run.stages.publish import sources
 
 if TYPE_CHECKING:
     import trimesh
@@ -45,6 +47,7 @@ class Run:
         path = self.folder / "massprops.json"
         if not path.is_file():
             raise InputError(f"{self.folder}: no massprops.json in this run: {self.reason or 'finish it first'}")
+        verify(self.folder, path.name)
         return json.loads(path.read_text())
 
     @cached_property
@@ -55,8 +58,19 @@ class Run:
         path = self.folder / "mesh.ply"
         if not path.is_file():
             raise InputError(f"{self.folder}: no mesh.ply in this run: {self.reason or 'finish it first'}")
+        verify(self.folder, path.name)
         return trimesh.load(path, force="mesh", process=False)
 
+
+NAMES = {
+    "reconstruct": (
+        *("run.yaml", "massprops.json", "mesh.ply", "mesh.glb", "cloud.ply"),
+        *("sparse/", "masks/", "sequence/", "work/"),
+    ),
+    "crosscheck": ("crosscheck.json",),
+    "report": ("report.json", "report.html"),
+}
+"""What a run writes into its folder, by the name under which the folder's record knows it."""
 
 RANGES = {
     "frames": (3, 5000, "frames"),
@@ -77,7 +91,7 @@ def checked_options(source: str | Path, options: dict[str, Any]) -> ReconstructO
     Raises:
         InputError: no such source, an unknown option, or a value out of range.
     """
-    source = Path(source)
+    source = readable(Path(source))
     if not source.exists():
         raise InputError(f"{source}: no such file or folder: give a video, a folder of images or a sequence folder")
     known = {f.name for f in fields(ReconstructOptions)}
@@ -119,13 +133,16 @@ def _check_early(source: Path, options: dict[str, Any]) -> None:
         marker.parse(options["marker"])
 
 
-def reconstruct(source: str | Path, out: str | Path, watch: Watch | None = None, **options: Any) -> Run:
+def reconstruct(
+    source: str | Path, out: str | Path, watch: Watch | None = None, force: bool = False, **options: Any
+) -> Run:
     """From a video, a folder of images or a sequence folder to a run folder.
 
     Args:
         source: the footage.
         out: the run folder; an interrupted or older run there is continued.
         watch: told of progress.
+        force: files in the folder that no `reconstruct` wrote may be replaced; inputs may not.
         options: fields of `ReconstructOptions`.
 
     Returns:
@@ -139,16 +156,18 @@ def reconstruct(source: str | Path, out: str | Path, watch: Watch | None = None,
         >>> run.properties["volume"], run.properties["interval_90"]["volume"]  # doctest: +SKIP
     """
     chosen = checked_options(source, options)
-    run = Path(out).resolve()
+    run = readable(Path(out)).resolve()
     origin = Path(chosen.source)
     if run == origin or origin in run.parents and origin.is_dir() and run.parent == origin:
         raise InputError(f"{out}: the run folder must not be the footage or lie directly in it: choose another -o")
-    with locked(run):
+    given = sources(chosen)
+    with claim(run, "reconstruct", NAMES["reconstruct"], given, force) as outputs:
+        for by in ("crosscheck", "report"):
+            outputs.check(by, NAMES[by], given, force)
         inputs = hash_input(origin)
-        for extra in (chosen.masks, chosen.sparse):
-            if extra is not None:
-                inputs.update({f"{Path(extra).name}/{k}": v for k, v in hash_input(Path(extra)).items()})
-        outcome = run_stages(run, chosen, inputs, watch)
+        for extra in given[1:]:
+            inputs.update({f"{extra.name}/{k}": v for k, v in hash_input(extra).items()})
+        outcome = run_stages(run, chosen, inputs, watch, force=force)
     if outcome.exit_code == 2:
         raise InputError(outcome.reason)
     return Run(run, outcome.exit_code, outcome.reason, outcome.warnings, outcome.stages)

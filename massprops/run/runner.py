@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
-import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import massprops
+from massprops.core.files import (
+    hash_of,
+    hash_tree,
+    make_folder,
+    plain,
+    remove,
+    remove_folder,
+    replace_folder,
+    write_json,
+    write_whole,
+)
+from massprops.core.outputs import BASES, OWN, Outputs
+from massprops.core.processes import child_environment, python_module
 from massprops.errors import InputError
-from massprops.run.files import hash_of, plain, replace_folder, write_json, write_whole
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
 
 Watch = Callable[[str, int, int, int, int, str], None]
 """`watch(stage, number, count, done, total, what)`: how far the run is."""
+
+COMMAND = "reconstruct"
+LARGEST_MANIFEST = 10_000_000
+"""Bytes of `run.yaml`."""
 
 
 @dataclass
@@ -50,12 +66,17 @@ def run_stages(
     watch: Watch | None = None,
     order: tuple[str, ...] = ORDER,
     package: str = "massprops.run.stages",
+    force: bool = False,
 ) -> Outcome:
-    """Computes what is missing or out of date, in order.
+    """Computes what is missing, out of date or damaged, in order.
 
-    A stage is current when its folder is there under the key of its inputs: the package's version, its options, and
-    the keys of the stages it reads. A stage that cannot finish ends the chain; `ALWAYS` stages still run on what is
-    there, and are never kept as current then. Of `EXTRA` stages a failure is a warning, and they are tried again.
+    A stage is current when its folder is there under the key of its inputs (the package's version, its options, and
+    the keys of the stages it reads), and its files, in `work/` and published, are what it wrote. A stage that cannot
+    finish ends the chain; `ALWAYS` stages still run on what is there, and are never kept as current then. Of `EXTRA`
+    stages a failure is a warning, and they are tried again.
+
+    An input that is refused before any stage is done leaves an earlier run in the folder as it was. From the first
+    stage that is done, the folder is the new run's, and what the earlier one left goes out of sight.
 
     Args:
         run: the run folder, locked by the caller.
@@ -64,202 +85,337 @@ def run_stages(
         watch: told of progress.
         order: stage names.
         package: where the stages live.
+        force: files in the folder that are not massprops' may be replaced.
     """
-    outcome = Outcome()
-    manifest = _read_manifest(run)
-    keys: dict[str, str] = {}
-    chosen = asdict(options)
-    for number, name in enumerate(order):
-        if outcome.exit_code == 2 or (outcome.exit_code and name not in ALWAYS):
-            continue
-        stage = load_stage(name, package)
-        wanted = {k: chosen[k] for k in stage.OPTIONS}
-        sources = dict(inputs) if number == 0 else {}
-        reads = {r: keys.get(r) for r in stage.READS}
-        key = hash_of([massprops.__version__, name, wanted, sources, reads, options.seed])
-        keys[name] = key
-        folder, before = run / "work" / name, manifest.get(name, {})
-        if not outcome.exit_code and before.get("key") == key and folder.is_dir():
-            outcome.stages[name] = before
-        else:
-            if watch:
-                watch(name, number, len(order), 0, 0, "")
-            entry, code, reason = _run_stage(run, name, package, options, key, number, len(order), watch)
-            outcome.stages[name] = entry
-            if code and name in EXTRA:
-                entry.setdefault("warnings", []).append(f"no {name}: {reason}")
-                entry.pop("key", None)
-            elif code and not outcome.exit_code:
+    return _Chain(run, options, inputs, watch, order, package, force).go()
+
+
+class _Chain:
+    """One pass over the stages of a run folder."""
+
+    def __init__(
+        self,
+        run: Path,
+        options: ReconstructOptions,
+        inputs: Mapping[str, str],
+        watch: Watch | None,
+        order: tuple[str, ...],
+        package: str,
+        force: bool,
+    ) -> None:
+        self.run, self.options, self.inputs, self.watch = run, options, inputs, watch
+        self.order, self.package, self.force = order, package, force
+        self.stages = {name: load_stage(name, package) for name in order}
+        self.keys = _keys(self.stages, options, inputs)
+        self.before = _read_manifest(run)
+        self.outcome = Outcome()
+        self.begun = False
+        self.outputs = _own_work(run, force)
+
+    def go(self) -> Outcome:
+        """Runs the chain; see `run_stages`."""
+        outcome = self.outcome
+        for number, name in enumerate(self.order):
+            if outcome.exit_code == 2 or (outcome.exit_code and name not in ALWAYS):
+                continue
+            if not outcome.exit_code and self._current(name):
+                outcome.stages[name] = self.before[name]
+            elif not self._make(name, number):
+                self._forget_refused()
+                return outcome
+            self._note_partial(name)
+            if self.watch:
+                self.watch(name, number, len(self.order), 1, 1, "")
+            outcome.warnings += [w for w in outcome.stages[name].get("warnings", []) if w not in outcome.warnings]
+            if self.begun:
+                if not outcome.exit_code and not outcome.partial:
+                    remove(self.run / "work" / "stopped.json")
+                self._write_manifest()
+        if outcome.partial and not outcome.exit_code:
+            outcome.exit_code, outcome.reason = 3, outcome.partial
+            if self.begun:
+                self._write_manifest()
+        return outcome
+
+    def _current(self, name: str) -> bool:
+        """Whether a stage need not be run; says so where only damage makes it run again."""
+        key, before = self.keys[name], self.before.get(name, {})
+        tree = self.outputs.trees.get(f"work/{name}")
+        if before.get("key") != key or tree is None or tree["key"] != key:
+            return False
+        if not self.outputs.intact(f"work/{name}"):
+            self.outcome.warnings.append(f"work/{name} was changed, damaged or removed, and is made again")
+            return False
+        owner = getattr(self.stages[name], "PUBLISHES", None)
+        if owner is not None and not self.outputs.complete(owner, key):
+            if any(entry["by"] == owner for entry in self.outputs.files.values()):
+                self.outcome.warnings.append(f"what stage {name} published was changed or removed, and is made again")
+            return False
+        return True
+
+    def _make(self, name: str, number: int) -> bool:
+        """Runs one stage and keeps what it wrote; False where it refused the input before anything was changed."""
+        outcome, work = self.outcome, self.run / "work"
+        if self.watch:
+            self.watch(name, number, len(self.order), 0, 0, "")
+        out = work / f"{name}.tmp-{os.getpid()}"
+        entry, code, reason = self._run_stage(name, number, out)
+        try:
+            self.outputs = Outputs(self.run)  # the stage itself may have published, or have been stopped as it did
+            self.outputs.recover()
+            if code == 2 and not self.begun and name not in EXTRA:
                 outcome.exit_code, outcome.reason = code, reason
-            if outcome.exit_code:
-                entry.pop("key", None)
-            if outcome.exit_code and name not in ALWAYS:
-                write_json(
-                    run / "work" / "stopped.json",
-                    {"exit_code": outcome.exit_code, "reason": outcome.reason, "stage": name},
-                )
-        partial = (outcome.stages[name].get("facts") or {}).get("partial")
+                return False
+            self._begin()
+            if not code:
+                replace_folder(out, work / name)
+                self.outputs.record_tree(f"work/{name}", COMMAND, self.keys[name], entry.pop("sha256"))
+            elif not outcome.exit_code:
+                self._drop(name)
+        except OSError as error:
+            code, reason = 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
+            entry["status"] = "failed"
+        finally:
+            remove_folder(out)
+        outcome.stages[name] = entry
+        if code and name in EXTRA:
+            entry.setdefault("warnings", []).append(f"no {name}: {reason}")
+            entry.pop("key", None)
+        elif code and not outcome.exit_code:
+            outcome.exit_code, outcome.reason = code, reason
+        if outcome.exit_code:
+            entry.pop("key", None)
+            if name not in ALWAYS:
+                for later in self.order:  # what follows is made of what is there: only of what is sound
+                    if not self.outputs.intact(f"work/{later}"):
+                        self._drop(later)
+                self._write_stopped(outcome.exit_code, outcome.reason, name)
+        return True
+
+    def _begin(self) -> None:
+        """From here on the folder is this run's: what an earlier one left, and is not of it, goes out of sight."""
+        if self.begun:
+            return
+        outputs = self.outputs
+        base = next((self.keys[n] for n, s in self.stages.items() if getattr(s, "PUBLISHES", None) in BASES), None)
+        if outputs.base is not None and outputs.base != base:
+            outputs.retract()
+            self.outcome.warnings.append(
+                f"the results that this folder held are of other inputs or options: they are now in {OWN}/previous"
+            )
+        for name in self.order:
+            if self.before.get(name, {}).get("key") != self.keys[name]:
+                self._drop(name)
+        outputs.list_live(COMMAND, "run.yaml")
+        self.begun = True
+        self._write_manifest()
+
+    def _drop(self, name: str) -> None:
+        """Takes away what an earlier run left of a stage."""
+        self.before.pop(name, None)
+        if f"work/{name}" in self.outputs.trees:
+            self.outputs.record_tree(f"work/{name}", COMMAND, "", None)
+        remove_folder(self.run / "work" / name)
+
+    def _forget_refused(self) -> None:
+        """Leaves nothing in a folder in which nothing came about."""
+        if not (self.run / "run.yaml").exists():
+            Outputs(self.run).forget()
+
+    def _note_partial(self, name: str) -> None:
+        outcome = self.outcome
+        facts = outcome.stages[name].get("facts")
+        partial = facts.get("partial") if isinstance(facts, dict) else None
         if partial and not outcome.exit_code and not outcome.partial:
             outcome.partial = str(partial)
-            write_json(run / "work" / "stopped.json", {"exit_code": 3, "reason": outcome.partial, "stage": name})
-        if watch:
-            watch(name, number, len(order), 1, 1, "")
-        outcome.warnings += [w for w in outcome.stages[name].get("warnings", []) if w not in outcome.warnings]
-        if not outcome.exit_code and not outcome.partial:
-            (run / "work" / "stopped.json").unlink(missing_ok=True)
-        _write_manifest(run, options, inputs, outcome, manifest, order)
-    if outcome.partial and not outcome.exit_code:
-        outcome.exit_code, outcome.reason = 3, outcome.partial
-        _write_manifest(run, options, inputs, outcome, manifest, order)
-    return outcome
+            if self.begun:
+                self._write_stopped(3, outcome.partial, name)
 
+    def _write_stopped(self, code: int, reason: str, stage: str) -> None:
+        try:
+            write_json(self.run / "work" / "stopped.json", {"exit_code": code, "reason": reason, "stage": stage})
+        except OSError as error:
+            raise _no_manifest(self.run, error) from None
 
-def _run_stage(
-    run: Path,
-    name: str,
-    package: str,
-    options: ReconstructOptions,
-    key: str,
-    number: int,
-    count: int,
-    watch: Watch | None,
-) -> tuple[dict[str, Any], int, str]:
-    """One stage in a child process: its entry for `run.yaml`, exit code, reason."""
-    work = run / "work"
-    out = work / f"{name}.tmp-{os.getpid()}"
-    shutil.rmtree(out, ignore_errors=True)
-    log = work / f"{name}.log"
-    threads = options.threads or len(os.sched_getaffinity(0))
-    try:
-        out.mkdir(parents=True)
-        request = work / f"{name}.request.json"
-        write_json(
-            request,
-            {
-                "run": run,
-                "stage": name,
-                "package": package,
-                "out": out,
-                "options": asdict(options),
-                "seed": int(hash_of([options.seed, name])[:8], 16) % (2**31),
-                "threads": threads,
-            },
+    def _run_stage(self, name: str, number: int, out: Path) -> tuple[dict[str, Any], int, str]:
+        """One stage in a child process, which writes into `out`: its entry for `run.yaml`, exit code, reason."""
+        log = self.run / "work" / f"{name}.log"
+        try:
+            request = self._write_request(name, out)
+            output = log.open("wb")
+        except OSError as error:
+            return {"status": "failed"}, 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
+        begun = time.monotonic()
+        with output:
+            child, said, usage = self._converse(name, number, request, output)
+        entry: dict[str, Any] = {
+            "key": self.keys[name],
+            "status": "done",
+            "seconds": round(time.monotonic() - begun, 3),
+            "cpu_seconds": round(usage.ru_utime + usage.ru_stime, 3),
+            "peak_memory_mb": round(usage.ru_maxrss / 1024, 1),
+            "facts": plain(said.get("facts", {})),
+            "warnings": list(said.get("warnings", [])),
+        }
+        if "facts" in said:
+            entry["sha256"] = hash_tree(out)
+            return entry, 0, ""
+        entry["status"] = "failed"
+        return entry, *_what_failed(name, said, child.returncode, log)
+
+    def _write_request(self, name: str, out: Path) -> Path:
+        remove_folder(out)
+        make_folder(out)
+        request = self.run / "work" / f"{name}.request.json"
+        content = {
+            "run": self.run,
+            "stage": name,
+            "package": self.package,
+            "out": out,
+            "options": asdict(self.options),
+            "seed": int(hash_of([self.options.seed, name])[:8], 16) % (2**31),
+            "threads": self._threads,
+            "key": self.keys[name] + ("-stopped" if self.outcome.exit_code else ""),
+            "force": self.force,
+        }
+        write_json(request, content)
+        return request
+
+    @property
+    def _threads(self) -> int:
+        return self.options.threads or len(os.sched_getaffinity(0))
+
+    def _converse(self, name: str, number: int, request: Path, output: Any) -> tuple[Any, dict[str, Any], Any]:
+        """Starts a stage's process and listens to it until it ends: the process, its last word, what it used."""
+        read_end, write_end = os.pipe()
+        environment = child_environment(
+            MASSPROPS_PIPE=str(write_end),
+            OMP_NUM_THREADS=str(self._threads),
+            OMP_WAIT_POLICY="passive",
+            OPENBLAS_NUM_THREADS="1",
+            MKL_NUM_THREADS="1",
+            GLOG_minloglevel="1",
         )
-        output = log.open("wb")
-    except OSError as error:
-        return {"status": "failed"}, 2, f"{run}: {error.strerror}: free some space or choose another -o"
-    read_end, write_end = os.pipe()
-    environment = {
-        **os.environ,
-        "MASSPROPS_PIPE": str(write_end),
-        "OMP_NUM_THREADS": str(threads),
-        "OMP_WAIT_POLICY": "passive",
-        "OPENBLAS_NUM_THREADS": "1",
-        "MKL_NUM_THREADS": "1",
-        "GLOG_minloglevel": "1",
-        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
-    }
-    begun = time.monotonic()
-    with output:
         child = subprocess.Popen(
-            [sys.executable, "-m", "massprops.run.child", str(request)],
+            python_module("massprops.run.child", str(request)),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
             pass_fds=(write_end,),
             env=environment,
         )
-    os.close(write_end)
-    said: dict[str, Any] = {}
-    try:
-        with os.fdopen(read_end) as pipe:
-            for line in pipe:
-                try:
-                    message = json.loads(line)
-                except ValueError:
-                    continue
-                if "progress" in message:
-                    if watch:
-                        watch(name, number, count, *message["progress"])
-                else:
-                    said = message
-        _, status, usage = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-    except BaseException:
-        child.send_signal(signal.SIGKILL)
-        child.wait()
-        shutil.rmtree(out, ignore_errors=True)
-        raise
-    entry: dict[str, Any] = {
-        "key": key,
-        "status": "done",
-        "seconds": round(time.monotonic() - begun, 3),
-        "cpu_seconds": round(usage.ru_utime + usage.ru_stime, 3),
-        "peak_memory_mb": round(usage.ru_maxrss / 1024, 1),
-        "facts": plain(said.get("facts", {})),
-        "warnings": list(said.get("warnings", [])),
-    }
-    if "facts" in said:
+        os.close(write_end)
+        said: dict[str, Any] = {}
         try:
-            replace_folder(out, work / name)
+            with os.fdopen(read_end) as pipe:
+                for line in pipe:
+                    try:
+                        message = json.loads(line)
+                    except ValueError:
+                        continue
+                    if "progress" not in message:
+                        said = message
+                    elif self.watch:
+                        self.watch(name, number, len(self.order), *message["progress"])
+            _, status, usage = os.wait4(child.pid, 0)
+            child.returncode = os.waitstatus_to_exitcode(status)
+        except BaseException:
+            child.send_signal(signal.SIGKILL)
+            child.wait()
+            remove_folder(self.run / "work" / f"{name}.tmp-{os.getpid()}")
+            raise
+        return child, said, usage
+
+    def _write_manifest(self) -> None:
+        import yaml
+
+        stages = {name: self.outcome.stages.get(name, self.before.get(name)) for name in self.order}
+        content = {
+            "format": "massprops-run/1",
+            "massprops": massprops.__version__,
+            "inputs": {"source": self.options.source, "sha256": dict(self.inputs)},
+            "options": plain(asdict(self.options)),
+            "versions": versions(),
+            "outcome": {"exit_code": self.outcome.exit_code, "reason": self.outcome.reason},
+            "stages": {name: entry for name, entry in stages.items() if entry},
+        }
+        try:
+            dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+            text = yaml.dump(plain(content), Dumper=dumper, sort_keys=False)
+            write_whole(self.run / "run.yaml", text, self.outputs.place)
         except OSError as error:
-            return {**entry, "status": "failed"}, 2, f"{run}: {error.strerror}: choose another -o"
-        return entry, 0, ""
-    entry["status"] = "failed"
-    shutil.rmtree(out, ignore_errors=True)
+            raise _no_manifest(self.run, error) from None
+
+
+def _keys(stages: Mapping[str, ModuleType], options: ReconstructOptions, inputs: Mapping[str, str]) -> dict[str, str]:
+    """The key of each stage: a hash of everything that its result depends on."""
+    keys: dict[str, str] = {}
+    chosen = asdict(options)
+    for number, (name, stage) in enumerate(stages.items()):
+        wanted = {k: chosen[k] for k in stage.OPTIONS}
+        sources = dict(inputs) if number == 0 else {}
+        reads = {r: keys.get(r) for r in stage.READS}
+        keys[name] = hash_of([massprops.__version__, name, wanted, sources, reads, options.seed])
+    return keys
+
+
+def _own_work(run: Path, force: bool) -> Outputs:
+    """The run's record, with any interrupted change finished and `work/` claimed.
+
+    Raises:
+        InputError: `work/` is somebody else's, or cannot be written.
+    """
+    outputs = Outputs(run)
+    try:
+        outputs.recover()
+        outputs.check(COMMAND, ["work/"], force=force)
+        outputs.take_folder("work", COMMAND)
+        work = run / "work"
+        make_folder(work)
+        for stale in (*work.glob("*.tmp-*"), *work.glob(".*.old"), *work.glob(".*.tmp")):
+            remove_folder(stale) if stale.is_dir() else remove(stale)
+    except OSError as error:
+        raise InputError(f"{run}: cannot be written ({error.strerror}): choose another place with -o") from None
+    return outputs
+
+
+def _what_failed(name: str, said: Mapping[str, Any], code: int | None, log: Path) -> tuple[int, str]:
+    """Exit code and reason of a stage that did not finish."""
     if "exit_code" in said:
-        return entry, int(said["exit_code"]), str(said["error"])
+        return int(said["exit_code"]), str(said["error"])
     if "error" in said:
-        return entry, 3, f"stage {name} failed: {said['error']} (details in {log})"
-    code = child.returncode
+        return 3, f"stage {name} failed: {said['error']} (details in {log})"
     what = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
     hint = "; most often too little memory: fewer --frames or a smaller --max-size" if code == -signal.SIGKILL else ""
-    return entry, 3, f"stage {name} died with {what}{hint} (details in {log})"
+    return 3, f"stage {name} died with {what}{hint} (details in {log})"
 
 
-def _read_manifest(run: Path) -> dict[str, Any]:
+def _no_manifest(run: Path, error: OSError) -> InputError:
+    return InputError(f"{run}: run.yaml cannot be written ({error.strerror}): free some space or choose another -o")
+
+
+def _read_manifest(run: Path) -> dict[str, dict[str, Any]]:
+    """The stages' entries of `run.yaml`; what cannot be read counts as not done."""
     import yaml
 
     path = run / "run.yaml"
-    if not path.is_file():
-        return {}
     try:
-        content = yaml.safe_load(path.read_text())
-        return dict(content.get("stages", {}))
-    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+        if path.stat().st_size > LARGEST_MANIFEST:
+            return {}
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        stages = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)["stages"]
+        return {str(name): dict(entry) for name, entry in stages.items()}
+    except (OSError, yaml.YAMLError, AttributeError, TypeError, ValueError, KeyError, RecursionError):
         return {}
-
-
-def _write_manifest(
-    run: Path,
-    options: ReconstructOptions,
-    inputs: Mapping[str, str],
-    outcome: Outcome,
-    before: Mapping[str, Any],
-    order: tuple[str, ...],
-) -> None:
-    import yaml
-
-    stages = {name: outcome.stages.get(name, before.get(name)) for name in order}
-    content = {
-        "format": "massprops-run/1",
-        "massprops": massprops.__version__,
-        "inputs": {"source": options.source, "sha256": dict(inputs)},
-        "options": plain(asdict(options)),
-        "versions": versions(),
-        "outcome": {"exit_code": outcome.exit_code, "reason": outcome.reason},
-        "stages": {name: entry for name, entry in stages.items() if entry},
-    }
-    try:
-        write_whole(run / "run.yaml", yaml.safe_dump(plain(content), sort_keys=False))
-    except OSError as error:
-        raise InputError(
-            f"{run}: run.yaml cannot be written ({error.strerror}): free some space or choose another -o"
-        ) from None
 
 
 def versions() -> dict[str, str]:
     """Versions of what decides the numbers."""
+    return dict(_versions())
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
     import platform
     from importlib.metadata import PackageNotFoundError, version
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from massprops.sequence.read import load_yaml
+from massprops.documents.loading import load_yaml
+from massprops.documents.tables import STATE
 from massprops.sequence.table import read_table
 
 
@@ -32,7 +33,6 @@ def read_truth(folder: str | Path) -> Truth | None:
     path = folder / "state_groundtruth_estimate0" / "data.csv"
     if not path.is_file():
         return Truth(facts, np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)))
-    names = ("p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z", "w_x", "w_y", "w_z")
-    table, _ = read_table(path, ("timestamp", *names))
-    values = np.column_stack([table[name] for name in names])
+    table = read_table(path, STATE).columns
+    values = np.column_stack([table[name] for name in STATE.names[1:]])
     return Truth(facts, table["timestamp"], values[:, :3], values[:, 3:7], values[:, 7:])

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from massprops.documents.body import BodyFile
+from massprops.documents.environment import EnvironmentFile
+from massprops.documents.fields import as_written
+from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile
+from massprops.documents.tables import ATTITUDE, GYROSCOPE, IMAGES, RANGE, STATE, TRACKS
 from massprops.sequence.data import Body, Camera, Environment, Sequence
 from massprops.sequence.table import table_text
-
-CSV_RATES = "#timestamp [ns],w_x [rad s^-1],w_y [rad s^-1],w_z [rad s^-1]"
 
 
 def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any] | None = None) -> Path:
@@ -27,10 +30,10 @@ def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any]
     """
     folder = Path(folder)
     for number, camera in sequence.cameras.items():
-        _yaml(folder / f"cam{number}" / "sensor.yaml", camera_yaml(camera))
+        _document(CameraFile, folder / f"cam{number}" / "sensor.yaml", camera_yaml(camera))
         if camera.images:
             rows = [f"{stamp},{path.name}" for stamp, path in camera.images]
-            _text(folder / f"cam{number}" / "data.csv", table_text("#timestamp [ns],filename", rows))
+            _text(folder / f"cam{number}" / "data.csv", table_text(IMAGES.header, rows))
     if (tracks := sequence.tracks) is not None:
         rows = [
             f"{t},{c},{f},{u:.9g},{v:.9g}"
@@ -42,22 +45,24 @@ def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any]
                 strict=True,
             )
         ]
-        _text(folder / "tracks0/data.csv", table_text("#timestamp [ns],camera,feature,u [px],v [px]", rows))
+        _text(folder / "tracks0/data.csv", table_text(TRACKS.header, rows))
     if (series := sequence.range) is not None:
-        _numbers(folder / "range0/data.csv", "#timestamp [ns],range [m]", series.timestamp_ns, series.range_m[:, None])
-        _yaml(folder / "range0/sensor.yaml", {"sensor_type": "range", "sigma_m": series.sigma_m})
+        _numbers(folder / "range0/data.csv", RANGE.header, series.timestamp_ns, series.range_m[:, None])
+        _document(RangeFile, folder / "range0/sensor.yaml", {"sensor_type": "range", "sigma_m": series.sigma_m})
     if (rates := sequence.rates) is not None:
-        _numbers(folder / "imu0/data.csv", CSV_RATES, rates.timestamp_ns, rates.w)
+        _numbers(folder / "imu0/data.csv", GYROSCOPE.header, rates.timestamp_ns, rates.w)
         if rates.sigma is not None:
-            _yaml(folder / "imu0/sensor.yaml", {"sensor_type": "imu", "sigma_rad_s": rates.sigma})
+            _document(GyroscopeFile, folder / "imu0/sensor.yaml", {"sensor_type": "imu", "sigma_rad_s": rates.sigma})
     if (attitude := sequence.attitude) is not None:
-        header = "#timestamp [ns],q_w [],q_x [],q_y [],q_z [],sigma [rad]"
         _numbers(
-            folder / "attitude0/data.csv", header, attitude.timestamp_ns, np.column_stack([attitude.q, attitude.sigma])
+            folder / "attitude0/data.csv",
+            ATTITUDE.header,
+            attitude.timestamp_ns,
+            np.column_stack([attitude.q, attitude.sigma]),
         )
     if sequence.body is not None:
-        _yaml(folder / "body.yaml", body_yaml(sequence.body))
-    _yaml(folder / "environment.yaml", environment_yaml(sequence.environment))
+        _document(BodyFile, folder / "body.yaml", body_yaml(sequence.body))
+    _document(EnvironmentFile, folder / "environment.yaml", environment_yaml(sequence.environment))
     if truth is not None:
         _truth(folder / "truth", dict(truth))
     return folder
@@ -122,8 +127,7 @@ def _truth(folder: Path, truth: dict[str, Any]) -> None:
     stamp = truth.pop("timestamp_ns", None)
     if stamp is not None:
         columns = np.column_stack([truth.pop("position"), truth.pop("q"), truth.pop("w")])
-        header = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []," + CSV_RATES.split(",", 1)[1]
-        _numbers(folder / "state_groundtruth_estimate0/data.csv", header, stamp, columns)
+        _numbers(folder / "state_groundtruth_estimate0/data.csv", STATE.header, stamp, columns)
     _yaml(folder / "truth.yaml", truth)
 
 
@@ -132,6 +136,11 @@ def _numbers(path: Path, header: str, stamp: np.ndarray, values: np.ndarray) -> 
         ",".join([str(t), *(f"{v:.17g}" for v in row)]) for t, row in zip(stamp.tolist(), values.tolist(), strict=True)
     ]
     _text(path, table_text(header, rows))
+
+
+def _document(kind: type, path: Path, content: dict[str, Any]) -> None:
+    """A file of one of our schemas, checked as its reader will."""
+    _yaml(path, as_written(kind, content, str(path)))
 
 
 def _yaml(path: Path, content: dict[str, Any]) -> None:

@@ -39,7 +39,19 @@ def clock(views: Views, index: np.ndarray) -> tuple[np.ndarray, list[str]]:
     ]
 
 
-def camera_of(views: Views, number: int, own: np.ndarray, sigma_px: float, T_BS: np.ndarray | None) -> Camera:
+def one_camera(views: Views, own: np.ndarray) -> np.ndarray:
+    """(n,) bool: of the views `own`, those with the commonest intrinsics and image size.
+
+    A sequence has one set of intrinsics a camera; a folder of photographs may have several.
+    """
+    rows = np.column_stack([views.K.reshape(len(views), 9), views.distortion, views.size])[own]
+    _, which, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    out = np.zeros(len(views), bool)
+    out[np.flatnonzero(own)] = which.ravel() == np.argmax(count)
+    return out
+
+
+def camera_of(views: Views, own: np.ndarray, sigma_px: float, T_BS: np.ndarray | None) -> Camera:
     """`camN` from the first of its views."""
     i = int(np.flatnonzero(own)[0])
     K = views.K[i]
@@ -66,7 +78,8 @@ def to_sequence(
     """Sequence of a reconstruction.
 
     The world of a tumbling body is the body, so the rotation of a view of cam0 is the attitude: it turns body vectors
-    into the camera.
+    into the camera. Where a folder holds images of several cameras or zooms, tracks and images are those of the one
+    with most images, and attitudes are of all.
 
     Args:
         index: (n,) place of each view in the source, for footage without a clock.
@@ -77,18 +90,23 @@ def to_sequence(
     stamps, warnings = clock(views, index)
     number = np.array([int(n.split("/", 1)[0][3:]) if n.startswith("cam") else 0 for n in views.names], int)
     error = residuals(views, points)
-    cameras = {}
+    cameras, tracked = {}, np.zeros(len(views), bool)
     for c in sorted(set(number.tolist())):
-        own = number == c
+        own = one_camera(views, number == c)
+        tracked |= own
         mine = error[own[points.obs_view]]
         sigma = float(np.sqrt(np.mean(mine**2))) if len(mine) else 1.0
-        cameras[c] = camera_of(views, c, own, sigma, (mounting or {}).get(c))
+        cameras[c] = camera_of(views, own, sigma, (mounting or {}).get(c))
         files = [(int(stamps[i]), images[views.names[i]]) for i in np.flatnonzero(own)] if images else []
         times = np.unique(stamps[own])
         rate = float(SECOND / np.median(np.diff(times))) if len(times) > 1 else None
         cameras[c] = Camera(**{**cameras[c].__dict__, "rate_hz": rate, "images": tuple(sorted(files))})
     order = np.lexsort((points.id[points.obs_point], number[points.obs_view], stamps[points.obs_view]))
-    order = order[_once(points, error)[order]]
+    order = order[(_once(points, error) & tracked[points.obs_view])[order]]
+    if not tracked.all():
+        warnings.append(
+            f"{int(np.sum(~tracked))} images of other cameras, zooms or orientations have no tracks in the sequence folder"
+        )
     v, p = points.obs_view[order], points.obs_point[order]
     tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
     attitude = None

@@ -1,4 +1,4 @@
-"""The COLMAP database written by hand: cameras, rig, frames, images, features."""
+"""The COLMAP database written by hand: cameras, rigs, frames, images, features."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import InputError
-from massprops.sfm.footage import CameraRecord, FootageRecord
+from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord
 
 FOCAL_FACTOR = 1.2
 """Prior focal length in units of the longer side, COLMAP's default."""
@@ -52,35 +52,26 @@ def rig_pose(cameras: tuple[CameraRecord, ...]) -> dict[int, np.ndarray]:
 def write_database(
     path: Path, footage: FootageRecord, features: dict[str, tuple[np.ndarray, np.ndarray]]
 ) -> dict[str, int]:
-    """Writes cameras, one rig, frames, images and features; gives the image ids by name.
+    """Writes cameras, rigs, frames, images and features; gives the image ids by name.
 
-    Images of several cameras that share a file name form one frame of the rig.
+    The images of a rig's cameras that share a file name form one frame of the rig. Cameras that are not mounted
+    together are each a rig of their own, and each of their images a frame.
     """
-    poses = rig_pose(footage.cameras)
-    ids: dict[str, int] = {}
-    groups: dict[str, list[str]] = {}
-    by_name = {f.name: f for f in footage.frames}
+    frames: dict[str, list[FrameRecord]] = {}
     for f in footage.frames:
         if f.name in features:
-            key = f.name.split("/", 1)[1] if len(footage.cameras) > 1 else f.name
-            groups.setdefault(key, []).append(f.name)
+            frames.setdefault(f.name.split("/", 1)[1] if footage.rig else f.name, []).append(f)
+    ids = {f.name: i for i, f in enumerate((f for own in frames.values() for f in own), start=1)}
     with pycolmap.Database.open(path) as db:
-        rig = pycolmap.Rig(rig_id=1)
-        for i, record in enumerate(footage.cameras):
-            camera = prior_camera(record)
-            db.write_camera(camera, use_camera_id=True)
-            if i == 0:
-                rig.add_ref_sensor(camera.sensor_id)
-            else:
-                rig.add_sensor(camera.sensor_id, pycolmap.Rigid3d(poses[record.id][:3]))
-        db.write_rig(rig, use_rig_id=True)
-        for name in (n for group in groups.values() for n in group):
-            ids[name] = len(ids) + 1
-        for frame_id, names in enumerate(groups.values(), start=1):
-            frame = pycolmap.Frame(frame_id=frame_id, rig_id=1)
+        for record in footage.cameras:
+            db.write_camera(prior_camera(record), use_camera_id=True)
+        for rig in _rigs(footage):
+            db.write_rig(rig, use_rig_id=True)
+        for frame_id, own in enumerate(frames.values(), start=1):
+            frame = pycolmap.Frame(frame_id=frame_id, rig_id=1 if footage.rig else own[0].camera + 1)
             images = []
-            for name in names:
-                image = pycolmap.Image(name=name, camera_id=by_name[name].camera + 1, image_id=ids[name])
+            for f in own:
+                image = pycolmap.Image(name=f.name, camera_id=f.camera + 1, image_id=ids[f.name])
                 image.frame_id = frame_id
                 frame.add_data_id(image.data_id)
                 images.append(image)
@@ -94,3 +85,18 @@ def write_database(
                     pycolmap.FeatureDescriptors(type=pycolmap.FeatureExtractorType.SIFT, data=descriptors),
                 )
     return ids
+
+
+def _rigs(footage: FootageRecord) -> list[pycolmap.Rig]:
+    sensors = [prior_camera(record).sensor_id for record in footage.cameras]
+    if not footage.rig:
+        rigs = [pycolmap.Rig(rig_id=record.id + 1) for record in footage.cameras]
+        for rig, sensor in zip(rigs, sensors, strict=True):
+            rig.add_ref_sensor(sensor)
+        return rigs
+    poses = rig_pose(footage.cameras)
+    rig = pycolmap.Rig(rig_id=1)
+    rig.add_ref_sensor(sensors[0])
+    for record, sensor in zip(footage.cameras[1:], sensors[1:], strict=True):
+        rig.add_sensor(sensor, pycolmap.Rigid3d(poses[record.id][:3]))
+    return [rig]

@@ -15,7 +15,8 @@ import numpy as np
 
 from massprops.errors import InputError
 from massprops.run.job import Progress, silent
-from massprops.sfm.footage import FootageRecord
+from massprops.sfm.footage import FootageRecord, FrameRecord
+from massprops.sfm.turned import turn_keypoints
 
 
 @dataclass(frozen=True)
@@ -110,29 +111,29 @@ def extract_all(
     threads: int,
     progress: Progress = silent,
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
-    """Features of every frame, by name, and warnings.
+    """Features of every frame, by name, and warnings; places are those of the frames turned as their camera's are.
 
     With `masked`, a frame without a silhouette is used whole before black sky and left out otherwise, where a still
     background would hold the solver.
     """
-    sizes = {c.id: c.size for c in footage.cameras}
     warnings: list[str] = []
     unmasked: list[str] = []
 
-    def one(frame) -> tuple[str, np.ndarray, np.ndarray] | None:
+    def one(frame: FrameRecord) -> tuple[str, np.ndarray, np.ndarray] | None:
         gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
         if gray is None:
             raise InputError(f"{footage.image(frame.name)}: not a readable image; run the capture stage again")
         region = None
         if masked:
-            mask = read_mask(footage, frame.name, sizes[frame.camera])
+            mask = read_mask(footage, frame.name, footage.size(frame))
             if mask is None:
                 unmasked.append(frame.name)
                 if footage.background != "black":
                     return None
             else:
                 region = object_region(mask, options.margin)
-        return frame.name, *extract(gray, region, options)
+        keypoints, descriptors = extract(gray, region, options)
+        return frame.name, turn_keypoints(keypoints, footage.size(frame), frame.turn), descriptors
 
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     cv2.setNumThreads(1)  # one thread an image, and the same features every time

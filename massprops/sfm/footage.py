@@ -13,26 +13,39 @@ from massprops.errors import InputError
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """One image: name relative to `frames/` (`cam0/000012.png`), camera number, clock [ns] or -1, source index."""
+    """One image.
+
+    Attributes:
+        name: relative to `frames/`, `cam0/000012.png`; the folder is the stream, 0, or 1 for the second half of a rig.
+        camera: number of its camera.
+        timestamp_ns: its clock [ns], or -1.
+        index: place in the source.
+        source_name: of the user's file.
+        turn: quarter turns clockwise that bring the stored image to the way in which its camera's images are held.
+    """
 
     name: str
     camera: int
     timestamp_ns: int
     index: int
+    source_name: str = ""
+    turn: int = 0
 
 
 @dataclass(frozen=True)
 class CameraRecord:
-    """What is known of one camera before the reconstruction.
+    """What is known of one camera, at one zoom and image size, before the reconstruction.
 
     Attributes:
         id: number of the camera.
-        size: width, height [px].
+        size: width, height of its images once all are turned the same way [px].
         focal_px: focal length [px], or None.
         principal_point: (2,) [px], centres of pixels at whole numbers (OpenCV), or None for the image's middle.
         distortion: (4,) OpenCV k1, k2, p1, p2, or None when unknown.
         T_BS: (4, 4) sensor to chaser body [m], or None.
-        focal_source: `given`, `exif` or `none`; a given focal length is never changed.
+        focal_source: `given`, `exif`, `alike`, `start` or `none` (`massprops.capture.cameras.CameraPrior`); a given
+            focal length is never changed.
+        device: maker, model and zoom as EXIF has them, or empty.
     """
 
     id: int
@@ -42,6 +55,7 @@ class CameraRecord:
     distortion: tuple[float, ...] | None = None
     T_BS: np.ndarray | None = None
     focal_source: str = "none"
+    device: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,16 @@ class FootageRecord:
         """Whether neighbours in the list are neighbours in time."""
         return self.kind in ("video", "sequence", "stereo") or all(f.timestamp_ns >= 0 for f in self.frames)
 
+    @property
+    def rig(self) -> bool:
+        """Whether the cameras are mounted together and two images of equal name were taken at one instant."""
+        return self.kind == "stereo"
+
+    def size(self, frame: FrameRecord) -> tuple[int, int]:
+        """Width, height of a frame as stored [px]."""
+        width, height = next(c.size for c in self.cameras if c.id == frame.camera)
+        return (height, width) if frame.turn % 2 else (width, height)
+
 
 def read_footage(folder: Path) -> FootageRecord:
     """Reads `footage.json` of a capture folder.
@@ -97,7 +121,14 @@ def read_footage(folder: Path) -> FootageRecord:
         d = json.loads(path.read_text())
         cameras = tuple(_camera(c) for c in d["cameras"])
         frames = tuple(
-            FrameRecord(f["name"], int(f["camera"]), int(f.get("timestamp_ns", -1)), int(f.get("index", i)))
+            FrameRecord(
+                f["name"],
+                int(f["camera"]),
+                int(f.get("timestamp_ns", -1)),
+                int(f.get("index", i)),
+                str(f.get("source_name", "")),
+                int(f.get("turn", 0)) % 4,
+            )
             for i, f in enumerate(d["frames"])
         )
         motion = d["motion"]
@@ -126,4 +157,5 @@ def _camera(c: dict) -> CameraRecord:
         distortion=tuple(float(v) for v in c["distortion"]) if c.get("distortion") else None,
         T_BS=np.asarray(T, float).reshape(4, 4) if T is not None else None,
         focal_source=str(c.get("focal_source", "none")),
+        device=str(c.get("device", "")),
     )

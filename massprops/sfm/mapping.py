@@ -19,6 +19,7 @@ class MappingOptions:
     Attributes:
         mapper: `incremental` or `global`.
         fixed_intrinsics: the camera is given and stays as it is.
+        constant: where only some are given, their COLMAP numbers.
         free_distortion: the radial term is estimated while mapping.
         masked: features lie on one object only, so planes and frames of text are no reason to reject a pair.
         guided: second round of matching along epipolar lines.
@@ -28,6 +29,7 @@ class MappingOptions:
 
     mapper: str = "incremental"
     fixed_intrinsics: bool = False
+    constant: frozenset[int] = frozenset()
     free_distortion: bool = False
     masked: bool = False
     guided: bool = False
@@ -86,6 +88,7 @@ def pipeline_options(options: MappingOptions, frames: Path) -> pycolmap.Incremen
     o.mapper.abs_pose_refine_focal_length = not options.fixed_intrinsics
     o.ba_refine_extra_params = options.free_distortion and not options.fixed_intrinsics
     o.mapper.abs_pose_refine_extra_params = o.ba_refine_extra_params
+    o.constant_cameras = set(options.constant)
     o.ba_global_frames_ratio = 1.3
     o.ba_global_points_ratio = 1.3
     o.ba_global_max_refinements = 2

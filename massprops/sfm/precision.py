@@ -8,7 +8,7 @@ clusters: Cov = H⁺ (Σ_p s_p s_pᵀ) H⁺, H the camera system after the point
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,10 +22,11 @@ class Precision:
 
     Attributes:
         rms_px: root mean square residual of one coordinate [px].
-        focal_relative: of the focal length, relative; 0 when it was given.
-        distortion: of k1; 0 when it was not estimated.
+        focal_relative: of the focal length, relative; 0 when it was given. Of several cameras, the one with most views.
+        distortion: of its k1; 0 when it was not estimated.
         attitude: (n,) of each view's rotation, per axis [rad].
         focal_relative_model: what independent errors of size `rms_px` would give for `focal_relative`.
+        focal_by_camera: relative, of every camera number.
     """
 
     rms_px: float
@@ -33,12 +34,27 @@ class Precision:
     distortion: float
     attitude: np.ndarray
     focal_relative_model: float
+    focal_by_camera: dict[int, float] = field(default_factory=dict)
 
 
 def precision(
-    views: Views, points: SparsePoints, free_focal: bool, free_distortion: bool, loss_px: float | None = None
+    views: Views,
+    points: SparsePoints,
+    free_focal: bool,
+    radial_terms: int | dict[int, int],
+    loss_px: float | None = None,
+    camera: np.ndarray | None = None,
+    constant: frozenset[int] = frozenset(),
 ) -> Precision:
-    """See the module. `loss_px` is the scale of the Cauchy loss of the adjustment, None for least squares."""
+    """See the module.
+
+    Args:
+        free_focal: whether focal lengths were estimated.
+        radial_terms: estimated terms of the distortion, of all cameras or by number.
+        loss_px: scale of the Cauchy loss of the adjustment, None for least squares.
+        camera: (n,) number of each view's camera; None for one camera.
+        constant: numbers of cameras whose focal length was given all the same.
+    """
     import scipy.linalg
     import scipy.sparse as sp
 
@@ -46,6 +62,9 @@ def precision(
     v, p = points.obs_view, points.obs_point
     r = residuals(views, points)
     rms = float(np.sqrt(np.mean(r**2))) if k else float("nan")
+    camera = np.zeros(n, int) if camera is None else np.asarray(camera)
+    numbers, many = np.unique(camera, return_counts=True)
+    main = int(np.argmax(many)) if n else 0
     if n < 3 or k < 6 * n:
         return Precision(rms, np.nan if free_focal else 0.0, np.nan, np.full(n, np.nan), np.nan)
     w = np.ones(k) if loss_px is None else 1 / (1 + (r**2).sum(1) / loss_px**2)
@@ -77,11 +96,16 @@ def precision(
     cross[:, 1, 0], cross[:, 1, 2] = -a[:, 2], a[:, 0]
     cross[:, 2, 0], cross[:, 2, 1] = a[:, 1], -a[:, 0]
     pose = np.concatenate([Jc @ cross, Jc], 2)
-    extra = []
-    if free_focal:
-        extra.append(np.stack([x * radial, y * radial], 1) * f[:, None])
-    if free_distortion:
-        extra.append(np.stack([x * r2, y * r2], 1) * f[:, None])
+    extra, focal_at, bent_at = [], {}, {}
+    for c in numbers.tolist():
+        own = (camera[v] == c)[:, None]
+        if free_focal and c not in constant:
+            focal_at[c] = len(extra)
+            extra.append(np.where(own, np.stack([x * radial, y * radial], 1) * f[:, None], 0.0))
+        terms = radial_terms if isinstance(radial_terms, int) else radial_terms.get(c, 0)
+        for power in range(1, terms + 1):
+            bent_at.setdefault(c, len(extra))
+            extra.append(np.where(own, np.stack([x * r2**power, y * r2**power], 1) * f[:, None], 0.0))
     e = len(extra)
     rows = np.arange(2 * k).reshape(k, 2)
     cols = 6 * v[:, None] + np.arange(6)
@@ -122,10 +146,13 @@ def precision(
     diag = np.sqrt(np.maximum(np.diag(cov), 0))
     plain = np.sqrt(np.maximum(np.diag(inverse), 0)) * rms
     attitude = np.sqrt(np.mean(diag[: 6 * n].reshape(n, 6)[:, :3] ** 2, axis=1))
+    first = int(numbers[main])
+    by_camera = {c: float(diag[6 * n + i]) for c, i in focal_at.items()}
     return Precision(
         rms_px=rms,
-        focal_relative=float(diag[6 * n]) if free_focal else 0.0,
-        distortion=float(diag[6 * n + e - 1]) if free_distortion else 0.0,
+        focal_relative=by_camera.get(first, 0.0),
+        distortion=float(diag[6 * n + bent_at[first]]) if first in bent_at else 0.0,
         attitude=attitude,
-        focal_relative_model=float(plain[6 * n]) if free_focal else 0.0,
+        focal_relative_model=float(plain[6 * n + focal_at[first]]) if first in focal_at else 0.0,
+        focal_by_camera=by_camera,
     )

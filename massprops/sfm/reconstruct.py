@@ -17,12 +17,14 @@ from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.features import FeatureOptions, extract_all, read_mask
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.mapping import MappingOptions, map_images, match, quiet, retriangulate
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
-from massprops.sfm.refine import RefineOptions, adjust, refine, remove_outliers
+from massprops.sfm.refine import Refined, RefineOptions, adjust, refine, remove_outliers
 from massprops.sfm.steady import largest_jump
 from massprops.sfm.surface_tracks import Image, with_surface
+from massprops.sfm.turned import turn_image, upright
 from massprops.views import Views, undistort
 
 ENOUGH = 0.9
@@ -53,6 +55,29 @@ class SfmOptions:
 
 
 @dataclass(frozen=True)
+class SolvedCamera:
+    """One camera after the reconstruction.
+
+    Attributes:
+        id: as in the footage.
+        images: that were placed.
+        focal_px: along u and v [px].
+        focal_sigma_relative: 0 where the focal length was given.
+        distortion: OpenCV k1, k2, p1, p2.
+        lens: the model and what spoke for it.
+        estimated: whether the distortion was.
+    """
+
+    id: int
+    images: int
+    focal_px: tuple[float, float]
+    focal_sigma_relative: float
+    distortion: tuple[float, ...]
+    lens: LensChoice
+    estimated: bool
+
+
+@dataclass(frozen=True)
 class SfmResult:
     """One reconstruction.
 
@@ -62,7 +87,7 @@ class SfmResult:
         points: its points.
         models: (images, points) of every model found, largest first.
         precision: of the last adjustment.
-        distortion_estimated: whether k1 was.
+        cameras: the one with most images first.
         warnings: one line each.
     """
 
@@ -71,7 +96,7 @@ class SfmResult:
     points: SparsePoints
     models: tuple[tuple[int, int], ...]
     precision: Precision
-    distortion_estimated: bool
+    cameras: tuple[SolvedCamera, ...]
     warnings: tuple[str, ...]
 
 
@@ -103,20 +128,18 @@ def reconstruct(
     database, options_map = found
     model = _close_loops(models[0], database, footage, options, options_map, work, progress)
     progress(0, 1, "adjustment")
-    test = _may_distort(footage)
-    accuracy, bent = refine(
-        model,
-        options.refine,
-        not options_map.fixed_intrinsics,
-        test and not options_map.fixed_intrinsics,
-        options.threads,
-    )
+    free = not options_map.fixed_intrinsics
+    settings = replace(options.refine, constant=options_map.constant)
+    test = free and _may_distort(footage)
+    refined = refine(model, settings, free, test, options.threads, masked, options.seed)
+    accuracy = refined.precision
     if masked:
-        free = not options_map.fixed_intrinsics
         image = _pictures(footage, to_views(model)[0])
         accuracy = with_surface(
-            model, accuracy, image, options.refine, free, bent, options.seed, options.threads, progress
+            model, accuracy, image, settings, free, refined.radial_terms, options.seed, options.threads, progress
         )
+    cameras = _solved(footage, model, accuracy, refined)
+    model = upright(model, footage)
     model.extract_colors_for_all_images(footage.folder / "frames", options.threads)
     views, ids = to_views(model, {f.name: f.timestamp_ns for f in footage.frames})
     points = to_points(model, ids)
@@ -132,20 +155,50 @@ def reconstruct(
             f"{sizes[0][0] - len(views)} images were taken out again: too few points hold them to the others"
         )
     warnings += _remarks(sizes, len(views), used, turned)
-    return SfmResult(model, views, points, sizes, accuracy, bent, tuple(warnings))
+    return SfmResult(model, views, points, sizes, accuracy, cameras, tuple(warnings))
+
+
+def _solved(
+    footage: FootageRecord, model: pycolmap.Reconstruction, accuracy: Precision, refined: Refined
+) -> tuple[SolvedCamera, ...]:
+    views, ids = to_views(model)
+    number = np.array([model.image(i).camera_id for i in ids], int)
+    out = []
+    for record in footage.cameras:
+        own = np.flatnonzero(number == record.id + 1)
+        if not len(own):
+            continue
+        lens = refined.lenses.get(record.id + 1)
+        K = views.K[own[0]]
+        out.append(
+            SolvedCamera(
+                record.id,
+                len(own),
+                (float(K[0, 0]), float(K[1, 1])),
+                float(accuracy.focal_by_camera.get(record.id + 1, 0.0)),
+                tuple(float(k) for k in views.distortion[own[0]]),
+                lens or LensChoice(MODELS[0] if record.distortion is None else "OPENCV"),
+                lens is not None and lens.bent,
+            )
+        )
+    return tuple(sorted(out, key=lambda c: (-c.images, c.id)))
 
 
 def _pictures(footage: FootageRecord, views: Views) -> Image:
-    """The views undistorted, with their silhouettes; one without a silhouette shows nothing."""
+    """The views undistorted, with their silhouettes, turned as their camera's are; one without a silhouette shows
+    nothing."""
+    frames = {f.name: f for f in footage.frames}
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
-        name, size = views.names[i], (int(views.size[i, 0]), int(views.size[i, 1]))
-        colour, mask = cv2.imread(str(footage.image(name))), read_mask(footage, name, size)
+        frame = frames[views.names[i]]
+        size = footage.size(frame)
+        colour, mask = cv2.imread(str(footage.image(frame.name))), read_mask(footage, frame.name, size)
         if colour is None:
-            raise InputError(f"{footage.image(name)}: not a readable image; run the capture stage again")
+            raise InputError(f"{footage.image(frame.name)}: not a readable image; run the capture stage again")
         if mask is None:
             mask = np.zeros((size[1], size[0]), np.uint8)
         K, distortion = views.K[i], views.distortion[i]
+        colour, mask = turn_image(colour, frame.turn), turn_image(mask, frame.turn)
         return undistort(colour, K, distortion), undistort(mask, K, distortion, nearest=True)
 
     return image
@@ -170,6 +223,7 @@ def _attempt(
     mapping = MappingOptions(
         mapper=options.mapper,
         fixed_intrinsics=_fixed(footage),
+        constant=frozenset(c.id + 1 for c in footage.cameras if c.focal_source == "given" and not _fixed(footage)),
         free_distortion=not masked and _may_distort(footage),
         masked=masked,
         guided=options.guided,
@@ -226,11 +280,11 @@ def _steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: Map
     """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
     trial = pycolmap.Reconstruction(model)
     loss = remove_outliers(trial, RefineOptions(), 2.0)
-    adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, iterations=20)
+    adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
     views, _ = to_views(trial)
-    first = footage.cameras[0].id
+    first = footage.frames[0].name.split("/", 1)[0]
     timed = all(f.timestamp_ns >= 0 for f in footage.frames)
-    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.camera == first}
+    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.name.startswith(f"{first}/")}
     own = sorted((place[n], i) for i, n in enumerate(views.names) if n in place)
     return largest_jump(views.R[[i for _, i in own]], np.array([k for k, _ in own])) < 1.0
 
@@ -239,7 +293,7 @@ def _first_pairs(
     footage: FootageRecord, names: list[str], descriptors: list[np.ndarray], options: SfmOptions
 ) -> list[tuple[str, str]]:
     n = len(names)
-    if len(footage.cameras) > 1:
+    if footage.rig:
         return _rig_pairs(footage, names, options)
     if n <= (16 if footage.ordered else options.exhaustive_below):
         index = pairing.exhaustive(n)

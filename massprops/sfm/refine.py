@@ -1,8 +1,9 @@
-"""The last adjustment: outliers out, robust loss, and a distortion term only where the images show one.
+"""The last adjustment: outliers out, robust loss, and the lens model that the images ask for.
 
 On a small body in the middle of the image a radial term trades against the focal length and the distance, so that an
-unneeded one costs accuracy; it is kept when it is significant beside its own standard deviation and moves features
-by a visible amount.
+unneeded one costs accuracy. There a distortion is thought of only when k1 is significant beside its own standard
+deviation and moves features by a visible amount; then, as for images full of features, held-out observations decide
+(`massprops.sfm.lens`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import pycolmap
 
 from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.lens import LensChoice, choose_lenses, set_models
 from massprops.sfm.points import residuals
 from massprops.sfm.precision import Precision, precision
 
@@ -38,7 +40,9 @@ class RefineOptions:
         loose, loose_deg: an image is taken out when its attitude's standard deviation is beyond this many medians and
             beyond this many degrees.
         significance: k1 over its standard deviation from which on it is kept.
-        visible_px: movement of the outermost features from which on k1 is kept.
+        visible_px: movement of the outermost features from which on a distortion of one object's images is kept; of
+            images full of features, half a standard deviation of their residuals is enough.
+        constant: numbers of cameras whose focal length was given.
     """
 
     rounds: int = 2
@@ -54,6 +58,7 @@ class RefineOptions:
     loose_deg: float = 0.2
     significance: float = 5.0
     visible_px: float = 0.3
+    constant: frozenset[int] = frozenset()
 
 
 FOCAL_INFLATION = 2.5
@@ -71,8 +76,9 @@ def adjust(
     loss_px: float | None,
     threads: int,
     iterations: int = 40,
+    constant: frozenset[int] = frozenset(),
 ) -> None:
-    """One global bundle adjustment in place; rigs and principal points stay as they are."""
+    """One global bundle adjustment in place; rigs, principal points and the cameras `constant` stay as they are."""
     o = pycolmap.BundleAdjustmentOptions()
     o.refine_focal_length = free_focal
     o.refine_extra_params = free_distortion
@@ -85,7 +91,17 @@ def adjust(
     o.ceres.solver_options.max_num_iterations = iterations
     o.ceres.solver_options.function_tolerance = 1e-7
     o.ceres.solver_options.num_threads = threads
-    pycolmap.bundle_adjustment(model, o)
+    constant &= set(model.cameras)
+    if not constant:
+        pycolmap.bundle_adjustment(model, o)
+        return
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in sorted(model.reg_image_ids()):
+        config.add_image(image_id)
+    for camera_id in sorted(constant):
+        config.set_constant_cam_intrinsics(camera_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(o, config, model).solve()
 
 
 def robust_sigma(distance: np.ndarray) -> float:
@@ -107,42 +123,101 @@ def remove_outliers(model: pycolmap.Reconstruction, options: RefineOptions, leas
     return _loss(sigma, options)
 
 
+@dataclass(frozen=True)
+class Refined:
+    """What the last adjustment came to: its precision, and the lens model of every camera number."""
+
+    precision: Precision
+    lenses: dict[int, LensChoice]
+
+    @property
+    def bent(self) -> bool:
+        """Whether any distortion is estimated."""
+        return any(c.bent for c in self.lenses.values())
+
+    @property
+    def radial_terms(self) -> dict[int, int]:
+        """Estimated radial terms by camera number."""
+        return {c: lens.radial_terms for c, lens in self.lenses.items()}
+
+
 def refine(
     model: pycolmap.Reconstruction,
     options: RefineOptions,
     free_focal: bool,
     test_distortion: bool,
     threads: int,
-) -> tuple[Precision, bool]:
-    """Adjusts in place; gives the precision and whether a distortion term was estimated."""
+    small: bool = True,
+    seed: int = 0,
+) -> Refined:
+    """Adjusts in place.
+
+    Args:
+        test_distortion: whether the lens is unknown.
+        small: the features are on one object, which may fill little of the images.
+        seed: of the observations held out.
+    """
+
+    def again(free_distortion: bool, iterations: int = 40) -> None:
+        adjust(model, free_focal, free_distortion, loss, threads, iterations, options.constant)
+
     # wide at first: an image whose pose is still poor must not lose the observations that would mend it
     loss = remove_outliers(model, options, 2.0)
-    adjust(model, free_focal, False, loss, threads, iterations=20)
+    again(False, 20)
+    lenses: dict[int, LensChoice] = {}
+    if test_distortion and not small:
+        # before the corners' observations go as outliers of a lens too simple
+        lenses = _lenses(model, options, free_focal, threads, seed, 0.5 * loss)
+        _take(model, lenses)
+        again(_bent(lenses), 20)
     loss = remove_outliers(model, options, 1.0)
     for _ in range(options.rounds - 1):
-        adjust(model, free_focal, False, loss, threads)
+        again(_bent(lenses))
         loss = remove_outliers(model, options)
-    keep = False
-    if test_distortion:
-        # tested on a copy, since going back would need another adjustment
-        trial = pycolmap.Reconstruction(model)
-        adjust(trial, free_focal, True, loss, threads, iterations=15)
-        keep = _shows_distortion(trial, options, free_focal, loss)
-        if keep:
-            for camera_id, camera in trial.cameras.items():
-                model.cameras[camera_id].params = camera.params
-            adjust(model, free_focal, True, loss, threads)
+    if test_distortion and small and _shows_distortion(model, options, free_focal, loss, threads):
+        lenses = _lenses(model, options, free_focal, threads, seed, options.visible_px)
+        _take(model, lenses)
+        if _bent(lenses):
+            again(True)
             loss = remove_outliers(model, options)
-    adjust(model, free_focal, keep, loss, threads)
+    again(_bent(lenses))
     _drop_weak(model, options)
     model.update_point_3d_errors()
-    views, ids = to_views(model)
-    raw = precision(views, to_points(model, ids), free_focal, keep, loss)
-    if _drop_loose(model, ids, raw.attitude, options):
+    terms = {c: lens.radial_terms for c, lens in lenses.items()}
+    refined = Refined(_raw_precision(model, free_focal, terms, loss, options.constant), lenses)
+    if _drop_loose(model, to_views(model)[1], refined.precision.attitude, options):
         model.update_point_3d_errors()
-        views, ids = to_views(model)
-        raw = precision(views, to_points(model, ids), free_focal, keep, loss)
-    return _honest(raw), keep
+        refined = replace(refined, precision=_raw_precision(model, free_focal, terms, loss, options.constant))
+    return replace(refined, precision=_honest(refined.precision))
+
+
+def _bent(lenses: dict[int, LensChoice]) -> bool:
+    return any(c.bent for c in lenses.values())
+
+
+def _lenses(
+    model: pycolmap.Reconstruction,
+    options: RefineOptions,
+    free_focal: bool,
+    threads: int,
+    seed: int,
+    visible_px: float,
+) -> dict[int, LensChoice]:
+    loss = robust_loss(model, options)
+
+    def fit(trial: pycolmap.Reconstruction) -> None:
+        adjust(trial, free_focal, True, loss, threads, 20, options.constant)
+
+    return choose_lenses(model, fit, loss, visible_px, seed)
+
+
+def _take(model: pycolmap.Reconstruction, lenses: dict[int, LensChoice]) -> None:
+    """Changes the cameras; where none is bent they keep COLMAP's simplest model with k1 = 0, which stays fixed."""
+    if _bent(lenses):
+        set_models(model, {c: lens.model for c, lens in lenses.items()})
+    else:
+        set_models(model, dict.fromkeys(lenses, "SIMPLE_PINHOLE"))
+        set_models(model, dict.fromkeys(lenses, "SIMPLE_RADIAL"))
 
 
 def robust_loss(model: pycolmap.Reconstruction, options: RefineOptions) -> float:
@@ -159,14 +234,36 @@ def _loss(sigma: float, options: RefineOptions) -> float:
     return float(np.clip(options.loss * sigma, options.least_loss_px, options.most_loss_px))
 
 
-def model_precision(model: pycolmap.Reconstruction, free_focal: bool, free_distortion: bool, loss: float) -> Precision:
+def model_precision(
+    model: pycolmap.Reconstruction,
+    free_focal: bool,
+    radial_terms: int | dict[int, int],
+    loss: float,
+    constant: frozenset[int] = frozenset(),
+) -> Precision:
     """Precision of an adjusted model, as stated to the user."""
+    return _honest(_raw_precision(model, free_focal, radial_terms, loss, constant))
+
+
+def _raw_precision(
+    model: pycolmap.Reconstruction,
+    free_focal: bool,
+    radial_terms: int | dict[int, int],
+    loss: float,
+    constant: frozenset[int] = frozenset(),
+) -> Precision:
     views, ids = to_views(model)
-    return _honest(precision(views, to_points(model, ids), free_focal, free_distortion, loss))
+    camera = np.array([model.image(i).camera_id for i in ids], int)
+    return precision(views, to_points(model, ids), free_focal, radial_terms, loss, camera, constant)
 
 
 def _honest(raw: Precision) -> Precision:
-    return replace(raw, focal_relative=FOCAL_INFLATION * raw.focal_relative, attitude=ATTITUDE_INFLATION * raw.attitude)
+    return replace(
+        raw,
+        focal_relative=FOCAL_INFLATION * raw.focal_relative,
+        focal_by_camera={c: FOCAL_INFLATION * s for c, s in raw.focal_by_camera.items()},
+        attitude=ATTITUDE_INFLATION * raw.attitude,
+    )
 
 
 def _drop_weak(model: pycolmap.Reconstruction, options: RefineOptions) -> None:
@@ -192,13 +289,23 @@ def _drop_loose(model: pycolmap.Reconstruction, ids: list[int], attitude: np.nda
     return bool(frames)
 
 
-def _shows_distortion(model: pycolmap.Reconstruction, options: RefineOptions, free_focal: bool, loss: float) -> bool:
-    views, ids = to_views(model)
-    points = to_points(model, ids)
-    p = precision(views, points, free_focal, True, loss)
-    k1 = float(views.distortion[0, 0])
-    K = views.K[points.obs_view]
-    r = np.linalg.norm((points.obs_uv - K[:, :2, 2]) / K[:, 0, 0][:, None], axis=1)
-    moved = abs(k1) * np.percentile(r, 98) ** 3 * float(views.K[0, 0, 0])
+def _shows_distortion(
+    model: pycolmap.Reconstruction, options: RefineOptions, free_focal: bool, loss: float, threads: int
+) -> bool:
+    """Whether k1 of the camera with most views is significant and visible; tried on a copy."""
+    trial = pycolmap.Reconstruction(model)
+    adjust(trial, free_focal, True, loss, threads, 15, options.constant)
+    p = _raw_precision(trial, free_focal, 1, loss, options.constant)
+    views, ids = to_views(trial)
+    camera = np.array([trial.image(i).camera_id for i in ids], int)
+    points = to_points(trial, ids)
+    main = np.argmax(np.bincount(camera))
+    own = points.obs_view[camera[points.obs_view] == main]
+    uv = points.obs_uv[camera[points.obs_view] == main]
+    i = int(np.flatnonzero(camera == main)[0])
+    k1, focal = float(views.distortion[i, 0]), float(views.K[i, 0, 0])
+    K = views.K[own]
+    r = np.linalg.norm((uv - K[:, :2, 2]) / K[:, 0, 0][:, None], axis=1)
+    moved = abs(k1) * np.percentile(r, 98) ** 3 * focal
     sure = np.isfinite(p.distortion) and abs(k1) > options.significance * p.distortion
     return bool(sure and moved > options.visible_px)

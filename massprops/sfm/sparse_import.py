@@ -43,7 +43,7 @@ def import_sparse(
             f"{place}: only {len(kept)} of its {len(views)} images are in the footage; use the image names of the footage"
         )
     stamps = {f.name: f.timestamp_ns for f in footage.frames}
-    sizes = {f.name: next(c.size for c in footage.cameras if c.id == f.camera) for f in footage.frames}
+    sizes = {f.name: footage.size(f) for f in footage.frames}
     order = sorted(kept, key=lambda i: frame_of[views.names[i]])
     names = tuple(frame_of[views.names[i]] for i in order)
     chosen = views.take(np.array(order))
@@ -87,14 +87,15 @@ def import_sparse(
 
 
 def _frame_names(footage: FootageRecord, names: tuple[str, ...]) -> dict[str, str]:
-    """Frame name of every model image that belongs to the footage."""
+    """Frame name of every model image that belongs to the footage; the model may have the user's own file names."""
     keys: tuple = (lambda s: s, lambda s: Path(s).name, lambda s: Path(s).stem)
     out: dict[str, str] = {}
     taken: set[str] = set()
     for key in keys:
         table: dict[str, list[str]] = {}
         for frame in footage.frames:
-            table.setdefault(key(frame.name), []).append(frame.name)
+            for own in {key(frame.name), key(frame.source_name or frame.name)}:
+                table.setdefault(own, []).append(frame.name)
         for name in names:
             match = table.get(key(name), [])
             if name not in out and len(match) == 1 and match[0] not in taken:

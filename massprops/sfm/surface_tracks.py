@@ -56,7 +56,7 @@ def with_surface(
     image: Image,
     options: RefineOptions,
     free_focal: bool,
-    bent: bool,
+    radial_terms: int | dict[int, int],
     seed: int,
     threads: int,
     progress: Progress = silent,
@@ -68,7 +68,8 @@ def with_surface(
     Args:
         before: its precision.
         image: its views, in the order of their names.
-        free_focal, bent: whether focal length and distortion are estimated.
+        free_focal: whether focal lengths are estimated.
+        radial_terms: estimated terms of the distortion, of all cameras or by number.
 
     Returns:
         the precision afterwards.
@@ -86,9 +87,10 @@ def with_surface(
     pieces = follow_pieces(views, image, cloud, facts["image_factor"], seed)
     trial = pycolmap.Reconstruction(model)
     _add(trial, views, ids, pieces)
-    adjust(trial, free_focal, bent, options.least_loss_px, threads, iterations=20)
+    bent = bool(radial_terms if isinstance(radial_terms, int) else any(radial_terms.values()))
+    adjust(trial, free_focal, bent, options.least_loss_px, threads, 20, options.constant)
     loss = robust_loss(trial, options)
-    after = model_precision(trial, free_focal, bent, loss)
+    after = model_precision(trial, free_focal, radial_terms, loss, options.constant)
     if not np.median(after.attitude) < np.median(before.attitude):
         return before
     for camera_id, camera in trial.cameras.items():

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import massprops
+from massprops.core.files import hash_of
+from massprops.core.outputs import OWN, Outputs, claim
 from massprops.errors import InputError
 from massprops.sequence import Camera, Environment, RangeSeries, Sequence, write_sequence
 from massprops.simulate.scenario import Scenario, load_scenario
@@ -19,15 +22,18 @@ def simulate(
     out: str | Path,
     video: bool = False,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    force: bool = False,
     **changes: Any,
 ) -> Path:
     """Renders a scenario into a sequence folder.
 
     Args:
         scenario: name, YAML file, or mesh file.
-        out: folder; made, or refused when it holds something else.
+        out: folder; made, or refused when it holds something else than an earlier simulation. The sequence appears in
+            it whole when it is done.
         video: also write `cam0/video.mp4`.
         progress: told of each frame.
+        force: other files in the folder may be replaced; the scenario's own may not.
         changes: fields of `Scenario`.
 
     Returns:
@@ -50,7 +56,8 @@ def simulate(
             raise InputError(f"{scenario}: a scenario of tracks has no images, so no video: leave --video out")
         given = _tracks_file(scenario)
         given.update({TRACK_NAMES.get(k, k): v for k, v in changes.items() if v is not None})
-        folder = write_tracks(track_scenario(given, str(scenario)), out)
+        read = [Path(p) for p in (scenario, given.get("model")) if p is not None]
+        folder = write_tracks(track_scenario(given, str(scenario)), out, read, force)
         progress(1, 1, "tracks")
         return folder
     acting = tuple(changes.pop("effects", None) or ())
@@ -70,19 +77,14 @@ def simulate(
         path, model = _under_effects(chosen, path, acting, model_file, length, body.mass)
     if video and any(v % 2 for v in chosen.size):
         raise InputError(f"size {chosen.size[0]}x{chosen.size[1]}: H.264 needs even numbers; give such a --size")
-    folder = Path(out)
-    refuse_others(folder)
     lens = lens_of(chosen)
-    renderer = Renderer(mesh, chosen, lens)
-    rng = np.random.default_rng([chosen.seed, 3])
-    baselines = [0.0] + ([chosen.stereo_m] if chosen.stereo_m > 0 else [])
-    seen = np.zeros(len(mesh.faces), int)
-    images: dict[int, list[tuple[int, Path]]] = {k: [] for k in range(len(baselines))}
-    try:
-        for part in ("cam0", "cam1", "range0"):
-            shutil.rmtree(folder / part, ignore_errors=True)
-        (folder / MARK).parent.mkdir(parents=True, exist_ok=True)
-        (folder / MARK).touch()
+    read = [Path(p) for p in (scenario, chosen.mesh, model_file) if p is not None]
+    with new_sequence(Path(out), (chosen, acting, model), read, force) as folder:
+        renderer = Renderer(mesh, chosen, lens)
+        rng = np.random.default_rng([chosen.seed, 3])
+        baselines = [0.0] + ([chosen.stereo_m] if chosen.stereo_m > 0 else [])
+        seen = np.zeros(len(mesh.faces), int)
+        images: dict[int, list[tuple[int, Path]]] = {k: [] for k in range(len(baselines))}
         for k in range(len(baselines)):
             (folder / f"cam{k}" / "data").mkdir(parents=True)
         for i, stamp in enumerate(path.timestamp_ns.tolist()):
@@ -103,9 +105,7 @@ def simulate(
         mesh.export(folder / "truth" / "mesh.ply")
         if video:
             write_video(folder / "cam0" / "video.mp4", [p for _, p in images[0]], chosen.rate_hz)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
-    return folder
+    return Path(out)
 
 
 TRACK_NAMES = {"stereo_m": "baseline_m"}
@@ -118,7 +118,7 @@ def is_tracks(scenario: str | Path) -> bool:
 
 
 def _tracks_file(scenario: str | Path) -> dict[str, Any]:
-    from massprops.sequence.read import load_yaml
+    from massprops.documents.loading import load_yaml
 
     path = Path(scenario)
     return load_yaml(path) if path.suffix.lower() in (".yaml", ".yml") and path.is_file() else {}
@@ -153,16 +153,48 @@ def _under_effects(
     return replace(path, q=q, w=w, position=r - rotation_matrix(q) @ path.centre, sun=sun_body), model
 
 
-MARK = "truth/truth.yaml"
-"""What tells a simulated sequence, finished or interrupted, from footage."""
+OWNER = "simulate"
+PARTS = (
+    *("cam0/", "cam1/", "range0/", "tracks0/", "imu0/", "attitude0/", "truth/"),
+    *("body.yaml", "environment.yaml"),
+)
+"""What a simulated sequence is made of."""
 
 
-def refuse_others(folder: Path) -> None:
+@contextmanager
+def new_sequence(out: Path, what: object, inputs: Iterable[Path], force: bool = False) -> Iterator[Path]:
+    """A folder to write a sequence into; when the block is done, it takes the place of an earlier simulation in `out`.
+
+    Args:
+        out: the sequence folder.
+        what: scenario, as far as it decides the content.
+        inputs: files that the simulation reads.
+        force: other files in `out` may be replaced.
+
+    Raises:
+        InputError: `out` holds something else, or cannot be written.
+    """
+    given = list(inputs)
+    refuse_others(out, force)
+    with claim(out, OWNER, PARTS, given, force) as outputs:
+        try:
+            new = outputs.staging()
+            yield new
+            outputs.publish(OWNER, hash_of([massprops.__version__, repr(what)]), given, force, keep_old=False)
+        except OSError as error:
+            raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place with -o") from None
+
+
+def refuse_others(folder: Path, force: bool = False) -> None:
     """Only an earlier simulation is written over."""
     if (folder / "run.yaml").exists():
         raise InputError(f"{folder}: holds a run: choose another -o")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
-        raise InputError(f"{folder}: holds files that are no simulation's: choose another -o")
+    if force or not folder.is_dir() or any(e["by"] == OWNER for e in Outputs(folder).files.values()):
+        return
+    if any(entry.name != OWN for entry in folder.iterdir()):
+        raise InputError(
+            f"{folder}: holds files that are no simulation's: choose another -o, or --force to replace them"
+        )
 
 
 def _save(path: Path, image: np.ndarray) -> Path:

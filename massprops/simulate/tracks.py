@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -101,24 +103,19 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
     return Simulated(sequence, _truth(s, times, acted, whole, axes, model), model, whole, moved)
 
 
-def write_tracks(scenario: TrackScenario, out: Any) -> Any:
+def write_tracks(scenario: TrackScenario, out: Any, inputs: Iterable[Path] = (), force: bool = False) -> Path:
     """`simulate_tracks` into a sequence folder with its truth; the folder's path.
 
     Raises:
         InputError: as `simulate_tracks`, or the folder holds something else or cannot be written.
     """
-    from pathlib import Path
-
     from massprops.sequence.write import write_sequence
-    from massprops.simulate.simulate import refuse_others
+    from massprops.simulate.simulate import new_sequence
 
-    folder = Path(out)
-    refuse_others(folder)
-    made = simulate_tracks(scenario)
-    try:
-        return write_sequence(folder, made.sequence, made.truth)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another place with -o") from None
+    with new_sequence(Path(out), scenario, inputs, force) as folder:
+        made = simulate_tracks(scenario)
+        write_sequence(folder, made.sequence, made.truth)
+    return Path(out)
 
 
 def _environment(s: TrackScenario, rng: np.random.Generator) -> Environment:

@@ -24,7 +24,7 @@ from massprops.run.job import Progress, silent
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
-from massprops.surface.refine import fair, measured_faces, membrane, remove_bias
+from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
 from massprops.views import Views
@@ -35,6 +35,9 @@ FILL = 0.02
 """Pull of the hull on space that nothing was measured in, per spacing cubed."""
 OFF_HULL = 1.0
 """Points of the cloud farther than this outside the hull [px] are errors of matching."""
+MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD = range(6)
+"""Kinds of points: of the dense cloud, on the silhouettes' hull, inside it, on the plane of support, of the surroundings,
+far outside."""
 HOLLOW = 1 / 3
 """Where an unmeasured side is put, from 0 on the cut, which fills up to the hull, to 1 on a membrane."""
 
@@ -47,6 +50,7 @@ class Surface:
         vertices: (v, 3).
         faces: (f, 3) int32.
         observed: (f,) bool, measured and not filled.
+        inferred: (f,) bool, closed at the plane of support, which nobody saw.
         hull: the silhouettes' evidence.
         cloud: the points the surface was made of, without outliers.
         spacing: distance between neighbouring vertices where it was measured.
@@ -55,6 +59,7 @@ class Surface:
     vertices: np.ndarray
     faces: np.ndarray
     observed: np.ndarray
+    inferred: np.ndarray
     hull: Hull
     cloud: Cloud
     spacing: float
@@ -69,18 +74,23 @@ def reconstruct_surface(
     progress: Progress = silent,
     support: np.ndarray | None = None,
     moving: bool = True,
+    surroundings: Cloud | None = None,
+    fill: float = FILL,
 ) -> Surface:
     """One closed surface from dense points and silhouettes.
 
     Args:
         views: n pinhole cameras.
-        masks: n undistorted silhouettes (h, w) uint8: 255 object, 0 sky, 128 no evidence.
+        masks: n undistorted silhouettes (h, w) uint8: 255 object, 0 sky, 128 no evidence; an empty list where none is
+            known yet.
         cloud: dense points; its views index `views`.
         points: about how many of them carry the surface.
         seed: of every random draw.
         progress: told after each step.
         support: (4,) plane the object stands on, normal towards the object; None for a free body.
         moving: whatever the cloud holds is the body's; of a still scene other pieces may stand beside the object.
+        surroundings: dense points that are not the object's: their lines of sight only empty space.
+        fill: pull of the hull on space in which nothing was measured, per spacing cubed.
 
     Raises:
         NotPossible: too few points, or no closed body in them.
@@ -98,23 +108,34 @@ def reconstruct_surface(
         raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
     progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
-    tetra, kind = _tetrahedra(thinned, hull, views, seed)
+    beside = None if surroundings is None else _beside(thinned, surroundings, seed)
+    tetra, kind = _tetrahedra(thinned, hull, views, seed, beside)
     progress(2, 5, "tetrahedra")
-    costs = _costs(tetra, thinned, hull, views)
+    costs = _costs(tetra, thinned, hull, views, kind, beside, fill)
     progress(3, 5, "lines of sight")
     body = manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving))
     if body.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
     progress(4, 5, "cut")
-    vertices, faces, measured = _mesh(tetra, kind, body)
+    vertices, faces, kinds = _mesh(tetra, kind, body)
     h = thinned.spacing
-    vertices = _hollow(vertices, faces, measured)
-    vertices = fair(vertices, faces, measured, 10)
+    measured, fixed = kinds == MEASURED, (kinds == MEASURED) | (kinds == CONTACT)
+    vertices = _hollow(vertices, faces, fixed)
+    vertices = fair(vertices, faces, fixed, 10)
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = measured_faces(vertices, faces, cloud, 2 * h)
+    inferred = ~observed & _on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
-    return Surface(vertices, faces.astype(np.int32), observed, hull, cloud, h)
+    return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
+
+
+def _on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | None, near: float) -> np.ndarray:
+    """(f,) bool: faces that lie on the plane of support and look into it."""
+    if support is None:
+        return np.zeros(len(faces), bool)
+    height = np.abs(vertices @ support[:3] + support[3])
+    return (height[faces] < near).all(1) & (face_normals(vertices, faces) @ support[:3] < -0.7)
 
 
 def _hollow(vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -126,13 +147,43 @@ def _hollow(vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray) -> np
 
 
 def _mesh(tetra: Tetrahedra, kind: np.ndarray, label: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, faces and which vertices were measured."""
+    """Vertices, faces and the kind of every vertex."""
     used, faces = np.unique(surface_faces(tetra, label), return_inverse=True)
-    return tetra.points[used].copy(), faces.reshape(-1, 3), kind[used] == 0
+    return tetra.points[used].copy(), faces.reshape(-1, 3), kind[used]
 
 
-def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[Tetrahedra, np.ndarray]:
-    """Tetrahedra, and for each point 0 measured, 1 on the hull, 2 within, 3 guard far outside."""
+def _beside(thinned: Thinned, surroundings: Cloud, seed: int) -> Thinned | None:
+    """The surroundings about the object, no denser than it, as far as the tetrahedra reach."""
+    low, high = thinned.xyz.min(0), thinned.xyz.max(0)
+    reach = 0.7 * float(np.linalg.norm(high - low))
+    near = np.flatnonzero(np.linalg.norm(surroundings.xyz - 0.5 * (low + high), axis=1) < reach)
+    if len(near) < 200:
+        return None
+    return thin(surroundings.take(near), max(200, len(thinned.xyz) // 2), seed)
+
+
+def _contact(thinned: Thinned, plane: np.ndarray) -> np.ndarray:
+    """(k, 3) grid on the support below the object: what stands on a plane ends there."""
+    from scipy.spatial import cKDTree
+
+    foot = thinned.xyz - (thinned.xyz @ plane[:3] + plane[3])[:, None] * plane[:3]
+    first = np.linalg.svd(plane[None, :3])[2][1]
+    base = np.stack([first, np.cross(plane[:3], first)])
+    flat = (foot - foot[0]) @ base.T
+    h = 1.5 * thinned.spacing
+    low, high = flat.min(0), flat.max(0)
+    while np.prod((high - low) / h) > 40_000:
+        h *= 1.5
+    i, j = np.meshgrid(*(np.arange(a - 2 * h, b + 2 * h, h) for a, b in zip(low, high, strict=True)))
+    grid = np.column_stack([i.ravel(), j.ravel()])
+    grid = grid[cKDTree(flat).query(grid)[0] < 6 * h]
+    return foot[0] + grid @ base
+
+
+def _tetrahedra(
+    thinned: Thinned, hull: Hull, views: Views, seed: int, beside: Thinned | None = None
+) -> tuple[Tetrahedra, np.ndarray]:
+    """Tetrahedra, and the kind of each point."""
     from scipy.spatial import QhullError, cKDTree
 
     h = thinned.spacing
@@ -168,9 +219,18 @@ def _tetrahedra(thinned: Thinned, hull: Hull, views: Views, seed: int) -> tuple[
     ball = np.column_stack([r * np.cos(a), r * np.sin(a), z])
     guard = np.concatenate([middle + radius * ball, middle + 2 * radius * ball[::4]])
 
-    parts = (thinned.xyz, silhouette, within, guard)
-    kind = np.concatenate([np.full(len(p), k) for k, p in enumerate(parts)])
-    everything = np.concatenate(parts)
+    none = thinned.xyz[:0]
+    contact = none if hull.support is None else _contact(thinned, hull.support)
+    parts = {
+        MEASURED: thinned.xyz,
+        ON_HULL: silhouette,
+        WITHIN: within,
+        CONTACT: contact,
+        BESIDE: none if beside is None else beside.xyz,
+        GUARD: guard,
+    }
+    kind = np.concatenate([np.full(len(p), k) for k, p in parts.items()])
+    everything = np.concatenate(list(parts.values()))
     everything = everything + 1e-7 * extent * rng.standard_normal(everything.shape)
     try:
         return tetrahedralise(everything), kind
@@ -188,7 +248,15 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
     return xyz[np.sort(np.unique(code, return_index=True)[1])]
 
 
-def _costs(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> Costs:
+def _costs(
+    tetra: Tetrahedra,
+    thinned: Thinned,
+    hull: Hull,
+    views: Views,
+    kind: np.ndarray,
+    beside: Thinned | None,
+    fill: float,
+) -> Costs:
     h, n = thinned.spacing, len(thinned.xyz)
     # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
     soft = np.maximum(0.5 * thinned.sigma, 0.05 * h)
@@ -196,6 +264,13 @@ def _costs(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> Cos
     seen = (thinned.views >= 0).sum(1)
     centre = views.centres[thinned.views[p, slot]]
     into, free = sight_evidence(tetra, p, centre, soft[p], 2.0 / np.maximum(seen[p], 2))
+    if beside is not None:
+        p, slot = np.nonzero(beside.views >= 0)
+        number = (beside.views >= 0).sum(1)[p]
+        noise = np.maximum(0.5 * beside.sigma, 0.05 * h)[p]
+        own = np.flatnonzero(kind == BESIDE)[p]
+        more = sight_evidence(tetra, own, views.centres[beside.views[p, slot]], noise, 2.0 / np.maximum(number, 2))
+        into, free = into + more[0], free + more[1]
 
     sure = np.zeros(len(tetra.corners))
     depth = np.maximum(1.5 * thinned.sigma, 0.15 * h)
@@ -209,8 +284,8 @@ def _costs(tetra: Tetrahedra, thinned: Thinned, hull: Hull, views: Views) -> Cos
     sky = hull.value(middle)
     share = np.cbrt(volume) / h
     outside = np.where(sky > 1.0, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
-    guard = (tetra.corners >= len(tetra.points) - 250).any(1)
+    guard = (kind[tetra.corners] == GUARD).any(1)
     outside = np.where(guard, 1e6, outside)
-    pull = np.where((sky <= 0.5) & ~guard, FILL * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    pull = np.where((sky <= 0.5) & ~guard, fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
     both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
     return Costs(outside, sure + pull, into, both)

@@ -64,14 +64,15 @@ def make_hull(
 
     Args:
         views: n cameras.
-        masks: n arrays (h, w) uint8: 255 object, 0 sky, anything between is no evidence.
+        masks: n arrays (h, w) uint8: 255 object, 0 sky, anything between is no evidence; none where no silhouette is
+            known yet.
         measured: (m, 3) points known to be on the surface, which set `need`.
         least: fewest views that may call a point empty.
         support: (4,) plane the object stands on, or None.
     """
     import cv2
 
-    height, width = (max(m.shape[i] for m in masks) for i in (0, 1))
+    height, width = (max((m.shape[i] for m in masks), default=1) for i in (0, 1))
     maps = np.full((len(masks), height, width), -127, np.int8)
     for i, mask in enumerate(masks):
         sky = (mask == 0).astype(np.uint8)
@@ -80,8 +81,8 @@ def make_hull(
         out = cv2.distanceTransform(sky, cv2.DIST_L2, 5)
         inside = cv2.distanceTransform(1 - sky, cv2.DIST_L2, 5)
         maps[i, : mask.shape[0], : mask.shape[1]] = np.clip(np.rint(STEP * (out - inside)), -127, 127)
-    size = np.array([m.shape[::-1] for m in masks], np.int32)
-    P = np.einsum("nij,njk->nik", views.K, np.concatenate([views.R, views.t[:, :, None]], axis=2))
+    size = np.array([m.shape[::-1] for m in masks], np.int32).reshape(-1, 2)
+    P = np.einsum("nij,njk->nik", views.K, np.concatenate([views.R, views.t[:, :, None]], axis=2))[: len(masks)]
     depth = np.einsum("ni,ni->n", views.R[:, 2], measured.mean(0)[None].repeat(len(views), 0)) + views.t[:, 2]
     pixel = float(np.median(depth / views.K[:, 0, 0]))
     return Hull(maps, size, P, least, pixel, support).sparing(measured, least)

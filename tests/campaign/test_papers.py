@@ -156,4 +156,6 @@ def test_reproduce_prints_ours_beside_the_papers(tmp_path: Path, capsys: pytest.
     (alone,) = json.loads(capsys.readouterr().out)
     header, *lines = (tmp_path / "a/runs.csv").read_text().splitlines()
     stored = dict(zip(header.split(","), lines[3].split(","), strict=True))
-    assert float(stored["k1"]) == alone["k1"], "a run alone is the run among others"
+    # among others, BLAS may round otherwise: an iterated update ends within 0.01 sigma of its answer
+    same = pytest.approx(float(stored["k1"]), abs=0.01 * alone["sigma_k1"])
+    assert alone["k1"] == same, "a run alone is the run among others"

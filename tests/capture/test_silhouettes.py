@@ -10,14 +10,10 @@ import pytest
 
 from massprops.capture.colours import agrees, learn
 from massprops.capture.doubt import UNKNOWN, predicted_silhouette, with_doubt
-from massprops.capture.given import check_masks, find_mask, load_mask
-from massprops.capture.grabcut import cut_out
+from massprops.capture.given import GivenMasks, load_mask
 from massprops.capture.motion import judge
 from massprops.capture.silhouette import against_background, against_plain, against_sky, main_object, sky_level
-from massprops.capture.still_object import looked_at, split_scene
-from massprops.capture.table import cut, picture, strangeness, to_stored
-from massprops.errors import InputError, NotPossible
-from massprops.views import undistort
+from massprops.errors import InputError
 
 
 def disc(shape: tuple[int, int], x: float, y: float, r: float) -> np.ndarray:
@@ -102,46 +98,14 @@ def test_an_unlit_side_is_doubt_not_emptiness() -> None:
     assert (mask[disc((120, 160), 70, 60, 27)] > 0).all(), "no pixel of the body may carve"
 
 
-def test_the_object_is_what_rises_where_the_cameras_look() -> None:
-    rng = np.random.default_rng(2)
-    table = np.column_stack([rng.uniform(-2, 2, (1500, 2)), 0.002 * rng.standard_normal(1500)])
-    box = rng.uniform(-0.2, 0.2, (600, 3)) + [0, 0, 0.22]
-    other = rng.uniform(-0.08, 0.08, (100, 3)) + [1.0, 0.4, 0.1]
-    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    centres = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), np.full(24, 1.5)])
-    axes = np.array([0, 0, 0.2]) - centres
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    assert np.allclose(looked_at(centres, axes), [0, 0, 0.2], atol=1e-6)
-    points = np.concatenate([table, box, other])
-    found = split_scene(points, centres, axes)
-    high = points[:, 2] > 0.03
-    assert found.object[1500:2100][high[1500:2100]].mean() > 0.95
-    assert not found.object[:1500].any() and not found.object[2100:].any()
-    assert found.plane is not None and found.plane[2] > 0.999
-    with pytest.raises(NotPossible):
-        split_scene(table, centres, axes)
-
-
-def test_grabcut_drops_what_has_no_sure_point() -> None:
-    rng = np.random.default_rng(3)
-    image = rng.integers(90, 130, (120, 160, 3), dtype=np.uint8)
-    body = disc((120, 160), 80, 60, 28)
-    image[body] = rng.integers(180, 255, (body.sum(), 3))
-    rough = disc((120, 160), 82, 62, 24)
-    away = ~disc((120, 160), 80, 60, 45)
-    mask = cut_out(image, rough, disc((120, 160), 80, 60, 10), away)
-    assert iou(mask == 255, body) > 0.9
-
-
 def test_given_masks_are_checked(tmp_path: Path) -> None:
+    names = [("cam0/a.jpg", "a.jpg"), ("cam0/b.jpg", "b.jpg")]
     with pytest.raises(InputError, match="no mask for 2 of 2"):
-        check_masks(tmp_path, 0, ["a.jpg", "b.jpg"])
+        GivenMasks(tmp_path).check(names)
     cv2.imwrite(str(tmp_path / "a.jpg.png"), np.full((120, 160), 255, np.uint8))
     (tmp_path / "cam0").mkdir()
     cv2.imwrite(str(tmp_path / "cam0" / "b.jpg.png"), np.zeros((120, 160), np.uint8))
-    check_masks(tmp_path, 0, ["a.jpg", "b.jpg"])
-    a, b = find_mask(tmp_path, 0, "a.jpg"), find_mask(tmp_path, 0, "b.jpg")
-    assert a is not None and b is not None
+    a, b = GivenMasks(tmp_path).check(names)
     assert load_mask(a, (160, 120), (80, 60)).shape == (60, 80)
     with pytest.raises(InputError, match="must agree"):
         load_mask(a, (200, 120), (100, 60))
@@ -182,55 +146,3 @@ def test_a_small_second_thing_is_a_warning() -> None:
     alone = np.where(body, 255, 0).astype(np.uint8)
     assert "second" in (main_object([with_small] * 10, "v") or "")
     assert main_object([alone] * 10, "v") is None
-
-
-@pytest.mark.parametrize("k1", [0.0, -0.12])
-def test_a_grey_box_is_cut_from_a_grey_table(k1: float) -> None:
-    """Same greys, same texture: only the parallax against the table's own picture tells them apart."""
-    rng = np.random.default_rng(5)
-    ground = cv2.GaussianBlur(rng.uniform(0, 255, (500, 500)), (0, 0), 2.0)
-    ground = np.clip((ground - ground.mean()) * 4 + 110, 0, 255).astype(np.uint8)
-    side = cv2.GaussianBlur(rng.uniform(0, 255, (60, 60)), (0, 0), 2.0)
-    side = np.clip((side - side.mean()) * 4 + 110, 0, 255).astype(np.uint8)
-    f, w, h, half = 300.0, 240, 180, 0.25
-    K = np.array([[f, 0, (w - 1) / 2], [0, f, (h - 1) / 2], [0, 0, 1]])
-    lens = np.array([k1, 0, 0, 0])
-    box = half * np.array([[x, y, z] for z in (0, 2) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    quads = [(4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-    inside = np.array([0, 0, half])
-    images, truths, cameras, dots = [], [], [], []
-    for turn in np.linspace(0, 2 * np.pi, 16, endpoint=False):
-        centre = np.array([2 * np.cos(turn), 2 * np.sin(turn), 1.6])
-        z = (np.array([0, 0, 0.2]) - centre) / np.linalg.norm(np.array([0, 0, 0.2]) - centre)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        R = np.stack([x, np.cross(z, x), z])
-        t = -R @ centre
-        plane = K @ np.column_stack([R[:, 0] * 6 / 500, R[:, 1] * 6 / 500, R @ [-3, -3, 0] + t])
-        image = cv2.warpPerspective(ground, plane, (w, h))
-        truth = np.zeros((h, w), np.uint8)
-        corners = (box @ R.T + t) @ K.T
-        pixels = (corners[:, :2] / corners[:, 2:]).astype(np.float32)
-        for q in quads:
-            middle = box[list(q)].mean(0)
-            if (middle - inside) @ (centre - middle) <= 0:
-                continue
-            H = cv2.getPerspectiveTransform(np.array([[0, 0], [59, 0], [59, 59], [0, 59]], np.float32), pixels[list(q)])
-            face = cv2.warpPerspective(side, H, (w, h))
-            where = cv2.fillConvexPoly(np.zeros((h, w), np.uint8), np.round(pixels[list(q)]).astype(np.int32), 1) > 0
-            image[where], truth[where] = face[where], 1
-        grey = noisy(image.astype(float), 1.5, len(images))
-        images.append(np.repeat(grey[..., None], 3, 2))
-        truths.append(truth > 0)
-        cameras.append((K, R, t))
-        body = cv2.erode(truth, np.ones((9, 9), np.uint8)) > 0
-        dots.append(body & (rng.random((h, w)) < 0.02))
-    bodies = [cv2.erode(m.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0 for m in truths]
-    aways = [cv2.dilate(m.astype(np.uint8), np.ones((41, 41), np.uint8)) == 0 for m in truths]
-    seen = picture(images, bodies, cameras, np.array([0, 0, 1.0, 0]), inside, 1.8, 2.4 / f)
-    for i in range(0, 16, 5):
-        strange, state = strangeness(images[i], seen, *cameras[i], aways[i])
-        found = cut(images[i], strange, state, dots[i], aways[i])
-        assert iou(found, truths[i]) > 0.93
-        stored = to_stored(found, (w, h), K, lens)
-        assert iou(undistort(stored, K, lens, nearest=True) > 0, found) > 0.97

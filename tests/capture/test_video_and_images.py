@@ -123,11 +123,8 @@ def test_photograph_folders_that_cannot_be_used(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, [scene(0), scene(5)])
     with pytest.raises(InputError, match="2 images are too few"):
         open_sources(folder)
-    cv2.imwrite(str(folder / "im2.png"), scene(0)[:100])
-    with pytest.raises(InputError, match="different sizes"):
-        open_sources(folder)
     (folder / "im2.png").write_text("broken")
-    with pytest.raises(InputError, match="not an image"):
+    with pytest.raises(InputError, match=r"2 of 3 images can be used.*im2\.png \(not an image"):
         open_sources(folder)
 
 
@@ -200,3 +197,56 @@ def test_frames_from_python(tmp_path: Path) -> None:
     nothing.mkdir()
     with pytest.raises(InputError, match="no images here"):
         next(read_frames(nothing))
+
+
+def encoded(path: Path, codec: str, pixels: str, images: list[np.ndarray], stamps: list[int], **options: str) -> Path:
+    """A small clip as phones write them; skips where this build of FFmpeg has no such encoder."""
+    try:
+        av.codec.Codec(codec, "w")
+    except Exception:
+        pytest.skip(f"no {codec} encoder in this build of PyAV")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=30)
+        stream.width, stream.height, stream.pix_fmt = images[0].shape[1], images[0].shape[0], pixels
+        stream.codec_context.time_base = Fraction(1, 1000)
+        stream.options = options
+        if codec == "libx265":
+            stream.codec_context.codec_tag = "hvc1"
+        for image, stamp in zip(images, stamps, strict=True):
+            frame = av.VideoFrame.from_ndarray(image, format="bgr24").reformat(format=pixels)
+            frame.pts, frame.time_base = stamp, Fraction(1, 1000)
+            for packet in stream.encode(frame):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels"),
+    [
+        ("iphone.mov", "libx265", "yuv420p10le"),
+        ("iphone.mov", "libx265", "yuv420p"),
+        ("android.mp4", "libx265", "yuv420p10le"),
+        ("android.mp4", "libx264", "yuv420p"),
+        ("web.mkv", "libvpx-vp9", "yuv420p"),
+    ],
+)
+def test_video_as_phones_write_it(tmp_path: Path, name: str, codec: str, pixels: str) -> None:
+    """HEVC of 8 and 10 bits, variable rate, and a quarter turn in the header of MP4 and MOV."""
+    stamps = [0, 33, 67, 100, 150, 233, 267, 300]
+    size = (160, 120)
+    images = [scene(9 * i, size) for i in range(8)]
+    options = {"x265-params": "log-level=none", "crf": "8"} if codec == "libx265" else {"crf": "8"}
+    video = encoded(tmp_path / name, codec, pixels, images, stamps, **options)
+    turned = name.endswith(("mov", "mp4"))
+    if turned:
+        turn_header(video)
+    source = open_sources(video)[0]
+    assert source.cameras[0].size == ((120, 160) if turned else (160, 120))
+    frames = list(read_video(video))
+    assert [round(f.timestamp_ns / 1e6) for f in frames] == stamps
+    for frame, image in zip(frames, images, strict=True):
+        expected = np.rot90(image, -1) if turned else image
+        assert frame.image.dtype == np.uint8 and frame.image.shape == expected.shape
+        assert np.abs(frame.image.astype(int) - expected).mean() < 12

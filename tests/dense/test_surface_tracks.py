@@ -98,7 +98,7 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     model = sphere_model(views, xyz, view[few], point[few], 0.6)
     options = RefineOptions()
     adjust(model, False, False, 0.5, 1)
-    before = model_precision(model, False, False, 0.5)
+    before = model_precision(model, False, 0, 0.5)
     was, count = attitude_error(to_views(model)[0], views), model.num_points3D()
     after = with_surface(model, before, lambda i: images[i], options, False, False, 0, 1)
     found = to_views(model)[0]
@@ -119,6 +119,6 @@ def test_without_texture_the_model_stays():
 
     views, images, xyz, view, point = sphere_views(9, flat=True)
     model = sphere_model(views, xyz, view, point, 0.3)
-    before = model_precision(model, False, False, 0.5)
+    before = model_precision(model, False, 0, 0.5)
     assert with_surface(model, before, lambda i: images[i], RefineOptions(), False, False, 0, 1) is before
     np.testing.assert_allclose(to_views(model)[0].R, views.R, atol=1e-12)

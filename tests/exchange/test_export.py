@@ -158,12 +158,12 @@ def test_collision_mesh_is_light_closed_and_has_the_same_inertia() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"mass": 0.0}, "mass 0.0 is not"),
-        ({"mass": -2.0}, "mass -2.0 is not"),
+        ({"mass": 0.0}, "mass must be above 0, not 0.0"),
+        ({"mass": -2.0}, "mass must be above 0, not -2.0"),
         ({"inertia": [[1, 0, 0], [0, 1, 0], [0, 0, 5]]}, "triangle inequality"),
         ({"inertia": [[1, 2, 0], [0, 1, 0], [0, 0, 1]]}, "symmetric"),
         ({"units": {"length": "model", "mass": "model"}}, "needs metres"),
-        ({"center_of_mass": None}, "lacks"),
+        ({"center_of_mass": None}, "center_of_mass must be 3 finite numbers"),
     ],
 )
 def test_impossible_bodies_are_refused_and_nothing_is_written(
@@ -196,3 +196,17 @@ def test_a_run_without_a_mesh_and_broken_meshes(run: Path, tmp_path: Path) -> No
         export(tmp_path / "text.stl", "urdf")
     with pytest.raises(InputError, match="--mass"):
         export(tmp_path / "inside_out.stl", "urdf", mass=-1.0)
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf", "sdf"])
+@pytest.mark.parametrize("name", ["R&D", 'a"b<c>', "a\x01b", "-- x"])
+def test_any_file_name_gives_well_formed_xml(tmp_path: Path, form: str, name: str) -> None:
+    import xml.etree.ElementTree as ElementTree
+
+    trimesh.creation.box().export(tmp_path / "box.stl")
+    (tmp_path / "box.stl").rename(tmp_path / f"{name}.stl")
+    path = export(tmp_path / f"{name}.stl", form, tmp_path / f"{name}.{form}")
+    tree = ElementTree.fromstring(path.read_text())
+    named = [e.get("filename") or e.get("file") or e.text for e in tree.iter() if e.tag in ("mesh", "uri")]
+    named = [n for n in named if n and n.strip()]
+    assert named and all((tmp_path / n).is_file() for n in named)

@@ -256,3 +256,36 @@ def test_page_is_pure_text_of_its_data(run: Path) -> None:
     from massprops.report.data import read_run
 
     assert page(read_run(run)) == page(read_run(run))
+
+
+def test_a_page_runs_its_own_script_and_no_other(tmp_path: Path) -> None:
+    """By the hash of the script in the page's policy: one that slipped in through a name would not run."""
+    import hashlib
+
+    source = write_report(make_run(tmp_path / "<img src=x onerror=alert(1)>.mp4", hostile=True)).read_text()
+    assert "<img src=x" not in source and "&lt;img src=x onerror=alert(1)&gt;.mp4" in source
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', source)
+    assert policy is not None
+    rules = dict(rule.split(maxsplit=1) for rule in policy[1].split("; "))
+    scripts = re.findall(r"<script>(.*?)</script>", source, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts]
+    assert len(digests) == 1 and rules["script-src"] == f"'sha256-{digests[0]}'"
+    assert rules["default-src"] == "'none'" and rules["base-uri"] == rules["form-action"] == "'none'"
+
+
+def test_images_left_out_cameras_and_lens_are_said(tmp_path: Path) -> None:
+    run = make_run(tmp_path)
+    capture, sfm = run / "work" / "capture" / "footage.json", run / "work" / "sfm" / "sfm.json"
+    footage, solved = json.loads(capture.read_text()), json.loads(sfm.read_text())
+    footage["left_out"] = [{"source_name": "<b>\udcff.heic", "reason": "not an image that can be read"}]
+    solved["lens"] = "camera 0: k1 (held-out error in px: no distortion 0.310, k1 0.290)"
+    solved["cameras"] = [
+        {"id": i, "device": "phone", "images": 9 - i, "given": 9, "focal_px": [1000.0 + i, 1000.0 + i],
+         "focal_sigma_relative": 0.001, "focal_prior_px": 990.0, "focal_source": "exif"}
+        for i in (0, 1)
+    ]  # fmt: skip
+    capture.write_text(json.dumps(footage))
+    sfm.write_text(json.dumps(solved))
+    words = Page(write_report(run).read_text()).words
+    assert "Left out: <b>\\udcff.heic (not an image that can be read)" in words
+    assert "8 of 9 images placed, 1001.0 px ± 0.1 % (EXIF says 990.0)" in words and "k1 0.290" in words

@@ -59,12 +59,12 @@ def test_what_is_written_comes_back(tmp_path: Path) -> None:
 def test_columns_are_found_by_name_and_bad_rows_counted(tmp_path: Path) -> None:
     write_sequence(tmp_path, example())
     (tmp_path / "tracks0/data.csv").write_text(
-        "#timestamp [ns],feature,v [px],camera,u [px],extra\n"
+        "#timestamp [us],feature,v [px],camera,u [px],extra\n"
         "1000,3,20.5,0,10.5,x\n1000,3,21,0,11,x\n2000,4,nan,0,1,x\n2000,5,1,0,inf,x\n2000,6,1,2,1,x\nrubbish\n500,3,1,0,2,x\n"
     )
     read = read_sequence(tmp_path)
     assert read.tracks is not None
-    assert read.tracks.timestamp_ns.tolist() == [500, 1000]
+    assert read.tracks.timestamp_ns.tolist() == [500_000, 1_000_000]
     assert read.tracks.uv.tolist() == [[2.0, 1.0], [10.5, 20.5]]
     text = " ".join(read.warnings)
     assert (
@@ -78,7 +78,7 @@ def test_columns_are_found_by_name_and_bad_rows_counted(tmp_path: Path) -> None:
 def test_times_that_go_back_or_repeat_are_left_out(tmp_path: Path) -> None:
     write_sequence(tmp_path, example())
     (tmp_path / "imu0/data.csv").write_text(
-        "#timestamp [ns],w_x,w_y,w_z\n1,0,0,1\n2,0,0,2\n2,0,0,3\n1,0,0,4\n5,0,0,5\n"
+        "#timestamp [ms],w_x,w_y,w_z\n1,0,0,1\n2,0,0,2\n2,0,0,3\n1,0,0,4\n5,0,0,5\n"
     )
     read = read_sequence(tmp_path)
     assert read.rates is not None and read.rates.w[:, 2].tolist() == [1, 2, 5]

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -103,12 +104,12 @@ def test_signatures_of_empty_images():
 
 def test_precision_matches_independent_noise():
     views, points = scene.make(14, 250, noise=0.3)
-    p = precision(views, points, True, False)
+    p = precision(views, points, True, 0)
     # without an adjustment the residuals are the noise, and both covariances agree
     assert p.rms_px == pytest.approx(0.3, rel=0.1)
     assert p.focal_relative == pytest.approx(p.focal_relative_model, rel=0.3)
     assert 1e-5 < np.median(p.attitude) < 1e-2
-    assert precision(views, points, False, False).focal_relative == 0
+    assert precision(views, points, False, 0).focal_relative == 0
 
 
 def test_precision_sees_errors_that_tracks_share():
@@ -116,13 +117,13 @@ def test_precision_sees_errors_that_tracks_share():
     rng = np.random.default_rng(2)
     drift = rng.normal(size=(250, 2))[points.obs_point] * (points.obs_view[:, None] - 6.5) / 4 * 0.3
     wrong = SparsePoints(**{**points.__dict__, "obs_uv": points.obs_uv + drift})
-    p = precision(views, wrong, True, False)
+    p = precision(views, wrong, True, 0)
     assert p.focal_relative > 1.5 * p.focal_relative_model
 
 
 def test_precision_scales_with_noise():
-    a = precision(*scene.make(10, 100, noise=0.1), True, True)
-    b = precision(*scene.make(10, 100, noise=0.4), True, True)
+    a = precision(*scene.make(10, 100, noise=0.1), True, 1)
+    b = precision(*scene.make(10, 100, noise=0.4), True, 1)
     assert b.focal_relative == pytest.approx(4 * a.focal_relative, rel=0.1)
 
 
@@ -169,6 +170,16 @@ def test_one_observation_of_a_feature_per_image(tmp_path):
     np.testing.assert_allclose(back.attitude.q, s.attitude.q, atol=1e-9)
     np.testing.assert_allclose(back.tracks.uv, s.tracks.uv, atol=1e-5)
     assert not back.warnings
+
+
+def test_a_sequence_takes_its_tracks_from_one_camera():
+    views, points = scene.make(10, 50, step_deg=5.0)
+    K = views.K.copy()
+    K[7:, 0, 0] *= 1.5
+    s = to_sequence(replace(views, K=K), points, np.arange(10), True)
+    assert s.cameras[0].intrinsics[0] == K[0, 0, 0]
+    assert set(s.tracks.timestamp_ns.tolist()) == set(views.timestamp_ns[:7].tolist())
+    assert len(s.attitude.q) == 10 and any("3 images of other cameras" in w for w in s.warnings)
 
 
 def test_quaternions_keep_their_sign():

@@ -318,9 +318,10 @@ def rows_of(passage: Passage, seeds: list[int]) -> list[dict[str, Any]]:
         e = difference(layout, truth, state)
         nees.append(_normalised(e, P))
         nees_k.append(_normalised(e[:, layout.k], P[:, layout.k, layout.k]))
-    history, times = np.stack(every), setup.times[1:]
-    mean = history[times >= c["average_from_s"]].mean(axis=0)
-    steady = history[times >= c["steady_from_s"]].mean(axis=0)
+    # time last: a sum along the first axis is taken in another order for one run than for several
+    history, times = np.ascontiguousarray(np.stack(every, axis=-1)), setup.times[1:]
+    mean = history[..., times >= c["average_from_s"]].mean(axis=-1)
+    steady = history[..., times >= c["steady_from_s"]].mean(axis=-1)
     J = ratios_jacobian(states[-1].k)
     spread = J @ covariances[-1][:, layout.k, layout.k] @ np.swapaxes(J, -1, -2)
     final = ratios_of(states[-1].k) - setup.k
@@ -334,7 +335,7 @@ def rows_of(passage: Passage, seeds: list[int]) -> list[dict[str, Any]]:
         row |= {f"nees_{t}s": float(nees[t - 1][b]) for t in (10, 50, 100) if t <= len(nees)}
         row |= {f"nees_k_{t}s": float(nees_k[t - 1][b]) for t in (10, 50, 100) if t <= len(nees)}
         row["iterations"] = float(passage.iterations[b] / len(states))
-        if not np.isfinite(history[:, b]).all():
+        if not np.isfinite(history[b]).all():
             row["error"] = "non-finite"
         rows.append(row)
     return rows

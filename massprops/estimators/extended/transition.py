@@ -200,7 +200,7 @@ def _additive(layout: Layout, F: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> 
 
 def relative_rate(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
     """The paper's omega (B, 3): target's less leader's angular velocity, in the leader's axes (eq 1) [rad/s]."""
-    return (state.W - camera_rate) @ camera_axes
+    return _in_axes(state.W - camera_rate, camera_axes)
 
 
 def relative_attitude(state: State, camera_quaternion: np.ndarray) -> np.ndarray:
@@ -210,4 +210,10 @@ def relative_attitude(state: State, camera_quaternion: np.ndarray) -> np.ndarray
 
 def relative_velocity(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
     """The paper's rho_dot (B, 3): velocity of the centre of mass as seen in the leader's turning axes [m/s]."""
-    return (state.velocity - cross(camera_rate, state.r)) @ camera_axes
+    return _in_axes(state.velocity - cross(camera_rate, state.r), camera_axes)
+
+
+def _in_axes(x: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Vectors (B, 3) in the axes (3, 3) columns; one product for each run, since BLAS takes another kernel for another
+    number of rows."""
+    return np.asarray((axes.T @ x[..., None])[..., 0])

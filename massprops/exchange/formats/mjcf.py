@@ -7,6 +7,7 @@ The mesh is a visual only; contacts use the collision mesh. Gravity is off, as f
 from __future__ import annotations
 
 from collections.abc import Mapping
+from xml.sax.saxutils import escape
 
 from massprops.exchange.body import CONVENTION, Body
 
@@ -14,6 +15,7 @@ NAME = "mjcf"
 SUFFIX = ".xml"
 NEEDS_METRES = True
 MESHES = True
+QUOTE = {'"': "&quot;"}
 
 
 def render(body: Body, meshes: Mapping[str, str]) -> str:
@@ -21,7 +23,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
     J = body.inertia
     full = " ".join(f"{v:.17g}" for v in (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]))
     position = " ".join(f"{v:.17g}" for v in body.center_of_mass)
-    assets = "".join(f'    <mesh name="{tag}" file="{path}"/>\n' for tag, path in meshes.items())
+    assets = "".join(f'    <mesh name="{tag}" file="{escape(path, QUOTE)}"/>\n' for tag, path in meshes.items())
     geoms = ""
     if "visual" in meshes:
         geoms += '      <geom type="mesh" mesh="visual" contype="0" conaffinity="0" group="2" mass="0"/>\n'

@@ -7,6 +7,7 @@ specification says.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from xml.sax.saxutils import escape
 
 from massprops.exchange.body import CONVENTION, Body
 
@@ -23,7 +24,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
     values = [body.inertia[i, j] for i in range(3) for j in range(i, 3)]
     inertia = "".join(f"          <{n}>{v:.17g}</{n}>\n" for n, v in zip(names, values, strict=True))
     shapes = "".join(
-        f'      <{tag} name="{tag}">\n        <geometry><mesh><uri>{meshes[tag]}</uri></mesh></geometry>\n      </{tag}>\n'
+        f'      <{tag} name="{tag}">\n        <geometry><mesh><uri>{escape(meshes[tag])}</uri></mesh></geometry>\n      </{tag}>\n'
         for tag in ("visual", "collision")
         if tag in meshes
     )

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from xml.sax.saxutils import escape
 
 from massprops.exchange.body import CONVENTION, Body
 
@@ -14,6 +15,7 @@ NAME = "urdf"
 SUFFIX = ".urdf"
 NEEDS_METRES = True
 MESHES = True
+QUOTE = {'"': "&quot;"}
 
 
 def render(body: Body, meshes: Mapping[str, str]) -> str:
@@ -23,7 +25,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
     values = [body.inertia[i, j] for i in range(3) for j in range(i, 3)]
     inertia = " ".join(f'{n}="{v:.17g}"' for n, v in zip(names, values, strict=True))
     shapes = "".join(
-        f'    <{tag}>\n      <geometry><mesh filename="{meshes[tag]}"/></geometry>\n    </{tag}>\n'
+        f'    <{tag}>\n      <geometry><mesh filename="{escape(meshes[tag], QUOTE)}"/></geometry>\n    </{tag}>\n'
         for tag in ("visual", "collision")
         if tag in meshes
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.capture.images import printable
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, swatch, text
 
@@ -29,7 +30,9 @@ def render(data: RunData) -> str:
             continue
         lost = bool(registered) and frame["name"] not in registered
         stamp = frame.get("timestamp_ns", -1)
-        note = _short(str(frame["name"])) + (f" · {stamp / 1e9:.2f} s" if stamp >= 0 else "")
+        note = _short(printable(str(frame.get("source_name") or frame["name"]))) + (
+            f" · {stamp / 1e9:.2f} s" if stamp >= 0 else ""
+        )
         figures.append(
             f'<figure{" class=lost" if lost else ""}><img loading="lazy" alt="{text(note)}" src="{data_uri(image)}">'
             f'<figcaption title="{text(note)}">{"not placed · " if lost else ""}{text(note)}</figcaption></figure>'
@@ -43,6 +46,8 @@ def render(data: RunData) -> str:
         said += f"; taken as {footage['motion']}: {means.get(footage['motion'], '')}"
     if footage.get("motion_reason"):
         said += f" ({footage['motion_reason']})"
+    if left_out := footage.get("left_out"):
+        said += ". Left out: " + ", ".join(f"{printable(e['source_name'])} ({e['reason']})" for e in left_out)
     keys = swatch("#6edc60", "silhouette") + swatch("#e63c28", "cannot tell: may be the object, unlit")
     return f'<p>{text(said)}.</p><p class="soft keys">{keys}</p><div class="sheet">{"".join(figures)}</div>'
 

@@ -8,6 +8,7 @@ from massprops.report.data import RunData
 from massprops.report.html import Safe, number, table, text
 
 TITLE, ORDER = "How it was made", 9
+SOURCES = {"exif": "EXIF says", "given": "given", "alike": "images of the same shape say", "start": "started at"}
 
 
 def render(data: RunData) -> str:
@@ -68,6 +69,8 @@ def _facts(data: RunData) -> list[tuple[str, str]]:
         ("focal length", f"{number(focal, 6)} px" + (f" ± {number(100 * sigma, 2)} %" if sigma else ""))
         if isinstance(focal, int | float)
         else None,
+        *_cameras(sfm.get("cameras") or []),
+        ("lens", str(sfm["lens"])) if sfm.get("lens") else None,
         ("silhouettes by", str(silhouettes["method"])) if silhouettes.get("method") else None,
         ("depth maps", str(dense["references"])) if dense.get("references") is not None else None,
         ("dense points", f"{dense['points']:,}".replace(",", " ")) if isinstance(dense.get("points"), int) else None,
@@ -76,3 +79,15 @@ def _facts(data: RunData) -> list[tuple[str, str]]:
         else None,
     ]
     return [row for row in found if row is not None]
+
+
+def _cameras(cameras: list[dict[str, Any]]) -> list[tuple[str, str]]:
+    """One row for each of several cameras or zooms; of one, the focal length says all."""
+    rows = []
+    for c in cameras if len(cameras) > 1 else ():
+        prior, sigma = c.get("focal_prior_px"), c.get("focal_sigma_relative")
+        said = f"{c['focal_px'][0]:.1f} px" + (f" ± {100 * sigma:.2g} %" if sigma else "")
+        said += f" ({SOURCES.get(str(c.get('focal_source')), 'expected')} {prior:.1f})" if prior else ""
+        device = f", {c['device']}" if c.get("device") else ""
+        rows.append((f"camera {c['id']}{device}", f"{c['images']} of {c['given']} images placed, {said}"))
+    return rows

@@ -14,6 +14,8 @@ def render(data: RunData) -> str:
     """Verdict, warnings, headline numbers, the scale in words."""
     parts = [_verdict(data)]
     warnings = list(dict.fromkeys([*data.document.get("warnings", []), *_stage_warnings(data)]))
+    if data.changed:
+        warnings.append(f"left out, since it is not what was written there: {', '.join(data.changed)}")
     parts += [f'<div class="warning">{text(w)}</div>' for w in warnings]
     if data.document:
         parts.append(_tiles(data))

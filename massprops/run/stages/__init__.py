@@ -10,7 +10,7 @@ from importlib import import_module
 from types import ModuleType
 
 ORDER = (
-    "capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "sequence", "publish", "crosscheck", "report",
+    "capture", "sfm", "shape", "silhouettes", "join", "dense", "surface", "scale", "mass", "sequence", "publish", "crosscheck", "report",
 )  # fmt: skip
 
 ALWAYS = ("publish", "report")

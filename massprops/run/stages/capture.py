@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from massprops.capture.footage import FEWEST, Chosen, Judged, Source
+from massprops.capture.motion import Scene, judge
 from massprops.errors import InputError
 from massprops.run.files import read_image
 from massprops.run.job import Job
@@ -18,14 +21,16 @@ OPTIONS = ("source", "frames", "max_size", "motion", "masks", "focal")
 
 def run(job: Job) -> dict:
     """Writes frames/, footage.json and, for a body before a background that stays, masks/."""
-    from massprops.capture.footage import choose_all, judge_frames, open_sources, refuse_useless
-    from massprops.capture.motion import Scene, judge
+    from massprops.capture.footage import choose_all, judge_frames, open_sources, refuse_useless, said
 
     options, source = job.options, Path(job.options.source)
     sources = open_sources(source, options.focal)
     judged = [judge_frames(s, job.progress) for s in sources]
     for s, j in zip(sources, judged, strict=True):
-        refuse_useless(j, source.name if len(sources) == 1 else f"{source.name}/cam{s.camera}")
+        refuse_useless(j, source.name if len(sources) == 1 else f"{source.name}/cam{s.stream}")
+    left_out = [entry for j in judged for entry in j.left_out]
+    if left_out:
+        job.warn(f"{len(left_out)} images were left out: {said(left_out)}")
     ordered = sources[0].video is not None or sources[0].kind == "sequence"
     scene = judge(judged[0].grey[:: max(1, len(judged[0].grey) // 60)], ordered)
     if options.motion not in ("auto", scene.motion):
@@ -35,14 +40,14 @@ def run(job: Job) -> dict:
     for s, c in zip(sources, chosen, strict=True):
         # COLMAP knows the two halves of a stereo pair by their equal names
         names = [Path(f["name"]).name for f in frames] if len(frames) == len(c.index) else None
-        camera, written = _write_frames(job, s, c, names)
-        cameras.append(camera)
+        written = _write_frames(job, s, c, names)
+        cameras += _cameras(s, written)
         frames += written
         for line in c.warnings:
             job.warn(line)
     given = options.masks is not None
     if given:
-        _given_masks(job, sources, cameras, frames)
+        _given_masks(job, sources, frames)
     elif scene.motion == "tumbling" or scene.plain:
         _silhouettes(job, scene, frames, source.name)
     footage = {
@@ -55,80 +60,108 @@ def run(job: Job) -> dict:
         "masks_given": given,
         "cameras": cameras,
         "frames": frames,
-        "given": int(sum(len(s.images) or int(j.index[-1]) + 1 for s, j in zip(sources, judged, strict=True))),
+        "given": _given_count(sources, judged),
         "used": len(frames),
+        "left_out": [{"source_name": name, "reason": why} for name, why in left_out],
         "warnings": [],
     }
     (job.out / "footage.json").write_text(json.dumps(footage, indent=1))
-    return {k: footage[k] for k in ("kind", "motion", "motion_reason", "background", "given", "used")}
+    facts = {k: footage[k] for k in ("kind", "motion", "motion_reason", "background", "given", "used")}
+    return {**facts, "cameras": len(cameras)} if len(cameras) > len(sources) else facts
 
 
-def _write_frames(  # type: ignore[no-untyped-def]
-    job: Job, source, chosen, names: list[str] | None = None
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def _given_count(sources: list[Source], judged: list[Judged]) -> int:
+    return sum(
+        len(s.images) + len(s.left_out) if s.video is None else int(j.index[-1]) + 1
+        for s, j in zip(sources, judged, strict=True)
+    )
+
+
+def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | None = None) -> list[dict[str, Any]]:
+    """The chosen frames, upright, under names that every tool can read.
+
+    Args:
+        names: to be used instead: those of the other half of a stereo pair.
+    """
     import cv2
 
     from massprops.capture.footage import full_frames
+    from massprops.capture.names import stored_names
 
-    folder = job.out / "frames" / f"cam{source.camera}"
+    folder = job.out / "frames" / f"cam{source.stream}"
     folder.mkdir(parents=True)
     place = {int(i): k for k, i in enumerate(chosen.index)}
+    if names is None and source.video is None:
+        names = stored_names([source.images[i].path.name for i in chosen.index.tolist()])
     frames: list[dict[str, Any]] = []
-    size = None
-    for done, (index, name, image) in enumerate(full_frames(source, chosen, job.options.max_size)):
-        job.progress(done + 1, len(chosen.index), f"camera {source.camera}")
-        size = (image.shape[1], image.shape[0])
-        original = name
-        if names is not None:
-            name = names[place[index]]
+    for done, (index, original, image) in enumerate(full_frames(source, chosen, job.options.max_size)):
+        job.progress(done + 1, len(chosen.index), f"camera {source.stream}")
+        name = original if names is None else names[place[index]]
         lossless = [cv2.IMWRITE_PNG_COMPRESSION, 1] if name.lower().endswith(".png") else [cv2.IMWRITE_JPEG_QUALITY, 97]
-        ending = Path(name).suffix.lower()
-        if ending not in (".png", ".jpg", ".jpeg"):
-            name, lossless = f"{name}.png", [cv2.IMWRITE_PNG_COMPRESSION, 1]
         if not cv2.imwrite(str(folder / name), image, lossless):
             raise OSError(28, "the frames cannot be written", str(folder / name))
         frames.append(
             {
-                "name": f"cam{source.camera}/{name}",
-                "camera": source.camera,
+                "name": f"cam{source.stream}/{name}",
+                "camera": source.stream + (source.images[index].camera if source.images else 0),
+                "turn": source.turn(index),
+                "width": image.shape[1],
+                "height": image.shape[0],
                 "timestamp_ns": int(chosen.timestamp_ns[place[index]]),
                 "index": int(index),
                 "source_name": original,
                 "sharpness": round(float(chosen.sharp[place[index]]), 4),
             }
         )
-    if size is None:
+    if not frames:
         raise InputError(f"{source.video}: none of the chosen frames could be decoded; the file is damaged")
-    factor = size[0] / source.size[0]
-    point = source.principal_point
-    camera = {
-        "id": source.camera,
-        "width": size[0],
-        "height": size[1],
-        "source_size": list(source.size),
-        "focal_px": None if source.focal_px is None else source.focal_px * factor,
-        # centres of pixels at whole numbers: a reduction moves the origin by half a pixel
-        "principal_point": None if point is None else [(p + 0.5) * factor - 0.5 for p in point],
-        "distortion": None if source.distortion is None else list(source.distortion),
-        "T_BS": None if source.T_BS is None else np.asarray(source.T_BS).tolist(),
-        "focal_source": source.focal_source,
-    }
-    return camera, frames
+    return frames
 
 
-def _given_masks(job: Job, sources: list, cameras: list[dict], frames: list[dict]) -> None:
+def _cameras(source: Source, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What is known of the cameras of a stream, at the size of the stored frames."""
+    out = []
+    for number, prior in enumerate(source.cameras, start=source.stream):
+        used = [f for f in frames if f["camera"] == number]
+        if not used:
+            continue
+        size = (used[0]["width"], used[0]["height"])
+        width, height = size[::-1] if used[0]["turn"] % 2 else size
+        factor = max(size) / max(prior.size)
+        point = prior.principal_point
+        out.append(
+            {
+                "id": number,
+                "width": width,
+                "height": height,
+                "source_size": list(prior.size),
+                "focal_px": None if prior.focal_px is None else prior.focal_px * factor,
+                # centres of pixels at whole numbers: a reduction moves the origin by half a pixel
+                "principal_point": None if point is None else [(p + 0.5) * factor - 0.5 for p in point],
+                "distortion": None if prior.distortion is None else list(prior.distortion),
+                "T_BS": None if source.T_BS is None else np.asarray(source.T_BS).tolist(),
+                "focal_source": prior.focal_source,
+                "device": prior.device,
+                "images": len(used),
+            }
+        )
+    return out
+
+
+def _given_masks(job: Job, sources: list[Source], frames: list[dict[str, Any]]) -> None:
     import cv2
 
-    from massprops.capture.given import check_masks, find_mask, load_mask
+    from massprops.capture.given import GivenMasks, load_mask
 
-    folder = Path(job.options.masks or "")
-    for source, camera in zip(sources, cameras, strict=True):
-        mine = [f for f in frames if f["camera"] == source.camera]
-        check_masks(folder, source.camera, [f["source_name"] for f in mine])
-        for frame in mine:
-            path = find_mask(folder, source.camera, frame["source_name"])
-            assert path is not None
-            mask = load_mask(path, source.size, (camera["width"], camera["height"]))
+    masks = GivenMasks(Path(job.options.masks or ""))
+    for source in sources:
+        own = [f for f in frames if f["name"].startswith(f"cam{source.stream}/")]
+        found = masks.check([(f["name"], f["source_name"]) for f in own])
+        for frame, path in zip(own, found, strict=True):
+            prior = source.camera(frame["index"])
+            shown = prior.size[::-1] if frame["turn"] % 2 else prior.size
+            file = source.images[frame["index"]].path if source.images else None
+            mask = load_mask(path, shown, (frame["width"], frame["height"]), file)
             _save(cv2, job.out / "masks" / f"{frame['name']}.png", mask)
 
 
@@ -138,25 +171,19 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
     from massprops.capture import silhouette as s
 
     images = job.out / "frames"
-    spread = frames[:: max(1, len(frames) // 24)]
-    sample = [read_image(images / f["name"]) for f in spread]
-    if scene.background == "black":
-        level, sigma = s.sky_level(np.stack([cv2.cvtColor(i, cv2.COLOR_BGR2GRAY) for i in sample]))
-    elif not scene.plain:
-        stack = np.stack(sample)
-        middle = np.median(stack, axis=0).astype(np.uint8)
-        deviation = np.median(np.abs(stack.astype(np.int16) - middle), axis=0).astype(np.uint8)
+    groups: dict[tuple, list[dict]] = {}
+    for frame in frames:
+        groups.setdefault(_same_picture(frame), []).append(frame)
+    cut = {key: _cut(scene, [read_image(images / f["name"]) for f in _spread(own)]) for key, own in groups.items()}
+    looked_at = {f["name"] for own in groups.values() for f in _spread(own)}
     masks, empty = [], 0
     for done, frame in enumerate(frames):
-        image = read_image(images / frame["name"])
-        if scene.background == "black":
-            mask = s.against_sky(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), level, sigma)
-        elif scene.plain and scene.motion == "static":
-            mask = s.against_plain(image)
-        else:
-            mask = s.against_background(image, middle, deviation)
+        separate = cut[_same_picture(frame)]
+        if separate is None:
+            continue
+        mask = separate(read_image(images / frame["name"]))
         empty += not mask.any()
-        if frame in spread:
+        if frame["name"] in looked_at:
             masks.append(mask)
         _save(cv2, job.out / "masks" / f"{frame['name']}.png", mask)
         job.progress(done + 1, len(frames), "silhouettes")
@@ -170,6 +197,34 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
         job.warn(f"no object stands out from the background in {empty} of {len(frames)} frames")
     if scene.motion == "tumbling" and (line := s.main_object(masks, name)) is not None:
         job.warn(line)
+
+
+def _same_picture(frame: dict[str, Any]) -> tuple:
+    """Frames with equal keys show one background at the same pixels, if it stays at all."""
+    return Path(frame["name"]).parent.name, frame["camera"], frame["width"], frame["height"]
+
+
+def _spread(frames: list[dict]) -> list[dict]:
+    return frames[:: max(1, len(frames) // 24)]
+
+
+def _cut(scene: Scene, sample: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray] | None:
+    """What parts object and background, learnt from frames of one camera (n of (h, w, 3)); None from too few."""
+    import cv2
+
+    from massprops.capture import silhouette as s
+
+    if scene.background == "black":
+        level, sigma = s.sky_level(np.stack([cv2.cvtColor(i, cv2.COLOR_BGR2GRAY) for i in sample]))
+        return lambda image: s.against_sky(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), level, sigma)
+    if scene.plain and scene.motion == "static":
+        return s.against_plain
+    if len(sample) < FEWEST:
+        return None
+    stack = np.stack(sample)
+    middle = np.median(stack, axis=0).astype(np.uint8)
+    deviation = np.median(np.abs(stack.astype(np.int16) - middle), axis=0).astype(np.uint8)
+    return lambda image: s.against_background(image, middle, deviation)
 
 
 def _by_colour(job: Job, frames: list[dict]) -> None:

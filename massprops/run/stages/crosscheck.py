@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from massprops.core.files import write_json
+from massprops.core.outputs import Outputs
 from massprops.run.job import Job
 
 READS = ("publish",)
 OPTIONS = ()
+PUBLISHES = "crosscheck"
 METHODS = ("smoother", "momentum-ls")
 """What the verdict rests on; the filters, slow to compile at first, follow with `massprops crosscheck RUN`."""
 
@@ -14,6 +17,8 @@ def run(job: Job) -> dict:
     """Writes `crosscheck.json` into the run folder; the page is made after it."""
     from massprops.crosscheck.crosscheck import crosscheck
 
-    (job.run / "crosscheck.json").unlink(missing_ok=True)
-    found = crosscheck(job.run, methods=METHODS, report=False, progress=job.progress)
+    found = crosscheck(job.run, methods=METHODS, write=False, progress=job.progress)
+    outputs = Outputs(job.run)
+    write_json(outputs.staging() / "crosscheck.json", found.document)
+    outputs.publish(PUBLISHES, job.key, force=job.force, derived=True)
     return {"verdict": found.verdict, "p_value": found.document["p_value"]}

@@ -9,7 +9,7 @@ import numpy as np
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
-READS = ("capture", "sfm", "silhouettes")
+READS = ("capture", "silhouettes", "join")
 OPTIONS = ("dense_views",)
 
 
@@ -19,8 +19,8 @@ def run(job: Job) -> dict:
     from massprops.dense.reconstruct import dense_points
     from massprops.views import Views, undistort
 
-    views = Views.load(job.work("sfm") / "views.npz")
-    with np.load(job.work("sfm") / "points.npz", allow_pickle=False) as z:
+    views = Views.load(job.work("join") / "views.npz")
+    with np.load(job.work("join") / "points.npz", allow_pickle=False) as z:
         xyz, obs_view, obs_point = z["xyz"], z["obs_view"], z["obs_point"]
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:

@@ -6,14 +6,15 @@ import json
 
 import numpy as np
 
+from massprops.mass.confidence import Evidence, confidence
 from massprops.mass.document import document
 from massprops.mass.integrals import mesh_integrals
-from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates
+from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, valid_bodies
 from massprops.mass.properties import properties_of_integrals
 from massprops.run.job import Job
 from massprops.surface.length import model_length
 
-READS = ("surface", "scale")
+READS = ("sfm", "join", "surface", "scale")
 OPTIONS = ("density", "seed")
 
 
@@ -42,19 +43,42 @@ def run(job: Job) -> dict:
     draws = scaled_replicates(rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng)
     corners = final[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    measured, inferred = float(surface["observed_fraction"]), float(surface.get("inferred_fraction", 0.0))
     described = {
         "watertight": bool(surface["watertight"]),
         "area": float(0.5 * np.linalg.norm(cross, axis=1).sum()),
-        "observed_fraction": float(surface["observed_fraction"]),
+        "observed_fraction": measured,
+        "measured_fraction": measured,
+        "inferred_fraction": inferred,
+        "filled_fraction": max(0.0, 1.0 - measured - inferred),
     }
     if not metric:
         scale = {**scale, "source": "none", "metres_per_unit": None}
-    result = document(properties, intervals(draws, properties), scale, described, warnings)
+    bounds = intervals(draws, properties)
+    low, high = bounds["volume"]
+    sfm, join = (json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join"))
+    trust = confidence(
+        Evidence(
+            half_width=0.5 * (high - low) / properties.volume,
+            filled=described["filled_fraction"],
+            inferred=inferred,
+            images=int(sfm["given"]),
+            used=sum(p["images"] for p in join["joined"]),
+            unjoined=len(join["unjoined"]),
+            valid=float(valid_bodies(draws).mean()),
+        )
+    )
+    partial = surface.get("partial")
+    if partial is None and trust["level"] == "low":
+        partial = f"low confidence: {trust['because'][0]}"
+    result = document(properties, bounds, scale, described, warnings)
+    result["confidence"] = trust
     (job.out / "massprops.json").write_text(json.dumps(result, indent=1))
     np.savez(job.out / "mesh.npz", vertices=final, faces=faces, observed=observed)
     return {
         "volume": properties.volume,
         "k1": properties.k1,
         "k2": properties.k2,
-        "partial": surface.get("partial"),
+        "confidence": trust["level"],
+        "partial": partial,
     }

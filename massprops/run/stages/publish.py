@@ -1,4 +1,4 @@
-"""Stage `publish`: the run's public files, whole, in final units, from what the stages left."""
+"""Stage `publish`: the run's public files in final units, from what the stages left; all of them or none."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from massprops.run.files import replace_folder, write_json, write_whole
-from massprops.run.job import Job
+from massprops.core.files import write_json, write_whole
+from massprops.core.outputs import Outputs
+from massprops.run.job import Job, ReconstructOptions
 
 READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "sequence")
 OPTIONS = ()
+PUBLISHES = "reconstruct"
 
 FILLED = (214, 48, 49, 255)
 MEASURED = (178, 186, 194, 255)
@@ -23,6 +25,8 @@ def run(job: Job) -> dict:
     """Writes what there is; a stopped run gets the files of the stages that were done."""
     scale = _read(job.work("scale") / "scale.json") or {}
     factor = float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)
+    outputs = Outputs(job.run)
+    new = outputs.staging()
     done = []
     for name, publish in (
         ("mass", _document),
@@ -33,16 +37,22 @@ def run(job: Job) -> dict:
         ("sequence", _sequence),
     ):
         job.progress(len(done), 6, name)
-        if job.work(name).is_dir() and publish(job, factor):
+        if job.work(name).is_dir() and publish(job, new, factor):
             done.append(name)
+    outputs.publish(PUBLISHES, job.key, sources(job.options), job.force)
     return {"published": done, "metres_per_sfm_unit": factor}
+
+
+def sources(options: ReconstructOptions) -> list[Path]:
+    """What a run reads, and so never writes over."""
+    return [Path(p) for p in (options.source, options.masks, options.sparse) if p]
 
 
 def _read(path: Path) -> dict[str, Any] | None:
     return json.loads(path.read_text()) if path.is_file() else None
 
 
-def _document(job: Job, factor: float) -> bool:
+def _document(job: Job, new: Path, factor: float) -> bool:
     document = _read(job.work("mass") / "massprops.json")
     if document is None:
         return False
@@ -54,11 +64,11 @@ def _document(job: Job, factor: float) -> bool:
     }
     warnings = [*footage.get("warnings", []), *sfm.get("warnings", []), *document.get("warnings", [])]
     document["warnings"] = list(dict.fromkeys(warnings))
-    write_json(job.run / "massprops.json", document)
+    write_json(new / "massprops.json", document)
     return True
 
 
-def _mesh(job: Job, factor: float) -> bool:
+def _mesh(job: Job, new: Path, factor: float) -> bool:
     import trimesh
 
     path = job.work("surface") / "surface.npz"
@@ -67,9 +77,9 @@ def _mesh(job: Job, factor: float) -> bool:
     with np.load(path, allow_pickle=False) as z:
         vertices, faces, observed = z["vertices"] * factor, z["faces"], z["observed"].astype(bool)
     colours = np.where(observed[:, None], MEASURED, FILLED).astype(np.uint8)
-    write_whole(job.run / "mesh.ply", mesh_ply(vertices, faces, observed, colours))
+    write_whole(new / "mesh.ply", mesh_ply(vertices, faces, observed, colours))
     mesh = trimesh.Trimesh(vertices, faces, process=False, face_colors=colours)
-    write_whole(job.run / "mesh.glb", mesh.export(file_type="glb"))
+    write_whole(new / "mesh.glb", mesh.export(file_type="glb"))
     return True
 
 
@@ -94,7 +104,7 @@ def mesh_ply(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, colo
     return header.encode() + np.asarray(vertices, "<f8").tobytes() + row.tobytes()
 
 
-def _cloud(job: Job, factor: float) -> bool:
+def _cloud(job: Job, new: Path, factor: float) -> bool:
     path = job.work("dense") / "points.npz"
     if not path.is_file():
         return False
@@ -108,11 +118,11 @@ def _cloud(job: Job, factor: float) -> bool:
     )
     row = np.zeros(len(xyz), dtype=[("p", "<f4", 3), ("n", "<f4", 3), ("c", "u1", 3)])
     row["p"], row["n"], row["c"] = xyz, normal, rgb
-    write_whole(job.run / "cloud.ply", header.encode() + row.tobytes())
+    write_whole(new / "cloud.ply", header.encode() + row.tobytes())
     return True
 
 
-def _sparse(job: Job, factor: float) -> bool:
+def _sparse(job: Job, new: Path, factor: float) -> bool:
     import zlib  # noqa: F401  (before pycolmap: see the package's __init__)
 
     import pycolmap
@@ -122,32 +132,29 @@ def _sparse(job: Job, factor: float) -> bool:
         return False
     model = pycolmap.Reconstruction(source)
     model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
-    target = job.out / "sparse"
-    target.mkdir()
-    model.write(target)
-    replace_folder(target, job.run / "sparse")
+    (new / "sparse").mkdir()
+    model.write(new / "sparse")
     return True
 
 
-def _masks(job: Job, factor: float) -> bool:
+def _masks(job: Job, new: Path, factor: float) -> bool:
     source = job.work("silhouettes") / "masks"
     if not source.is_dir():
         return False
-    shutil.copytree(source, job.out / "masks")
-    replace_folder(job.out / "masks", job.run / "masks")
+    shutil.copytree(source, new / "masks")
     return True
 
 
-def _sequence(job: Job, factor: float) -> bool:
+def _sequence(job: Job, new: Path, factor: float) -> bool:
     source = job.work("sequence") / "sequence"
     if not source.is_dir():
         return False
     from massprops.sequence.data import Body
     from massprops.sequence.write import body_yaml
 
-    shutil.copytree(source, job.out / "sequence", symlinks=True)
-    document = _read(job.run / "massprops.json")
-    if document is not None and not (job.out / "sequence" / "body.yaml").is_file():
+    shutil.copytree(source, new / "sequence")
+    document = _read(new / "massprops.json")
+    if document is not None and not (new / "sequence" / "body.yaml").is_file():
         import yaml
 
         metric = document["units"]["length"] == "m"
@@ -159,8 +166,7 @@ def _sequence(job: Job, factor: float) -> bool:
             source=f"mesh, constant density {document['density']:g} kg m^-3",
             inertia_sigma=_relative_sigma(document),
         )
-        (job.out / "sequence" / "body.yaml").write_text(yaml.safe_dump(body_yaml(body), sort_keys=False))
-    replace_folder(job.out / "sequence", job.run / "sequence")
+        (new / "sequence" / "body.yaml").write_text(yaml.safe_dump(body_yaml(body), sort_keys=False))
     return True
 
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 
-from massprops.run.files import write_json
+from massprops.core.outputs import Outputs
 from massprops.run.job import Job
 
 READS = ("publish", "crosscheck")
 OPTIONS = ()
+PUBLISHES = "report"
 
 
 def run(job: Job) -> dict:
     """Writes `report.json` and `report.html` into the run folder."""
-    from massprops.report import write_report
+    from massprops.report.page import publish_report
 
     stopped = job.run / "work" / "stopped.json"
     verdict = json.loads(stopped.read_text()) if stopped.is_file() else {"exit_code": 0, "reason": "", "stage": None}
-    write_json(job.run / "report.json", {"format": "massprops-report/1", **verdict})
-    page = write_report(job.run)
+    page = publish_report(Outputs(job.run), job.key, verdict, job.force)
     return {"bytes": page.stat().st_size}

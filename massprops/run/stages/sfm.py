@@ -14,6 +14,9 @@ from massprops.run.job import Job
 READS = ("capture",)
 OPTIONS = ("mapper", "sparse", "focal", "motion", "masks")
 
+LENS = {"SIMPLE_PINHOLE": "no distortion", "SIMPLE_RADIAL": "k1", "RADIAL": "k1 k2", "OPENCV": "k1 k2 p1 p2 fx fy"}
+"""What is estimated of a lens, by COLMAP's name of the model."""
+
 
 def run(job: Job) -> dict:
     """Writes views.npz, points.npz, sparse/ and sfm.json."""
@@ -26,7 +29,8 @@ def run(job: Job) -> dict:
     for line in document["warnings"]:
         job.warn(line)
     (job.out / "sfm.json").write_text(json.dumps(document, indent=1))
-    return {k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")}
+    facts = {k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")}
+    return facts if document["imported"] else {**facts, "lens": document["lens"]}
 
 
 def _solve(job: Job, footage) -> dict:
@@ -39,11 +43,12 @@ def _solve(job: Job, footage) -> dict:
     options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=1)
     result = reconstruct(footage, work, options, job.progress)
     shutil.rmtree(work)
+    cameras = [_camera(footage, c) for c in result.cameras]
     result.views.save(job.out / "views.npz")
     result.points.save(job.out / "points.npz")
     np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
     _write_model(result.model, job.out / "sparse")
-    rig = len(footage.cameras) > 1 and _seen_by(result.views.names) > 1
+    rig = footage.rig and _seen_by(result.views.names) > 1
     return {
         "models": [{"images": n, "points": p} for n, p in result.models],
         "given": len(footage.frames),
@@ -51,15 +56,47 @@ def _solve(job: Job, footage) -> dict:
         "points": len(result.points.xyz),
         "reprojection_error_px": _mean_error(result.points),
         "residual_rms_px": result.precision.rms_px,
-        "focal_px": float(result.views.K[0, 0, 0]),
+        "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),
-        "distortion": [float(v) for v in result.views.distortion[0]],
-        "distortion_estimated": result.distortion_estimated,
+        "distortion": list(result.cameras[0].distortion),
+        "distortion_estimated": any(c.estimated for c in result.cameras),
+        "cameras": cameras,
+        "lens": _lens_line(cameras),
         # the mounting of the second camera is in metres, and the adjustment keeps it
         "scale_metres_per_unit": 1.0 if rig else None,
         "imported": False,
         "warnings": list(result.warnings),
     }
+
+
+def _camera(footage, camera) -> dict:
+    """One camera of `sfm.json`; `held_out_px` is the error of observations set aside, by lens model."""
+    prior = next(c for c in footage.cameras if c.id == camera.id)
+    return {
+        "id": camera.id,
+        "device": prior.device,
+        "images": camera.images,
+        "given": sum(f.camera == camera.id for f in footage.frames),
+        "focal_px": list(camera.focal_px),
+        "focal_sigma_relative": _finite(camera.focal_sigma_relative),
+        "focal_prior_px": prior.focal_px,
+        "focal_source": prior.focal_source,
+        "model": camera.lens.model,
+        "distortion": list(camera.distortion),
+        "distortion_estimated": camera.estimated,
+        "held_out_px": camera.lens.held_out_px,
+        "held_out": camera.lens.observations,
+    }
+
+
+def _lens_line(cameras: list[dict]) -> str:
+    """The lens models in one line, with the errors that decided."""
+    parts = []
+    for c in cameras:
+        who = f"camera {c['id']}: " if len(cameras) > 1 else ""
+        tried = ", ".join(f"{LENS[m]} {e:.3f}" for m, e in c["held_out_px"].items())
+        parts.append(f"{who}{LENS[c['model']]}" + (f" (held-out error in px: {tried})" if tried else ""))
+    return "; ".join(parts)
 
 
 def _import(job: Job, footage) -> dict:
@@ -71,7 +108,7 @@ def _import(job: Job, footage) -> dict:
     views.save(job.out / "views.npz")
     points.save(job.out / "points.npz")
     free = not all(c.focal_source == "given" for c in footage.cameras)
-    accuracy = precision(views, points, free, False, 1.0)
+    accuracy = precision(views, points, free, 0, 1.0)
     np.savez(job.out / "precision.npz", attitude=accuracy.attitude)
     _write_model(model, job.out / "sparse")
     job.progress(1, 1, "import")

@@ -6,11 +6,12 @@ import json
 
 import numpy as np
 
+from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
 from massprops.errors import NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
-READS = ("capture", "sfm")
+READS = ("capture", "sfm", "shape")
 OPTIONS = ()
 
 
@@ -25,16 +26,25 @@ def run(job: Job) -> dict:
     views = Views.load(sfm / "views.npz")
     with np.load(sfm / "points.npz", allow_pickle=False) as z:
         points, seen = z["xyz"], np.bincount(z["obs_point"], minlength=len(z["xyz"]))
-    support = None
+    left_out: list[str] = []
     have = [(capture / "masks" / f"{name}.png").is_file() for name in views.names]
     if all(have):
         share = _refine(job, cv2, views, points[seen >= 3], footage)
         method = "given" if footage.get("masks_given") else f"before a {footage['background']} background"
     else:
-        share, method, support = _cut(job, views, points)
+        shape = json.loads((job.work("shape") / "shape.json").read_text())
+        share, left_out = _from_shapes(job, views, shape["placements"])
+        method = "drawn from the shape, refined by the images"
+        if left_out:
+            job.warn(
+                f"{len(left_out)} images show the object in another place than the others and are left out: "
+                + ", ".join(left_out[:5])
+                + (" ..." if len(left_out) > 5 else "")
+            )
+        left_out += [name for gone in shape["lost"] for name in gone["images"]]
     facts = {
         "method": method,
-        "support_plane": None if support is None else support.tolist(),
+        "left_out": left_out,
         "views": len(views),
         "median_object_share": float(np.median(share)),
     }
@@ -72,84 +82,59 @@ def _refine(job: Job, cv2, views, points: np.ndarray, footage: dict) -> list[flo
     return share
 
 
-def _cut(job: Job, views, points: np.ndarray) -> tuple[list[float], str, np.ndarray | None]:  # type: ignore[no-untyped-def]
-    """A still object, seeded by its own points: against the table's picture, or by GrabCut where there is no table."""
-    from massprops.capture.still_object import split_scene
+def _from_shapes(job: Job, views, placements: list[dict]) -> tuple[list[float], list[str]]:  # type: ignore[no-untyped-def]
+    """Silhouettes of every placement; images of none of them, and such as show it elsewhere, say nothing.
 
-    scene = split_scene(points, views.centres, views.R[:, 2], job.seed)
-    own, other = points[scene.object], points[~scene.object]
-    if len(own) < 100:
-        job.warn(f"only {len(own)} points lie on the object: its silhouettes are rough; give --masks for better ones")
-    if scene.plane is not None and len(views) >= 8:
-        return _against_table(job, views, scene, own), "against the table's own picture", scene.plane
-    return _by_grabcut(job, views, own, other), "grabcut seeded by the reconstruction", scene.plane
-
-
-def _against_table(job: Job, views, scene, own: np.ndarray) -> list[float]:  # type: ignore[no-untyped-def]
+    Returns:
+        share of the object in each image that is used, and the names of those left out.
+    """
     import cv2
 
-    from massprops.capture.doubt import predicted_silhouette, project
-    from massprops.capture.table import cut, picture, reduced_camera, strangeness, to_stored
+    number = {name: i for i, name in enumerate(views.names)}
+    found: dict[int, np.ndarray] = {}
+    for k, placement in enumerate(placements):
+        index = np.array([number[name] for name in placement["images"]])
+        drawn = _placement(job, views, index, k, len(found))
+        agreement = np.array([a for _, a in drawn])
+        out = moved(agreement)
+        found.update({int(i): mask for i, (mask, _), o in zip(index, drawn, out, strict=True) if not o})
+    share = []
+    for i, name in enumerate(views.names):
+        if i in found:
+            mask = to_stored(found[i], tuple(views.size[i]), views.K[i], views.distortion[i])
+            share.append(_save(job, cv2, name, mask))
+        else:
+            _save(job, cv2, name, np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8))
+    known = {name for p in placements for name in p["images"]}
+    return share, [n for i, n in enumerate(views.names) if i not in found and n in known]
+
+
+def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> list[tuple[np.ndarray, float]]:  # type: ignore[no-untyped-def]
+    """Silhouette (h, w) of each view, drawn from a placement's shape and refined, and how far the two agree."""
+    from massprops.geometry.rasterise import rasterise
+    from massprops.run.stages.shape import placement_folder
     from massprops.views import undistort
 
-    images, cameras, bodies, surely, aways = [], [], [], [], []
-    for i, name in enumerate(views.names):
-        image = read_image(job.work("capture") / "frames" / name)
-        small, K = reduced_camera(undistort(image, views.K[i], views.distortion[i]), views.K[i])
-        uv, depth = project(own, K, views.R[i], views.t[i])
-        uv = uv[depth > 0]
-        body = predicted_silhouette(uv, small.shape[:2])
-        dots = _dots(uv, body.shape, 0)
-        reach = round(0.25 * max(np.ptp(uv, axis=0))) if len(uv) else 20
-        images.append(small)
-        cameras.append((K, views.R[i], views.t[i]))
-        bodies.append(body)
-        surely.append(dots & (cv2.erode(body.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0))
-        aways.append(cv2.dilate(body.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) == 0)
-        job.progress(i + 1, 2 * len(views), "table")
-    distance = float(np.median(np.linalg.norm(views.centres - scene.centre, axis=1)))
-    step = distance / float(np.median([K[0, 0] for K, _, _ in cameras]))
-    table = picture(images, bodies, cameras, scene.plane, scene.centre, 4.0 * scene.radius, step)
-    share = []
-    for i, name in enumerate(views.names):
-        strange, state = strangeness(images[i], table, *cameras[i], aways[i])
-        found = cut(images[i], strange, state, surely[i], aways[i])
-        mask = to_stored(found, tuple(views.size[i]), views.K[i], views.distortion[i])
-        share.append(_save(job, cv2, name, mask))
-        job.progress(len(views) + i + 1, 2 * len(views), "table")
-    return share
-
-
-def _by_grabcut(job: Job, views, own: np.ndarray, other: np.ndarray) -> list[float]:  # type: ignore[no-untyped-def]
-    import cv2
-
-    from massprops.capture.doubt import predicted_silhouette
-    from massprops.capture.grabcut import cut_out
-
-    share = []
-    for i, name in enumerate(views.names):
-        image = read_image(job.work("capture") / "frames" / name)
-        shape = image.shape[:2]
-        uv = _pixels(views, i, own)
-        body = predicted_silhouette(uv, shape)
-        reach = round(0.10 * max(np.ptp(uv[:, 0]), np.ptp(uv[:, 1]))) if len(uv) else 20
-        away = cv2.dilate(body.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) == 0
-        away |= _dots(_pixels(views, i, other), shape, 2) & ~body
-        core = cv2.erode(body.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-        share.append(_save(job, cv2, name, cut_out(image, body, _dots(uv, shape, 2) & core, away)))
-        job.progress(i + 1, len(views), "grabcut")
-    return share
-
-
-def _dots(uv: np.ndarray, shape: tuple[int, int], radius: int) -> np.ndarray:
-    """(h, w) bool: discs about projected points."""
-    import cv2
-
-    dots = np.zeros(shape, np.uint8)
-    for u, v in np.round(uv).astype(int):
-        if 0 <= u < shape[1] and 0 <= v < shape[0]:
-            cv2.circle(dots, (int(u), int(v)), radius, 1, -1)
-    return dots > 0
+    folder = placement_folder(job.work("shape"), number)
+    with np.load(folder / "shape.npz", allow_pickle=False) as z:
+        vertices, faces = z["vertices"], z["faces"]
+    with np.load(folder / "other.npz", allow_pickle=False) as z:
+        other = z["xyz"]
+    colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
+    out = []
+    for done, i in enumerate(index):
+        K, R, t = views.K[i], views.R[i], views.t[i]
+        image = undistort(read_image(job.work("capture") / "frames" / views.names[i]), K, views.distortion[i])
+        depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
+        camera = other @ R.T + t
+        ahead = camera[:, 2] > 0
+        camera = camera[ahead]
+        uv = camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2]
+        known = trimap(depth, uv, camera[:, 2], shows_points(image, uv, colour[ahead], far_from(depth)))
+        mask = refine(image, known)
+        out.append((mask, overlap(mask, known.drawn)))
+        job.progress(before + done + 1, len(views), "silhouettes")
+    return out
 
 
 def _save(job: Job, cv2, name: str, mask: np.ndarray) -> float:  # type: ignore[no-untyped-def]

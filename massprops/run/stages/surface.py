@@ -10,7 +10,7 @@ from massprops.errors import NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
-READS = ("capture", "sfm", "silhouettes", "dense")
+READS = ("capture", "sfm", "silhouettes", "join", "dense")
 OPTIONS = ("seed",)
 
 FAR = 15.0
@@ -19,8 +19,8 @@ MOST_LOST = 0.03
 """Above this share of measured points that lie far off the mesh, a part of the body is missing in it."""
 NOTHING_LEFT = 0.5
 """Above this share the mesh is not what was measured."""
-LEAST_OBSERVED = 0.4
-"""Below this share of measured area the mesh is kept, but called partial."""
+MOST_FILLED = 0.6
+"""Above this share of filled area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
 """Relative 1-sigma of a self-calibrated focal length when the structure from motion could not give its own."""
 
@@ -42,7 +42,7 @@ def run(job: Job) -> dict:
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views, undistort
 
-    views = Views.load(job.work("sfm") / "views.npz")
+    views = Views.load(job.work("join") / "views.npz")
     footage = json.loads((job.work("capture") / "footage.json").read_text())
     sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
     masks = []
@@ -53,18 +53,27 @@ def run(job: Job) -> dict:
             raise NotPossible(f"surface: silhouette {path.name} is missing; run the silhouettes again")
         masks.append(undistort(mask, views.K[i], views.distortion[i], nearest=True))
     cloud = Cloud.load(job.work("dense") / "points.npz")
-    stand = json.loads((job.work("silhouettes") / "silhouettes.json").read_text()).get("support_plane")
+    stand = json.loads((job.work("join") / "join.json").read_text())["support_plane"]
     support = None if stand is None else np.array(stand, float)
     tumbling, given = footage["motion"] == "tumbling", bool(footage["masks_given"])
     # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
-    if tumbling and footage["background"] == "black" and not given and len(footage["cameras"]) == 1:
+    still = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
+    if tumbling and footage["background"] == "black" and not given and still:
         grey = []
         for i, name in enumerate(views.names):
             image = read_image(job.work("capture") / "frames" / name, 0)
             grey.append(undistort(image, views.K[i], views.distortion[i]))
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
+    beside = job.work("join") / "other.npz"
     surface = reconstruct_surface(
-        views, masks, cloud, seed=job.seed, progress=job.progress, support=support, moving=tumbling or given
+        views,
+        masks,
+        cloud,
+        seed=job.seed,
+        progress=job.progress,
+        support=support,
+        moving=tumbling or given,
+        surroundings=Cloud.load(beside) if beside.is_file() else None,
     )
     lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > NOTHING_LEFT:
@@ -78,12 +87,15 @@ def run(job: Job) -> dict:
 
     corners = surface.vertices[surface.faces]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    observed = float(area[surface.observed].sum() / area.sum())
+    observed, inferred = (float(area[w].sum() / area.sum()) for w in (surface.observed, surface.inferred))
+    filled = 1 - observed - inferred
     warnings = []
-    if observed < 0.9:
-        warnings.append(f"{100 * (1 - observed):.0f} % of the surface was not measured but filled from the silhouettes")
+    if filled > 0.1:
+        warnings.append(f"{100 * filled:.0f} % of the surface was not measured but filled from the silhouettes")
+    if inferred > 0.02:
+        warnings.append(f"{100 * inferred:.0f} % of the surface stood on its support, unseen, and was closed there")
     partial = None
-    if observed < LEAST_OBSERVED:
+    if filled > MOST_FILLED:
         partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"
         warnings.append(partial)
     if lost > MOST_LOST:
@@ -98,12 +110,14 @@ def run(job: Job) -> dict:
         vertices=surface.vertices,
         faces=surface.faces,
         observed=surface.observed,
+        inferred=surface.inferred,
         replicate_integrals=rows,
         replicate_length=lengths,
     )
     facts = {
         "watertight": closed(surface.vertices, surface.faces),
         "observed_fraction": observed,
+        "inferred_fraction": inferred,
         "area": float(area.sum()),
         "vertices": len(surface.vertices),
         "faces": len(surface.faces),

@@ -1,0 +1,309 @@
+"""Silhouettes drawn from a shape and refined by the image: shape first, silhouettes second.
+
+The shape says where the object surely is and where other things surely are; between the two the image decides, by
+colour and edges (Boykov and Jolly 2001; colours learned again from the answer as in Rother, Kolmogorov, Blake 2004).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+BAND = 0.03
+"""Band about the drawn outline that the image decides, in equivalent diameters of the silhouette. On two rendered
+table-top scenes 6 px in 200 took the intersection over union from .967 to .983; wider bands took in neighbours."""
+LEAST_BAND = 3
+LEAST_DIFFERENCE = 12.0
+"""Grey levels within which two colours are alike whatever the rest of the image says."""
+NEAR_OTHER = 4
+"""A pixel this near to one of the surroundings' measured points shows them [px]."""
+UNKNOWN = 0.15
+"""Distance from the shape, in equivalent diameters, within which an unmeasured pixel may be the object's."""
+FAR = 0.6
+"""The same for a pixel where the surroundings are known and do not show."""
+WORK = 560
+"""Longer side of the crop on which colours are separated [px]."""
+ROUNDS = 2
+BINS = 24
+"""Cells along each axis of CIE L*a*b*."""
+PRIOR, COLOUR, SMOOTH, HIDDEN = 1.0, 0.5, 3.0, 0.5
+"""Weights of nearness to the drawn outline, of colour, of edges, and of surroundings that do not show."""
+
+
+@dataclass(frozen=True)
+class Trimap:
+    """What the measured points say of each pixel before the image is asked.
+
+    Attributes:
+        drawn: (h, w) bool, the shape's silhouette, its gaps filled where the surroundings would show through and do not.
+        surely: (h, w) bool, the object.
+        away: (h, w) bool, surely not.
+        hidden: (h, w) bool, the surroundings lie there and do not show: something is before them.
+    """
+
+    drawn: np.ndarray
+    surely: np.ndarray
+    away: np.ndarray
+    hidden: np.ndarray
+
+
+def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray) -> Trimap:
+    """Object, surroundings and what the image has to decide.
+
+    Args:
+        depth: (h, w) of the shape, infinite where it is not.
+        uv: (m, 2) pixels and z (m,) depths of points that are not the object's, in front of the camera.
+        shows: (m,) bool, the image has the point's colour there (`shows_points`).
+    """
+    import cv2
+
+    h, w = depth.shape
+    drawn = np.isfinite(depth)
+    size = equivalent_diameter(drawn)
+    band = max(LEAST_BAND, round(BAND * size))
+    j, i = np.rint(uv).astype(int).T
+    inside = (i >= 0) & (j >= 0) & (i < h) & (j < w)
+    i, j, z, shows = i[inside], j[inside], z[inside], shows[inside]
+    before = z < depth[i, j]
+    count = []
+    for chosen in (before & shows, before & ~shows):
+        dots = np.zeros((h, w), np.float32)
+        np.add.at(dots, (i[chosen], j[chosen]), 1.0)
+        count.append(cv2.boxFilter(dots, -1, (2 * NEAR_OTHER + 1,) * 2, normalize=False))
+    # one point alone may be wrong
+    other, hidden = (count[0] > 2.5) & (count[0] > count[1]), (count[1] > 2.5) & (count[1] > count[0])
+    drawn = _without_gaps(drawn, other, size)
+    solid = drawn.astype(np.uint8)
+    surely = cv2.distanceTransform(solid, cv2.DIST_L2, 5) > band
+    outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5) if drawn.any() else np.full((h, w), np.inf)
+    enclosed = ~_reached(~drawn)
+    reach = np.where(hidden, FAR * size, UNKNOWN * size)
+    away = ((outside > reach) & ~enclosed) | (other & (outside > band))
+    return Trimap(drawn, surely, away, hidden & ~away)
+
+
+def shows_points(image: np.ndarray, uv: np.ndarray, bgr: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """(m,) bool: whether the image has the colour of each point where it projects.
+
+    A point of the table behind a side of the object that was not measured projects onto the object: it does not show.
+
+    Args:
+        image: (h, w, 3) uint8.
+        uv: (m, 2) pixels; bgr: (m, 3) colours as other images show them.
+        apart: (h, w) bool, far from the object: there the exposure and the usual difference are learned.
+    """
+    import cv2
+
+    h, w = image.shape[:2]
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.5).astype(np.float32)
+    j, i = np.clip(np.rint(uv).astype(int), 0, [w - 1, h - 1]).T
+    seen, wanted = smooth[i, j], bgr.astype(np.float32)
+    calm = apart[i, j]
+    if calm.sum() < 200:
+        return np.ones(len(uv), bool)
+    gain = np.clip(np.median(seen[calm], axis=0) / np.maximum(np.median(wanted[calm], axis=0), 1.0), 0.5, 2.0)
+    off = np.abs(seen - gain * wanted).max(axis=1)
+    # the surroundings themselves differ by gloss and by how sharply their texture is drawn
+    return off < max(2.0 * float(np.percentile(off[calm], 80)), LEAST_DIFFERENCE)
+
+
+def _without_gaps(drawn: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+    """The silhouette with the gaps filled in which the surroundings do not show, though they do all about it.
+
+    Nothing can be measured on a glossy or plain side: a gap in the shape is no gap in the object.
+    """
+    import cv2
+
+    solid = drawn.astype(np.uint8)
+    ring = cv2.dilate(solid, np.ones((3, 3), np.uint8), iterations=max(3, round(0.2 * size))) > 0
+    ring &= _reached(~drawn)
+    if not ring.any() or other[ring].mean() < 0.5:
+        return drawn
+    count, piece = cv2.connectedComponents((~drawn & ~_reached(~drawn)).astype(np.uint8), connectivity=4)
+    share = np.bincount(piece.ravel(), other.ravel(), count) / np.maximum(
+        np.bincount(piece.ravel(), minlength=count), 1
+    )
+    gap = share < 0.5 * other[ring].mean()
+    gap[0] = False
+    return drawn | gap[piece]
+
+
+def _reached(free: np.ndarray) -> np.ndarray:
+    """(h, w) bool: what of `free` hangs together with the image's border."""
+    import cv2
+
+    _, piece = cv2.connectedComponents(np.pad(free, 1, constant_values=True).astype(np.uint8), connectivity=4)
+    return (piece == piece[0, 0])[1:-1, 1:-1]
+
+
+def far_from(depth: np.ndarray) -> np.ndarray:
+    """(h, w) bool: farther from the shape's silhouette than anything of the object may reach."""
+    import cv2
+
+    drawn = np.isfinite(depth)
+    if not drawn.any():
+        return np.ones(depth.shape, bool)
+    away = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(away > 2 * UNKNOWN * equivalent_diameter(drawn))
+
+
+def equivalent_diameter(mask: np.ndarray) -> float:
+    """Diameter of the disc of the mask's area [px]."""
+    return float(np.sqrt(4.0 / np.pi * np.count_nonzero(mask)))
+
+
+def refine(image: np.ndarray, known: Trimap) -> np.ndarray:
+    """The silhouette (h, w) bool whose edges are the image's.
+
+    Args:
+        image: (h, w, 3) uint8, undistorted.
+        known: of `trimap`.
+    """
+    import cv2
+
+    drawn, surely, away = known.drawn, known.surely, known.away
+    if not surely.any() or not away.any() or (surely | away).all():
+        return drawn
+    rows, columns = np.flatnonzero((~away).any(1)), np.flatnonzero((~away).any(0))
+    pad = round(0.15 * max(np.ptp(rows), np.ptp(columns))) + 4
+    top, left = max(rows[0] - pad, 0), max(columns[0] - pad, 0)
+    part = (slice(top, rows[-1] + pad + 1), slice(left, columns[-1] + pad + 1))
+    crop = image[part]
+    factor = min(1.0, WORK / max(crop.shape[:2]))
+    size = (max(8, round(crop.shape[1] * factor)), max(8, round(crop.shape[0] * factor)))
+    small = cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
+
+    def reduced(mask: np.ndarray) -> np.ndarray:
+        return cv2.resize(mask[part].astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+
+    found = _cut(small, Trimap(*(reduced(m) for m in (drawn, surely, away, known.hidden)))).astype(np.float32)
+    out = np.zeros(drawn.shape, bool)
+    back = (crop.shape[1], crop.shape[0])
+    out[part] = cv2.resize(found, back, interpolation=cv2.INTER_LINEAR) > 0.5
+    return _held(out, surely)
+
+
+def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
+    """Labels of least cost by colour, by edges and by nearness to the drawn outline; colours learned again in rounds."""
+    import cv2
+    import maxflow
+
+    drawn, surely, away = known.drawn, known.surely, known.away
+    solid = drawn.astype(np.uint8)
+    signed = cv2.distanceTransform(solid, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5)
+    band = max(LEAST_BAND, BAND * equivalent_diameter(drawn))
+    # a gap in the shape is no evidence of a gap in the object
+    prior = np.where(drawn | _reached(~drawn), PRIOR * np.clip(signed / band, -1.0, 1.0), 0.0)
+    prior[known.hidden & ~drawn] = HIDDEN
+    cells = _cells(image)
+    across, down = _edges(image)
+    own, other = surely, away
+    found = drawn
+    for _ in range(ROUNDS):
+        weight = prior + COLOUR * _log_odds(cells, own, other)
+        weight[surely], weight[away] = 50.0, -50.0
+        graph = maxflow.Graph[float]()
+        nodes = graph.add_grid_nodes(drawn.shape)
+        for pair, structure in ((across, [[0, 0, 0], [0, 0, 1], [0, 0, 0]]), (down, [[0, 0, 0], [0, 0, 0], [0, 1, 0]])):
+            graph.add_grid_edges(nodes, pair, structure=np.array(structure), symmetric=True)
+        graph.add_grid_tedges(nodes, np.maximum(weight, 0), np.maximum(-weight, 0))
+        graph.maxflow()
+        found = ~graph.get_grid_segments(nodes)
+        own, other = found, ~found
+    return found
+
+
+def _cells(image: np.ndarray) -> np.ndarray:
+    """(h, w) cell of each pixel's colour in CIE L*a*b*."""
+    import cv2
+
+    lab = cv2.cvtColor(cv2.GaussianBlur(image, (3, 3), 0), cv2.COLOR_BGR2LAB).astype(np.int32)
+    lightness = lab[..., 0] * BINS // 256
+    a, b = (np.clip((lab[..., k] - 80) * BINS // 96, 0, BINS - 1) for k in (1, 2))
+    return (lightness * BINS + a) * BINS + b
+
+
+def _log_odds(cells: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(h, w) logarithm of how much more often a pixel's colour occurs in the object than beside it, within +-3."""
+    from scipy.ndimage import gaussian_filter
+
+    density = []
+    for mask in (own, other):
+        count = np.bincount(cells[mask], minlength=BINS**3).reshape((BINS,) * 3).astype(np.float64)
+        smooth = gaussian_filter(count, 0.8).ravel()
+        density.append((smooth + 1e-2) / (smooth.sum() + 1e-2 * BINS**3))
+    return np.clip(np.log(density[0] / density[1]), -3.0, 3.0)[cells]
+
+
+def _edges(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cost of an outline between each pixel and its right and lower neighbour: low where the colours differ."""
+    import cv2
+
+    smooth = cv2.GaussianBlur(image, (0, 0), 0.7).astype(np.float32)
+    out = []
+    for axis in (1, 0):
+        step = np.diff(smooth, axis=axis, append=np.take(smooth, [-1], axis=axis))
+        square = (step**2).sum(axis=2)
+        out.append(0.2 + SMOOTH * np.exp(-square / max(2.0 * float(square.mean()), 1.0)))
+    return out[0], out[1]
+
+
+def _held(found: np.ndarray, surely: np.ndarray) -> np.ndarray:
+    """Pieces that hold sure pixels, specks and pinholes removed."""
+    import cv2
+
+    found = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, piece, _, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
+    sure = np.bincount(piece[surely], minlength=count)
+    keep = sure >= max(3, 0.02 * sure[1:].max(initial=0))
+    keep[0] = False
+    kept = keep[piece]
+    count, piece, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] < 0.001 * kept.sum()
+    small[0] = False
+    return kept | small[piece]
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    """Intersection over union of two masks, 1 where both are empty."""
+    union = np.count_nonzero(a | b)
+    return 1.0 if union == 0 else float(np.count_nonzero(a & b) / union)
+
+
+LEAST_AGREEMENT, BELOW = 0.87, 6.0
+"""A view shows the object elsewhere when its image agrees with the drawn silhouette by less than this, and by less than
+the median of all views by more than this many of their scatters. In footage with moved objects, good views agreed by
+0.94 and more, bad ones by 0.87 and less."""
+
+
+def moved(agreement: np.ndarray) -> np.ndarray:
+    """(n,) bool: views whose own silhouette is not the shape's; agreement (n,) is intersection over union."""
+    middle = float(np.median(agreement))
+    scatter = max(1.4826 * float(np.median(np.abs(agreement - middle))), 0.01)
+    return (agreement < LEAST_AGREEMENT) & (agreement < middle - BELOW * scatter)
+
+
+def to_stored(found: np.ndarray, size: tuple[int, int], K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+    """A silhouette of the undistorted view in the geometry of the stored frame.
+
+    Args:
+        found: (h, w) bool.
+        size: width, height of the stored frame [px].
+        K, distortion: (3, 3) and (4,) of the stored frame.
+
+    Returns:
+        (height, width) uint8 of 0 and 255.
+    """
+    import cv2
+
+    w, h = (int(v) for v in size)
+    full = found.astype(np.float32)
+    if np.any(distortion):
+        u, v = np.meshgrid(np.arange(w, dtype=np.float64), np.arange(h, dtype=np.float64))
+        pixel = np.column_stack([u.ravel(), v.ravel()])[:, None]
+        lens = np.asarray(distortion, float).reshape(-1, 1)
+        at = cv2.undistortPoints(pixel, np.asarray(K, float), lens, P=np.asarray(K, float))
+        grid = at.reshape(h, w, 2).astype(np.float32)
+        full = cv2.remap(full, grid[..., 0].copy(), grid[..., 1].copy(), cv2.INTER_LINEAR)
+    return np.where(full > 0.5, 255, 0).astype(np.uint8)

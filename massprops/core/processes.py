@@ -1,0 +1,65 @@
+"""Processes of massprops' own: started so that nothing in the current folder is run, ended with their parent."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+from pathlib import Path
+
+
+def python_module(module: str, *arguments: str) -> list[str]:
+    """A command line that runs a module; `-P` keeps the current folder out of the module search."""
+    return [sys.executable, "-P", "-m", module, *arguments]
+
+
+def child_environment(**more: str) -> dict[str, str]:
+    """The environment of a child process, which finds the modules that this process finds.
+
+    The current folder holds the user's files: an `av.py` or `random.py` among them is not ours to import. It is left
+    out, unless massprops itself lies there.
+    """
+    here = os.path.realpath(Path.cwd())
+    own = os.path.realpath(Path(__file__).parents[2])
+    entries = [p for p in sys.path if p and (os.path.realpath(p) != here or here == own)]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(entries), "PYTHONSAFEPATH": "1", **more}
+
+
+def die_with_parent() -> None:
+    """Asks the kernel to end this process with its parent (Linux), so that a killed run leaves nothing at work."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
+def limit_memory() -> None:
+    """Bounds this process to the memory there is, so that it is refused an array before the machine grinds to a halt.
+
+    RLIMIT_DATA counts what can be written to; RLIMIT_AS would count address space too, of which numba, open3d and
+    every thread's stack reserve many times what they use.
+    """
+    import resource
+
+    limit = memory_there_is()
+    if limit is None:
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    for known in (soft, hard):
+        if known != resource.RLIM_INFINITY:
+            limit = min(limit, known)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+
+
+def memory_there_is() -> int | None:
+    """Bytes of memory of the machine, or of the container; None where that is not known."""
+    found = []
+    try:
+        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (ValueError, OSError):
+        return None
+    for name in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        try:
+            found.append(int(Path(name).read_text()))
+        except (OSError, ValueError):
+            continue
+    return min(v for v in found if v > 0)

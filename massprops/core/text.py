@@ -1,0 +1,25 @@
+"""Text from outside, made fit for a terminal."""
+
+from __future__ import annotations
+
+import unicodedata
+
+
+def clean(text: str) -> str:
+    """`text` without anything that a terminal would obey or that cannot be printed.
+
+    Names of files and the contents of tables come from strangers: their control characters, escape sequences, marks
+    that turn the direction of writing, and bytes that are no UTF-8 are shown as codes. Line ends and tabs stay.
+    """
+    return "".join(c if c in "\n\t" or unicodedata.category(c) not in HIDDEN else _code(c) for c in text)
+
+
+HIDDEN = ("Cc", "Cf", "Cs", "Co", "Zl", "Zp")
+"""Unicode categories of characters that show nothing, or do something else than show."""
+
+
+def _code(character: str) -> str:
+    number = ord(character)
+    if 0xDC80 <= number <= 0xDCFF:  # a byte of a name that is no UTF-8
+        return f"\\x{number - 0xDC00:02x}"
+    return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}"

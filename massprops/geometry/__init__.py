@@ -1,0 +1,1 @@
+"""Plain geometry that every stage shares: cameras, triangles, planes."""

@@ -1,0 +1,69 @@
+"""Triangles seen by a pinhole camera: a depth buffer, and which face each pixel shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+def rasterise(
+    vertices: np.ndarray, faces: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest face at the centre of every pixel.
+
+    Faces that reach behind the camera are left out.
+
+    Args:
+        vertices: (v, 3) in the world; faces: (f, 3) int.
+        K: (3, 3) pinhole matrix [px], centres of pixels at whole numbers.
+        R: (3, 3), t: (3,): world to camera, z forward.
+        size: width, height [px].
+
+    Returns:
+        depth (h, w) float64, infinite where nothing is; face (h, w) int32, -1 where nothing is.
+    """
+    camera = vertices @ R.T + t
+    z = camera[:, 2]
+    safe = np.where(z > 1e-12, z, 1.0)
+    uv = camera[:, :2] / safe[:, None] @ K[:2, :2].T + K[:2, 2]
+    depth = np.full((size[1], size[0]), np.inf)
+    face = np.full((size[1], size[0]), -1, np.int32)
+    _fill(np.ascontiguousarray(uv), np.ascontiguousarray(z), np.ascontiguousarray(faces, np.int64), depth, face)
+    return depth, face
+
+
+def silhouette(
+    vertices: np.ndarray, faces: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
+    """(h, w) bool: pixels whose centre the mesh covers. Arguments as for `rasterise`."""
+    return rasterise(vertices, faces, K, R, t, size)[1] >= 0
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(uv, z, faces, depth, face):  # noqa: ANN001, ANN202
+    h, w = depth.shape
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        if z[a] <= 1e-12 or z[b] <= 1e-12 or z[c] <= 1e-12:
+            continue
+        ax, ay, bx, by, cx, cy = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1], uv[c, 0], uv[c, 1]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        x0, x1 = max(0.0, np.ceil(min(ax, bx, cx))), min(w - 1.0, np.floor(max(ax, bx, cx)))
+        y0, y1 = max(0.0, np.ceil(min(ay, by, cy))), min(h - 1.0, np.floor(max(ay, by, cy)))
+        if x0 > x1 or y0 > y1:
+            continue
+        ia, ib, ic = 1.0 / z[a], 1.0 / z[b], 1.0 / z[c]
+        for y in range(int(y0), int(y1) + 1):
+            for x in range(int(x0), int(x1) + 1):
+                p = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+                q = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                r = 1.0 - p - q
+                if p < 0.0 or q < 0.0 or r < 0.0:
+                    continue
+                # inverse depth is linear in the image
+                d = 1.0 / (p * ia + q * ib + r * ic)
+                if d < depth[y, x]:
+                    depth[y, x] = d
+                    face[y, x] = f

@@ -1,0 +1,69 @@
+"""How far a result can be trusted, in one word and plain reasons.
+
+The word follows the interval of the volume first: it is what the method itself says it does not know. What the interval
+cannot know of (images that show something else, a side filled in without evidence) lowers it further.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+WIDE, TOO_WIDE = 0.05, 0.20
+"""Half width of the 90 % interval of the volume, relative, above which confidence is medium and low: what a table-top
+model should reach, and what an estimate by eye and ruler does."""
+FILLED, MOSTLY_FILLED = 0.2, 0.6
+"""Share of the surface neither measured nor closed at a support, above which confidence is medium and low."""
+LOST, MOSTLY_LOST = 0.1, 0.5
+"""Share of the images that could not be used, likewise."""
+LEVELS = ("high", "medium", "low")
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What confidence rests on.
+
+    Attributes:
+        half_width: of the volume's 90 % interval, over the volume.
+        filled: share of the surface that was filled in.
+        inferred: share that was closed at the plane of support.
+        images: how many were given to structure from motion.
+        used: how many show the object where the model has it.
+        unjoined: placements of the object that could not be joined to the one used.
+        valid: share of the replicates that are bodies at all.
+    """
+
+    half_width: float
+    filled: float
+    inferred: float
+    images: int
+    used: int
+    unjoined: int = 0
+    valid: float = 1.0
+
+
+def confidence(evidence: Evidence) -> dict:
+    """`confidence` of `massprops.json`: {"level": "high" | "medium" | "low", "because": [text]}."""
+    e = evidence
+    lost = 1.0 - e.used / e.images if e.images else 0.0
+    said = [
+        _said(e.half_width, WIDE, TOO_WIDE, f"the volume is known to ±{100 * e.half_width:.0f} %"),
+        _said(e.filled, FILLED, MOSTLY_FILLED, f"{100 * e.filled:.0f} % of the surface was filled in, not measured"),
+        _said(lost, LOST, MOSTLY_LOST, f"{e.images - e.used} of {e.images} images could not be used"),
+        _said(1.0 - e.valid, 0.05, 0.5, "the surface is so uncertain that some of its variants are no bodies"),
+    ]
+    if e.unjoined:
+        said.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
+    level = max(rank for rank, _ in said)
+    because = [text for rank, text in sorted(said, key=lambda s: -s[0]) if rank > 0]
+    if not because:
+        because = [said[0][1]]
+    if e.inferred > 0.02:
+        because.append(
+            f"{100 * e.inferred:.0f} % of the surface stood on its support and was closed there: a hollow underneath "
+            "would not be seen"
+        )
+    return {"level": LEVELS[level], "because": because}
+
+
+def _said(value: float, medium: float, low: float, text: str) -> tuple[int, str]:
+    return (2 if value > low else 1 if value > medium else 0), text

@@ -1,0 +1,81 @@
+"""Silhouettes drawn from a shape and refined by the image."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
+from massprops.views import undistort
+
+SHAPE = (240, 320)
+
+
+def disc(x: float, y: float, r: float) -> np.ndarray:
+    v, u = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
+    return (u - x) ** 2 + (v - y) ** 2 < r**2
+
+
+def everywhere() -> np.ndarray:
+    u, v = np.meshgrid(np.arange(0, 320, 3.0), np.arange(0, 240, 3.0))
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
+def depth_of(mask: np.ndarray, depth: float = 1.0) -> np.ndarray:
+    return np.where(mask, depth, np.inf)
+
+
+def test_a_gap_that_shows_nothing_is_the_object() -> None:
+    ring = disc(160, 120, 60) & ~disc(160, 120, 25)
+    outside = everywhere()
+    outside = outside[np.hypot(outside[:, 0] - 160, outside[:, 1] - 120) > 62]
+    known = trimap(depth_of(ring), outside, np.full(len(outside), 2.0), np.ones(len(outside), bool))
+    assert known.drawn[120, 160], "the table shows all about the ring but not through it"
+    through = everywhere()
+    known = trimap(depth_of(ring), through, np.full(len(through), 2.0), np.ones(len(through), bool))
+    assert not known.drawn[120, 160] and known.away[120, 160], "the table shows through it"
+    assert known.surely[120, 205] and not known.away[120, 205], "points behind the shape are hidden by it"
+
+
+def test_the_image_decides_where_the_outline_is() -> None:
+    rng = np.random.default_rng(0)
+    truth = disc(160, 120, 50)
+    image = np.where(truth[..., None], [60, 90, 190], [120, 120, 110]) + 6.0 * rng.standard_normal((*SHAPE, 3))
+    image = np.clip(image, 0, 255).astype(np.uint8)
+    rough = disc(162, 119, 49)
+    points = everywhere()
+    points = points[np.hypot(points[:, 0] - 160, points[:, 1] - 120) > 55]
+    found = refine(image, trimap(depth_of(rough), points, np.full(len(points), 2.0), np.ones(len(points), bool)))
+    assert overlap(found, truth) > 0.98 > overlap(rough, truth)
+
+
+def test_a_side_that_was_not_measured_is_found_by_what_it_hides() -> None:
+    """The table's points lie behind it, but the image does not have their colour."""
+    rng = np.random.default_rng(1)
+    table = np.clip(110 + 25 * cv2.GaussianBlur(rng.standard_normal((*SHAPE, 3)), (0, 0), 3) * 6, 0, 255)
+    truth = disc(160, 120, 50)
+    image = np.where(truth[..., None], [40, 60, 90], table).astype(np.uint8)
+    measured = depth_of(truth & (np.arange(320) < 175))
+    points = everywhere()
+    colours = table[points[:, 1].astype(int), points[:, 0].astype(int)]
+    shows = shows_points(image, points, colours, far_from(measured))
+    found = refine(image, trimap(measured, points, np.full(len(points), 2.0), shows))
+    assert overlap(np.isfinite(measured), truth) < 0.75
+    assert overlap(found, truth) > 0.95
+
+
+def test_views_that_show_the_object_elsewhere() -> None:
+    agreement = np.array([0.97, 0.98, 0.96, 0.97, 0.3, 0.98, 0.97, 0.72])
+    assert np.flatnonzero(moved(agreement)).tolist() == [4, 7]
+    assert not moved(np.array([0.93, 0.95, 0.91, 0.88, 0.94])).any()
+
+
+def test_a_silhouette_returns_to_the_distorted_frame() -> None:
+    K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
+    distortion = np.array([-0.2, 0.05, 0.001, -0.002])
+    truth = disc(200, 100, 40)
+    stored = to_stored(truth, (320, 240), K, distortion)
+    again = undistort(stored, K, distortion, nearest=True) > 127
+    assert stored.dtype == np.uint8 and set(np.unique(stored)) == {0, 255}
+    assert overlap(again, truth) > 0.97
+    assert cv2.countNonZero(stored) != np.count_nonzero(truth)

@@ -1,0 +1,49 @@
+"""One word of trust, its reasons, and replicates that are bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprops.mass.confidence import Evidence, confidence
+from massprops.mass.integrals import mesh_integrals
+from massprops.mass.intervals import intervals, valid_bodies
+from massprops.mass.properties import properties_of_integrals
+
+
+@pytest.mark.parametrize(
+    ("evidence", "level", "word"),
+    [
+        (Evidence(0.03, 0.05, 0.0, 40, 40), "high", "±3 %"),
+        (Evidence(0.10, 0.05, 0.0, 40, 40), "medium", "±10 %"),
+        (Evidence(0.30, 0.05, 0.0, 40, 40), "low", "±30 %"),
+        (Evidence(0.03, 0.70, 0.0, 40, 40), "low", "70 % of the surface"),
+        (Evidence(0.03, 0.05, 0.0, 40, 31), "medium", "9 of 40 images"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1), "medium", "placements"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, valid=0.3), "low", "no bodies"),
+    ],
+)
+def test_the_worst_reason_decides_and_comes_first(evidence: Evidence, level: str, word: str) -> None:
+    found = confidence(evidence)
+    assert found["level"] == level and word in found["because"][0]
+
+
+def test_what_stood_on_its_support_is_said_without_lowering_trust() -> None:
+    found = confidence(Evidence(0.03, 0.05, 0.15, 40, 40))
+    assert found["level"] == "high" and "15 % of the surface stood" in found["because"][-1]
+
+
+def test_a_collapsed_replicate_is_no_opinion() -> None:
+    import trimesh
+
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    own = mesh_integrals(np.asarray(box.vertices), np.asarray(box.faces))
+    rng = np.random.default_rng(0)
+    good = own * (1 + 0.01 * rng.standard_normal((200, 1)))
+    collapsed, impossible = own.copy(), own.copy()
+    collapsed[0] = -1.0
+    impossible[4:] = own[4:] * [-0.2, 1, 1, 1, 1, 1]
+    rows = np.vstack([good, collapsed, impossible])
+    assert valid_bodies(rows).tolist() == [True] * 200 + [False, False]
+    bounds = intervals(rows, properties_of_integrals(own, 1.0))
+    assert bounds["principal_moments"][0][0] > 0.9 * properties_of_integrals(own, 1.0).principal_moments[0]

@@ -1,0 +1,141 @@
+"""The lens model is the one that predicts observations it was not fitted to."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from massprops.sfm.points import project
+
+SIZE, FOCAL = (640, 480), 500.0
+NONE, ONE, TWO, ALL = "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"
+
+
+def pictured(lenses, reach=3.0, noise=0.3, n=8, m=300, seed=0, start=ONE):
+    """A model of points in a box of half side `reach`, 8 away, seen by n images of as many cameras as `lenses`.
+
+    Args:
+        lenses: k1, k2, p1, p2 and fy / fx of every camera; the images take turns.
+        start: lens model at the beginning, without distortion.
+    """
+    import pycolmap
+
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform(-reach, reach, (m, 3))
+    R = Rotation.from_euler("yx", np.column_stack([np.arange(n) * 7.0, 15 * np.sin(np.arange(n))]), degrees=True)
+    model = pycolmap.Reconstruction()
+    for c in range(len(lenses)):
+        params = [FOCAL, 320, 240] + [0.0] * (start == ONE)
+        model.add_camera_with_trivial_rig(
+            pycolmap.Camera(camera_id=c + 1, model=start, width=SIZE[0], height=SIZE[1], params=params)
+        )
+    tracks = [pycolmap.Track() for _ in xyz]
+    for i, turn in enumerate(R.as_matrix()):
+        *d, ratio = lenses[i % len(lenses)]
+        K = np.array([[FOCAL, 0, 319.5], [0, FOCAL * ratio, 239.5], [0, 0, 1]])
+        t = np.array([0.0, 0.0, 8.0])
+        uv = project(*(np.tile(a, (m,) + (1,) * np.ndim(a)) for a in (K, np.array(d), turn, t)), xyz)
+        seen = np.flatnonzero(np.all((uv > 0) & (uv < np.array(SIZE) - 1), axis=1))
+        uv = uv[seen] + noise * rng.standard_normal((len(seen), 2)) + 0.5
+        for k, p in enumerate(seen):
+            tracks[p].add_element(i + 1, k)
+        image = pycolmap.Image(name=f"cam0/{i}.png", camera_id=i % len(lenses) + 1, image_id=i + 1, keypoints=uv)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(turn), t))
+    for x, track in zip(xyz, tracks, strict=True):
+        if track.length() >= 3:
+            model.add_point3D(x + 0.01 * rng.standard_normal(3), track)
+    return model
+
+
+def chosen(model, small=False, seed=0):
+    from massprops.sfm.mapping import quiet
+    from massprops.sfm.refine import RefineOptions, adjust, refine
+
+    quiet()
+    if not small:
+        # as mapping leaves it
+        adjust(model, True, True, 1.0, 1, 20)
+    return refine(model, RefineOptions(), True, True, 1, small, seed)
+
+
+@pytest.mark.parametrize(
+    ("lens", "expected"),
+    [
+        ((0.0, 0.0, 0.0, 0.0, 1.0), NONE),
+        ((-0.08, 0.0, 0.0, 0.0, 1.0), ONE),
+        ((-0.25, 0.2, 0.0, 0.0, 1.0), TWO),
+        ((-0.08, 0.0, 5e-3, -5e-3, 1.0), ALL),
+        ((0.0, 0.0, 0.0, 0.0, 1.03), ALL),
+    ],
+)
+def test_the_lens_that_took_the_images_is_chosen(lens, expected):
+    from massprops.sfm.convert import opencv_camera
+
+    model = pictured([lens])
+    refined = chosen(model)
+    choice = refined.lenses[1]
+    assert choice.model == expected and refined.bent == (expected != NONE)
+    K, d = opencv_camera(model.cameras[1])
+    assert K[0, 0] == pytest.approx(FOCAL, rel=0.01) and K[1, 1] == pytest.approx(lens[4] * K[0, 0], rel=4e-3)
+    assert d[0] == pytest.approx(lens[0], abs=0.015) and d[2:] == pytest.approx(lens[2:4], abs=1e-3)
+    best = min(choice.held_out_px.values())
+    assert choice.observations > 150 and choice.held_out_px[expected] < 1.03 * best
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_asks_for_no_lens(seed):
+    model = pictured([(0.0, 0.0, 0.0, 0.0, 1.0)], noise=0.6, seed=seed, m=200)
+    refined = chosen(model, seed=seed)
+    assert refined.lenses[1].model == NONE
+    np.testing.assert_array_equal(model.cameras[1].params[1:], [320, 240, 0])
+
+
+def test_every_camera_has_the_lens_of_its_own():
+    model = pictured([(-0.12, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0, 1.0)], n=10)
+    refined = chosen(model)
+    assert [refined.lenses[c].model for c in (1, 2)] == [ONE, NONE]
+    assert set(refined.precision.focal_by_camera) == {1, 2}
+
+
+def test_a_small_body_in_the_middle_carries_no_distortion():
+    """A body over a quarter of the image: a true k1 moves its outermost features by less than a noise of 0.3 px."""
+    model = pictured([(-0.02, 0.0, 0.0, 0.0, 1.0)], reach=0.7)
+    refined = chosen(model, small=True)
+    assert not refined.bent and not refined.lenses
+    assert model.cameras[1].params[3] == 0
+
+
+def test_a_strong_lens_shows_on_one_object_too():
+    model = pictured([(-0.3, 0.0, 0.0, 0.0, 1.0)], reach=2.0)
+    refined = chosen(model, small=True)
+    assert refined.lenses[1].model == ONE
+    assert model.cameras[1].params[3] == pytest.approx(-0.3, abs=0.05)
+
+
+def test_what_is_held_out_leaves_tracks_whole(monkeypatch):
+    from massprops.sfm.lens import hold_out
+
+    model = pictured([(0.0, 0.0, 0.0, 0.0, 1.0)])
+    kept, held = hold_out(model, 5)
+    total = sum(model.point3D(p).track.length() for p in model.point3D_ids())
+    left = [kept.point3D(p).track.length() for p in kept.point3D_ids()]
+    assert len(left) == len(model.point3D_ids()) and min(left) >= 3
+    assert sum(left) + len(held.point) == total and 0.1 < len(held.point) / total < 0.21
+    monkeypatch.setattr("massprops.sfm.lens.MOST_TRACKS", 50)
+    few, some = hold_out(model, 5)
+    assert len(few.point3D_ids()) == 50 and set(some.point) <= set(few.point3D_ids())
+    monkeypatch.undo()
+    again = hold_out(model, 5)[1]
+    np.testing.assert_array_equal(held.point, again.point)
+    np.testing.assert_array_equal(held.image, again.image)
+
+
+def test_a_fall_within_its_scatter_is_none():
+    from massprops.sfm.lens import HeldOut, falls
+
+    rng = np.random.default_rng(0)
+    held = HeldOut(np.repeat(np.arange(20), 50), np.tile(np.arange(50), 20), np.zeros((1000, 2)))
+    before = rng.chisquare(2, 1000)
+    assert not falls(before, before + 0.05 * rng.standard_normal(1000), held)
+    assert falls(before, before - 0.05, held)
+    # half of the images gain and half lose: no evidence, however many observations there are
+    assert not falls(before, before + np.where(held.image % 2, 0.2, -0.21), held)
