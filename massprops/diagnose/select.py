@@ -76,6 +76,8 @@ def select(
     out = Selection(base, best=base)
     usable: list[ModuleType] = []
     for name, module in effects().items():
+        if not getattr(module, "SEARCHED", True):
+            continue
         missing = lacks(module, set(case.there))
         if missing:
             out.skipped[name] = missing

@@ -49,7 +49,8 @@ def test_writes_all_or_nothing_and_measures_errors_against_truth(
     folder = make_sequence(tmp_path / "seq", attitude=attitude)
     found = massprops.estimate(folder, out=tmp_path / "out")
     assert [e.name for e in found] == ["simple"]
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["estimates.json", "report.html", "simple.csv"]
+    written = sorted(p.name for p in (tmp_path / "out").iterdir() if p.name != ".massprops")
+    assert written == ["estimates.json", "report.html", "simple.csv"]
     content = json.loads((tmp_path / "out" / "estimates.json").read_text())
     assert [s["name"] for s in content["skipped"]] == ["ranger"] and "range0" in content["skipped"][0]["reason"]
     errors = content["against_truth"]["simple"]
@@ -68,6 +69,25 @@ def test_an_estimate_is_never_written_into_a_run_or_a_sequence(two_methods: None
     with pytest.raises(InputError, match="choose another -o"):
         massprops.estimate(folder, out=folder)
     assert sorted(folder.rglob("*")) == before
+
+
+def test_another_method_later_leaves_the_first_ones_history(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = {"simple": simple_method(), "other": simple_method("other")}
+    monkeypatch.setattr(registry, "methods", lambda: found)
+    folder, out = make_sequence(tmp_path / "<img src=x onerror=alert(1)>"), tmp_path / "out"
+    massprops.estimate(folder, ["simple"], out=out)
+    history = (out / "simple.csv").read_text()
+    massprops.estimate(folder, ["other"], out=out)
+    content = json.loads((out / "estimates.json").read_text())
+    assert sorted(e["name"] for e in content["estimators"]) == ["other", "simple"]
+    assert (out / "simple.csv").read_text() == history and (out / "other.csv").is_file()
+    page = (out / "report.html").read_text()
+    assert "simple.csv" in page and "<img src=x" not in page and "&lt;img src=x" in page
+    massprops.estimate(make_sequence(tmp_path / "two", attitude=True), ["other"], out=out)
+    content = json.loads((out / "estimates.json").read_text())
+    assert [e["name"] for e in content["estimators"]] == ["other"], "of other data nothing stays in sight"
+    assert not (out / "simple.csv").exists()
+    assert (out / ".massprops/previous/estimate/simple.csv").read_text() == history
 
 
 def test_named_method_without_its_sensor_is_not_possible(two_methods: None, tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def run_folder(folder: Path, mesh: trimesh.Trimesh, **changes: object) -> Path:
     document = read_body(folder / "body.stl").document
     v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     flags = np.ones(len(f), bool)
-    (folder / "mesh.ply").write_bytes(mesh_ply(v, f, flags, np.full((len(f), 4), 200, np.uint8)))
+    (folder / "mesh.ply").write_bytes(mesh_ply(v, f, flags.astype(np.uint8), None))
     (folder / "massprops.json").write_text(json.dumps({**document, **changes}))
     return folder
 

@@ -32,6 +32,27 @@ def internal_rate(t, w, z, p):
     )
 
 
+MOMENTUM_UNKNOWNS = ("share",)
+
+
+def momentum_columns(t, R, w, held):
+    """Momentum of a sphere of the body's mean moment that the layer drives: for a `share` of one."""
+    pace = held["coupling"]
+    z = w.copy()
+    # in inertial axes the layer alone changes it: d(R z)/dt = coupling R (w - z), exact for w constant over a step
+    for k in range(1, len(t)):
+        keep = 2.718281828459045 ** (-pace * (t[k] - t[k - 1]))
+        carried = R[k].T @ (R[k - 1] @ z[k - 1])
+        z[k] = keep * carried + (1.0 - keep) * 0.5 * (w[k] + R[k].T @ (R[k - 1] @ w[k - 1]))
+    return {"internal": z[:, :, None]}
+
+
+def momentum_scan(t, w):
+    """From hardly any coupling over the record to one faster than the body turns."""
+    speed = float(((w * w).sum(axis=1) ** 0.5).mean())
+    return [{"coupling": k * max(speed, 1e-12)} for k in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)]
+
+
 def starts(span, speed):
     """Hardly any sphere, from slow to fast against the body's turning."""
     return [(1e-4, k * speed) for k in (0.03, 0.15, 0.6, 2.5, 10.0)]

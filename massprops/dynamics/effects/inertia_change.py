@@ -43,6 +43,24 @@ def penalty(p):
     return p[1:7]
 
 
+MOMENTUM_UNKNOWNS = tuple(f"inertia_{n}" for n in ("xx", "yy", "zz", "xy", "xz", "yz"))
+
+
+def momentum_columns(t, R, w, held):
+    """What the change of inertia carries after `time`."""
+    out = 0.0 * R[:, :, [0, 0, 0, 0, 0, 0]]
+    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        out[:, i, k] += w[:, j]
+        if i != j:
+            out[:, j, k] += w[:, i]
+    return {"internal": (t > held["time"])[:, None, None] * out}
+
+
+def momentum_scan(t, w):
+    """A twentieth of the record apart."""
+    return [{"time": float(t[0] + (t[-1] - t[0]) * k / 20)} for k in range(2, 19)]
+
+
 def starts(span, speed):
     """No change, at moments spread over the record."""
     return [(span * (k + 0.5) / 10, *[0] * 12) for k in range(10)]

@@ -40,6 +40,17 @@ def penalty(p):
     return [p[3 + k + 1] - p[3 + k] for k in range(SHAPES - 1)]
 
 
+MOMENTUM_UNKNOWNS = ("momentum_x", "momentum_y", "momentum_z")
+
+
+def momentum_columns(t, R, w, held):
+    """A wheel at one speed: its momentum along each body axis. One of any history is solved for by its knots."""
+    out = 0.0 * R
+    for k in range(3):
+        out[:, k, k] = 1.0
+    return {"internal": out}
+
+
 def longer_starts(span, speed):
     """A wheel that spins up from rest or slows down to it, about each of 13 axes, either way."""
     out = []

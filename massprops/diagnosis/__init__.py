@@ -1,0 +1,1 @@
+"""What a record's rigid-body model lacks, from the balance of angular momentum."""

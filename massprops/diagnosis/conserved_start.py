@@ -1,0 +1,157 @@
+"""Where a fit begins: inertia and momentum that a hypothesis conserves best, without a guess.
+
+The balance in momentum, I u + h - R^T (L0 + integral of R torque) = 0 along the path's own rate u, is homogeneous in
+the six numbers of I, in L0 and in every unknown. The solution is the eigenvector of least |M x|^2 over |N x|^2, N the
+part I u, so momentum cannot be fitted to nothing (Feng et al. 2018 use the case without effects). A wheel of any
+history along one axis drops out of the components across it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.diagnosis.momentum_balance import Forcing
+from massprops.diagnosis.motion_path import MotionPath
+
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+DIRECTIONS = 400
+LEAST_MOMENT = 0.002
+"""Least second moment of mass over their sum: a body of such shape is a disk 20 times as wide as thick."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """Where a fit begins.
+
+    Attributes:
+        inertia: (3, 3), trace 3, of a body that can be; left: momentum that is not conserved, over all of it.
+        axis: (3,) of a wheel, or None; history: (n,) its momentum along the path over the mean moment [rad/s], or None.
+    """
+
+    inertia: np.ndarray
+    left: float
+    axis: np.ndarray | None = None
+    history: np.ndarray | None = None
+
+
+def physical_inertia(inertia: np.ndarray, least: float = LEAST_MOMENT) -> np.ndarray:
+    """The nearest inertia of trace 3 that a body can have."""
+    from massprops.estimators.momentum import physical
+
+    return np.asarray(3.0 * physical(inertia / np.trace(inertia), least))
+
+
+def conserved(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) -> Start:
+    """The start under torques or internal momenta that are linear in their unknowns."""
+    M, N = _columns(path, at)
+    if forcing is not None and forcing.count:
+        extra = np.zeros((len(at), 3, forcing.count))
+        if forcing.momentum is not None:
+            extra -= np.swapaxes(path.R[at], 1, 2) @ forcing.momentum[at]
+        if forcing.internal is not None:
+            extra += forcing.internal[at]
+        M = np.concatenate([M, extra], axis=2)
+    M, N = M.reshape(-1, M.shape[2]), N.reshape(-1, 6)
+    value, x = _least(M.T @ M, N.T @ N, np.eye(6))
+    return Start(inertia=physical_inertia(_positive(_matrix(x))), left=float(np.sqrt(max(value, 0.0))))
+
+
+def conserved_across(path: MotionPath, at: np.ndarray) -> Start:
+    """The start with a wheel of any history along an axis that the data show: the one across which momentum is
+    conserved best, of many directions and then by Nelder and Mead's method.
+
+    The moment about the axis does not show, for the wheel can answer for it: it is taken so that the wheel's momentum
+    changes least in all (total variation).
+    """
+    from scipy.optimize import minimize
+
+    M, N = _columns(path, at)
+    whole, part = np.einsum("nic,njd->ijcd", M, M), np.einsum("nic,njd->ijcd", N, N)
+
+    def across(axis: np.ndarray) -> tuple[float, np.ndarray]:
+        P = np.eye(3) - np.outer(axis, axis)
+        along = np.array([axis[i] * axis[j] for i, j in PLACES])
+        free = np.linalg.svd(along[None])[2][1:].T
+        return _least(np.einsum("ij,ijcd->cd", P, whole), np.einsum("ij,ijcd->cd", P, part), free)
+
+    axis = min(hemisphere(DIRECTIONS), key=lambda a: across(a)[0])
+    found = minimize(
+        lambda v: np.log(max(across(v / np.linalg.norm(v))[0], 1e-300)), axis, method="Nelder-Mead",
+        options={"maxfev": 150, "xatol": 1e-3, "fatol": 1e-3},
+    )  # fmt: skip
+    axis = found.x / np.linalg.norm(found.x)
+    value, x = across(axis)
+    inertia = _matrix(x)
+    if np.trace(inertia) - axis @ inertia @ axis < 0:
+        inertia, x = -inertia, -x
+    L0 = _momentum(np.einsum("ij,ijcd->cd", np.eye(3) - np.outer(axis, axis), whole), x)
+    u = path.w[at]
+    h = (np.einsum("nij,i->nj", path.R[at], L0) - u @ inertia) @ axis
+    more = _least_variation(h, u @ axis)
+    inertia, h = inertia + more * np.outer(axis, axis), h - more * (u @ axis)
+    size = 3.0 / np.trace(inertia)
+    history = np.interp(path.t, path.t[at], size * h)
+    return Start(
+        inertia=physical_inertia(_positive(inertia)), left=float(np.sqrt(max(value, 0.0))), axis=axis, history=history
+    )
+
+
+def hemisphere(count: int) -> np.ndarray:
+    """(count, 3) directions spread evenly over half a sphere (Fibonacci's spiral)."""
+    k = np.arange(count)
+    z = (k + 0.5) / count
+    angle = np.pi * (1 + np.sqrt(5.0)) * k
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+
+def _columns(path: MotionPath, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3, 9) of the six of the inertia and of L0 in the balance, and (m, 3, 6) of the inertia's part."""
+    u = path.w[at]
+    N = np.zeros((len(at), 3, 6))
+    for k, (i, j) in enumerate(PLACES):
+        N[:, i, k] += u[:, j]
+        if i != j:
+            N[:, j, k] += u[:, i]
+    return np.concatenate([N, -np.swapaxes(path.R[at], 1, 2)], axis=2), N
+
+
+def _least(whole: np.ndarray, part: np.ndarray, free: np.ndarray) -> tuple[float, np.ndarray]:
+    """Least share of momentum left over and the six of the inertia (6,), which is a combination of `free` (6, f)."""
+    from scipy.linalg import eigh
+
+    rest = whole[6:, 6:]
+    rest = rest + 1e-10 * np.trace(rest) / len(rest) * np.eye(len(rest))
+    S = free.T @ (whole[:6, :6] - whole[:6, 6:] @ np.linalg.solve(rest, whole[6:, :6])) @ free
+    P = free.T @ part @ free
+    P = P + 1e-9 * np.trace(P) / len(P) * np.eye(len(P))
+    value, vector = eigh(S, P)
+    return float(value[0]), np.asarray(free @ vector[:, 0])
+
+
+def _momentum(whole: np.ndarray, six: np.ndarray) -> np.ndarray:
+    rest = whole[6:, 6:]
+    return np.asarray(-np.linalg.solve(rest + 1e-10 * np.trace(rest) * np.eye(3), whole[6:, :6] @ six))
+
+
+def _matrix(six: np.ndarray) -> np.ndarray:
+    out = np.zeros((3, 3))
+    for value, (i, j) in zip(six, PLACES, strict=True):
+        out[i, j] = out[j, i] = value
+    return out
+
+
+def _positive(inertia: np.ndarray) -> np.ndarray:
+    return -inertia if np.trace(inertia) < 0 else inertia
+
+
+def _least_variation(h: np.ndarray, rate: np.ndarray) -> float:
+    """The c that makes the total variation of h - c rate least: the median of their slopes, weighted."""
+    dh, dr = np.diff(h), np.diff(rate)
+    use = np.abs(dr) > 0
+    slope, weight = dh[use] / dr[use], np.abs(dr[use])
+    order = np.argsort(slope)
+    total = np.cumsum(weight[order])
+    return float(slope[order][np.searchsorted(total, 0.5 * total[-1])])

@@ -1,0 +1,24 @@
+"""Every threshold of the verdict, and what it was set on."""
+
+BEATS_NOTHING = 5.0
+"""Log evidence by which a hypothesis must beat the plain rigid body: 'very strong' in Kass and Raftery's scale (1995),
+and as much again as the logarithm of the catalogue's size."""
+BEATS_UNKNOWN = 1.0
+"""Log evidence by which an effect beside a latent torque must beat that torque alone: it is simply more likely. Set on
+drag in the odd racquets, where the two differ by 1 to 11."""
+ALIKE = 5.0
+"""Log evidence within which two effects are not told apart."""
+PART_LEFT = 0.5
+"""Part of the misfit (rms) that an effect may leave by itself: more is unexplained. A half of the misfit is three quarters
+of its square. Odd flights and racquets: 0.01 to 0.3."""
+SIGNIFICANT = 1e-3
+"""Chance of parameters so far from nothing (Wald's test, jointly) up to which an effect is named."""
+SHOWN = 2.0
+"""Sigmas that a parameter must stand from zero to be printed."""
+LEAST_TURN = 0.5
+"""Turn over a record [rad] below which free rotation cannot be told from anything else."""
+FOLDS = 4
+BLOCKS = 20
+"""Parts in time of a record; every fourth is held out in turn."""
+FEWEST_HELD = 60
+"""Rows below which nothing is held out."""

@@ -1,0 +1,233 @@
+"""`diagnosis.json` and `model.yaml` of a selection by the balance of momentum."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from massprops.diagnosis import criteria
+from massprops.diagnosis.held_out import held_out_rms
+from massprops.diagnosis.hypothesis_fit import HypothesisFit
+from massprops.diagnosis.selection import Candidate, Selection, rms, significance
+
+INTERVALS = 12
+SHAPES = 9
+"""Corners by which `model.yaml` holds a wheel's history (`internal_rotor.SHAPES`)."""
+AXES = "body axes are the gyroscope's"
+
+
+def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
+    """The content of `diagnosis.json`."""
+    after = s.named[0] if s.named else None
+    shown = after.alone if after else s.base
+    held = {"before": held_out_rms(s.base), "after": held_out_rms(shown)}
+    return {
+        "format": "massprops-diagnosis/1",
+        "verdict": s.verdict,
+        "reason": reason(s),
+        "effects": [_effect(c, s) for c in s.named],
+        "candidates": [_candidate(c, s) for c in s.tried],
+        "skipped": s.skipped,
+        "where": where(s.base),
+        "gap": {
+            "fitted": {"before": rms(s.base.residual), "after": rms(shown.residual)},
+            "held_out": {k: _number(v) for k, v in held.items()},
+            "noise_floor": 1.0,
+        },
+        "latent": latent(s),
+        "corrected": _corrected(s.base, after.best if after else s.base),
+        "axes": AXES,
+        "model": "model.yaml",
+        "warnings": warnings,
+    }
+
+
+def reason(s: Selection) -> str:
+    """The verdict in a sentence."""
+    if s.verdict == "none":
+        return f"a free rigid body explains the rates: {rms(s.base.residual):.2f} of the noise is left"
+    if s.verdict == "named":
+        return _sentence(s.named[0])
+    if s.verdict == "ambiguous":
+        return (
+            f"this record cannot tell apart: {', '.join(c.name for c in s.named)}; a longer one, or another start, may"
+        )
+    best = s.tried[0]
+    return (
+        f"a free rigid body leaves {rms(s.base.residual):.1f} times the noise, and no effect of the catalogue accounts for "
+        f"it: {best.name} comes nearest, leaves {rms(best.alone.residual):.1f} by itself, and "
+        f"{best.evidence - s.unknown.evidence:+.0f} of log evidence against a torque that nothing is known of"
+    )
+
+
+def _sentence(c: Candidate) -> str:
+    from massprops.effects import effects
+
+    return "; ".join(effects()[n].SENTENCE for n in c.alone.names)
+
+
+def _candidate(c: Candidate, s: Selection) -> dict[str, Any]:
+    """The scores of an effect that was tried."""
+    return {
+        "name": c.name,
+        "form": "any history" if c.alone.hypothesis.wheel else "simple",
+        "evidence": c.evidence - s.base.evidence,
+        "evidence_against_unknown": c.evidence - s.unknown.evidence,
+        "significance": significance(c.best),
+        # twice the log evidence is what BIC stands for
+        "delta_bic": 2.0 * (c.evidence - s.base.evidence),
+        "fitted": rms(c.alone.residual),
+        "held_out": _number(held_out_rms(c.alone)),
+        "held_out_gain": _number(held_out_rms(s.base) - held_out_rms(c.alone)),
+        "whiteness": None,
+        "implausible": None,
+    }
+
+
+def _effect(c: Candidate, s: Selection) -> dict[str, Any]:
+    from massprops.effects import effects
+
+    name = c.alone.names[0]
+    module = effects()[name]
+    value, sigma = parameters(c.best)
+    out = _candidate(c, s)
+    out |= {
+        "name": name,
+        "sentence": module.SENTENCE,
+        "parameters": _shown(value, sigma),
+        "sigma": {k: sigma[k] if v is not None else None for k, v in _shown(value, sigma).items()},
+        "units": {q.name: q.unit for q in module.PARAMETERS},
+    }
+    fit = c.best
+    if fit.axis is not None and fit.history is not None and fit.history_sd is not None:
+        at = fit.record.rows.at
+        out["axis"] = fit.axis.tolist()
+        out["history"] = {
+            "times_s": fit.record.times.tolist(),
+            "momentum_rad_s": fit.history[at].tolist(),
+            "sigma": fit.history_sd[at].tolist(),
+        }
+    return out
+
+
+def _shown(value: dict[str, float], sigma: dict[str, float]) -> dict[str, float | None]:
+    """Parameters, None for those that the data do not show."""
+    return {k: v if sigma[k] == 0.0 or abs(v) > criteria.SHOWN * sigma[k] else None for k, v in value.items()}
+
+
+def parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, float]]:
+    """Parameters of a fit's effect as `model.yaml` names them, and their 1-sigma; those held by a scan have none."""
+    from massprops.effects import effects
+
+    if fit.hypothesis.wheel:
+        return _wheel_parameters(fit)
+    term = fit.hypothesis.terms[0]
+    value = {q.name: 0.0 for q in effects()[term.name].PARAMETERS} | dict(term.held)
+    sigma = dict.fromkeys(value, 0.0)
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance[term.name]), 0.0))
+    for name, v, sd in zip(term.unknowns, fit.values[term.name], spread, strict=True):
+        value[name], sigma[name] = float(v), float(sd)
+    if "span" in value:
+        value["span"] = fit.record.path.span
+    return value, sigma
+
+
+def _wheel_parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, float]]:
+    """Mean momentum, and the history at even corners over it less one: constants are the mean's, so shapes have none."""
+    assert fit.axis is not None and fit.history is not None and fit.history_sd is not None
+    t = fit.record.path.t
+    corners = np.linspace(t[0], t[-1], SHAPES)
+    h, sd = np.interp(corners, t, fit.history), np.interp(corners, t, fit.history_sd)
+    weight = np.full(SHAPES, 1.0 / (SHAPES - 1))
+    weight[[0, -1]] /= 2
+    mean = float(weight @ h)
+    value = {f"momentum_{a}": mean * float(x) for a, x in zip("xyz", fit.axis, strict=True)}
+    sigma = {f"momentum_{a}": float(np.mean(sd)) for a in "xyz"}
+    size = mean if abs(mean) > 1e-9 else 1e-9
+    for k in range(SHAPES):
+        value[f"shape_{k + 1}"] = float(h[k] / size - 1.0)
+        sigma[f"shape_{k + 1}"] = float(sd[k] / abs(size))
+    return value | {"span": fit.record.path.span}, sigma | {"span": 0.0}
+
+
+def where(base: HypothesisFit) -> list[dict[str, Any]]:
+    """The parts of the record that a free rigid body explains worst."""
+    times = base.record.times
+    edges = np.linspace(times[0], times[-1], INTERVALS + 1)
+    out = []
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        values = np.clip(base.residual[(times >= a) & (times <= b)], -30.0, 30.0)
+        if not values.size:
+            continue
+        out.append(
+            {
+                "channel": "rate" if base.record.rows.rates else "attitude",
+                "interval_s": [float(a), float(b)],
+                "features": [],
+                "z": float((np.sum(values**2) - values.size) / np.sqrt(2.0 * values.size)),
+                "size": rms(values),
+                "bias": float(values.mean()),
+            }
+        )
+    return sorted(out, key=lambda e: -e["z"])
+
+
+def latent(s: Selection) -> dict[str, Any]:
+    """What a torque that nothing is known of would have to be: alone, and what is left of it beside the effect named."""
+    beside = s.named[0].beside if s.named else s.unknown
+    with_named = beside is not None
+    fit = beside if beside is not None else s.unknown
+    rate = fit.rate
+    out: list[dict[str, Any]] = []
+    for axis, letter in enumerate("xyz"):
+        for other, name in zip(rate.T, ("rate x", "rate y", "rate z"), strict=True):
+            tau = fit.torque[:, axis]
+            if tau.std() > 0 and other.std() > 0:
+                out.append({"with": f"torque {letter} by {name}", "r": float(np.corrcoef(tau, other)[0, 1]), "p": None})
+    out.sort(key=lambda e: -abs(e["r"]))
+    return {
+        "evidence": s.unknown.evidence - s.base.evidence,
+        "torque_rms": rms(s.unknown.torque) * np.sqrt(3.0),
+        "torque_rms_beside_effect": rms(fit.torque) * np.sqrt(3.0) if s.named and with_named else None,
+        "correlates": out[:3],
+    }
+
+
+def _corrected(base: HypothesisFit, after: HypothesisFit) -> dict[str, Any]:
+    from massprops.estimators.result import ratios
+
+    (k_base, axes_base), (k_after, axes_after) = ratios(base.inertia), ratios(after.inertia)
+    cosine = np.clip(np.abs(np.sum(axes_base * axes_after, axis=0)), 0, 1)
+    return {
+        "k1": {"before": float(k_base[0]), "after": float(k_after[0])},
+        "k2": {"before": float(k_base[1]), "after": float(k_after[1])},
+        "rate_rad_s": {"before": base.rate[0].tolist(), "after": after.rate[0].tolist()},
+        "axes_moved_deg": np.degrees(np.arccos(cosine)).tolist(),
+    }
+
+
+def model_of_selection(s: Selection) -> dict[str, Any]:
+    """The content of `model.yaml`: the plain rigid body, or with the first effect named."""
+    from massprops.effects import effects
+
+    fit = s.named[0].best if s.named else s.base
+    listed = []
+    if s.named:
+        value, sigma = parameters(fit)
+        name = fit.names[0]
+        units = {q.name: q.unit for q in effects()[name].PARAMETERS}
+        listed.append({"name": name, "parameters": value, "units": units, "sigma": sigma})
+    return {
+        "format": "massprops-model/1",
+        "effects": listed,
+        "inertia": fit.inertia.tolist(),
+        "inertia_note": "body axes, mean moment 1, with the effects at the start of the record",
+        "angular_velocity_rad_s": fit.rate[0].tolist(),
+        "attitude": fit.record.path.q[0].tolist(),
+        "corrected": _corrected(s.base, fit),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,88 @@
+"""What an effect of the catalogue adds to the balance of momentum, as columns that its unknowns multiply.
+
+An effect whose torque is linear in its parameters needs nothing more than its `torque`: its columns are the torques of
+unit parameters. Others have the hook
+
+- `momentum_columns(t, R, w, held)`: `torque` (n, 3, k) or `internal` (n, 3, k) in body axes, or `momentum` (n, 3, k)
+  in inertial axes, by name, for unknowns that enter linearly with the parameters in `held` as they are; R (n, 3, 3)
+  body to inertial, w (n, 3) body rates;
+- `MOMENTUM_UNKNOWNS`: names of the parameters that the columns belong to;
+- `momentum_scan(t, w)`: the values of `held` to try: a time, a time constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from massprops.diagnosis.momentum_balance import Forcing, torque_forcing
+from massprops.diagnosis.motion_path import MotionPath
+from massprops.dynamics.rotation import six_of
+from massprops.dynamics.surroundings import Sky
+from massprops.effects import changes_motion, effects, places_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """An effect in a hypothesis.
+
+    Attributes:
+        effect: its file; held: parameters that are scanned, not solved for, by name.
+    """
+
+    effect: ModuleType
+    held: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def name(self) -> str:
+        return str(self.effect.NAME)
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the parameters that the columns belong to."""
+        named = getattr(self.effect, "MOMENTUM_UNKNOWNS", None)
+        return tuple(named) if named else tuple(q.name for q in self.effect.PARAMETERS)
+
+
+def screened() -> list[ModuleType]:
+    """The effects of the catalogue that the balance can hold."""
+    return [m for m in effects().values() if changes_motion(m) and (hasattr(m, "momentum_columns") or is_linear(m))]
+
+
+def is_linear(effect: ModuleType) -> bool:
+    """Whether the effect is a torque whose parameters all enter linearly."""
+    return hasattr(effect, "torque") and not places_of(effect, "time") and not places_of(effect, "pace")
+
+
+def scan(effect: ModuleType, t: np.ndarray, w: np.ndarray) -> list[Term]:
+    """The effect at every value of what is scanned; t (m,) times [s] and w (m, 3) rates of the measurements."""
+    if not hasattr(effect, "momentum_scan"):
+        return [Term(effect=effect)]
+    return [Term(effect=effect, held=tuple(sorted(held.items()))) for held in effect.momentum_scan(t, w)]
+
+
+def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, sky: Any = None) -> Forcing:
+    """The columns of one effect along a path.
+
+    Args:
+        rate: (n, 3) the rate to take where an effect depends on it: predicted, so that it carries no noise.
+        inertia: (3, 3) present guess; sky: what acts from outside, or None where nothing is known of it.
+    """
+    effect = term.effect
+    if hasattr(effect, "momentum_columns"):
+        parts = effect.momentum_columns(path.t, path.R, rate, dict(term.held))
+        if "torque" in parts:
+            return torque_forcing(path, parts["torque"])
+        return Forcing(momentum=parts.get("momentum"), internal=parts.get("internal"))
+    sky = Sky((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) if sky is None else sky
+    n, six = len(path.t), six_of(inertia)
+    q = tuple(path.q.T)
+    columns = []
+    for k in range(len(effect.PARAMETERS)):
+        p = [1.0 if i == k else 0.0 for i in range(len(effect.PARAMETERS))]
+        parts = effect.torque(path.t, q, tuple(rate.T), p, six, sky)
+        columns.append(np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=1))
+    return torque_forcing(path, np.stack(columns, axis=2))

@@ -1,0 +1,263 @@
+"""One hypothesis fitted to a record by Gauss and Newton's method on the balance of momentum.
+
+Each pass solves for everything that enters linearly: the inertia about the present one, momentum (and turn) at the start,
+the effects, the gyroscope's scale and misalignment, a latent torque that no effect explains; then the path's predicted
+rate, the inertia, a wheel's axis and the path itself move to what was found. The sizes of what is flexible come by
+evidence, so hypotheses compare by their marginal likelihoods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprops.diagnosis.conserved_start import Start
+from massprops.diagnosis.effect_columns import Term, forcing_of
+from massprops.diagnosis.evidence import Block, Posterior, block_gain, reduced, solve
+from massprops.diagnosis.latent_torque import factor, hats, matern, three_axes
+from massprops.diagnosis.momentum_balance import (
+    INERTIA,
+    Balance,
+    Forcing,
+    inertia_of,
+    shape_of,
+    torque_forcing,
+)
+from massprops.diagnosis.record import Record, along, attitudes_of
+
+PASSES = 12
+SETTLED = 0.2
+"""Change of the log evidence between two passes at which they end: it decides nothing."""
+LARGEST_STEP = 1.0
+"""Of the inertia's shape in a pass: a factor of e in a second moment of mass."""
+TORQUE_KNOTS = 40
+TORQUE_LENGTH = 0.05
+"""Length of the latent torque over the record's. Longer ones let it stand for the slow part of a wheel's history: on the
+odd flights .25 and .1 found wheels a fifth smaller than .04 did, and .04 had the higher evidence or the same."""
+WHEEL_KNOTS = 60
+"""Most of a wheel's history, and no more than half the rows: its heavy-tailed steps let go of those not asked for."""
+SHAPE_SD = 1.5
+"""Prior of the logarithms of second moments: bodies up to 20 times as long as thick lie within two of it."""
+SCALE_SD = 0.005
+"""Prior of a gyroscope's scale and misalignment: between data sheets of raw ones (1 to 3 %) and calibrated ones (0.1 %)."""
+WIDE = 10.0
+"""Prior of momenta at the start over those of the mean moment: no word at all."""
+AXIS_SD = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis:
+    """What acts.
+
+    Attributes:
+        terms: effects; wheel: a wheel of any history along one axis beside them; latent: whether a latent torque does.
+    """
+
+    terms: tuple[Term, ...] = ()
+    wheel: bool = False
+    latent: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the effects in it."""
+        return (("internal-rotor",) if self.wheel else ()) + tuple(t.name for t in self.terms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HypothesisFit:
+    """A fitted hypothesis; n points of the path, m rows.
+
+    Attributes:
+        record: with the path at the end; shape: (5,) of the inertia; inertia: (3, 3), trace 3; momentum: (3,) at the start, inertial axes.
+        evidence: log marginal likelihood; noise: (g,) factors on the rows' noise, by axis of a gyroscope; posterior: of all unknowns.
+        values: by effect, its unknowns; covariance: theirs.
+        axis, history, history_sd: of a wheel: (3,), (n,) and (n,) [rad/s], or None.
+        torque: (n, 3) latent, body axes [rad/s^2]; left: (m, 3) what the rows hold beyond the model without the latent
+            torque, over their noise; residual: (m, 3) with it. rate: (n, 3) predicted.
+    """
+
+    hypothesis: Hypothesis
+    record: Record
+    shape: np.ndarray
+    inertia: np.ndarray
+    momentum: np.ndarray
+    evidence: float
+    noise: np.ndarray
+    posterior: Posterior
+    values: dict[str, np.ndarray]
+    covariance: dict[str, np.ndarray]
+    axis: np.ndarray | None
+    history: np.ndarray | None
+    history_sd: np.ndarray | None
+    torque: np.ndarray
+    left: np.ndarray
+    residual: np.ndarray
+    rate: np.ndarray
+    blocks: tuple[Block, ...]
+    y: np.ndarray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.hypothesis.names
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Guess:
+    """Where a pass is linearised: see `HypothesisFit`."""
+
+    shape: np.ndarray
+    rate: np.ndarray
+    momentum: np.ndarray
+    start: np.ndarray
+    axis: np.ndarray | None
+    history: np.ndarray | None
+
+
+def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes: int = PASSES) -> HypothesisFit:
+    """The hypothesis at its most likely, from a start that it stays near."""
+    path = record.path
+    axis, history = (start.axis, start.history) if hypothesis.wheel else (None, None)
+    inside = np.zeros_like(path.w) if axis is None or history is None else history[:, None] * axis
+    momentum = path.w @ inertia_of(shape_of(start.inertia)) + inside
+    guess = _Guess(
+        shape=shape_of(start.inertia), rate=path.w, momentum=momentum, axis=axis, history=history,
+        start=np.mean(np.einsum("nij,nj->ni", path.R, momentum), axis=0),
+    )  # fmt: skip
+    found: HypothesisFit | None = None
+    for _ in range(passes):
+        before = found
+        found, guess = _pass(record, hypothesis, guess)
+        if not record.rows.rates:
+            record = found.record
+        still = before is not None and np.abs(found.shape - before.shape).max() < 0.02
+        if still and before is not None and abs(found.evidence - before.evidence) < SETTLED:
+            break
+    assert found is not None
+    return found
+
+
+def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[HypothesisFit, _Guess]:
+    path, rows = record.path, record.rows
+    balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
+    parts = _parts(record, hypothesis, guess, balance)
+    over = 1.0 / np.repeat(rows.sigma, 3)
+    blocks = []
+    for name, rate, columns, sd, kind in parts:
+        del rate
+        blocks.append(Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=sd, kind=kind))
+    y = (rows.measured - balance.constant(guess.start)).reshape(-1) * over
+    # the inertia's prior is about a ball, not about the present guess
+    y = y + blocks[0].columns[:, :INERTIA] @ guess.shape
+    group = np.tile(np.arange(3), len(rows.at)) if rows.rates else None
+    post = solve(blocks, y, record.noise_rows, group)
+    base = post.mean["base"]
+    step = base[:INERTIA] - guess.shape
+    shape = guess.shape + step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+    rate = np.linalg.solve(balance.inertia, np.swapaxes(path.R, 1, 2) @ guess.start[:, None])[:, :, 0]
+    shift = np.concatenate([step, base[INERTIA:]])
+    for name, along_path, _, _, _ in parts:
+        if along_path is not None:
+            unknown = shift if name == "base" else post.mean[name]
+            rate = rate + along_path @ unknown[: along_path.shape[2]]
+    turn = None if rows.rates else base[INERTIA + 3 :]
+    whole, phi = balance.motion(rate, turn)
+    axis, history = guess.axis, guess.history
+    history_sd = None
+    shapes = _wheel_shapes(record)
+    if axis is not None:
+        history = shapes @ post.mean["wheel"]
+        history_sd = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", shapes, post.covariance["wheel"], shapes), 0.0))
+        axis = axis + _across(axis) @ post.mean["wheel axis"]
+        axis = axis / np.linalg.norm(axis)
+    torque = np.zeros_like(path.w)
+    latent = np.zeros(len(y))
+    if hypothesis.latent:
+        torque = _torque_shapes(record) @ post.mean["latent torque"]
+        latent = next(b.columns for b in blocks if b.name == "latent torque") @ post.mean["latent torque"]
+    found = HypothesisFit(
+        hypothesis=hypothesis, record=record, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
+        evidence=post.evidence - float(np.sum(np.log(np.repeat(rows.sigma, 3)))), noise=post.noise, posterior=post,
+        values={t.name: post.mean[t.name] for t in hypothesis.terms},
+        covariance={t.name: post.covariance[t.name] for t in hypothesis.terms},
+        axis=axis, history=history, history_sd=history_sd, torque=torque,
+        left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
+        blocks=tuple(blocks), y=y,
+    )  # fmt: skip
+    inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
+    for term in hypothesis.terms:
+        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape))
+        if forcing.internal is not None:
+            inside = inside + forcing.internal @ post.mean[term.name]
+    if not rows.rates:
+        moved = path.turned(phi, whole)
+        found = replace(found, record=along(record, moved, attitudes_of(record)))
+    return found, _Guess(
+        shape=shape, rate=whole, momentum=whole @ inertia_of(shape) + inside, axis=axis, history=history,
+        start=found.momentum,
+    )  # fmt: skip
+
+
+def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance) -> list:
+    """Name, rate along the path (n, 3, k) of a unit of each unknown, its rows, prior, and the prior's kind, by block."""
+    path, speed = record.path, record.speed
+    count = balance.base_count
+    sd = np.concatenate([np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * speed), np.full(count - INERTIA - 3, WIDE)])
+    out: list = [("base", balance.free(), balance.base(), sd, "fixed")]
+    if record.rows.rates:
+        out.append(("gyroscope scale", None, balance.scale(), SCALE_SD, "fixed"))
+    if guess.axis is not None and guess.history is not None:
+        axis = guess.axis
+        history = Forcing(internal=axis[:, None] * _wheel_shapes(record)[:, None, :])
+        turned = Forcing(internal=guess.history[:, None, None] * _across(axis))
+        steps = np.concatenate([[WIDE * speed], np.full(_wheel_shapes(record).shape[1] - 1, 1e-3 * speed)])
+        out.append(("wheel", balance.forced(history), balance.columns(history), steps, "sparse"))
+        out.append(("wheel axis", balance.forced(turned), balance.columns(turned), AXIS_SD, "fixed"))
+    for term in hypothesis.terms:
+        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape))
+        out.append((term.name, balance.forced(forcing), balance.columns(forcing), _size(forcing, speed), "common"))
+    if hypothesis.latent:
+        forcing = torque_forcing(path, _torque_shapes(record))
+        out.append(("latent torque", balance.forced(forcing), balance.columns(forcing), 3e-3 * speed**2, "common"))
+    return out
+
+
+def _size(forcing: Forcing, speed: float) -> float:
+    """Where the search for an effect's size begins: a twentieth of the body's momentum."""
+    part = forcing.momentum if forcing.momentum is not None else forcing.internal
+    assert part is not None
+    return 0.05 * speed / max(float(np.sqrt(np.mean(part**2))), 1e-300)
+
+
+def _wheel_shapes(record: Record) -> np.ndarray:
+    """(n, k) along the path: a constant, and a rise from each knot to the next."""
+    t = record.path.t
+    count = min(WHEEL_KNOTS, len(record.times) // 2)
+    return hats(t, np.linspace(t[0], t[-1], count)) @ np.tril(np.ones((count, count)))
+
+
+def _torque_shapes(record: Record) -> np.ndarray:
+    """(n, 3, 3 k) of a torque of unit size by unknowns that are independent of each other."""
+    t = record.path.t
+    knots = np.linspace(t[0], t[-1], TORQUE_KNOTS)
+    return three_axes(hats(t, knots) @ factor(matern(knots, TORQUE_LENGTH * (t[-1] - t[0]))))
+
+
+def _across(axis: np.ndarray) -> np.ndarray:
+    """(3, 2) two directions across an axis."""
+    return np.linalg.svd(axis[None])[2][1:].T
+
+
+def term_gain(fit: HypothesisFit, term: Term) -> float:
+    """By how much the log evidence of a fit would rise with one more effect, to first order: a scan, not a verdict."""
+    record = fit.record
+    guess_momentum = fit.rate @ fit.inertia
+    balance = Balance(
+        path=record.path, shape=fit.shape, momentum=guess_momentum, rate=fit.rate, rows=record.rows
+    )  # fmt: skip
+    sigma = np.repeat(record.rows.sigma, 3) * np.resize(fit.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
+    columns = balance.columns(forcing_of(term, record.path, fit.rate, fit.inertia))
+    over = (np.repeat(record.rows.sigma, 3) / sigma)[:, None]
+    fixed = np.concatenate([b.columns for b in fit.blocks], axis=1) * over
+    sd = np.concatenate([fit.posterior.sd[b.name] for b in fit.blocks])
+    return block_gain(*reduced(fixed, sd, columns.reshape(len(sigma), -1) / sigma[:, None], fit.y * over[:, 0]))

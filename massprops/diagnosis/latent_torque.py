@@ -1,0 +1,40 @@
+"""A torque that nothing is known of but that it is smooth: the null hypothesis that every named effect must beat.
+
+Each component in body axes is a Gaussian process of Matern 3/2 (Rasmussen and Williams 2006, eq. 4.17), its length and
+size found by evidence; between knots it is linear.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def hats(t: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """(n, k) hat functions of rising knots (k,) at times (n,): linear from one to the next, constant outside."""
+    out = np.zeros((len(t), len(knots)))
+    at = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+    x = np.clip((t - knots[at]) / (knots[at + 1] - knots[at]), 0.0, 1.0)
+    out[np.arange(len(t)), at] = 1.0 - x
+    out[np.arange(len(t)), at + 1] = x
+    return out
+
+
+def matern(times: np.ndarray, length: float) -> np.ndarray:
+    """(k, k) covariance of unit variance at times (k,), both in the same unit."""
+    x = np.sqrt(3.0) * np.abs(times[:, None] - times) / length
+    return np.asarray((1.0 + x) * np.exp(-x))
+
+
+def factor(covariance: np.ndarray) -> np.ndarray:
+    """(k, k) A with A A^T the covariance, by its eigenvectors."""
+    value, vector = np.linalg.eigh(covariance)
+    return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)))
+
+
+def three_axes(shape: np.ndarray) -> np.ndarray:
+    """(n, 3, 3 k) columns of a vector whose components each are a combination of shapes (n, k): those of x first."""
+    n, k = shape.shape
+    out = np.zeros((n, 3, 3, k))
+    for i in range(3):
+        out[:, i, i] = shape
+    return out.reshape(n, 3, 3 * k)

@@ -1,0 +1,124 @@
+"""The measurements of one record as the balance of momentum takes them: a path, rows, their noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprops.diagnosis.momentum_balance import Rows
+from massprops.diagnosis.motion_path import MotionPath, path_from_attitudes, path_from_rates
+from massprops.dynamics.surroundings import Surroundings
+from massprops.errors import NotPossible
+from massprops.sequence.data import AttitudeSeries, Environment, RateSeries
+
+MOST_ROWS = 300
+"""Longer records are taken as means over so many equal stretches: what changes faster is noise to a rigid body."""
+FEWEST_ROWS = 12
+LARGEST_TURN = 0.7
+"""Turn [rad] between two rows up to which a cubic follows the rate of a tumble to a thousandth."""
+STATED_ROWS = 100.0
+"""As how many rows a stated noise counts: it is believed within about 10 %."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """One record.
+
+    Attributes:
+        path: the measured motion; rows: what was measured along it; times: (m,) of the rows [s].
+        noise_rows: as how many rows the noise in `rows` counts. speed: typical rate [rad/s].
+        around: what acts from outside, or None where nothing ties the axes to it. stamp: (m,) [ns].
+    """
+
+    path: MotionPath
+    rows: Rows
+    times: np.ndarray
+    noise_rows: float
+    speed: float
+    around: Surroundings | None
+    stamp: np.ndarray
+
+
+def record_of_rates(series: RateSeries) -> Record:
+    """A record of a gyroscope.
+
+    Raises:
+        NotPossible: too few samples, or the body turns too far between two of them.
+    """
+    stamp, w = series.timestamp_ns, series.w
+    block = max(1, len(stamp) // MOST_ROWS)
+    count = len(stamp) // block
+    if count < FEWEST_ROWS:
+        raise NotPossible(f"imu0 holds {len(stamp)} rates: a diagnosis needs at least {FEWEST_ROWS}")
+    seconds = (stamp - stamp[0]) * 1e-9
+    times = seconds[: count * block].reshape(count, block).mean(axis=1)
+    rates = w[: count * block].reshape(count, block, 3).mean(axis=1)
+    speed = float(np.median(np.linalg.norm(rates, axis=1)))
+    turn = float(np.max(np.diff(times) * np.linalg.norm(rates[1:], axis=1)))
+    if turn > LARGEST_TURN:
+        raise NotPossible(
+            f"the body turns by {np.degrees(turn):.0f} deg between two rates of imu0: a faster record would show its motion"
+        )
+    path = path_from_rates(times, rates)
+    noise = series.sigma / np.sqrt(block) if series.sigma else fast_noise(rates)
+    at = np.searchsorted(path.t, times)
+    rows = Rows(at=at, measured=rates, sigma=np.full(count, noise), rates=True)
+    return Record(
+        path=path, rows=rows, times=times, noise_rows=STATED_ROWS if series.sigma else 1.0, speed=speed, around=None,
+        stamp=stamp[0] + np.round(times * 1e9).astype(np.int64),
+    )  # fmt: skip
+
+
+def fast_noise(values: np.ndarray) -> float:
+    """1-sigma of neighbouring samples (n, k) from third differences, which no smooth motion has: where a fit begins."""
+    third = np.diff(values, 3, axis=0) / np.sqrt(20.0)
+    return float(1.4826 * np.median(np.abs(third))) or float(np.std(third)) or 1e-12
+
+
+def record_of_attitudes(series: AttitudeSeries, environment: Environment) -> Record:
+    """A record of attitudes, turned into inertial axes by the chaser's own.
+
+    Raises:
+        NotPossible: too few attitudes.
+    """
+    from massprops.dynamics.quaternion import multiply
+    from massprops.estimators.chaser_path import chaser_path
+    from massprops.estimators.rates import from_attitude
+
+    stamp, q, sigma = series.timestamp_ns, series.q, series.sigma
+    step = max(1, len(stamp) // MOST_ROWS)
+    stamp, q, sigma = stamp[::step], q[::step], sigma[::step]
+    if len(stamp) < FEWEST_ROWS:
+        raise NotPossible(f"attitude0 holds {len(stamp)} attitudes: a diagnosis needs at least {FEWEST_ROWS}")
+    times = (stamp - stamp[0]) * 1e-9
+    q = multiply(chaser_path(environment, times).q, q)
+    local = from_attitude(times, q, sigma[:, None, None] ** 2 * np.eye(3))
+    fine = np.isfinite(local.w).all(axis=1)
+    if fine.sum() < FEWEST_ROWS:
+        raise NotPossible("attitude0 is too thin to show a rate")
+    w = np.stack([np.interp(times, times[fine], local.w[fine, k]) for k in range(3)], axis=1)
+    # the attitudes themselves, not smoothed: smoothing bends the path where something happens at once
+    path = path_from_attitudes(times, q, w)
+    at = np.searchsorted(path.t, times)
+    record = Record(
+        path=path, rows=Rows(at=at, measured=np.zeros((len(at), 3)), sigma=sigma, rates=False), times=times,
+        noise_rows=STATED_ROWS, speed=float(np.median(np.linalg.norm(w, axis=1))), around=Surroundings(environment),
+        stamp=stamp,
+    )  # fmt: skip
+    return along(record, path, q)
+
+
+def along(record: Record, path: MotionPath, q: np.ndarray) -> Record:
+    """The record of attitudes q (m, 4) along another path."""
+    from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
+
+    turn = rotation_vector(multiply(conjugate(path.q[record.rows.at]), q))
+    return replace(record, path=path, rows=replace(record.rows, measured=turn))
+
+
+def attitudes_of(record: Record) -> np.ndarray:
+    """(m, 4) attitudes that the record's rows hold."""
+    from massprops.dynamics.quaternion import from_rotation_vector, multiply
+
+    return multiply(record.path.q[record.rows.at], from_rotation_vector(record.rows.measured))

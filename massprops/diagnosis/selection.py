@@ -1,0 +1,201 @@
+"""Which effect a record's rigid body lacks: every one in the catalogue by the balance of momentum, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+
+from massprops.diagnosis import criteria
+from massprops.diagnosis.conserved_start import Start, conserved, conserved_across
+from massprops.diagnosis.effect_columns import Term, forcing_of, scan, screened
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis, term_gain
+from massprops.diagnosis.record import Record
+
+Watch = Callable[[str, int, int], None]
+SCANNED = 2
+"""Values of what is scanned that are fitted for each effect."""
+BESIDE_UNKNOWN = 4
+"""Effects, the best by themselves, that are fitted beside a latent torque as well."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """An effect that was tried.
+
+    Attributes:
+        alone: fitted by itself; beside: beside a latent torque, or None where it was not worth it.
+    """
+
+    alone: HypothesisFit
+    beside: HypothesisFit | None = None
+
+    @property
+    def name(self) -> str:
+        return " + ".join(self.alone.names)
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence of the better of the two."""
+        return max(self.alone.evidence, -np.inf if self.beside is None else self.beside.evidence)
+
+    @property
+    def best(self) -> HypothesisFit:
+        """The better of the two."""
+        if self.beside is not None and self.beside.evidence > self.alone.evidence:
+            return self.beside
+        return self.alone
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """What was found.
+
+    Attributes:
+        base: the plain rigid body; unknown: with a latent torque; tried: effects, the most likely first.
+        verdict: `none`, `named`, `ambiguous` or `unexplained`; named: the effects of the verdict; skipped: why others
+            were not tried, by name.
+    """
+
+    base: HypothesisFit
+    unknown: HypothesisFit
+    tried: tuple[Candidate, ...]
+    verdict: str
+    named: tuple[Candidate, ...]
+    skipped: dict[str, str] = field(default_factory=dict)
+
+
+def select(record: Record, watch: Watch = lambda what, done, total: None) -> Selection:
+    """The effect that a record's rigid body lacks."""
+    at = record.rows.at
+    watch("rigid body", 0, 1)
+    plain = conserved(record.path, at)
+    base = _best(record, Hypothesis(latent=False), [plain, Start(inertia=np.eye(3), left=1.0)])
+    unknown = _best(record, Hypothesis(), [plain, Start(inertia=base.inertia, left=1.0)])
+    usable, skipped = _usable(record)
+    tried = []
+    for k, effect in enumerate(usable):
+        watch(f"balance of momentum: {effect.NAME}", k, len(usable))
+        found = _alone(record, effect, base)
+        if found is not None:
+            tried.append(Candidate(alone=found))
+    watch("balance of momentum: internal-rotor of any history", 0, 1)
+    tried.append(_wheel(record))
+    tried.sort(key=lambda c: -c.alone.evidence)
+    for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
+        if one.beside is not None:
+            continue
+        watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
+        h = one.alone.hypothesis
+        start = Start(inertia=one.alone.inertia, left=1.0, axis=one.alone.axis, history=one.alone.history)
+        tried[k] = Candidate(alone=one.alone, beside=_admissible(record, h, start, latent=True))
+    tried.sort(key=lambda c: -c.evidence)
+    verdict, named = _verdict(base, unknown, tried)
+    return Selection(
+        base=base, unknown=unknown, tried=tuple(tried), verdict=verdict, named=tuple(named), skipped=skipped
+    )
+
+
+def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> HypothesisFit:
+    return max((fit_hypothesis(record, hypothesis, s) for s in starts), key=lambda f: f.evidence)
+
+
+def _usable(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
+    known = set() if record.around is None else set(record.around.known)
+    usable, skipped = [], {}
+    for effect in screened():
+        missing = [n for n in effect.NEEDS if n not in known]
+        if missing:
+            skipped[effect.NAME] = f"needs {', '.join(missing)}"
+        else:
+            usable.append(effect)
+    return usable, skipped
+
+
+def _alone(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
+    """The best fit of one effect by itself, over what is scanned; None where its parameters have the wrong sign."""
+    terms = scan(effect, record.times, record.path.w[record.rows.at])
+    starts = [
+        conserved(record.path, record.rows.at, forcing_of(t, record.path, record.path.w, np.eye(3))) for t in terms
+    ]
+    gains = [term_gain(base, t) for t in terms]
+    chosen = list(dict.fromkeys([*np.argsort(gains)[::-1][:SCANNED], int(np.argmin([s.left for s in starts]))]))
+    fits = []
+    for k in chosen:
+        for start in (starts[k], Start(inertia=base.inertia, left=1.0)):
+            found = _admissible(record, Hypothesis(terms=(terms[k],), latent=False), start, latent=False)
+            if found is not None:
+                fits.append(found)
+    return max(fits, key=lambda f: f.evidence, default=None)
+
+
+def _admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bool) -> HypothesisFit | None:
+    """The fit of a hypothesis, or None where a parameter that cannot be negative is, beyond doubt."""
+    h = Hypothesis(terms=hypothesis.terms, wheel=hypothesis.wheel, latent=latent)
+    found = fit_hypothesis(record, h, start)
+    for term in h.terms:
+        least = {q.name: q.least for q in term.effect.PARAMETERS}
+        sd = np.sqrt(np.maximum(np.diag(found.covariance[term.name]), 0.0))
+        for name, value, s in zip(term.unknowns, found.values[term.name], sd, strict=True):
+            if least[name] is not None and value + criteria.SHOWN * s < least[name]:
+                return None
+        if hasattr(term.effect, "inertia") and not _is_a_body(found, term):
+            return None
+    return found
+
+
+def _is_a_body(found: HypothesisFit, term: Term) -> bool:
+    """Whether the inertia with an effect's change of it is one that a body can have: positive second moments of mass."""
+    a, b, c, d, e, f = found.values[term.name]
+    after = found.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
+    return bool(np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)[0] > 0)
+
+
+def _wheel(record: Record) -> Candidate:
+    """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all."""
+    start = conserved_across(record.path, record.rows.at)
+    beside = fit_hypothesis(record, Hypothesis(wheel=True), start)
+    again = Start(inertia=beside.inertia, left=1.0, axis=beside.axis, history=beside.history)
+    return Candidate(alone=fit_hypothesis(record, Hypothesis(wheel=True, latent=False), again), beside=beside)
+
+
+def _verdict(base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate]) -> tuple[str, list[Candidate]]:
+    something = max([unknown.evidence, *(c.evidence for c in tried)])
+    if something < base.evidence + criteria.BEATS_NOTHING + np.log(1 + len(tried)):
+        return "none", []
+    good = [c for c in tried if may_be_named(c, base, unknown)]
+    if not good:
+        return "unexplained", []
+    near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
+    # what an unknown torque beside them hides: how much each explains by itself
+    alone = max(near, key=lambda c: c.alone.evidence)
+    near = [alone, *(c for c in near if c is not alone and c.alone.evidence > alone.alone.evidence - criteria.ALIKE)]
+    return ("named" if len(near) == 1 else "ambiguous"), near
+
+
+def may_be_named(c: Candidate, base: HypothesisFit, unknown: HypothesisFit) -> bool:
+    """Whether an effect beats the unknown torque, explains most by itself, and is away from nothing."""
+    if c.evidence < unknown.evidence + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
+        return False
+    if rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
+        return False
+    return significance(c.best) < criteria.SIGNIFICANT
+
+
+def significance(fit: HypothesisFit) -> float:
+    """Chance of unknowns as far from nothing, all of an effect's together (Wald's test)."""
+    from scipy.stats import chi2
+
+    names = ["wheel"] if fit.hypothesis.wheel else [t.name for t in fit.hypothesis.terms]
+    worst = 0.0
+    for name in names:
+        mean, covariance = fit.posterior.mean[name], fit.posterior.covariance[name]
+        square = float(mean @ np.linalg.pinv(covariance, hermitian=True) @ mean)
+        worst = max(worst, float(chi2.sf(square, len(mean))))
+    return worst
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
