@@ -227,7 +227,7 @@ class Listed(_Field):
     count: int | None = None
 
     def check(self, value: Any) -> tuple[Any, ...]:
-        wanted = f"a list of {self.count} entries" if self.count else "a list"
+        wanted = f"a list of {self.count} {self.of.described()[0]}s" if self.count else "a list"
         if not isinstance(value, list | tuple) or self.count not in (None, len(value)):
             raise ValueError(f"must be {wanted}, not {_value(value)}")
         if len(value) > self.longest:
@@ -354,7 +354,7 @@ def no_key(key: str, known: Iterable[str], what: str = "key") -> str:
     names = list(known)
     folded = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(key.casefold(), list(folded), n=1, cutoff=0.5)
-    hint = f"did you mean {folded[near[0]]!r}?" if near else f"there are {', '.join(names) or 'none'}"
+    hint = f"did you mean {folded[near[0]]!r}?" if near else f"there are {shown(', '.join(names), 240) or 'none'}"
     return f"no {what} {shown(key)!r}; {hint}"
 
 
