@@ -49,10 +49,13 @@ def diagnosis_table(document: dict[str, Any]) -> str:
     """A few lines: verdict, effects with their parameters, the gap."""
     rows = [f"  verdict   {document['verdict']}: {document['reason']}"]
     for effect in document["effects"]:
-        rows.append(
-            f"  {effect['name']}  (BIC {effect['delta_bic']:+.0f}, held-out gain {effect['held_out_gain']:+.2f})"
-        )
+        gain = effect["held_out_gain"]
+        held = "nothing held out" if gain is None else f"held-out gain {gain:+.2f}"
+        rows.append(f"  {effect['name']}  (BIC {effect['delta_bic']:+.0f}, {held})")
         for name, value in effect["parameters"].items():
+            if value is None:
+                rows.append(f"    {name:<14}{'not shown':>14}")
+                continue
             rows.append(f"    {name:<14}{value:>14.5g} ± {effect['sigma'][name]:<10.2g} {effect['units'][name]}")
     gap = document["gap"]
     rows.append(f"  {'residual / noise':<20}{'before':>10}{'after':>10}")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from massprops.diagnose.case import Case
     from massprops.diagnose.refit import Scored
     from massprops.diagnose.select import Selection
+    from massprops.diagnosis.diagnose import BalanceDiagnosis
     from massprops.estimators.problem import Problem
     from massprops.sequence.data import Sequence
 
@@ -64,8 +65,10 @@ def diagnose(
     out: str | Path | None = None,
     progress: Watch = lambda what, done, total: None,
     force: bool = False,
-) -> Diagnosis:
+) -> Diagnosis | BalanceDiagnosis:
     """Where model and data disagree, and which effect the model lacks.
+
+    Body rates alone go by the balance of momentum (`massprops.diagnosis`), everything else by the search over starts.
 
     Args:
         source: sequence folder, run folder, or a `Sequence`.
@@ -77,6 +80,7 @@ def diagnose(
         NotPossible: nothing in the sequence shows how the body moves.
     """
     from massprops.diagnose.noise import with_track_noise
+    from massprops.diagnosis.diagnose import contents_of, decides, diagnose_rates
     from massprops.estimators.problem import problem_of
     from massprops.sequence.read import read_sequence
 
@@ -88,6 +92,13 @@ def diagnose(
         raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
     if out is not None:  # before the work is done
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
+    if decides(sequence):
+        by_balance = diagnose_rates(sequence, progress)
+        if out is not None:
+            from massprops.diagnose.files import write_contents
+
+            write_contents(Path(out), contents_of(by_balance), given, force)
+        return by_balance
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())

@@ -31,13 +31,18 @@ def write_diagnosis(out: Path, d: Diagnosis, inputs: Iterable[Path] = (), force:
 
     from massprops.diagnose.report import page
 
-    given = list(inputs)
     contents: dict[str, str | bytes] = {
         "residual.csv": _residual_table(d),
         "model.yaml": yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True),
         "diagnosis.json": json_text(d.document),
         "report.html": page(d),
     }
+    return write_contents(out, contents, inputs, force)
+
+
+def write_contents(out: Path, contents: dict[str, str | bytes], inputs: Iterable[Path], force: bool) -> Path:
+    """The files of a diagnosis, all of them or none; see `write_diagnosis`."""
+    given = list(inputs)
     deliver(out, "diagnose", contents, key_of_source(*given) if given else None, given, force)
     return out
 

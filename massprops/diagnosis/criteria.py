@@ -17,6 +17,9 @@ SHOWN = 2.0
 """Sigmas that a parameter must stand from zero to be printed."""
 LEAST_TURN = 0.5
 """Turn over a record [rad] below which free rotation cannot be told from anything else."""
+MOST_TURN = 60.0
+"""Turn over a record [rad] above which rates alone go by the search over starts: a bias of the gyroscope, which the balance
+does not hold, would turn the path too far. The throws it was tried on turn by 5 to 18."""
 FOLDS = 4
 BLOCKS = 20
 """Parts in time of a record; every fourth is held out in turn."""

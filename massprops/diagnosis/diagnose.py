@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.document import document_of_selection, model_of_selection
+from massprops.diagnosis.free_flight import check_free_flight
 from massprops.diagnosis.record import Record, record_of_rates
-from massprops.diagnosis.selection import Selection, select
+from massprops.diagnosis.selection import Selection, rigid_body_alone, select
 from massprops.sequence.data import Sequence
 
 
@@ -31,9 +31,17 @@ class BalanceDiagnosis:
 
 
 def decides(sequence: Sequence) -> bool:
-    """Whether the balance of momentum decides by itself: body rates, and nothing else that was measured."""
+    """Whether the balance of momentum decides by itself: body rates of a short record, and nothing else measured."""
     others = (sequence.tracks, sequence.attitude, sequence.range)
-    return sequence.rates is not None and len(sequence.rates.w) > 0 and all(x is None for x in others)
+    if sequence.rates is None or not len(sequence.rates.w) or any(x is not None for x in others):
+        return False
+    return _turn(sequence.rates.timestamp_ns * 1e-9, sequence.rates.w) < criteria.MOST_TURN
+
+
+def _turn(times: np.ndarray, w: np.ndarray) -> float:
+    """Turn of a record over all [rad]."""
+    speed = np.linalg.norm(w, axis=1)
+    return float(np.sum(np.diff(times) * 0.5 * (speed[1:] + speed[:-1])))
 
 
 def diagnose_rates(
@@ -44,24 +52,22 @@ def diagnose_rates(
     `body.yaml` has no say: an inertia that is wrong would be paid for by an effect.
 
     Raises:
-        NotPossible: too few rates, or too far apart.
+        NotPossible: too few rates, or too far apart, or the accelerometer says that this is no free flight.
     """
-    from massprops.diagnosis.free_flight import held_warning
-
     assert sequence.rates is not None
     warnings = list(sequence.warnings)
     record = record_of_rates(sequence.rates)
-    found = select(record, progress)
-    step = np.diff(record.times, append=2 * record.times[-1] - record.times[-2])
-    turn = float(np.sum(np.linalg.norm(record.rows.measured, axis=1) * step))
+    lever = check_free_flight(sequence, record)
+    turn = _turn(record.times, record.rows.measured)
+    blind = turn < criteria.LEAST_TURN
+    found = rigid_body_alone(record) if blind else select(record, progress)
     if sequence.rates.sigma is None:
         warnings.append(f"imu0 states no noise: {_noise(found):.3g} rad/s estimated, which no smooth torque can follow")
-    held = held_warning(sequence, record)
-    if held:
-        warnings.append(held)
     document = document_of_selection(found, warnings)
-    if turn < criteria.LEAST_TURN:
-        document |= {"verdict": "none", "effects": [], "reason": _blind(turn)}
+    if blind:
+        document["reason"] = _blind(turn)
+    if lever is not None:
+        document["lever"] = {"sensor_from_centre_of_mass_m": lever.r, "sigma": lever.sigma, "left_m_s2": lever.left}
     return BalanceDiagnosis(document=document, model=model_of_selection(found), record=record, selection=found)
 
 
@@ -77,34 +83,19 @@ def _noise(s: Selection) -> float:
     return float(np.sqrt(np.mean(fit.noise**2)) * fit.record.rows.sigma[0])
 
 
-def write_balance_diagnosis(out: Path, d: BalanceDiagnosis, inputs: Iterable[Path] = (), force: bool = False) -> Path:
-    """Writes `diagnosis.json`, `model.yaml`, `residual.csv` and `report.html`, all of them or none.
-
-    Args:
-        out: folder; made when it is not there.
-        d: what was found.
-        inputs: what it was found in.
-        force: files in the folder that no `diagnose` wrote may be replaced.
-
-    Raises:
-        InputError: the folder holds somebody's files, or cannot be written.
-    """
+def contents_of(d: BalanceDiagnosis) -> dict[str, str | bytes]:
+    """What a diagnosis leaves on disk, by name: `diagnosis.json`, `model.yaml`, `residual.csv`, `report.html`."""
     import yaml
 
     from massprops.core.files import json_text, plain
-    from massprops.core.outputs import deliver
     from massprops.diagnosis.page import page
-    from massprops.run.files import key_of_source
 
-    given = list(inputs)
-    contents: dict[str, str | bytes] = {
+    return {
         "residual.csv": residual_table(d),
         "model.yaml": yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True),
         "diagnosis.json": json_text(d.document),
         "report.html": page(d),
     }
-    deliver(out, "diagnose", contents, key_of_source(*given) if given else None, given, force)
-    return out
 
 
 def residual_table(d: BalanceDiagnosis) -> str:

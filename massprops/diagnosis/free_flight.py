@@ -13,11 +13,17 @@ import numpy as np
 
 from massprops.diagnosis.momentum_balance import skew
 from massprops.diagnosis.record import Record
+from massprops.documents.tables import ACCELEROMETER
+from massprops.errors import NotPossible
 from massprops.sequence.data import Sequence
 
 HELD = 3.0
 """Specific force [m/s^2] beyond what one lever explains from which a record is no free flight. A third of the Earth's
-gravity: a hand that holds the body feels all of it. The odd flights leave 0.1 to 0.8."""
+gravity: a hand that holds the body feels all of it. The odd flights leave 0.15 to 0.64."""
+
+
+LONGEST_HEADER = 2000
+FEWEST = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,31 +50,58 @@ def lever(times: np.ndarray, w: np.ndarray, acceleration: np.ndarray) -> Lever:
     y = acceleration.reshape(-1)
     # the accelerometer's offset is some hundredths of g: more of it would be gravity itself
     prior = np.concatenate([np.zeros(3), np.full(3, 1.0 / 0.5)])
-    noise = 1.0
-    H = X.T @ X + np.diag((noise * prior) ** 2)
+    H = X.T @ X + np.diag(prior**2)
     x = np.linalg.solve(H, X.T @ y)
     left = float(np.sqrt(np.mean((y - X @ x) ** 2)))
     return Lever(r=x[:3], sigma=left * np.sqrt(np.diag(np.linalg.inv(H)))[:3], left=left, offset=x[3:])
 
 
-def lever_of(sequence: Sequence, record: Record) -> Lever | None:
-    """The lever of a record whose rates come with accelerations, as means over the record's own stretches."""
-    assert sequence.rates is not None
-    acceleration = sequence.rates.acceleration
-    if acceleration is None:
+def accelerations(sequence: Sequence) -> tuple[np.ndarray, np.ndarray] | None:
+    """Timestamps (m,) [ns] and specific force (m, 3) [m/s^2] of imu0; None where its table has no such columns.
+
+    Raises:
+        InputError: the columns are there and cannot be read.
+    """
+    from massprops.sequence.table import read_table
+
+    path = None if sequence.folder is None else sequence.folder / "imu0" / "data.csv"
+    if path is None or not path.is_file():
         return None
-    block = len(sequence.rates.w) // len(record.times)
-    means = acceleration[: block * len(record.times)].reshape(len(record.times), block, 3).mean(axis=1)
-    good = np.isfinite(means).all(axis=1)
-    return lever(record.times[good], record.rows.measured[good], means[good]) if good.sum() >= 6 else None
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        header = file.readline(LONGEST_HEADER)
+    if not any(name in header for name in ACCELEROMETER.columns[1].others + ("a_x",)):
+        return None
+    table = read_table(path, ACCELEROMETER).columns
+    return table["timestamp"], np.column_stack([table[k] for k in ("a_x", "a_y", "a_z")])
 
 
-def held_warning(sequence: Sequence, record: Record) -> str:
-    """A line that says so where the record is no free flight; empty where it is, or nothing shows it."""
+def lever_of(sequence: Sequence, record: Record) -> Lever | None:
+    """The lever of a record whose rates come with accelerations, as means about the times of the record's rows."""
+    measured = accelerations(sequence)
+    if measured is None or len(record.times) < FEWEST:
+        return None
+    stamp, force = measured
+    edges = np.concatenate([[record.stamp[0] - 1], (record.stamp[1:] + record.stamp[:-1]) // 2, [stamp[-1]]])
+    part = np.clip(np.searchsorted(edges, stamp, side="left") - 1, 0, len(record.stamp) - 1)
+    count = np.bincount(part, minlength=len(record.stamp))
+    sums = np.stack([np.bincount(part, force[:, k], minlength=len(count)) for k in range(3)], axis=1)
+    good = count > 0
+    if good.sum() < FEWEST:
+        return None
+    means = sums[good] / count[good, None]
+    return lever(record.times[good], record.rows.measured[good], means)
+
+
+def check_free_flight(sequence: Sequence, record: Record) -> Lever | None:
+    """The lever, or None where there is no accelerometer.
+
+    Raises:
+        NotPossible: one lever does not explain what the accelerometer felt.
+    """
     found = lever_of(sequence, record)
-    if found is None or found.left < HELD:
-        return ""
-    return (
-        f"imu0 feels {found.left:.1f} m/s^2 that no lever from the centre of mass explains: this is no free flight; cut the "
-        "record to the flight"
-    )
+    if found is not None and found.left > HELD:
+        raise NotPossible(
+            f"imu0 feels {found.left:.1f} m/s^2 that no lever from the centre of mass explains: this is no free flight; cut "
+            "the record to the flight"
+        )
+    return found

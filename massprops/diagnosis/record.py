@@ -62,7 +62,7 @@ def record_of_rates(series: RateSeries) -> Record:
         )
     path = path_from_rates(times, rates)
     noise = series.sigma / np.sqrt(block) if series.sigma else fast_noise(rates)
-    at = np.searchsorted(path.t, times)
+    at = np.asarray(np.searchsorted(path.t, times))
     rows = Rows(at=at, measured=rates, sigma=np.full(count, noise), rates=True)
     return Record(
         path=path, rows=rows, times=times, noise_rows=STATED_ROWS if series.sigma else 1.0, speed=speed, around=None,
@@ -100,7 +100,7 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment) -> Rec
     w = np.stack([np.interp(times, times[fine], local.w[fine, k]) for k in range(3)], axis=1)
     # the attitudes themselves, not smoothed: smoothing bends the path where something happens at once
     path = path_from_attitudes(times, q, w)
-    at = np.searchsorted(path.t, times)
+    at = np.asarray(np.searchsorted(path.t, times))
     record = Record(
         path=path, rows=Rows(at=at, measured=np.zeros((len(at), 3)), sigma=sigma, rates=False), times=times,
         noise_rows=STATED_ROWS, speed=float(np.median(np.linalg.norm(w, axis=1))), around=Surroundings(environment),

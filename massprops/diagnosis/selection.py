@@ -98,6 +98,12 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     )
 
 
+def rigid_body_alone(record: Record) -> Selection:
+    """Nothing but the plain rigid body, where no effect could be told."""
+    base = fit_hypothesis(record, Hypothesis(latent=False), Start(inertia=np.eye(3), left=1.0))
+    return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
+
+
 def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> HypothesisFit:
     return max((fit_hypothesis(record, hypothesis, s) for s in starts), key=lambda f: f.evidence)
 

@@ -14,7 +14,14 @@ RATE = {f"{name} s^-1": size for name, size in ANGLE.items()} | {
     "deg h^-1": DEGREE / 3600,
     "hz": 360 * DEGREE,
 }
-CONVERTED = {"ns": TIME, "m": LENGTH, "rad": ANGLE, "rad s^-1": RATE, "px": {"px": 1.0, "pixel": 1.0, "pixels": 1.0}}
+CONVERTED = {
+    "ns": TIME,
+    "m": LENGTH,
+    "rad": ANGLE,
+    "rad s^-1": RATE,
+    "m s^-2": {"m s^-2": 1.0},
+    "px": {"px": 1.0, "pixel": 1.0, "pixels": 1.0},
+}
 """By the documented unit: units that a header may name instead, and how many of the documented one each is."""
 NO_UNIT = {"": 1.0, "1": 1.0, "-": 1.0}
 
@@ -102,6 +109,11 @@ ATTITUDE = Table(
     "attitude0/data.csv",
     "rotation of body vectors into the camera frame cam0",
     (STAMP, *QUATERNION, Column("sigma", "rad", "1-sigma of the rotation, about each axis", low=0, high=1e3)),
+)
+ACCELEROMETER = Table(
+    "imu0/data.csv",
+    "specific force beside the body rates, where there is any: whether the record is free flight",
+    (STAMP, *(Column(f"a_{a}", "m s^-2", "specific force, body axes", others=(f"a_RS_S_{a}",)) for a in "xyz")),
 )
 STATE = Table(
     "truth/state_groundtruth_estimate0/data.csv",

@@ -16,7 +16,9 @@ from massprops.sequence import write_sequence
 from massprops.simulate.track_scenario import TrackScenario
 from massprops.simulate.tracks import simulate_tracks
 
-SINGLES = tuple(n for n in effects() if n not in ("range-bias", "baseline-error"))
+SINGLES = tuple(
+    n for n, e in effects().items() if n not in ("range-bias", "baseline-error") and getattr(e, "SEARCHED", True)
+)
 """Effects that show in the tracks whatever else is measured."""
 
 
