@@ -81,17 +81,16 @@ def truncated_video(t: Path) -> Path:
     return t / "v.mp4"
 
 
-def different_sizes(t: Path) -> Path:
-    place = folder(t / "f", turning())
-    cv2.imwrite(str(place / "03.png"), np.zeros((90, 160, 3), np.uint8))
-    return place
-
-
-def damaged_photograph(t: Path) -> Path:
+def damaged_photographs(t: Path) -> Path:
+    """Two of eight are whole; one damaged file alone would be left out with a warning."""
     place = folder(t / "f", turning(), "jpg")
-    data = (place / "03.jpg").read_bytes()
-    (place / "03.jpg").write_bytes(data[:40])
+    for file in sorted(place.iterdir())[2:]:
+        file.write_bytes(file.read_bytes()[:40])
     return place
+
+
+def panoramas(t: Path) -> Path:
+    return folder(t / "f", [np.hstack([image] * 3) for image in turning()])
 
 
 def still_body(t: Path) -> Path:
@@ -120,8 +119,8 @@ BAD_FOOTAGE: dict[str, tuple[Callable[[Path], Path], int, tuple[str, ...]]] = {
     "text named mp4": (text_named_mp4, 2, ("not a video", "give MP4")),
     "empty folder": (lambda t: folder(t / "f", []), 2, ("no images here", "give a video")),
     "two photographs": (lambda t: folder(t / "f", turning(2)), 2, ("2 images are too few", "take at least 20")),
-    "different sizes": (different_sizes, 2, ("03.png is 160x90", "put one camera's images in one folder")),
-    "damaged photograph": (damaged_photograph, 2, ("03.jpg", "remove it or copy it again")),
+    "damaged photographs": (damaged_photographs, 2, ("2 of 8 images can be used", "02.jpg", "copy the images again")),
+    "panoramas": (panoramas, 2, ("0 of 8 images can be used", "00.png (a panorama, 480x120")),
     "black": (lambda t: folder(t / "f", [grey(0)] * 6), 2, ("all frames are black", "light the object")),
     "white": (lambda t: folder(t / "f", [grey(255)] * 6), 2, ("all frames are white", "expose less")),
     "identical": (lambda t: folder(t / "f", [view(0)] * 6), 2, ("the same picture", "must move")),
