@@ -110,7 +110,7 @@ def test_speed_is_printed_as_json(fake: SimpleNamespace, capsys: pytest.CaptureF
     [
         (["pesce17"], "did you mean 'pesce2017'"),
         (["pesce2017", "Z9"], "no case of pesce2017"),
-        (["pesce2017", "--runs", "0"], "runs 0"),
+        (["pesce2017", "--runs", "0"], "runs must be from 1"),
     ],
 )
 def test_wrong_papers_and_cases(capsys: pytest.CaptureFixture[str], arguments: list[str], says: str) -> None:

@@ -258,4 +258,4 @@ def test_no_permission_to_write(tmp_path: Path, capfd: pytest.CaptureFixture[str
         assert_one_line(massprops(capfd, *arguments, "-o", place), 2, str(place), "choose another")
     for form in ("urdf", "json"):
         out = place / "file"
-        assert_one_line(massprops(capfd, "export", box, "--to", form, "-o", out), 2, str(out), "choose another")
+        assert_one_line(massprops(capfd, "export", box, "--to", form, "-o", out), 2, str(place), "choose another")
