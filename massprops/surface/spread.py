@@ -74,7 +74,7 @@ def replicates(
     modes = np.concatenate(
         [
             measured_modes(vertices, faces, surface.observed, length, surface.hull.pixel),
-            fill_modes(vertices, faces, surface.observed, length),
+            fill_modes(vertices, faces, surface.observed, length, surface.inferred),
         ]
     )
     drawn = rng.standard_normal((count, len(modes)))
