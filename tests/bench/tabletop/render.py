@@ -14,9 +14,12 @@ import os
 import sys
 from pathlib import Path
 
-import bpy
-import numpy as np
-from mathutils import Matrix
+# Cycles keeps to its thread count, the denoiser does not: one processor is all that either may see.
+os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+import bpy  # noqa: E402
+import numpy as np  # noqa: E402
+from mathutils import Matrix  # noqa: E402
 
 FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Blender's camera looks along -z with y up."""
