@@ -1,6 +1,8 @@
 # make demo   installs into .venv and runs the main job on the sample
 # make test   installs and passes the tests
 # make bench  prints the benchmarks (slow)
+# make test-other-machine  passes the numerical tests as a plainer processor would compute them
+# make fuzz   gives mutated files to every reader (slow); what it finds goes into tests/fuzz/corpus
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 \
 	&& { echo $$p; break; }; done)
@@ -8,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 THREADS := OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
-.PHONY: demo test bench lint install clean
+.PHONY: demo test test-other-machine bench fuzz lint install clean
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or later with venv found; type: sudo apt-get install python3.11 python3.11-venv"; exit 2; }
@@ -33,8 +35,22 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed-dev
 	$(THREADS) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench"
 
+# Kernels of BLAS, of the compiled loops and of OpenCV that any processor has: other last bits than its own ones give.
+# What a processor lacks can be turned off all the same; nothing is turned on.
+PLAIN_BLAS := $(if $(filter x86_64 amd64,$(shell uname -m)),Nehalem,ARMV8)
+OTHER_MACHINE := OPENBLAS_CORETYPE=$(PLAIN_BLAS) OPENCV_CPU_DISABLE=AVX512-SKX,AVX2,FP16 \
+	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-generic
+NUMERICAL := tests/estimators/test_ekf.py tests/estimators/test_ukf.py tests/estimators/test_batch_step.py \
+	tests/dense/test_dense.py tests/surface/test_surface.py
+
+test-other-machine: $(VENV)/.installed-dev
+	$(THREADS) $(OTHER_MACHINE) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
+
 bench: $(VENV)/.installed-dev
 	$(THREADS) $(BIN)/python -m pytest -q -s -m bench
+
+fuzz: $(VENV)/.installed-dev
+	$(THREADS) nice -n 10 $(BIN)/python -m tests.fuzz --inputs 20000
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check massprops cli tests

@@ -6,7 +6,7 @@ from typing import Any
 
 
 def mass_table(document: dict[str, Any]) -> str:
-    """A few lines: value, 90 % interval and unit of every quantity that the run claims."""
+    """How far to trust it, then a few lines: value, 90 % interval and unit of every quantity that the run claims."""
     metric = document["units"]["length"] == "m"
     length, mass = ("m", "kg") if metric else ("unit", "model mass")
     interval = document.get("interval_90", {})
@@ -15,7 +15,9 @@ def mass_table(document: dict[str, Any]) -> str:
         between = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
         return f"  {name:<22}{value:>14.6g}  {between:<28}{unit}"
 
-    rows = [f"  {'':<22}{'value':>14}  {'90 % interval':<28}unit"]
+    trust = document.get("confidence") or {}
+    rows = [f"confidence {trust['level']}: {'; '.join(trust['because'])}"] if trust else []
+    rows.append(f"  {'':<22}{'value':>14}  {'90 % interval':<28}unit")
     rows.append(line("volume", document["volume"], interval.get("volume"), f"{length}^3"))
     rows.append(line("mass", document["mass"], interval.get("mass"), mass))
     centre = interval.get("center_of_mass") or [None] * 3
@@ -28,6 +30,8 @@ def mass_table(document: dict[str, Any]) -> str:
         rows.append(line(f"{k} = {meaning}", document["inertia_ratios"][k], interval.get(k), ""))
     surface, scale = document["surface"], document["scale"]
     rows.append(f"  measured surface      {100 * (surface.get('observed_fraction') or 0):13.1f} %")
+    if surface.get("inferred_fraction"):
+        rows.append(f"  closed at its support {100 * surface['inferred_fraction']:13.1f} %")
     rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3")
     if metric:
         rows.append(f"  scale from {scale['source']}, one sigma {100 * (scale.get('relative_sigma') or 0):.2g} %")

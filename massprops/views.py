@@ -5,10 +5,12 @@ Nothing here needs pycolmap, so stages that use numba or open3d never load it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+
+from massprops.documents.arrays import open_arrays
 
 
 def entries(start: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -68,6 +70,18 @@ class Views:
             self.t[index],
         )
 
+    def moved(self, R: np.ndarray, t: np.ndarray) -> Views:
+        """The same images of a world that was moved: x becomes R x + t, R (3, 3), t (3,)."""
+        turned = self.R @ R.T
+        return replace(self, R=turned, t=self.t - turned @ t)
+
+    @staticmethod
+    def joined(parts: list[Views]) -> Views:
+        """All views of several sets in one world."""
+        names = tuple(name for part in parts for name in part.names)
+        arrays = ("timestamp_ns", "size", "K", "distortion", "R", "t")
+        return Views(names, *(np.concatenate([getattr(part, k) for part in parts]) for k in arrays))
+
     def save(self, path: Path) -> None:
         """Writes one `.npz` without pickled objects."""
         arrays = {k: getattr(self, k) for k in ("timestamp_ns", "size", "K", "distortion", "R", "t")}
@@ -76,7 +90,7 @@ class Views:
     @staticmethod
     def load(path: Path) -> Views:
         """Reads what `save` wrote."""
-        with np.load(path, allow_pickle=False) as z:
+        with open_arrays(path) as z:
             names = tuple(str(s) for s in z["names"])
             return Views(names, z["timestamp_ns"], z["size"], z["K"], z["distortion"], z["R"], z["t"])
 

@@ -16,6 +16,7 @@ from massprops.campaign.kinds import kinds, load_kind
 from massprops.campaign.nearest import unknown
 from massprops.documents.campaign import LARGEST_SEED, CampaignFile
 from massprops.documents.fields import keys, read
+from massprops.documents.loading import shown
 from massprops.errors import InputError
 from massprops.run.files import hash_of, plain
 
@@ -150,7 +151,7 @@ def plan_of(content: dict[str, Any], where: str = "configuration", folder: Path 
     _known_keys(where, kind, fixed, grid, draw)
     for axis, values in grid.items():
         if not isinstance(values, list) or not values:
-            raise InputError(f"{where}: grid of {axis}: give a list of values, not {values!r}")
+            raise InputError(f"{where}: grid of {shown(axis)}: give a list of values, not {shown(values)}")
     for name, spec in draw.items():
         check_draw(where, name, spec)
     plan = Plan(

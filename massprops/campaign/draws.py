@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaign.nearest import unknown
+from massprops.documents.loading import shown
 from massprops.errors import InputError
 
 KINDS = {
@@ -27,11 +28,13 @@ def check_draw(where: str, name: str, draw: Any) -> None:
         InputError: not one known distribution with its numbers.
     """
     if not isinstance(draw, dict) or len(draw) != 1:
-        raise InputError(f"{where}: draw of {name}: give one of {', '.join(KINDS)}, for example {{uniform: [0, 1]}}")
+        raise InputError(
+            f"{where}: draw of {shown(name)}: give one of {', '.join(KINDS)}, for example {{uniform: [0, 1]}}"
+        )
     ((kind, values),) = draw.items()
     if kind not in KINDS:
         raise unknown(f"draw for {name} is", kind, KINDS, where)
-    expected = f"{where}: draw of {name}: {kind} takes {KINDS[kind]}, not {values!r}"
+    expected = f"{where}: draw of {shown(name)}: {kind} takes {KINDS[kind]}, not {shown(values)}"
     if not isinstance(values, list) or not values:
         raise InputError(expected)
     if kind == "choice":

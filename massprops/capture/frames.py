@@ -40,6 +40,8 @@ def read_frames(
 ) -> Iterator[Frame]:
     """The sharp, distinct frames of a video, a folder of images or a sequence folder, one camera after the other.
 
+    Images of a folder that cannot be used are passed over.
+
     Args:
         source: the footage.
         most: frames per camera.

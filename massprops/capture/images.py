@@ -48,7 +48,9 @@ class Photograph:
 def list_images(folder: Path) -> list[Path]:
     """Image files of a folder in natural order (`2.jpg` before `10.jpg`)."""
     files = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file() and not p.name.startswith(".")]
-    return sorted(files, key=lambda p: [(s.isdecimal(), int(s) if s.isdecimal() else 0, s.lower()) for s in _runs(p)])
+    return sorted(
+        files, key=lambda p: [(not s.isdecimal(), int(s) if s.isdecimal() else 0, s.lower()) for s in _runs(p)]
+    )
 
 
 def _runs(path: Path) -> list[str]:

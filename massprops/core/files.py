@@ -56,16 +56,6 @@ def remove_folder(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def synchronise(path: Path) -> None:
-    """Brings a file or a folder's entries to the disk."""
-    _step("fsync", path)
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def refuse_special(path: Path) -> None:
     """Only a regular file is ever replaced: a link leads elsewhere, a device is nothing to replace.
 
@@ -137,13 +127,15 @@ def replace_folder(source: Path, target: Path) -> None:
 
 
 def plain(value: Any) -> Any:
-    """`value` with numpy numbers, arrays, paths and tuples as what JSON and YAML know; NaN and infinity become None."""
+    """`value` as what JSON and YAML know: numpy numbers, arrays, paths and tuples turned into it, NaN and infinity into
+    None, and bytes of names that are no UTF-8 into codes."""
     if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {plain(str(k)): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [plain(v) for v in value]
-    if isinstance(value, Path):
-        return str(value)
+    if isinstance(value, str | Path):
+        text = str(value)
+        return text if text.isascii() else text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):

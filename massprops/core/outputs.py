@@ -34,7 +34,6 @@ from massprops.core.files import (
     remove,
     remove_folder,
     rename,
-    synchronise,
     write_whole,
 )
 from massprops.errors import InputError
@@ -197,8 +196,7 @@ class Outputs:
         """
         new = self.place / "new"
         entries: dict[str, dict[str, Any]] = {}
-        for name in files_below(new):
-            synchronise(new / name)
+        for name in files_below(new):  # not brought to the disk one by one: the hashes tell what a power cut took
             entries[name] = {"by": by, "key": key, "sha256": hash_file(new / name)}
             if derived:
                 entries[name]["of"] = self.base

@@ -10,7 +10,6 @@ covariance of the replicates. The size, which the motion does not show, follows 
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,9 @@ import numpy as np
 
 from massprops.crosscheck.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.crosscheck.replicates import read_replicates
+from massprops.documents.fields import read
+from massprops.documents.loading import load_json
+from massprops.documents.scale_json import ScaleStageFile
 from massprops.mass.integrals import central_inertia
 from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
 from massprops.mass.ratio_space import chi_square, p_value
@@ -45,16 +47,16 @@ class Draws:
 
 def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
     """The mesh's replicates in final units, the scale drawn as the mass stage draws it; None when the run keeps none."""
-    try:
-        scale = json.loads((run / "work" / "scale" / "scale.json").read_text())
-    except (OSError, ValueError):
+    path = run / "work" / "scale" / "scale.json"
+    if not path.is_file():
         return None
+    scale = read(ScaleStageFile, load_json(path), str(path))
     found = read_replicates(run)
     if found is None:
         return None
-    own = scale.get("source", "none") in OWN_LENGTH
-    rng = np.random.default_rng([int(scale.get("seed") or 0), 5])
-    sigma = float(scale.get("relative_sigma") or 0.0)
+    own = (scale.source or "none") in OWN_LENGTH
+    rng = np.random.default_rng([scale.seed or 0, 5])
+    sigma = scale.relative_sigma or 0.0
     drawn = scaled_replicates(found.rows, found.lengths, found.length, mesh.factor, sigma, own, rng)
     density = float(mesh.document["density"])
     _, centres, inertias = central_inertia(drawn, density)

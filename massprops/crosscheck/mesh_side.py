@@ -3,7 +3,6 @@ give."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.errors import InputError
+from massprops.mass.document import read_document
 from massprops.mass.ratio_space import (
     covariance_of_intervals,
     covariance_of_replicates,
@@ -68,24 +68,17 @@ def read_mesh_side(run: Path) -> MeshSide:
     path = run / "massprops.json"
     if not path.is_file():
         raise InputError(f"{run}: no massprops.json in this run: finish it with 'massprops reconstruct' first")
-    try:
-        document = json.loads(path.read_text())
-        inertia = np.array(document["inertia"], float).reshape(3, 3)
-        axes = np.array(document["principal_axes"], float).reshape(3, 3)
-        centre = np.array(document["center_of_mass"], float).reshape(3)
-        document["inertia_ratios"]["k1"], document["principal_moments"]  # noqa: B018
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path}: not a massprops.json: make the run again") from None
-    moments = np.linalg.eigvalsh(inertia) if np.isfinite(inertia).all() else np.zeros(3)
-    if moments[0] <= 0:
-        raise InputError(f"{path}: its inertia is not positive definite: make the run again")
+    document = read_document(path)
+    inertia = np.array(document["inertia"], float).reshape(3, 3)
+    axes = np.array(document["principal_axes"], float).reshape(3, 3)
+    centre = np.array(document["center_of_mass"], float).reshape(3)
     inertia = inertia / np.trace(inertia)
     stated = covariance_of_intervals(document, axes)
     covariance = np.zeros((5, 5)) if stated is None else stated
     centre_covariance = _centre_intervals(document, centre)
     try:
         factor = sfm_factor(run)
-    except (OSError, ValueError):
+    except (InputError, ValueError):
         factor = 1.0
     drawn = _replicates(run)
     if drawn is not None:

@@ -125,13 +125,17 @@ class Number(_Field):
 
 @dataclass(frozen=True)
 class Array(_Field):
-    """Finite numbers of a given shape, None for any length; `{rows, cols, data}` and a flat list are read too."""
+    """Finite numbers of a given shape, None for any length; `{rows, cols, data}` and a flat list are read too.
+
+    gaps: whether `null` may stand for a number, read as NaN.
+    """
 
     about: str
     unit: str = ""
     shape: tuple[int | None, ...] = (3,)
     low: float = -LARGEST
     high: float = LARGEST
+    gaps: bool = False
 
     def words(self) -> str:
         sizes = " x ".join("n" if s is None else str(s) for s in self.shape)
@@ -144,7 +148,7 @@ class Array(_Field):
             value = value["data"]
         flat: list[float] = []
         try:
-            sizes = _flatten(value, flat)
+            sizes = _flatten(value, flat, self.gaps)
         except ValueError:
             raise ValueError(f"must be {self.words()}, not {_value(value)}") from None
         array = np.array(flat)
@@ -153,7 +157,7 @@ class Array(_Field):
         fits = len(sizes) == len(self.shape) and all(
             want in (None, got) for want, got in zip(self.shape, sizes, strict=True)
         )
-        if not fits or not ((array >= self.low) & (array <= self.high)).all():
+        if not fits or ((array < self.low) | (array > self.high)).any():
             raise ValueError(f"must be {self.words()}, not {_value(value)}")
         return array.reshape(sizes)
 
@@ -163,7 +167,7 @@ class Array(_Field):
         return f"{sizes} numbers", self.unit, f"each from {self.low:g} to {self.high:g}" if low or high else ""
 
 
-def _flatten(value: Any, flat: list[float]) -> tuple[int, ...]:
+def _flatten(value: Any, flat: list[float], gaps: bool = False) -> tuple[int, ...]:
     """Appends all numbers of nested lists; gives their shape.
 
     Raises:
@@ -172,9 +176,9 @@ def _flatten(value: Any, flat: list[float]) -> tuple[int, ...]:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if not isinstance(value, list | tuple):
-        flat.append(_plain_number(value))
+        flat.append(math.nan if gaps and value is None else _plain_number(value))
         return ()
-    inner = {_flatten(v, flat) for v in value}
+    inner = {_flatten(v, flat, gaps) for v in value}
     if len(inner) > 1:
         raise ValueError("lists of unequal lengths")
     return (len(value), *(inner.pop() if inner else ()))
@@ -223,7 +227,7 @@ class Listed(_Field):
     count: int | None = None
 
     def check(self, value: Any) -> tuple[Any, ...]:
-        wanted = f"a list of {self.count} entries" if self.count else "a list"
+        wanted = f"a list of {self.count} {self.of.described()[0]}s" if self.count else "a list"
         if not isinstance(value, list | tuple) or self.count not in (None, len(value)):
             raise ValueError(f"must be {wanted}, not {_value(value)}")
         if len(value) > self.longest:
@@ -350,7 +354,7 @@ def no_key(key: str, known: Iterable[str], what: str = "key") -> str:
     names = list(known)
     folded = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(key.casefold(), list(folded), n=1, cutoff=0.5)
-    hint = f"did you mean {folded[near[0]]!r}?" if near else f"there are {', '.join(names) or 'none'}"
+    hint = f"did you mean {folded[near[0]]!r}?" if near else f"there are {shown(', '.join(names), 240) or 'none'}"
     return f"no {what} {shown(key)!r}; {hint}"
 
 

@@ -30,15 +30,15 @@ class InertiaRatiosFile:
 
 @document(others="ignored")
 class IntervalsFile:
-    """90 % intervals, [low, high] for each number."""
+    """90 % intervals, [low, high] for each number; `null` for an end that is not known."""
 
-    volume: Annotated[np.ndarray, Array("of the volume", "length^3", (2,))] | None = None
-    mass: Annotated[np.ndarray, Array("of the mass", "mass", (2,))] | None = None
-    center_of_mass: Annotated[np.ndarray, Array("of each coordinate", "length", (3, 2))] | None = None
-    inertia: Annotated[np.ndarray, Array("of each element", "mass length^2", (3, 3, 2))] | None = None
-    principal_moments: Annotated[np.ndarray, Array("of each moment", "mass length^2", (3, 2))] | None = None
-    k1: Annotated[np.ndarray, Array("of k1", "", (2,))] | None = None
-    k2: Annotated[np.ndarray, Array("of k2", "", (2,))] | None = None
+    volume: Annotated[np.ndarray, Array("of the volume", "length^3", (2,), gaps=True)] | None = None
+    mass: Annotated[np.ndarray, Array("of the mass", "mass", (2,), gaps=True)] | None = None
+    center_of_mass: Annotated[np.ndarray, Array("of each coordinate", "length", (3, 2), gaps=True)] | None = None
+    inertia: Annotated[np.ndarray, Array("of each element", "mass length^2", (3, 3, 2), gaps=True)] | None = None
+    principal_moments: Annotated[np.ndarray, Array("of each moment", "mass length^2", (3, 2), gaps=True)] | None = None
+    k1: Annotated[np.ndarray, Array("of k1", "", (2,), gaps=True)] | None = None
+    k2: Annotated[np.ndarray, Array("of k2", "", (2,), gaps=True)] | None = None
 
 
 @document(others="ignored")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.core.outputs import verify
+from massprops.documents.loading import shown
 from massprops.errors import InputError, MasspropsError, NotPossible
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ Progress = Callable[[int, int, str], None]
 
 REFERENCE = "smoother"
 """The method that the others are measured against, and that judges a prior."""
+
+BREAKS = (ArithmeticError, ValueError, IndexError)
+"""What numbers that overflow or are none end in, inside one method; numpy's LinAlgError is a ValueError."""
 
 MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
 """Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
@@ -251,6 +255,8 @@ class _Bench:
                 whole = replace(whole, warnings=(*whole.warnings, line))
         except NotPossible as stop:
             return _NoStart(str(stop))
+        except BREAKS as error:
+            return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {shown(error)})")
         return replace(whole, early=early_start(self.problem, Prior(), whole)) if early else whole
 
     def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
@@ -271,8 +277,8 @@ class _Bench:
             return checked(method.estimate(self.problem, prior or Prior(), start, **extra))
         except MasspropsError as error:
             raise NotPossible(str(error)) from None
-        except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError, OverflowError) as error:
-            raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {error})") from None
+        except BREAKS as error:
+            raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {shown(error)})") from None
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from massprops.errors import InputError
+from massprops.memory import refuse_beyond
 from massprops.sensing.pinhole import Pinhole, pinhole_of
 from massprops.sequence.data import Body, Camera, Environment, RateSeries, Sequence
 
 DEFAULT_SIGMA_PX = 0.5
 FEWEST_EPOCHS = 4
+BYTES_A_PIXEL = 64
+"""A pixel position is 16 bytes; estimators hold it with its prediction and residuals: four copies are reckoned with (not measured)."""
 LONG_ENOUGH = 64
 """Rates from which their noise can be told."""
 MOST_MEANS = 120
@@ -185,6 +188,11 @@ def _tracks(
         warnings.append(f"tracks0: the {most} longest of {int(good.sum())} tracks are used")
         order = np.lexsort((known, -count))
         good &= np.isin(np.arange(len(known)), order[:most])
+    refuse_beyond(
+        BYTES_A_PIXEL * len(stamp) * len(numbers) * int(good.sum()),
+        f"tracks0: {len(stamp)} epochs of {int(good.sum())} features in {len(numbers)} cameras",
+        "use fewer features or a shorter record",
+    )
     column = np.cumsum(good) - 1
     rows = good[place]
     uv = np.full((len(stamp), len(numbers), int(good.sum()), 2), np.nan)

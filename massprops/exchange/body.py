@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,8 @@ import numpy as np
 
 from massprops.core.outputs import verify
 from massprops.errors import InputError
+from massprops.mass.document import document as make_document
+from massprops.mass.document import read_document
 from massprops.mass.properties import is_physical
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
             missing = document_file.name if not document_file.is_file() else mesh_file.name
             raise InputError(f"{source}: no {missing} in this run: finish it with 'massprops reconstruct' first")
         verify(source, *READ)
-        document = _read_document(document_file)
+        document = read_document(document_file)
         files = (mesh_file, document_file)
         mesh = read_mesh(mesh_file, process=False)
         if not mesh.is_volume:
@@ -85,7 +86,6 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
         run: Path | None = source
         name = identifier(source.resolve().name)
     elif source.is_file():
-        from massprops.mass.document import document as make_document
         from massprops.mass.properties import mass_properties
 
         mesh, notes = read_solid(source)
@@ -98,16 +98,6 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
             f"{source}: no such run folder or mesh file; give what 'massprops reconstruct' wrote, or a mesh"
         )
     return replace(body_of(document, mesh, name, run, mass), files=files)
-
-
-def _read_document(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text())
-    except ValueError:  # UnicodeDecodeError and JSONDecodeError are
-        document = None
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: not a massprops.json: make the run again")
-    return document
 
 
 def body_of(

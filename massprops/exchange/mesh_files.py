@@ -69,14 +69,14 @@ def read_mesh(path: str | Path, process: bool = True) -> trimesh.Trimesh:
 def _quiet() -> Iterator[None]:
     """Keeps trimesh's log, with tracebacks of what it tries in vain, and numpy's warnings off the terminal."""
     log = logging.getLogger("trimesh")
-    before = log.disabled
-    log.disabled = True
+    before = log.level
+    log.setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             yield
     finally:
-        log.disabled = before
+        log.setLevel(before)
 
 
 def _refuse_hollow_header(path: Path) -> None:

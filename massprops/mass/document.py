@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from massprops.mass.properties import MassProperties
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprops.documents.fields import as_written, read
+from massprops.documents.loading import load_json
+from massprops.documents.massprops_json import FORMAT, MassFile
+from massprops.errors import InputError
+from massprops.mass.properties import MassProperties, is_physical
 
 FRAME = (
     "axes and origin of the structure from motion, fixed in the body (tumbling) or to its support (static); "
@@ -29,8 +38,8 @@ def document(
         frame: what the axes are.
     """
     metric = scale.get("metres_per_unit") is not None and scale.get("source") != "none"
-    return {
-        "format": "massprops/1",
+    content = {
+        "format": FORMAT,
         "units": {"length": "m", "mass": "kg"} if metric else {"length": "model", "mass": "model"},
         "density": properties.density,
         "volume": properties.volume,
@@ -46,3 +55,29 @@ def document(
         "frame": frame,
         "warnings": list(warnings),
     }
+    return as_written(MassFile, content, "massprops.json")
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """`massprops.json`, every number of it checked.
+
+    Raises:
+        InputError: no such file, damaged, or mass properties that no body has.
+    """
+    content = load_json(path)
+    try:
+        found = read(MassFile, content, str(path))
+    except InputError as error:
+        raise InputError(f"{error}: make the run again") from None
+    inertia = found.inertia
+    if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=1e-12 * float(np.abs(inertia).max())):
+        raise InputError(f"{path}: inertia is not symmetric: make the run again")
+    moments = np.linalg.eigvalsh(inertia)
+    if not is_physical(moments):
+        raise InputError(
+            f"{path}: principal moments {moments.tolist()} break the triangle inequality: no body has them"
+        )
+    axes = found.principal_axes
+    if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6):
+        raise InputError(f"{path}: principal_axes are not unit vectors at right angles: make the run again")
+    return content

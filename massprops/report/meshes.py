@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
+
 MOST_FACES = 50_000
 
 
@@ -36,7 +38,7 @@ def read_shape(folder: Path, factor: float) -> Shape | None:
             return lighten(shape)
     path = folder / "work" / "surface" / "surface.npz"
     if path.is_file():
-        with np.load(path, allow_pickle=False) as z:
+        with open_arrays(path) as z:
             return lighten(Shape(z["vertices"] * factor, z["faces"], z["observed"].astype(bool)))
     return None
 

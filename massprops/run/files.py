@@ -52,13 +52,12 @@ def hash_input(source: Path) -> dict[str, str]:
 
     Truth beside a simulated sequence is no input, and is not opened; nor is the record of what wrote the folder.
 
-    Raises:
-        InputError: a name that is not UTF-8, which native libraries cannot open.
+    A name that is not UTF-8 is written with the codes of its bytes.
     """
     if source.is_file():
-        return {readable(source).name: hash_file(source)}
+        return {plain(source.name): hash_file(source)}
     names = [n for n in sorted(files_below(source)) if not {"truth", OWN} & set(Path(n).parts)]
-    return {n: hash_file(readable(source / n)) for n in names if (source / n).is_file()}
+    return {plain(n): hash_file(source / n) for n in names if (source / n).is_file()}
 
 
 def key_of_source(source: Path, *more: Any) -> str:
@@ -70,7 +69,7 @@ def key_of_source(source: Path, *more: Any) -> str:
 
 
 def readable(path: Path) -> Path:
-    """The path, refused where its name is not text.
+    """The path, refused where its name is not text: native libraries cannot open it, and some crash over it.
 
     Raises:
         InputError: its name is not UTF-8.

@@ -78,7 +78,7 @@ def _publish(
 
     import massprops
     from massprops.report.page import publish_report
-    from massprops.run.stages.publish import MEASURED, mesh_ply
+    from massprops.run.stages.publish import mesh_ply
 
     manifest: dict[str, Any] = {
         "format": "massprops-run/1",
@@ -87,10 +87,9 @@ def _publish(
         "options": options,
         "versions": versions(),
     }
-    colours = np.tile(np.array(MEASURED, np.uint8), (len(solid.faces), 1))
     vertices, faces = np.asarray(solid.vertices), np.asarray(solid.faces)
     new = outputs.staging()
-    write_whole(new / "mesh.ply", mesh_ply(vertices, faces, np.ones(len(faces), bool), colours))
+    write_whole(new / "mesh.ply", mesh_ply(vertices, faces, np.ones(len(faces), np.uint8), None))
     write_whole(new / "mesh.glb", solid.export(file_type="glb"))
     write_json(new / "massprops.json", content)
     write_whole(new / "run.yaml", yaml.safe_dump(manifest, sort_keys=False))

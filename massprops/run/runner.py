@@ -161,13 +161,14 @@ class _Chain:
         out = work / f"{name}.tmp-{os.getpid()}"
         entry, code, reason = self._run_stage(name, number, out)
         try:
+            self.outputs = Outputs(self.run)  # the stage itself may have published, or have been stopped as it did
+            self.outputs.recover()
             if code == 2 and not self.begun and name not in EXTRA:
                 outcome.exit_code, outcome.reason = code, reason
                 return False
             self._begin()
             if not code:
                 replace_folder(out, work / name)
-                self.outputs = Outputs(self.run)  # the stage itself may have published
                 self.outputs.record_tree(f"work/{name}", COMMAND, self.keys[name], entry.pop("sha256"))
             elif not outcome.exit_code:
                 self._drop(name)
@@ -195,7 +196,7 @@ class _Chain:
         """From here on the folder is this run's: what an earlier one left, and is not of it, goes out of sight."""
         if self.begun:
             return
-        outputs = self.outputs = Outputs(self.run)
+        outputs = self.outputs
         base = next((self.keys[n] for n, s in self.stages.items() if getattr(s, "PUBLISHES", None) in BASES), None)
         if outputs.base is not None and outputs.base != base:
             outputs.retract()
@@ -339,7 +340,8 @@ class _Chain:
             "stages": {name: entry for name, entry in stages.items() if entry},
         }
         try:
-            text = yaml.safe_dump(plain(content), sort_keys=False)
+            dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+            text = yaml.dump(plain(content), Dumper=dumper, sort_keys=False)
             write_whole(self.run / "run.yaml", text, self.outputs.place)
         except OSError as error:
             raise _no_manifest(self.run, error) from None
@@ -400,7 +402,8 @@ def _read_manifest(run: Path) -> dict[str, dict[str, Any]]:
     try:
         if path.stat().st_size > LARGEST_MANIFEST:
             return {}
-        stages = yaml.safe_load(path.read_text(encoding="utf-8"))["stages"]
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        stages = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)["stages"]
         return {str(name): dict(entry) for name, entry in stages.items()}
     except (OSError, yaml.YAMLError, AttributeError, TypeError, ValueError, KeyError, RecursionError):
         return {}

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
 from massprops.views import Views
 
 
@@ -39,8 +40,45 @@ class SparsePoints:
     @staticmethod
     def load(path: Path) -> SparsePoints:
         """Reads what `save` wrote."""
-        with np.load(path, allow_pickle=False) as z:
+        with open_arrays(path) as z:
             return SparsePoints(**{k: z[k] for k in SparsePoints.__dataclass_fields__})
+
+    def observed(self, keep: np.ndarray) -> SparsePoints:
+        """The observations at `keep` (k,) bool, and the points that still have one."""
+        point, number = np.unique(self.obs_point[keep], return_inverse=True)
+        return SparsePoints(
+            self.id[point],
+            self.xyz[point],
+            self.rgb[point],
+            self.error[point],
+            self.obs_view[keep],
+            number.astype(self.obs_point.dtype),
+            self.obs_uv[keep],
+        )
+
+    def near(self, centre: np.ndarray, radius: float) -> SparsePoints:
+        """Points within `radius` of `centre` (3,), with their observations."""
+        return self.observed((np.linalg.norm(self.xyz - centre, axis=1) < radius)[self.obs_point])
+
+    def of_views(self, index: np.ndarray) -> SparsePoints:
+        """What the views at `index` (integers) saw; views are numbered anew in that order."""
+        place = np.full(int(max(self.obs_view.max(initial=-1), index.max(initial=-1))) + 1, -1)
+        place[index] = np.arange(len(index))
+        kept = self.observed(place[self.obs_view] >= 0)
+        return replace(kept, obs_view=place[kept.obs_view].astype(kept.obs_view.dtype))
+
+    def moved(self, R: np.ndarray, t: np.ndarray, views: int) -> SparsePoints:
+        """The points at R x + t, R (3, 3), t (3,), their views numbered from `views` on."""
+        return replace(self, xyz=self.xyz @ R.T + t, obs_view=self.obs_view + views)
+
+    @staticmethod
+    def joined(parts: list[SparsePoints]) -> SparsePoints:
+        """All points of several sets whose views are numbered on; a point of two sets counts as two."""
+        begin = np.cumsum([0, *(len(p.xyz) for p in parts)])[:-1]
+        parts = [replace(p, obs_point=p.obs_point + b) for p, b in zip(parts, begin, strict=True)]
+        return SparsePoints(
+            *(np.concatenate([getattr(p, k) for p in parts]) for k in SparsePoints.__dataclass_fields__)
+        )
 
 
 def project(K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:

@@ -23,7 +23,8 @@ from massprops.errors import InputError
 from massprops.estimators.batch.linearise import predict
 from massprops.estimators.batch.measurements import Measurements
 from massprops.estimators.batch.state import BatchState, inertia_of
-from massprops.estimators.problem import Problem
+from massprops.estimators.problem import BYTES_A_PIXEL, Problem
+from massprops.memory import refuse_beyond
 from massprops.model import Model, load_model, model_of
 from massprops.sensing.predict import camera_turn
 from massprops.sequence.data import (
@@ -68,6 +69,11 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
         if not low <= getattr(scenario, key) <= high:
             raise InputError(f"{key} {getattr(scenario, key)}: give a value from {low:g} to {high:g}")
     s = scenario
+    refuse_beyond(
+        BYTES_A_PIXEL * s.frames * s.features * (1 + (s.baseline_m > 0)),
+        f"{s.frames} frames of {s.features} features",
+        "ask for fewer frames or features",
+    )
     rng = np.random.default_rng([s.seed, 11])
     times = np.arange(s.frames) / s.rate_hz
     environment = _environment(s, rng)

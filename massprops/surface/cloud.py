@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
 from massprops.views import entries
 
 RAYS = 5
@@ -37,14 +38,51 @@ class Cloud:
     @staticmethod
     def load(path: Path) -> Cloud:
         """Reads the dense stage's `points.npz`; points that are not finite are left out."""
-        with np.load(path, allow_pickle=False) as z:
+        with open_arrays(path) as z:
             cloud = Cloud(**{k: z[k] for k in Cloud.__dataclass_fields__})
         return cloud.finite()
 
-    def finite(self) -> Cloud:
-        """The points whose place, normal and noise are numbers, as 64-bit floats."""
+    def save(self, path: Path) -> None:
+        """Writes one `.npz`."""
+        np.savez(path, **{k: getattr(self, k) for k in self.__dataclass_fields__})
+
+    def of_views(self, number: np.ndarray) -> Cloud:
+        """The points with their views numbered anew: number (n,) gives the new one of each, -1 for those that go.
+
+        Points that no view is left of go too.
+        """
+        owner = np.repeat(np.arange(len(self)), np.diff(self.view_start))
+        view = number[self.view_index]
+        count = np.bincount(owner[view >= 0], minlength=len(self))
+        start = np.concatenate([[0], np.cumsum(count)])
+        kept = replace(self, view_start=start, view_index=view[view >= 0])
+        return kept.take(np.flatnonzero(count > 0))
+
+    def moved(self, R: np.ndarray, t: np.ndarray, views: int) -> Cloud:
+        """The points at R x + t, R (3, 3), t (3,), their views numbered from `views` on."""
+        return replace(self, xyz=self.xyz @ R.T + t, normal=self.normal @ R.T, view_index=self.view_index + views)
+
+    @staticmethod
+    def joined(clouds: list[Cloud]) -> Cloud:
+        """All points of several clouds."""
+        counts = np.concatenate([np.diff(c.view_start) for c in clouds])
+        return Cloud(
+            np.concatenate([c.xyz for c in clouds]),
+            np.concatenate([c.normal for c in clouds]),
+            np.concatenate([c.sigma for c in clouds]),
+            np.concatenate([[0], np.cumsum(counts)]),
+            np.concatenate([c.view_index for c in clouds]),
+        )
+
+    @property
+    def is_finite(self) -> np.ndarray:
+        """(n,) bool: place, normal and noise are numbers."""
         length = np.linalg.norm(self.normal, axis=1)
-        good = np.isfinite(self.xyz).all(1) & np.isfinite(self.sigma) & (self.sigma > 0) & (length > 0.5)
+        return np.isfinite(self.xyz).all(1) & np.isfinite(self.sigma) & (self.sigma > 0) & (length > 0.5)
+
+    def finite(self) -> Cloud:
+        """The points that are numbers, as 64-bit floats."""
+        good = self.is_finite
         xyz, normal, sigma = (a.astype(float) for a in (self.xyz, self.normal, self.sigma))
         cloud = Cloud(xyz, normal, sigma, self.view_start.astype(np.int64), self.view_index.astype(np.int64))
         return cloud if good.all() else cloud.take(np.flatnonzero(good))
@@ -76,7 +114,12 @@ class Thinned:
 
 
 def without_outliers(cloud: Cloud) -> Cloud:
-    """The cloud less points that stand alone: too far from their 8th neighbour, or off every neighbour's plane."""
+    """The cloud less points that stand alone."""
+    return cloud.take(agreeing(cloud))
+
+
+def agreeing(cloud: Cloud) -> np.ndarray:
+    """Indices of points that do not stand alone: not too far from their 8th neighbour, nor off every neighbour's plane."""
     from scipy.spatial import cKDTree
 
     near, index = cKDTree(cloud.xyz).query(cloud.xyz, k=9)
@@ -85,8 +128,8 @@ def without_outliers(cloud: Cloud) -> Cloud:
     facing = np.einsum("nki,ni->nk", cloud.normal[index[:, 1:]], cloud.normal) > 0.5
     off = np.abs(np.einsum("nki,ni->nk", step, cloud.normal))
     limit = 4 * cloud.sigma + 0.35 * np.median(near[:, -1])
-    agreeing = (facing & (off < limit[:, None])).sum(1)
-    return cloud.take(np.flatnonzero(~alone & (agreeing >= 3)))
+    alike = (facing & (off < limit[:, None])).sum(1)
+    return np.flatnonzero(~alone & (alike >= 3))
 
 
 def thin(cloud: Cloud, target: int, seed: int = 0) -> Thinned:

@@ -67,7 +67,7 @@ def test_errors_do_not_mind_the_choice_of_body_axes() -> None:
     [
         ({"estimator": "smother"}, "no estimator 'smother'"),
         ({"sigma_pxx": 1}, "did you mean 'sigma_px'"),
-        ({"sigma_px": -1}, "sigma_px -1"),
+        ({"sigma_px": -1}, "sigma_px must be from 0"),
         ({"effects": ["gravity-gradient"]}, "did you mean 'gravity-gradient-torque'"),
         ({"grid": {"scenario": [{"rate_dg": 3}]}}, "did you mean 'rate_deg'"),
         ({"grid": {"scenario": ["slow"]}}, "by name"),

@@ -217,6 +217,8 @@ def test_a_store_of_another_configuration_is_refused(tmp_path: Path, capsys: pyt
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / FILE).write_text("not a database " * 100)
     assert run(["campaign", str(tmp_path / "one.yaml"), "-o", str(tmp_path / "broken"), "-q"]) == 2
+    assert "not written by massprops" in capsys.readouterr().err
+    assert run(["campaign", str(tmp_path / "one.yaml"), "-o", str(tmp_path / "broken"), "-q", "--force"]) == 2
     assert "not a campaign's store" in capsys.readouterr().err
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from massprops.capture.from_shape import moved, overlap, refine, to_stored, trimap
+from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
 from massprops.views import undistort
 
 SHAPE = (240, 320)
@@ -29,10 +29,10 @@ def test_a_gap_that_shows_nothing_is_the_object() -> None:
     ring = disc(160, 120, 60) & ~disc(160, 120, 25)
     outside = everywhere()
     outside = outside[np.hypot(outside[:, 0] - 160, outside[:, 1] - 120) > 62]
-    known = trimap(depth_of(ring), outside, np.full(len(outside), 2.0))
+    known = trimap(depth_of(ring), outside, np.full(len(outside), 2.0), np.ones(len(outside), bool))
     assert known.drawn[120, 160], "the table shows all about the ring but not through it"
     through = everywhere()
-    known = trimap(depth_of(ring), through, np.full(len(through), 2.0))
+    known = trimap(depth_of(ring), through, np.full(len(through), 2.0), np.ones(len(through), bool))
     assert not known.drawn[120, 160] and known.away[120, 160], "the table shows through it"
     assert known.surely[120, 205] and not known.away[120, 205], "points behind the shape are hidden by it"
 
@@ -45,8 +45,23 @@ def test_the_image_decides_where_the_outline_is() -> None:
     rough = disc(162, 119, 49)
     points = everywhere()
     points = points[np.hypot(points[:, 0] - 160, points[:, 1] - 120) > 55]
-    found = refine(image, trimap(depth_of(rough), points, np.full(len(points), 2.0)))
+    found = refine(image, trimap(depth_of(rough), points, np.full(len(points), 2.0), np.ones(len(points), bool)))
     assert overlap(found, truth) > 0.98 > overlap(rough, truth)
+
+
+def test_a_side_that_was_not_measured_is_found_by_what_it_hides() -> None:
+    """The table's points lie behind it, but the image does not have their colour."""
+    rng = np.random.default_rng(1)
+    table = np.clip(110 + 25 * cv2.GaussianBlur(rng.standard_normal((*SHAPE, 3)), (0, 0), 3) * 6, 0, 255)
+    truth = disc(160, 120, 50)
+    image = np.where(truth[..., None], [40, 60, 90], table).astype(np.uint8)
+    measured = depth_of(truth & (np.arange(320) < 175))
+    points = everywhere()
+    colours = table[points[:, 1].astype(int), points[:, 0].astype(int)]
+    shows = shows_points(image, points, colours, far_from(measured))
+    found = refine(image, trimap(measured, points, np.full(len(points), 2.0), shows))
+    assert overlap(np.isfinite(measured), truth) < 0.75
+    assert overlap(found, truth) > 0.95
 
 
 def test_views_that_show_the_object_elsewhere() -> None:

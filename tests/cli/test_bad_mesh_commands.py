@@ -97,8 +97,8 @@ def made_run(place: Path, **changes: Any) -> Path:
 
 
 NO_BODY: dict[str, tuple[dict[str, Any], str]] = {
-    "mass of nothing": ({"mass": 0.0}, "not a positive number"),
-    "negative mass": ({"mass": -5.0}, "not a positive number"),
+    "mass of nothing": ({"mass": 0.0}, "mass must be above 0"),
+    "negative mass": ({"mass": -5.0}, "mass must be above 0"),
     "no inertia": ({"inertia": None}, "make the run again"),
     "not symmetric": ({"inertia": [[3.0, 1, 0], [0, 3, 0], [0, 0, 3]]}, "symmetric"),
     "triangle inequality": ({"inertia": [[1.0, 0, 0], [0, 1, 0], [0, 0, 5]]}, "triangle inequality"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,3 +58,14 @@ def tree(folder: Path) -> dict[str, bytes]:
         if path.is_file() and not name.startswith((".massprops/lock", ".massprops/previous")):
             found[name] = path.read_bytes()
     return found
+
+
+@contextlib.contextmanager
+def quick_disk(folder: Path) -> Iterator[Path]:
+    """A folder in memory where there is such a place: thousands of writes then do not wait for a busy disk."""
+    memory = Path("/dev/shm")
+    if not (memory.is_dir() and os.access(memory, os.W_OK)):
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="massprops-test-", dir=memory) as place:
+        yield Path(place)

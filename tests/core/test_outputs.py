@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 
 import pytest
-from faults import KINDS, failing, tree
+from faults import KINDS, failing, quick_disk, tree
 
 from massprops.core.outputs import Outputs, claim, deliver, locked, verify
 from massprops.errors import InputError
@@ -42,6 +42,11 @@ def test_a_set_takes_the_place_of_the_set_before_and_that_one_is_kept(tmp_path: 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_anywhere_leaves_one_set_and_the_same_command_makes_the_new_one(tmp_path: Path, kind: str) -> None:
+    with quick_disk(tmp_path) as place:
+        sweep(place, kind)
+
+
+def sweep(tmp_path: Path, kind: str) -> None:
     with failing() as disk:
         write(tmp_path / "whole", "one", OLD, "k1")
         first = disk.count
@@ -171,3 +176,14 @@ def test_a_second_command_is_told_who_holds_the_folder(tmp_path: Path) -> None:
         pass
     with locked(tmp_path):
         pass
+
+
+def test_names_that_are_no_text_are_told_by_their_bytes(tmp_path: Path) -> None:
+    import yaml
+
+    from massprops.run.files import hash_input
+
+    (tmp_path / os.fsdecode(b"caf\xe9.png")).write_text("x")
+    found = hash_input(tmp_path)
+    assert list(found) == [r"caf\xe9.png"]
+    assert yaml.safe_load(yaml.safe_dump(found).encode()) == found

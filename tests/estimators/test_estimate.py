@@ -49,7 +49,8 @@ def test_writes_all_or_nothing_and_measures_errors_against_truth(
     folder = make_sequence(tmp_path / "seq", attitude=attitude)
     found = massprops.estimate(folder, out=tmp_path / "out")
     assert [e.name for e in found] == ["simple"]
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["estimates.json", "report.html", "simple.csv"]
+    written = sorted(p.name for p in (tmp_path / "out").iterdir() if p.name != ".massprops")
+    assert written == ["estimates.json", "report.html", "simple.csv"]
     content = json.loads((tmp_path / "out" / "estimates.json").read_text())
     assert [s["name"] for s in content["skipped"]] == ["ranger"] and "range0" in content["skipped"][0]["reason"]
     errors = content["against_truth"]["simple"]
@@ -70,6 +71,25 @@ def test_an_estimate_is_never_written_into_a_run_or_a_sequence(two_methods: None
     assert sorted(folder.rglob("*")) == before
 
 
+def test_another_method_later_leaves_the_first_ones_history(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = {"simple": simple_method(), "other": simple_method("other")}
+    monkeypatch.setattr(registry, "methods", lambda: found)
+    folder, out = make_sequence(tmp_path / "<img src=x onerror=alert(1)>"), tmp_path / "out"
+    massprops.estimate(folder, ["simple"], out=out)
+    history = (out / "simple.csv").read_text()
+    massprops.estimate(folder, ["other"], out=out)
+    content = json.loads((out / "estimates.json").read_text())
+    assert sorted(e["name"] for e in content["estimators"]) == ["other", "simple"]
+    assert (out / "simple.csv").read_text() == history and (out / "other.csv").is_file()
+    page = (out / "report.html").read_text()
+    assert "simple.csv" in page and "<img src=x" not in page and "&lt;img src=x" in page
+    massprops.estimate(make_sequence(tmp_path / "two", attitude=True), ["other"], out=out)
+    content = json.loads((out / "estimates.json").read_text())
+    assert [e["name"] for e in content["estimators"]] == ["other"], "of other data nothing stays in sight"
+    assert not (out / "simple.csv").exists()
+    assert (out / ".massprops/previous/estimate/simple.csv").read_text() == history
+
+
 def test_named_method_without_its_sensor_is_not_possible(two_methods: None, tmp_path: Path) -> None:
     folder = make_sequence(tmp_path / "seq")
     with pytest.raises(NotPossible, match="ranger needs ranges"):
@@ -78,12 +98,15 @@ def test_named_method_without_its_sensor_is_not_possible(two_methods: None, tmp_
         massprops.estimate(folder, ["kalman"])
 
 
-def test_a_method_that_breaks_down_costs_no_other(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, ValueError, IndexError, OverflowError])
+def test_a_method_that_breaks_down_costs_no_other(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: type[Exception]
+) -> None:
     broken, mad = simple_method("broken"), simple_method("mad")
     honest = mad.estimate
 
     def singular(problem, prior, start):  # type: ignore[no-untyped-def]
-        return np.linalg.inv(np.zeros((2, 2)))
+        raise error("array must not contain infs")
 
     def not_finite(problem, prior, start):  # type: ignore[no-untyped-def]
         from dataclasses import replace
@@ -93,7 +116,7 @@ def test_a_method_that_breaks_down_costs_no_other(monkeypatch: pytest.MonkeyPatc
     broken.estimate, mad.estimate = singular, not_finite  # type: ignore[attr-defined]
     monkeypatch.setattr(registry, "methods", lambda: {m.NAME: m for m in (broken, mad, simple_method())})
     outcome = estimate_all(make_sequence(tmp_path / "seq"))
-    assert list(outcome.skipped) == ["broken"] and "LinAlgError" in outcome.skipped["broken"]
+    assert list(outcome.skipped) == ["broken"] and error.__name__ in outcome.skipped["broken"]
     assert [e.name for e in outcome.sound] == ["simple"]
     assert not outcome.estimates[0].converged and outcome.estimates[0].reason
 
@@ -177,3 +200,17 @@ def test_command_line(tmp_path: Path) -> None:
     assert absent.returncode == 2 and len(absent.stderr.strip().splitlines()) == 1
     heavy = "import sys, massprops_cli.estimate; print([m for m in ('numpy', 'numba', 'scipy') if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+def test_memory_is_counted_before_tracks_are_laid_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from massprops.estimators.problem import problem_of
+    from massprops.sequence import read_sequence
+    from massprops.simulate.track_scenario import TrackScenario
+    from massprops.simulate.tracks import simulate_tracks
+
+    sequence = read_sequence(make_sequence(tmp_path / "seq", epochs=20))
+    monkeypatch.setattr("massprops.memory.machine_bytes", lambda: 10_000)
+    with pytest.raises(InputError, match="20 epochs of 12 features in 2 cameras would take .* GB of memory"):
+        problem_of(sequence)
+    with pytest.raises(InputError, match="1000 frames of 500 features would take"):
+        simulate_tracks(TrackScenario(frames=1000, features=500))

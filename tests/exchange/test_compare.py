@@ -83,7 +83,7 @@ def run_folder(folder: Path, mesh: trimesh.Trimesh, **changes: object) -> Path:
     document = read_body(folder / "body.stl").document
     v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     flags = np.ones(len(f), bool)
-    (folder / "mesh.ply").write_bytes(mesh_ply(v, f, flags, np.full((len(f), 4), 200, np.uint8)))
+    (folder / "mesh.ply").write_bytes(mesh_ply(v, f, flags.astype(np.uint8), None))
     (folder / "massprops.json").write_text(json.dumps({**document, **changes}))
     return folder
 
@@ -268,3 +268,13 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     (tmp_path / "file").write_text("")
     assert massprops(["compare", str(tmp_path / "a.stl"), str(tmp_path / "a.stl"), "-o", str(tmp_path / "file")]) == 2
     assert "-o" in capsys.readouterr().err
+
+
+def test_an_ascii_stl_of_msvc_is_read_without_a_word(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    from massprops.exchange.mesh_files import read_solid
+
+    text = trimesh.creation.box().export(file_type="stl_ascii").replace("facet normal ", "facet normal -1.#IND ")
+    (tmp_path / "m.stl").write_text(text)
+    solid, notes = read_solid(tmp_path / "m.stl")
+    said = capfd.readouterr()
+    assert solid.volume == pytest.approx(1.0) and notes == () and said.err == said.out == ""

@@ -61,8 +61,9 @@ def make_run(folder: Path, metric: bool = True, count: int = 12, hostile: bool =
     (run / "masks" / "cam0").mkdir(parents=True)
     mesh, views = spacecraft(), cameras(count, size)
     observed = mesh.triangles_center[:, 2] > -0.6
-    colours = np.full((len(mesh.faces), 4), 200, np.uint8)
-    (run / "mesh.ply").write_bytes(mesh_ply(np.asarray(mesh.vertices), np.asarray(mesh.faces), observed, colours))
+    (run / "mesh.ply").write_bytes(
+        mesh_ply(np.asarray(mesh.vertices), np.asarray(mesh.faces), observed.astype(np.uint8), None)
+    )
     views.save(run / "work" / "sfm" / "views.npz")
     rng = np.random.default_rng(3)
     for i, name in enumerate(views.names):

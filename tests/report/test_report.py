@@ -168,9 +168,9 @@ def test_many_large_frames_and_faces_stay_small(tmp_path: Path) -> None:
     from massprops.run.stages.publish import mesh_ply
 
     mesh = spacecraft().subdivide().subdivide().subdivide()
-    flags, colours = np.ones(len(mesh.faces), bool), np.zeros((len(mesh.faces), 4), np.uint8)
+    flags = np.ones(len(mesh.faces), np.uint8)
     assert len(mesh.faces) > 100_000
-    (run / "mesh.ply").write_bytes(mesh_ply(np.asarray(mesh.vertices), np.asarray(mesh.faces), flags, colours))
+    (run / "mesh.ply").write_bytes(mesh_ply(np.asarray(mesh.vertices), np.asarray(mesh.faces), flags, None))
     assert write_report(run).stat().st_size < 6_000_000
 
 
@@ -256,6 +256,21 @@ def test_page_is_pure_text_of_its_data(run: Path) -> None:
     from massprops.report.data import read_run
 
     assert page(read_run(run)) == page(read_run(run))
+
+
+def test_a_page_runs_its_own_script_and_no_other(tmp_path: Path) -> None:
+    """By the hash of the script in the page's policy: one that slipped in through a name would not run."""
+    import hashlib
+
+    source = write_report(make_run(tmp_path / "<img src=x onerror=alert(1)>.mp4", hostile=True)).read_text()
+    assert "<img src=x" not in source and "&lt;img src=x onerror=alert(1)&gt;.mp4" in source
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', source)
+    assert policy is not None
+    rules = dict(rule.split(maxsplit=1) for rule in policy[1].split("; "))
+    scripts = re.findall(r"<script>(.*?)</script>", source, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts]
+    assert len(digests) == 1 and rules["script-src"] == f"'sha256-{digests[0]}'"
+    assert rules["default-src"] == "'none'" and rules["base-uri"] == rules["form-action"] == "'none'"
 
 
 def test_images_left_out_cameras_and_lens_are_said(tmp_path: Path) -> None:

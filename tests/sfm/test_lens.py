@@ -111,7 +111,7 @@ def test_a_strong_lens_shows_on_one_object_too():
     assert model.cameras[1].params[3] == pytest.approx(-0.3, abs=0.05)
 
 
-def test_what_is_held_out_leaves_tracks_whole():
+def test_what_is_held_out_leaves_tracks_whole(monkeypatch):
     from massprops.sfm.lens import hold_out
 
     model = pictured([(0.0, 0.0, 0.0, 0.0, 1.0)])
@@ -120,6 +120,10 @@ def test_what_is_held_out_leaves_tracks_whole():
     left = [kept.point3D(p).track.length() for p in kept.point3D_ids()]
     assert len(left) == len(model.point3D_ids()) and min(left) >= 3
     assert sum(left) + len(held.point) == total and 0.1 < len(held.point) / total < 0.21
+    monkeypatch.setattr("massprops.sfm.lens.MOST_TRACKS", 50)
+    few, some = hold_out(model, 5)
+    assert len(few.point3D_ids()) == 50 and set(some.point) <= set(few.point3D_ids())
+    monkeypatch.undo()
     again = hold_out(model, 5)[1]
     np.testing.assert_array_equal(held.point, again.point)
     np.testing.assert_array_equal(held.image, again.image)

@@ -236,3 +236,17 @@ def test_a_part_linked_the_wrong_way_round_jumps():
     loose[20] = loose[20] @ Rotation.from_euler("x", 4, degrees=True).as_matrix()
     assert largest_jump(loose[times], times) < 1
     assert largest_jump(R[:2], times[:2]) == 0
+
+
+def test_an_imported_model_may_have_the_users_own_names():
+    from massprops.sfm.sparse_import import _frame_names
+
+    frames = tuple(
+        FrameRecord(f"cam0/{stored}", 0, -1, i, source_name=name)
+        for i, (stored, name) in enumerate(
+            [("Photo_1.jpg", "Photo 1.jpg"), ("image.heic.png", "照片.heic"), ("b.jpg", "b.jpg")]
+        )
+    )
+    record = FootageRecord(Path(), "", "images", "static", "still", False, (CameraRecord(0, (640, 480)),), frames)
+    found = _frame_names(record, ("Photo 1.jpg", "照片.jpg", "cam0/b.jpg", "other.jpg"))
+    assert found == {"Photo 1.jpg": "cam0/Photo_1.jpg", "照片.jpg": "cam0/image.heic.png", "cam0/b.jpg": "cam0/b.jpg"}

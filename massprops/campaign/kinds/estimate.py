@@ -14,6 +14,8 @@ import numpy as np
 
 from massprops.campaign.kinds import always
 from massprops.campaign.nearest import unknown
+from massprops.documents.fields import read
+from massprops.documents.loading import shown
 from massprops.errors import InputError, NotPossible
 
 if TYPE_CHECKING:
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
 SENTENCE = "Simulated tracks with any effects and noise, an estimator, and its errors against the truth."
 OWN_THREADS = False
 DEFAULT_ESTIMATOR = "smoother"
-VECTORS = {"size": 2, "moments": 3, "spin": 3}
-YES_NO = ("hide_back", "orbit", "sun", "field", "assumed")
 SETTLED = 0.5
 """State errors are taken over the last part of the span, from here on."""
 
@@ -53,7 +53,7 @@ def check(values: dict[str, Any], where: str) -> None:
     """Refuses unknown estimators and effects, and values out of range."""
     from massprops.estimators.methods import methods
 
-    if values["estimator"] not in methods():
+    if not isinstance(values["estimator"], str) or values["estimator"] not in methods():
         raise unknown("estimator", values["estimator"], methods(), where)
     try:
         scenario_of(values, 0)
@@ -68,39 +68,26 @@ def scenario_of(values: dict[str, Any], seed: int) -> TrackScenario:
         InputError: an unknown name, or a value of the wrong kind or out of range.
     """
     from massprops.effects import effects
-    from massprops.simulate.track_scenario import RANGES, TrackScenario
+    from massprops.simulate.track_scenario import TrackScenario
 
     group = values.get("scenario") or {}
     if not isinstance(group, dict):
-        raise InputError(f"scenario {group!r}: give parameters by name, for example {{name: slow, rate_deg: 1}}")
+        raise InputError(f"scenario {shown(group)}: give parameters by name, for example {{name: slow, rate_deg: 1}}")
     known = _scenario_keys()
     for key in group:
         if key not in (*known, "name"):
             raise unknown("parameter of a scenario", key, known)
     chosen = {k: v for k, v in {**group, **values}.items() if k in known}
-    for key, value in chosen.items():
-        if key == "effects":
-            named = [value] if isinstance(value, str) else list(value or ())
-            for effect in named:
-                if str(effect).partition(":")[0] not in effects():
-                    raise unknown("effect", str(effect).partition(":")[0], effects())
-            chosen[key] = tuple(str(effect) for effect in named)
-        elif key in VECTORS:
-            if value is not None and not (isinstance(value, list | tuple) and len(value) == VECTORS[key]):
-                raise InputError(f"{key} {value!r}: give {VECTORS[key]} numbers")
-            chosen[key] = value if value is None else tuple(value)
-        elif key in YES_NO:
-            if not isinstance(value, bool):
-                raise InputError(f"{key} {value!r}: give true or false")
-        else:
-            low, high = RANGES.get(key, (-np.inf, np.inf))
-            if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-                raise InputError(f"{key} {value!r}: give a number from {low:g} to {high:g}")
-            if key in ("frames", "features"):
-                if value != int(value):
-                    raise InputError(f"{key} {value!r}: give a whole number")
-                chosen[key] = int(value)
-    return TrackScenario(**chosen, seed=seed)
+    named = chosen.get("effects") or ()
+    chosen["effects"] = [named] if isinstance(named, str) else named
+    if chosen.get("model") is not None:
+        chosen["model"] = str(chosen["model"])
+    scenario = read(TrackScenario, {**chosen, "seed": seed}, "scenario")
+    for effect in scenario.effects:
+        name = effect.partition(":")[0]
+        if name not in effects():
+            raise unknown("effect", name, effects())
+    return scenario
 
 
 default_runs = always(20)

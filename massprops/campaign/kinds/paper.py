@@ -8,6 +8,7 @@ from typing import Any
 
 from massprops.campaign.nearest import unknown
 from massprops.campaign.papers import checked_case, load_paper, papers
+from massprops.documents.loading import shown
 from massprops.errors import InputError
 
 SENTENCE = "A case of one of the five papers, or changes of it."
@@ -75,7 +76,7 @@ def set_up(values: dict[str, Any]) -> dict[str, Any]:
             raise unknown(f"parameter of {values['paper']} {values['case']}", name, _flat(found))
         old = part[last]
         if _sort(old) != _sort(value) and old is not None:
-            raise InputError(f"{name} {value!r}: give {_sort(old)} like {old!r}")
+            raise InputError(f"{name} {shown(value)}: give {_sort(old)} like {old!r}")
         part[last] = value
     return found
 

@@ -15,6 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from massprops.documents.arrays import open_arrays
+from massprops.documents.fields import as_written, read
+from massprops.documents.filter import FORMAT, FilterFile
+from massprops.documents.loading import load_json
+from massprops.documents.massprops_json import MassFile
+from massprops.documents.scale_json import ScaleStageFile
+from massprops.errors import InputError
 from massprops.exchange.body import CONVENTION, Body
 from massprops.mass.ratio_space import covariance_of_intervals
 
@@ -61,7 +68,7 @@ def filter_content(body: Body) -> dict[str, Any]:
     else:
         k_cov, axes_cov = spread[:2, :2], turn_covariance(spread[2:, 2:], k1, k2)
     content: dict[str, Any] = {
-        "format": "massprops-filter/1",
+        "format": FORMAT,
         "source": f"{body.name}: {known_by}, constant density"
         + ("" if spread is not None else "; no intervals stated, 5 % assumed"),
         "units": {"length": "m" if body.metric else "model"},
@@ -76,7 +83,7 @@ def filter_content(body: Body) -> dict[str, Any]:
     }
     if body.run is not None:
         content.update(_of_footage(body, body.run))
-    return content
+    return as_written(FilterFile, content, "filter")
 
 
 def best_known(body: Body) -> tuple[Body, str]:
@@ -86,8 +93,10 @@ def best_known(body: Body) -> tuple[Body, str]:
         return plain
     try:
         found = json.loads((body.run / "crosscheck.json").read_text())
-        fused, of = found["fused"], found["mesh"]["k1"]
-    except (OSError, ValueError, KeyError, TypeError):
+        fused, of = found["fused"], float(found["mesh"]["k1"])
+        if fused:
+            read(MassFile, {**body.document, **fused}, "crosscheck.json")
+    except (OSError, ValueError, KeyError, TypeError, InputError):
         return plain
     # a mesh made again since is another one
     if not fused or abs(of - body.document["inertia_ratios"]["k1"]) > 1e-9:
@@ -113,7 +122,6 @@ def turn_covariance(products: np.ndarray, k1: float, k2: float) -> np.ndarray:
 
 def _of_footage(body: Body, run: Path) -> dict[str, Any]:
     """Frame, features and process noise, of what the run's sequence holds."""
-    from massprops.errors import InputError
     from massprops.sequence.read import read_sequence
 
     try:
@@ -160,9 +168,9 @@ def typical_rate(times: np.ndarray, q: np.ndarray) -> float:
 def sparse_points(run: Path) -> tuple[np.ndarray, np.ndarray] | None:
     """Numbers (m,) and places (m, 3) of the run's sparse points, in the mesh's axes and units; None without any."""
     try:
-        with np.load(run / "work" / "sfm" / "points.npz", allow_pickle=False) as z:
+        with open_arrays(run / "work" / "sfm" / "points.npz") as z:
             return z["id"], z["xyz"] * sfm_factor(run)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, InputError):
         return _colmap_points(run / "sparse")
 
 
@@ -170,12 +178,10 @@ def sfm_factor(run: Path) -> float:
     """Final length units per unit of the run's structure from motion.
 
     Raises:
-        OSError, ValueError: the run has no scale stage.
+        InputError: the run has no scale stage, or a damaged one.
     """
-    import json
-
-    scale = json.loads((run / "work" / "scale" / "scale.json").read_text())
-    return float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)
+    path = run / "work" / "scale" / "scale.json"
+    return read(ScaleStageFile, load_json(path), str(path)).factor
 
 
 def _colmap_points(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
@@ -204,6 +210,6 @@ def _distance(run: Path, body: Body) -> float:
 
     try:
         centres = sfm_factor(run) * Views.load(run / "work" / "sfm" / "views.npz").centres
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, InputError):
         return 3.0 * float(np.linalg.norm(np.ptp(np.asarray(body.mesh.vertices), axis=0)))
     return float(np.median(np.linalg.norm(centres - body.center_of_mass, axis=1)))

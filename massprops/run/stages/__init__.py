@@ -10,13 +10,14 @@ from importlib import import_module
 from types import ModuleType
 
 ORDER = (
-    "capture", "sfm", "shape", "silhouettes", "dense", "surface", "scale", "mass", "sequence", "publish", "crosscheck", "report",
+    "capture", "sfm", "shape", "silhouettes", "join", "dense", "surface", "scale", "mass", "colour", "sequence", "publish",
+    "crosscheck", "report",
 )  # fmt: skip
 
 ALWAYS = ("publish", "report")
 """Stages that run on whatever there is, even when an earlier one could not finish."""
 
-EXTRA = ("crosscheck",)
+EXTRA = ("colour", "crosscheck")
 """Stages whose failure is a warning: the run's own results stand without them."""
 
 

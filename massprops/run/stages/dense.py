@@ -9,7 +9,7 @@ import numpy as np
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
-READS = ("capture", "sfm", "silhouettes")
+READS = ("capture", "silhouettes", "join")
 OPTIONS = ("dense_views",)
 
 
@@ -19,16 +19,13 @@ def run(job: Job) -> dict:
     from massprops.dense.reconstruct import dense_points
     from massprops.views import Views, undistort
 
-    views = Views.load(job.work("sfm") / "views.npz")
-    with np.load(job.work("sfm") / "points.npz", allow_pickle=False) as z:
+    views = Views.load(job.work("join") / "views.npz")
+    with np.load(job.work("join") / "points.npz", allow_pickle=False) as z:
         xyz, obs_view, obs_point = z["xyz"], z["obs_view"], z["obs_point"]
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         colour = read_image(job.work("capture") / "frames" / views.names[i])
         mask = read_image(job.work("silhouettes") / "masks" / f"{views.names[i]}.png", 0)
-        if not (mask == 255).any():
-            # nobody knows where the object is in this view
-            mask = np.zeros_like(mask)
         return (
             undistort(colour, views.K[i], views.distortion[i]),
             undistort(mask, views.K[i], views.distortion[i], nearest=True),

@@ -14,7 +14,7 @@ from massprops.mass.properties import properties_of_integrals
 from massprops.run.job import Job
 from massprops.surface.length import model_length
 
-READS = ("sfm", "silhouettes", "surface", "scale")
+READS = ("sfm", "join", "surface", "scale")
 OPTIONS = ("density", "seed")
 
 
@@ -56,14 +56,15 @@ def run(job: Job) -> dict:
         scale = {**scale, "source": "none", "metres_per_unit": None}
     bounds = intervals(draws, properties)
     low, high = bounds["volume"]
-    images, used = _images(job)
+    sfm, join = (json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join"))
     trust = confidence(
         Evidence(
             half_width=0.5 * (high - low) / properties.volume,
             filled=described["filled_fraction"],
             inferred=inferred,
-            images=images,
-            used=used,
+            images=int(sfm["given"]),
+            used=sum(p["images"] for p in join["joined"]),
+            unjoined=len(join["unjoined"]),
             valid=float(valid_bodies(draws).mean()),
         )
     )
@@ -81,10 +82,3 @@ def run(job: Job) -> dict:
         "confidence": trust["level"],
         "partial": partial,
     }
-
-
-def _images(job: Job) -> tuple[int, int]:
-    """How many images structure from motion was given, and how many of them show the object where the model has it."""
-    sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
-    silhouettes = json.loads((job.work("silhouettes") / "silhouettes.json").read_text())
-    return int(sfm["given"]), int(sfm["registered"]) - len(silhouettes.get("left_out", []))

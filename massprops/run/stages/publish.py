@@ -13,12 +13,12 @@ from massprops.core.files import write_json, write_whole
 from massprops.core.outputs import Outputs
 from massprops.run.job import Job, ReconstructOptions
 
-READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "sequence")
+READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "colour", "sequence")
 OPTIONS = ()
 PUBLISHES = "reconstruct"
 
-FILLED = (214, 48, 49, 255)
-MEASURED = (178, 186, 194, 255)
+FACE_COLOURS = ((214, 48, 49, 255), (178, 186, 194, 255), (9, 132, 227, 255))
+"""Of faces filled in, measured, and closed at the plane of support: by `origin`."""
 
 
 def run(job: Job) -> dict:
@@ -76,32 +76,48 @@ def _mesh(job: Job, new: Path, factor: float) -> bool:
         return False
     with np.load(path, allow_pickle=False) as z:
         vertices, faces, observed = z["vertices"] * factor, z["faces"], z["observed"].astype(bool)
-    colours = np.where(observed[:, None], MEASURED, FILLED).astype(np.uint8)
-    write_whole(new / "mesh.ply", mesh_ply(vertices, faces, observed, colours))
-    mesh = trimesh.Trimesh(vertices, faces, process=False, face_colors=colours)
+        inferred = z["inferred"].astype(bool)
+    origin = np.where(observed, 1, np.where(inferred, 2, 0)).astype(np.uint8)
+    painted = job.work("colour") / "colour.npz"
+    rgb = None
+    if painted.is_file():
+        with np.load(painted, allow_pickle=False) as z:
+            rgb = z["rgb"]
+    write_whole(new / "mesh.ply", mesh_ply(vertices, faces, origin, rgb))
+    colours = {"face_colors": np.array(FACE_COLOURS, np.uint8)[origin]} if rgb is None else {"vertex_colors": rgb}
+    mesh = trimesh.Trimesh(vertices, faces, process=False, **colours)
     write_whole(new / "mesh.glb", mesh.export(file_type="glb"))
     return True
 
 
-def mesh_ply(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, colours: np.ndarray) -> bytes:
-    """A binary PLY with double coordinates and, per face, its colour and whether it was measured (`observed`).
+def mesh_ply(vertices: np.ndarray, faces: np.ndarray, origin: np.ndarray, rgb: np.ndarray | None) -> bytes:
+    """A binary PLY with double coordinates, the photographs' colours on vertices, and on faces where they come from.
 
     Args:
         vertices: (v, 3).
         faces: (f, 3).
-        observed: (f,) bool.
-        colours: (f, 4) uint8.
+        origin: (f,) uint8, 0 filled in, 1 measured, 2 closed at the plane of support.
+        rgb: (v, 3) uint8, or None where no photograph coloured it.
     """
+    paint = "" if rgb is None else "property uchar red\nproperty uchar green\nproperty uchar blue\n"
     header = (
-        "ply\nformat binary_little_endian 1.0\ncomment observed: 1 measured, 0 filled in\n"
-        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        "ply\nformat binary_little_endian 1.0\n"
+        "comment observed: 1 measured, 0 not\n"
+        "comment origin: 0 filled in, 1 measured, 2 closed at the plane of support\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n{paint}"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar alpha\n"
-        "property uchar observed\nend_header\n"
+        "property uchar observed\nproperty uchar origin\nend_header\n"
     )
-    row = np.zeros(len(faces), dtype=[("n", "u1"), ("v", "<i4", 3), ("rgba", "u1", 4), ("observed", "u1")])
-    row["n"], row["v"], row["rgba"], row["observed"] = 3, faces, colours, observed
-    return header.encode() + np.asarray(vertices, "<f8").tobytes() + row.tobytes()
+    point = np.zeros(len(vertices), dtype=[("xyz", "<f8", 3), *([] if rgb is None else [("rgb", "u1", 3)])])
+    point["xyz"] = vertices
+    if rgb is not None:
+        point["rgb"] = rgb
+    kinds = [("n", "u1"), ("v", "<i4", 3), ("rgba", "u1", 4), ("observed", "u1"), ("origin", "u1")]
+    row = np.zeros(len(faces), dtype=kinds)
+    row["n"], row["v"], row["origin"], row["observed"] = 3, faces, origin, origin == 1
+    row["rgba"] = np.array(FACE_COLOURS, np.uint8)[origin]
+    return header.encode() + point.tobytes() + row.tobytes()
 
 
 def _cloud(job: Job, new: Path, factor: float) -> bool:

@@ -1,12 +1,14 @@
 """Stage `shape`: a still object found in space, before there is any silhouette.
 
-Dense stereo of all that lies about what the cameras look at; the plane that carries it; the piece that stands on the
-plane; a first closed shape of that piece, carved by the lines of sight of everything else.
+Which images show which placement of the object; for each placement dense stereo of all that lies about what the cameras
+look at, the plane that carries it, the piece that stands on the plane, and a first closed shape of that piece, carved by
+the lines of sight of everything else.
 """
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 
@@ -25,23 +27,66 @@ POINTS = 20_000
 """Points that carry the first shape."""
 LEAST_POINTS = 500
 """Dense points of the object without which there is no shape."""
+LEAST_VIEWS = 6
+"""Images without which a placement is not tried."""
 
 
 def run(job: Job) -> dict:
-    """Writes shape.npz (vertices, faces), object.npz and other.npz (dense points), and shape.json.
+    """Writes shape.json and, for each placement, a folder with shape.npz (vertices, faces), object.npz, other.npz and
+    their colours.
 
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written.
     """
-    from massprops.capture.support import find_support, region_of, split
-    from massprops.surface.cloud import Cloud
-    from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.capture.placements import find_placements
+    from massprops.capture.support import region_of
+    from massprops.sfm.points import SparsePoints
     from massprops.views import Views
 
     views = Views.load(job.work("sfm") / "views.npz")
     if all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names):
-        return _said(job, {"found": False, "support_plane": None})
+        return _said(job, {"placements": [], "lost": []})
+    sparse = SparsePoints.load(job.work("sfm") / "points.npz")
     region = region_of(views)
-    cloud = _dense(job, views, region)
+    divided = find_placements(
+        sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
+    )
+    placements, lost = [], []
+    for k in range(divided.count):
+        member = np.flatnonzero(divided.label == k)
+        names = [views.names[i] for i in member]
+        try:
+            if len(member) < LEAST_VIEWS:
+                raise NotPossible(f"{len(member)} images are too few for a placement of its own")
+            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements))
+            placements.append({"images": names, **facts})
+        except NotPossible as error:
+            if k == 0 and divided.count == 1:
+                raise
+            lost.append({"images": names, "reason": str(error)})
+    if not placements:
+        raise NotPossible(lost[0]["reason"])
+    odd = [views.names[i] for i in np.flatnonzero(divided.label < 0)]
+    if odd:
+        lost.append({"images": odd, "reason": "they share no features with any placement"})
+    for gone in lost:
+        job.warn(
+            f"{len(gone['images'])} images show the object in a placement that could not be solved: {gone['reason']}"
+        )
+    return _said(job, {"placements": placements, "lost": lost})
+
+
+def _said(job: Job, facts: dict) -> dict:
+    (job.out / "shape.json").write_text(json.dumps(facts, indent=1))
+    return {"placements": [len(p["images"]) for p in facts["placements"]], "lost": len(facts["lost"])}
+
+
+def _placement(job: Job, views, sparse, number: int) -> dict:  # type: ignore[no-untyped-def]
+    """The first shape of one placement; views and sparse points are its own."""
+    from massprops.capture.support import find_support, region_of, split
+    from massprops.surface.reconstruct import reconstruct_surface
+
+    region = region_of(views)
+    cloud, colour = _dense(job, views, region, sparse)
     plane = find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed)
     pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
     found = split(cloud.xyz, cloud.normal, plane, region, pixel)
@@ -56,45 +101,42 @@ def run(job: Job) -> dict:
     surface = reconstruct_surface(
         views, [], own, POINTS, job.seed, job.progress, found.plane, moving=False, surroundings=other, fill=0.0
     )
-    np.savez(job.out / "shape.npz", vertices=surface.vertices, faces=surface.faces)
-    for name, part in (("object", own), ("other", other)):
-        np.savez(job.out / f"{name}.npz", **{k: getattr(part, k) for k in Cloud.__dataclass_fields__})
-    return _said(
-        job,
-        {
-            "found": True,
-            "support_plane": None if found.plane is None else found.plane.tolist(),
-            "object_points": int(found.member.sum()),
-            "other_points": int(found.other.sum()),
-            "region_radius": region.radius,
-        },
-    )
+    folder = placement_folder(job.out, number)
+    folder.mkdir()
+    np.savez(folder / "shape.npz", vertices=surface.vertices, faces=surface.faces)
+    own.save(folder / "object.npz")
+    np.save(folder / "colour.npy", colour[found.member])
+    np.save(folder / "other_colour.npy", colour[found.other])
+    other.save(folder / "other.npz")
+    return {
+        "support_plane": None if found.plane is None else found.plane.tolist(),
+        "object_points": int(found.member.sum()),
+        "other_points": int(found.other.sum()),
+        "region_radius": region.radius,
+    }
 
 
-def _said(job: Job, facts: dict) -> dict:
-    (job.out / "shape.json").write_text(json.dumps(facts, indent=1))
-    return facts
+def placement_folder(work: Path, number: int) -> Path:
+    """Where the files of a placement are."""
+    return work / f"placement{number}"
 
 
-def _dense(job: Job, views, region):  # type: ignore[no-untyped-def]
-    """Dense points of the region, whatever they belong to."""
+def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
+    """Dense points of the region, whatever they belong to, and their colours (n, 3) uint8."""
     from massprops.dense.reconstruct import dense_points
     from massprops.surface.cloud import Cloud
     from massprops.views import undistort
 
-    with np.load(job.work("sfm") / "points.npz", allow_pickle=False) as z:
-        xyz, obs_view, obs_point = z["xyz"], z["obs_view"], z["obs_point"]
     # the depth range of a view comes from its sparse points
-    near = np.linalg.norm(xyz - region.centre, axis=1) < 1.3 * region.radius
-    seen = near[obs_point]
-    number = np.cumsum(near) - 1
+    near = sparse.near(region.centre, 1.3 * region.radius)
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         colour = read_image(job.work("capture") / "frames" / views.names[i])
         return undistort(colour, views.K[i], views.distortion[i]), region.mask(views, i)
 
     points, _ = dense_points(
-        views, image, xyz[near], obs_view[seen], number[obs_point[seen]], REFERENCES, job.seed, job.threads,
-        job.progress, PIXELS,
-    )  # fmt: skip
-    return Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__)).finite()
+        views, image, near.xyz, near.obs_view, near.obs_point, REFERENCES, job.seed, job.threads, job.progress, PIXELS
+    )
+    cloud = Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__))
+    good = cloud.is_finite
+    return cloud.take(np.flatnonzero(good)).finite(), points.rgb[good]

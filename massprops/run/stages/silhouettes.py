@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
 from massprops.errors import NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
@@ -25,15 +26,14 @@ def run(job: Job) -> dict:
     views = Views.load(sfm / "views.npz")
     with np.load(sfm / "points.npz", allow_pickle=False) as z:
         points, seen = z["xyz"], np.bincount(z["obs_point"], minlength=len(z["xyz"]))
-    support, left_out = None, []
+    left_out: list[str] = []
     have = [(capture / "masks" / f"{name}.png").is_file() for name in views.names]
     if all(have):
         share = _refine(job, cv2, views, points[seen >= 3], footage)
         method = "given" if footage.get("masks_given") else f"before a {footage['background']} background"
     else:
-        plane = json.loads((job.work("shape") / "shape.json").read_text())["support_plane"]
-        support = None if plane is None else np.array(plane)
-        share, left_out = _from_shape(job, views)
+        shape = json.loads((job.work("shape") / "shape.json").read_text())
+        share, left_out = _from_shapes(job, views, shape["placements"])
         method = "drawn from the shape, refined by the images"
         if left_out:
             job.warn(
@@ -41,10 +41,10 @@ def run(job: Job) -> dict:
                 + ", ".join(left_out[:5])
                 + (" ..." if len(left_out) > 5 else "")
             )
+        left_out += [name for gone in shape["lost"] for name in gone["images"]]
     facts = {
         "method": method,
         "left_out": left_out,
-        "support_plane": None if support is None else support.tolist(),
         "views": len(views),
         "median_object_share": float(np.median(share)),
     }
@@ -82,40 +82,59 @@ def _refine(job: Job, cv2, views, points: np.ndarray, footage: dict) -> list[flo
     return share
 
 
-def _from_shape(job: Job, views) -> tuple[list[float], list[str]]:  # type: ignore[no-untyped-def]
-    """Silhouettes drawn from the shape stage's body and refined by each image; views that show it elsewhere left out."""
+def _from_shapes(job: Job, views, placements: list[dict]) -> tuple[list[float], list[str]]:  # type: ignore[no-untyped-def]
+    """Silhouettes of every placement; images of none of them, and such as show it elsewhere, say nothing.
+
+    Returns:
+        share of the object in each image that is used, and the names of those left out.
+    """
     import cv2
 
-    from massprops.capture.from_shape import moved, overlap, refine, to_stored, trimap
-    from massprops.geometry.rasterise import rasterise
-    from massprops.views import undistort
-
-    with np.load(job.work("shape") / "shape.npz", allow_pickle=False) as z:
-        vertices, faces = z["vertices"], z["faces"]
-    with np.load(job.work("shape") / "other.npz", allow_pickle=False) as z:
-        other = z["xyz"]
-    found, agreement = [], []
-    for i, name in enumerate(views.names):
-        K, R, t = views.K[i], views.R[i], views.t[i]
-        image = undistort(read_image(job.work("capture") / "frames" / name), K, views.distortion[i])
-        depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
-        camera = other @ R.T + t
-        camera = camera[camera[:, 2] > 0]
-        known = trimap(depth, camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2], camera[:, 2])
-        found.append(refine(image, known))
-        agreement.append(overlap(found[-1], known.drawn))
-        job.progress(i + 1, len(views), "silhouettes")
-    out = moved(np.array(agreement))
+    number = {name: i for i, name in enumerate(views.names)}
+    found: dict[int, np.ndarray] = {}
+    for k, placement in enumerate(placements):
+        index = np.array([number[name] for name in placement["images"]])
+        drawn = _placement(job, views, index, k, len(found))
+        agreement = np.array([a for _, a in drawn])
+        out = moved(agreement)
+        found.update({int(i): mask for i, (mask, _), o in zip(index, drawn, out, strict=True) if not o})
     share = []
     for i, name in enumerate(views.names):
-        if out[i]:
-            mask = np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8)
-        else:
+        if i in found:
             mask = to_stored(found[i], tuple(views.size[i]), views.K[i], views.distortion[i])
-        stored = _save(job, cv2, name, mask)
-        if not out[i]:
-            share.append(stored)
-    return share, [name for i, name in enumerate(views.names) if out[i]]
+            share.append(_save(job, cv2, name, mask))
+        else:
+            _save(job, cv2, name, np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8))
+    known = {name for p in placements for name in p["images"]}
+    return share, [n for i, n in enumerate(views.names) if i not in found and n in known]
+
+
+def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> list[tuple[np.ndarray, float]]:  # type: ignore[no-untyped-def]
+    """Silhouette (h, w) of each view, drawn from a placement's shape and refined, and how far the two agree."""
+    from massprops.geometry.rasterise import rasterise
+    from massprops.run.stages.shape import placement_folder
+    from massprops.views import undistort
+
+    folder = placement_folder(job.work("shape"), number)
+    with np.load(folder / "shape.npz", allow_pickle=False) as z:
+        vertices, faces = z["vertices"], z["faces"]
+    with np.load(folder / "other.npz", allow_pickle=False) as z:
+        other = z["xyz"]
+    colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
+    out = []
+    for done, i in enumerate(index):
+        K, R, t = views.K[i], views.R[i], views.t[i]
+        image = undistort(read_image(job.work("capture") / "frames" / views.names[i]), K, views.distortion[i])
+        depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
+        camera = other @ R.T + t
+        ahead = camera[:, 2] > 0
+        camera = camera[ahead]
+        uv = camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2]
+        known = trimap(depth, uv, camera[:, 2], shows_points(image, uv, colour[ahead], far_from(depth)))
+        mask = refine(image, known)
+        out.append((mask, overlap(mask, known.drawn)))
+        job.progress(before + done + 1, len(views), "silhouettes")
+    return out
 
 
 def _save(job: Job, cv2, name: str, mask: np.ndarray) -> float:  # type: ignore[no-untyped-def]

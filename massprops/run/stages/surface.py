@@ -10,7 +10,7 @@ from massprops.errors import NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
-READS = ("capture", "sfm", "shape", "silhouettes", "dense")
+READS = ("capture", "sfm", "silhouettes", "join", "dense")
 OPTIONS = ("seed",)
 
 FAR = 15.0
@@ -42,7 +42,7 @@ def run(job: Job) -> dict:
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views, undistort
 
-    views = Views.load(job.work("sfm") / "views.npz")
+    views = Views.load(job.work("join") / "views.npz")
     footage = json.loads((job.work("capture") / "footage.json").read_text())
     sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
     masks = []
@@ -53,17 +53,18 @@ def run(job: Job) -> dict:
             raise NotPossible(f"surface: silhouette {path.name} is missing; run the silhouettes again")
         masks.append(undistort(mask, views.K[i], views.distortion[i], nearest=True))
     cloud = Cloud.load(job.work("dense") / "points.npz")
-    stand = json.loads((job.work("silhouettes") / "silhouettes.json").read_text()).get("support_plane")
+    stand = json.loads((job.work("join") / "join.json").read_text())["support_plane"]
     support = None if stand is None else np.array(stand, float)
     tumbling, given = footage["motion"] == "tumbling", bool(footage["masks_given"])
     # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
-    if tumbling and footage["background"] == "black" and not given and len(footage["cameras"]) == 1:
+    still = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
+    if tumbling and footage["background"] == "black" and not given and still:
         grey = []
         for i, name in enumerate(views.names):
             image = read_image(job.work("capture") / "frames" / name, 0)
             grey.append(undistort(image, views.K[i], views.distortion[i]))
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
-    beside = job.work("shape") / "other.npz"
+    beside = job.work("join") / "other.npz"
     surface = reconstruct_surface(
         views,
         masks,

@@ -20,7 +20,7 @@ from pathlib import Path
 from tabletop.check import check
 from tabletop.judge import judge_run
 from tabletop.places import SHARED, kept_run, rendered
-from tabletop.rendering import render_scenes
+from tabletop.rendering import render_all, scene_job
 from tabletop.run_scene import run_scene
 from tabletop.scenes import SCENES, by_name, render_order
 from tabletop.table import HEAD, line
@@ -53,7 +53,8 @@ def main() -> None:
             if (rendered() / scene.name / "truth.npz").is_file():
                 print(check(scene, rendered() / scene.name))
     elif chosen.verb == "render":
-        render_scenes([by_name(n) for n in chosen.names] or render_order())
+        wanted = [by_name(n) for n in chosen.names] or render_order()
+        render_all([scene_job(s) for s in wanted], rendered())
     else:
         judge_scenes(chosen, parser)
 

@@ -27,6 +27,18 @@ def linear(image: np.ndarray) -> np.ndarray:
     return UNDER * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
+def rendered_light(work: Path, number: int) -> np.ndarray:
+    """(h, w, 3) float32 light of a rendered frame, BGR.
+
+    Raises:
+        FileNotFoundError: it has not been rendered.
+    """
+    path = work / "frames" / f"{number:06d}.png"
+    if not path.is_file():
+        raise FileNotFoundError(path)
+    return linear(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+
+
 def display(light: np.ndarray) -> np.ndarray:
     """uint8 sRGB; from 0.8 of white a soft shoulder, as cameras have."""
     v = np.clip(light, 0, None)
@@ -69,28 +81,28 @@ def develop(scene: Scene, folder: Path) -> None:
     rng = np.random.default_rng([scene.number, 7])
     count = len(truth["poses"])
     size = tuple(int(s) for s in truth["size"][0])
-    drift, tint = _drift(rng, count, 0.07), np.column_stack([_drift(rng, count, 0.015) for _ in range(3)])
+    exposure, tint = drift(rng, count, 0.07), np.column_stack([drift(rng, count, 0.015) for _ in range(3)])
     images, gain = [], 0.0
     for i in range(count):
-        path = work / "frames" / f"{i:06d}.png"
-        if not path.is_file():
-            raise FileNotFoundError(path)
-        light = distort(
-            linear(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)), truth["K"], float(truth["distortion"][0]), size
-        )
+        light = distort(rendered_light(work, i), truth["K"], float(truth["distortion"][0]), size)
         gain = gain or 0.30 / float(np.percentile(light.mean(2), 60))
-        light = np.clip(light * gain * drift[i] * tint[i], 0, None)
-        light += np.sqrt(0.00015 * light + 2e-6) * rng.standard_normal(light.shape)
+        light = np.clip(light * gain * exposure[i] * tint[i], 0, None)
+        light += sensor_noise(light, rng)
         images.append(display(light))
     if scene.images == "photos":
         truth["names"] = np.array(_photographs(scene, folder, images, truth))
     else:
-        _video(folder / "cam0.mp4", images)
+        write_video(folder / "cam0.mp4", images, 17)
     np.savez(work / "finished.npz", **truth)
     (work / "finished.npz").replace(folder / "truth.npz")
 
 
-def _drift(rng: np.random.Generator, count: int, size: float) -> np.ndarray:
+def sensor_noise(light: np.ndarray, rng: np.random.Generator, times: float = 1.0) -> np.ndarray:
+    """Noise of photons and of reading; `times` its usual deviation, that of a phone in a lit room."""
+    return times * np.sqrt(0.00015 * light + 2e-6) * rng.standard_normal(light.shape)
+
+
+def drift(rng: np.random.Generator, count: int, size: float) -> np.ndarray:
     """(count,) smooth factors about 1."""
     steps = np.cumsum(rng.standard_normal(count + 1))
     smooth = np.convolve(np.pad(steps, 4, mode="edge"), np.ones(9) / 9, mode="valid")[:count]
@@ -116,12 +128,13 @@ def _photographs(scene: Scene, folder: Path, images: list[np.ndarray], truth: di
     return names
 
 
-def _video(path: Path, images: list[np.ndarray]) -> None:
+def write_video(path: Path, images: list[np.ndarray], crf: int) -> None:
+    """H.264 of (h, w, 3) uint8 BGR images at `FPS`; `crf`: 17 is good, 36 poor."""
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp.mp4")
     with av.open(str(temporary), "w") as container:
         stream = container.add_stream("libx264", rate=FPS)
         stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt, stream.options = "yuv420p", {"crf": "17"}
+        stream.pix_fmt, stream.options = "yuv420p", {"crf": str(crf)}
         for image in images:
             for packet in stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")):
                 container.mux(packet)

@@ -15,12 +15,13 @@ import cv2
 import numpy as np
 from trimesh.transformations import rotation_matrix, translation_matrix
 
-from massprops.mass.properties import mass_properties
 from tabletop import cameras, rooms
 from tabletop.objects import Item, make_item, resting_poses
 from tabletop.scenes import Scene
+from tabletop.truth import truth_arrays
 
-SAMPLES = 12
+SAMPLES = 8
+"""A pixel; the denoiser is guided by the surfaces' colours, so their detail survives so few."""
 MARGIN = 12
 """Pixels rendered beyond each edge, for the lens distortion: 0.06 moves the corners by less than 10."""
 FPS = Fraction(5, 2)
@@ -38,7 +39,7 @@ def prepare(scene: Scene, scans: Path, folder: Path) -> None:
         folder: of the scene, made here.
     """
     work = folder / "work"
-    (work / "pictures").mkdir(parents=True, exist_ok=True)
+    work.mkdir(parents=True, exist_ok=True)
     rng = scene.generator()
     item = make_item(scene, scans)
     pictures = rooms.Pictures(rng)
@@ -69,12 +70,23 @@ def prepare(scene: Scene, scans: Path, folder: Path) -> None:
         "ambient": ambient,
         "frames": [{k: np.asarray(v).tolist() for k, v in m.items() if k != "placement"} for m in moves],
     }
-    for name, image in pictures.images.items():
-        cv2.imwrite(str(work / "pictures" / f"{name}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    write_pictures(work, pictures.images)
     uv = {} if item.uv is None else {"uv": item.uv}
     np.savez(work / "body.npz", vertices=item.drawn.vertices, faces=item.drawn.faces, **uv)
     item.mesh.export(folder / "cad.ply")
     np.savez(work / "truth.npz", **truth(scene, item, lens, moves))
+    write_scene(work, document)
+
+
+def write_pictures(work: Path, images: dict[str, np.ndarray]) -> None:
+    """(n, n, 3) uint8 RGB by name, to `pictures/`."""
+    (work / "pictures").mkdir(parents=True, exist_ok=True)
+    for name, image in images.items():
+        cv2.imwrite(str(work / "pictures" / f"{name}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+
+
+def write_scene(work: Path, document: dict[str, Any]) -> None:
+    """`scene.json`, last and whole: a folder that has it is prepared."""
     temporary = work / "scene.json.tmp"
     temporary.write_text(json.dumps(document))
     temporary.replace(work / "scene.json")
@@ -127,29 +139,19 @@ def _moves(
 
 
 def truth(scene: Scene, item: Item, lens: cameras.Lens, moves: list[dict[str, Any]]) -> dict[str, Any]:
-    """The arrays of `truth.npz`, in the format of the shared scenes, with `distortion` (radial k1, k2) beside `K`."""
-    body = np.stack([np.asarray(m["body"][1]) for m in moves]) @ translation_matrix(item.mesh.center_mass)
-    camera = np.linalg.inv(np.stack([np.asarray(m["camera"][1]) for m in moves]))
-    poses = camera @ body
-    mass = mass_properties(item.mesh, 1.0)
+    """The arrays of `truth.npz`."""
     clock = np.arange(len(moves)) / float(FPS)
+    placement = np.array([m["placement"] for m in moves])
     if scene.images == "photos":
-        clock = 11.0 * np.arange(len(moves)) + 420.0 * np.array([m["placement"] for m in moves])
-    return {
-        "t": clock,
-        "poses": poses[:, :3],
-        "object_world": body[:, :3],
-        "camera_world": camera[:, :3],
-        "K": lens.K,
-        "distortion": np.array([lens.k1, 0.0]),
-        "focal_35mm": lens.focal_35mm,
-        "size": np.tile([lens.width, lens.height], (len(moves), 1)),
-        "placement": np.array([m["placement"] for m in moves]),
-        "volume": mass.volume,
-        "I": mass.inertia,
-        "principal": mass.principal_moments,
-        "axes": mass.principal_axes,
-        "extents": item.mesh.extents,
-        "com_cad": mass.center_of_mass,
-        "names": np.array([""] * len(moves)),
-    }
+        clock = 11.0 * np.arange(len(moves)) + 420.0 * placement
+    return truth_arrays(
+        item.mesh,
+        np.stack([np.asarray(m["body"][1]) for m in moves]),
+        np.stack([np.asarray(m["camera"][1]) for m in moves]),
+        lens.K,
+        (lens.width, lens.height),
+        clock,
+        distortion=np.array([lens.k1, 0.0]),
+        placement=placement,
+        focal_35mm=lens.focal_35mm,
+    )

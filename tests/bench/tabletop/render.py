@@ -86,9 +86,14 @@ def add_thing(number: int, thing: dict, pictures: Path) -> bpy.types.Object:
 
 
 def add_lights(scene: dict) -> None:
+    """Lamps that face the origin: squares of a size [m] and power [W], or a sun of an angle [rad] and power [W/m^2]."""
     for i, lamp in enumerate(scene["lights"]):
-        data = bpy.data.lights.new(f"lamp{i}", "AREA")
-        data.size, data.energy, data.color = lamp["size"], lamp["watts"], warm_colour(lamp["warm"])
+        data = bpy.data.lights.new(f"lamp{i}", "SUN" if "sun" in lamp else "AREA")
+        data.energy, data.color = lamp["watts"], warm_colour(lamp["warm"])
+        if "sun" in lamp:
+            data.angle = lamp["sun"]
+        else:
+            data.size = lamp["size"]
         found = bpy.data.objects.new(f"lamp{i}", data)
         bpy.context.collection.objects.link(found)
         found.location = lamp["at"]
@@ -97,7 +102,7 @@ def add_lights(scene: dict) -> None:
     bpy.context.scene.world = world
     world.use_nodes = True
     background = world.node_tree.nodes["Background"]
-    background.inputs["Color"].default_value = (*scene.get("sky", warm_colour(scene["ambient"]["warm"])), 1.0)
+    background.inputs["Color"].default_value = (*warm_colour(scene["ambient"]["warm"]), 1.0)
     background.inputs["Strength"].default_value = scene["ambient"]["strength"]
 
 
@@ -148,6 +153,21 @@ def place(thing: bpy.types.Object, poses: list) -> None:
         thing.keyframe_insert("rotation_quaternion", frame=frame)
 
 
+def add_body(scene: dict, work: Path) -> bpy.types.Object:
+    """The object: one surface, or a list of them with the `part` of each face."""
+    pictures = work / "pictures"
+    with np.load(work / "body.npz", allow_pickle=False) as z:
+        uv = z["uv"] if "uv" in z.files else None
+        body = add_mesh("body", z["vertices"], z["faces"], uv)
+        part = z["part"] if "part" in z.files else np.zeros(len(z["faces"]))
+    surfaces = scene["body"] if isinstance(scene["body"], list) else [scene["body"]]
+    for number, look in enumerate(surfaces):
+        body.data.materials.append(material(f"body{number}", look, pictures, uv is not None))
+    body.data.polygons.foreach_set("material_index", part.astype(np.int32))
+    body.data.polygons.foreach_set("use_smooth", [bool(surfaces[int(k)].get("smooth")) for k in part])
+    return body
+
+
 def main(work: Path) -> None:
     """Renders what is missing."""
     scene = json.loads((work / "scene.json").read_text())
@@ -158,18 +178,11 @@ def main(work: Path) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.edit.keyframe_new_interpolation_type = "LINEAR"
     set_up(scene)
-    pictures = work / "pictures"
-    with np.load(work / "body.npz", allow_pickle=False) as z:
-        uv = z["uv"] if "uv" in z.files else None
-        body = add_mesh("body", z["vertices"], z["faces"], uv)
-    body.data.materials.append(material("body", scene["body"], pictures, uv is not None))
-    if scene["body"].get("smooth"):
-        for polygon in body.data.polygons:
-            polygon.use_smooth = True
+    body = add_body(scene, work)
     moving = [body]
     movers = ["body"]
     for i, thing in enumerate(scene["things"]):
-        made = add_thing(i, thing, pictures)
+        made = add_thing(i, thing, work / "pictures")
         if thing["moves"]:
             moving.append(made)
             movers.append(thing["moves"])

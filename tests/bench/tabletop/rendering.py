@@ -10,11 +10,12 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from tabletop.develop import develop
-from tabletop.places import PROJECT, SHARED, rendered
+from tabletop.places import PROJECT, SHARED
 from tabletop.prepare import prepare
 from tabletop.scenes import Scene
 
@@ -34,34 +35,51 @@ def blender() -> Path:
     return python
 
 
-def render_scenes(scenes: Iterable[Scene], keep_frames: bool = False) -> None:
-    """Renders the scenes that are not finished, in their order, and prints a line for each.
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """Something to render: its folder's name, what writes the folder up to its frames, what makes images of these."""
+
+    name: str
+    prepare: Callable[[Path], None]
+    develop: Callable[[Path], None]
+
+
+def scene_job(scene: Scene) -> Job:
+    """Of a table-top scene."""
+    return Job(
+        name=scene.name,
+        prepare=lambda folder: prepare(scene, SHARED / "ycb", folder),
+        develop=lambda folder: develop(scene, folder),
+    )
+
+
+def render_all(jobs: Iterable[Job], root: Path) -> None:
+    """Renders what is not finished, in its order, and prints a line for each.
 
     Args:
-        scenes: in the order of rendering.
-        keep_frames: keep the renderer's 16-bit frames of finished scenes.
+        jobs: in the order of rendering.
+        root: folder of their folders.
 
     Raises:
         BlockingIOError: another process renders into the same folder.
     """
-    python, root = blender(), rendered()
+    python = blender()
     root.mkdir(parents=True, exist_ok=True)
     with (root / "rendering.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        for scene in scenes:
-            folder = root / scene.name
+        for job in jobs:
+            folder = root / job.name
             if (folder / "truth.npz").is_file():
                 continue
             begin = time.monotonic()
             if not (folder / "work" / "scene.json").is_file():
-                prepare(scene, SHARED / "ycb", folder)
+                job.prepare(folder)
             with (folder / "work" / "render.log").open("a") as log:
                 command = ["nice", "-n", "19", str(python), str(RENDERER), str(folder / "work")]
                 subprocess.run(command, stdout=log, stderr=log, check=True, env=_one_thread())
-            develop(scene, folder)
-            if not keep_frames:
-                shutil.rmtree(folder / "work" / "frames")
-            print(f"{scene.name}: {scene.count} images in {time.monotonic() - begin:.0f} s", flush=True)
+            job.develop(folder)
+            shutil.rmtree(folder / "work" / "frames")
+            print(f"{job.name}: rendered in {time.monotonic() - begin:.0f} s", flush=True)
 
 
 def _one_thread() -> dict[str, str]:

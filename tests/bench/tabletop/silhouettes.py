@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 FINER = 4
-"""Samples a pixel along each axis. OpenCV fills every cell that an edge touches, so the error is 1/8 px."""
+"""Samples a pixel along each axis. OpenCV fills every cell that an edge touches, so a silhouette reaches 1/8 px too
+far: 0.4 % of area for an object 110 px wide, and an intersection over union of 0.995 with the renderer's own mask."""
 SHIFT = 4
 """Bits of a fraction in the corners that are given to OpenCV."""
 

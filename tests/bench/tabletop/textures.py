@@ -149,3 +149,26 @@ def poster(rng: np.random.Generator) -> np.ndarray:
             image, text, at, cv2.FONT_HERSHEY_DUPLEX, float(rng.uniform(0.5, 1.4)), (25, 25, 25), 2, cv2.LINE_AA
         )
     return image
+
+
+def cells(rng: np.random.Generator) -> np.ndarray:
+    """One solar cell with its fingers and bus bars, clipped corners and a pale frame; it repeats."""
+    side = 512
+    y, x = np.mgrid[0:side, 0:side] / side * 2 - 1
+    silicon = np.array([0.03, 0.04, 0.12]) * (1 + 0.25 * noise(rng, 1.2, side)[..., None])
+    fingers = (np.mod(np.arange(side), 16) < 1)[None, :, None] | (np.abs(np.abs(y) - 0.4) < 0.02)[..., None]
+    image = np.where(fingers, 0.35, silicon)
+    outside = (np.maximum(abs(x), abs(y)) > 0.93) | (abs(x) + abs(y) > 1.6)
+    return _finish(np.where(outside[..., None], 0.62 * (1 + 0.03 * noise(rng, 0.8, side)[..., None]), image))
+
+
+def foil(rng: np.random.Generator) -> np.ndarray:
+    """Creases of gold foil: facets between ridges. Its brightness serves as relief too."""
+    ridges = -np.abs(noise(rng, 1.5)) - 0.5 * np.abs(noise(rng, 1.3)) - 0.25 * np.abs(noise(rng, 1.1))
+    ridges = (ridges - ridges.min()) / np.ptp(ridges)
+    return _finish((0.55 + 0.45 * ridges[..., None]) * np.array([0.95, 0.68, 0.25]))
+
+
+def white(rng: np.random.Generator) -> np.ndarray:
+    """Plaster or white paint without any detail."""
+    return np.full((64, 64, 3), int(rng.integers(185, 215)), np.uint8)

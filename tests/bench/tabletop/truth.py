@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
+
+from massprops.mass.properties import mass_properties
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +82,50 @@ def read_scene_truth(folder: Path) -> SceneTruth:
             volume=float(z["volume"]),
             moments=np.sort(z["principal"]),
         )
+
+
+def truth_arrays(
+    mesh: trimesh.Trimesh,
+    body: np.ndarray,
+    camera: np.ndarray,
+    K: np.ndarray,
+    size: tuple[int, int],
+    clock: np.ndarray,
+    **more: Any,
+) -> dict[str, Any]:
+    """The arrays of `truth.npz`, in the format of the shared scenes, before the images have names.
+
+    Args:
+        mesh: the CAD in its own axes [m].
+        body: (n, 4, 4) CAD axes -> world.
+        camera: (n, 4, 4) camera -> world.
+        K: (3, 3) [px].
+        size: width and height [px].
+        clock: (n,) [s].
+        more: arrays that take the place of the defaults, or beside them.
+    """
+    mass = mass_properties(mesh, 1.0)
+    centred = np.array(body)
+    centred[:, :3, 3] += centred[:, :3, :3] @ mass.center_of_mass
+    to_camera = np.linalg.inv(camera)
+    return {
+        "t": clock,
+        "poses": (to_camera @ centred)[:, :3],
+        "object_world": centred[:, :3],
+        "camera_world": to_camera[:, :3],
+        "K": K,
+        "distortion": np.zeros(2),
+        "size": np.tile(size, (len(body), 1)),
+        "placement": np.zeros(len(body), int),
+        "volume": mass.volume,
+        "I": mass.inertia,
+        "principal": mass.principal_moments,
+        "axes": mass.principal_axes,
+        "extents": mesh.extents,
+        "com_cad": mass.center_of_mass,
+        "names": np.array([""] * len(body)),
+        **more,
+    }
 
 
 def scene_input(folder: Path) -> Path:

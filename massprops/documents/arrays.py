@@ -1,0 +1,48 @@
+"""`.npz` files of a run as input: damaged, empty or hollow ones are a `ValueError`, never something else."""
+
+from __future__ import annotations
+
+import contextlib
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LARGEST_BYTES = 8_000_000_000
+"""Of all arrays of a file unpacked. A dense cloud of 50 million points has 2 GB."""
+
+
+@contextlib.contextmanager
+def open_arrays(path: Path) -> Iterator[Any]:
+    """As `np.load`, for a `with` statement; errors while an array is read are covered too.
+
+    Raises:
+        OSError: no such file, or not to be read.
+        ValueError: damaged, with objects in it, or larger than it can be.
+    """
+    try:
+        with zipfile.ZipFile(path) as packed:
+            for entry in packed.infolist():
+                _refuse_hollow(packed, entry)
+            if sum(entry.file_size for entry in packed.infolist()) > LARGEST_BYTES:
+                raise ValueError(f"{path}: more than {LARGEST_BYTES / 1e9:.0f} GB of arrays")
+        with np.load(path, allow_pickle=False) as arrays:
+            yield arrays
+    except (EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, MemoryError) as error:
+        raise ValueError(f"{path}: damaged ({type(error).__name__})") from None
+
+
+def _refuse_hollow(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:
+    """An array whose header announces more than its bytes would take memory before it fails."""
+    with packed.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
+    size = dtype.itemsize
+    for length in shape:
+        size *= int(length)
+    if size > entry.file_size:
+        raise ValueError(f"{entry.filename}: announces more than it holds")

@@ -1,0 +1,30 @@
+"""Stage `colour`: the photographs' colours on the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.run.files import read_image
+from massprops.run.job import Job
+
+READS = ("capture", "join", "surface")
+OPTIONS = ()
+
+
+def run(job: Job) -> dict:
+    """Writes colour.npz: rgb (v, 3) uint8 of the surface's vertices, and which of them were seen."""
+    from massprops.surface.colour import vertex_colours
+    from massprops.views import Views, undistort
+
+    views = Views.load(job.work("join") / "views.npz")
+    with np.load(job.work("surface") / "surface.npz", allow_pickle=False) as z:
+        vertices, faces = z["vertices"], z["faces"]
+
+    def image(i: int) -> np.ndarray:
+        job.progress(i + 1, len(views), "colours")
+        picture = read_image(job.work("capture") / "frames" / views.names[i])
+        return undistort(picture, views.K[i], views.distortion[i])
+
+    rgb, seen = vertex_colours(vertices, faces, views, image)
+    np.savez(job.out / "colour.npz", rgb=rgb, seen=seen)
+    return {"seen": float(seen.mean())}

@@ -1,0 +1,127 @@
+"""Stage `join`: all placements of the object in one frame, the object's own."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from massprops.run.files import read_image
+from massprops.run.job import Job
+
+READS = ("sfm", "shape", "silhouettes")
+OPTIONS = ()
+
+AROUND = 1.5
+"""Sparse points farther than this from the object's middle, in its radii, do not say how deep it lies in a view."""
+
+
+def run(job: Job) -> dict:
+    """Writes views.npz and points.npz (the views and sparse points that the body is made of), other.npz where
+    surroundings are known, and join.json.
+    """
+    from massprops.sfm.points import SparsePoints
+    from massprops.views import Views
+
+    views, sparse = Views.load(job.work("sfm") / "views.npz"), SparsePoints.load(job.work("sfm") / "points.npz")
+    placements = json.loads((job.work("shape") / "shape.json").read_text())["placements"]
+    left_out = json.loads((job.work("silhouettes") / "silhouettes.json").read_text())["left_out"]
+    facts: dict = {"joined": [{"images": len(views)}], "unjoined": [], "support_plane": None}
+    if placements:
+        views, sparse, facts = _joined(job, views, sparse, placements, set(left_out))
+    views.save(job.out / "views.npz")
+    sparse.save(job.out / "points.npz")
+    for gone in facts["unjoined"]:
+        job.warn(
+            f"{gone['images']} images show another placement of the object, which could not be joined: {gone['reason']}"
+        )
+    (job.out / "join.json").write_text(json.dumps(facts, indent=1))
+    return {"joined": len(facts["joined"]), "unjoined": len(facts["unjoined"])}
+
+
+def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str]):  # type: ignore[no-untyped-def]
+    """Views and points of the placement that most images show, and of those that fit onto it."""
+    from massprops.run.stages.shape import placement_folder
+    from massprops.sfm.points import SparsePoints
+    from massprops.surface.cloud import Cloud
+    from massprops.surface.registration import register
+    from massprops.views import Views
+
+    number = {name: i for i, name in enumerate(views.names)}
+    index = [np.array([number[n] for n in p["images"] if n not in left_out], int) for p in placements]
+    order = sorted(range(len(placements)), key=lambda k: -len(index[k]))
+    first = order[0]
+    facts: dict = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
+    base = _placed(job, views.take(index[first]), first)
+    parts = [(index[first], np.eye(3), np.zeros(3), first)]
+    for done, k in enumerate(order[1:]):
+        job.progress(done, len(order) - 1, "joining placements")
+        found = register(base, _placed(job, views.take(index[k]), k), job.seed)
+        said = {
+            "images": len(index[k]),
+            "outside_px": found.outside_px,
+            "rival_px": found.rival_px,
+            "colour_correlation": found.colour,
+            "rival_colour_correlation": found.rival_colour,
+        }
+        if found.clear:
+            facts["joined"].append(said)
+            parts.append((index[k], found.R, found.t, k))
+        else:
+            reason = (
+                f"its points fall {found.outside_px:.1f} px outside the other's silhouettes"
+                if not found.fits
+                else "two ways of turning it fit equally well"
+            )
+            facts["unjoined"].append({**said, "reason": reason})
+    if len(parts) == 1:
+        facts["support_plane"] = placements[first]["support_plane"]
+    around, all_views, all_points, before = [], [], [], 0
+    for member, R, t, k in parts:
+        folder = placement_folder(job.work("shape"), k)
+        own = Cloud.load(folder / "object.npz").xyz
+        middle = np.median(own, axis=0)
+        radius = float(np.percentile(np.linalg.norm(own - middle, axis=1), 99))
+        all_views.append(views.take(member).moved(R, t))
+        all_points.append(sparse.of_views(member).near(middle, AROUND * radius).moved(R, t, before))
+        # lines of sight of images that were left out go
+        place = {views.names[i]: n for n, i in enumerate(member)}
+        kept = np.array([place.get(name, -1) for name in placements[k]["images"]])
+        around.append(Cloud.load(folder / "other.npz").of_views(kept).moved(R, t, before))
+        before += len(member)
+    Cloud.joined(around).save(job.out / "other.npz")
+    return Views.joined(all_views), SparsePoints.joined(all_points), facts
+
+
+def _placed(job: Job, views, number: int):  # type: ignore[no-untyped-def]
+    """A placement as the registration wants it."""
+    from massprops.run.stages.shape import placement_folder
+    from massprops.surface.cloud import Cloud, agreeing
+    from massprops.surface.registration import Placed
+    from massprops.surface.silhouette import make_hull
+    from massprops.views import undistort
+
+    folder = placement_folder(job.work("shape"), number)
+    cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
+    kept = agreeing(cloud)
+    cloud, colour = cloud.take(kept), colour[kept]
+    with np.load(folder / "shape.npz", allow_pickle=False) as z:
+        vertices, faces = z["vertices"], z["faces"]
+    masks = [
+        undistort(
+            read_image(job.work("silhouettes") / "masks" / f"{name}.png", 0),
+            views.K[i],
+            views.distortion[i],
+            nearest=True,
+        )
+        for i, name in enumerate(views.names)
+    ]
+    return Placed(cloud, colour, make_hull(views, masks, cloud.xyz), centroid(vertices, faces))
+
+
+def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(3,) middle of a closed mesh's volume."""
+    from massprops.mass.integrals import mesh_integrals
+
+    rows = mesh_integrals(vertices, faces)
+    return rows[1:4] / rows[0]

@@ -1,0 +1,69 @@
+"""The photographs' colours on the vertices of a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from massprops.geometry.rasterise import rasterise
+from massprops.surface.refine import vertex_normals
+from massprops.views import Views
+
+HIDDEN = 0.01
+"""A vertex this much farther than the surface before it, relative to its depth, is hidden."""
+LEAST_FACING = 0.2
+"""Cosine between a vertex's normal and the line of sight below which a view says nothing of its colour."""
+
+
+def vertex_colours(
+    vertices: np.ndarray, faces: np.ndarray, views: Views, image: Callable[[int], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Colours blended over the views that see each vertex, those that face it most counting most.
+
+    Args:
+        vertices: (v, 3); faces: (f, 3).
+        views: n views.
+        image: `image(i)` gives view i undistorted, (h, w, 3) uint8 BGR.
+
+    Returns:
+        (v, 3) uint8 RGB, those of unseen vertices taken from the nearest seen one; (v,) bool, which were seen.
+    """
+    import cv2
+    from scipy.spatial import cKDTree
+
+    normal = vertex_normals(vertices, faces)
+    total, weight = np.zeros((len(vertices), 3)), np.zeros(len(vertices))
+    for i in range(len(views)):
+        K, R, t = views.K[i], views.R[i], views.t[i]
+        picture = image(i)
+        h, w = picture.shape[:2]
+        depth, _ = rasterise(vertices, faces, K, R, t, (w, h))
+        camera = vertices @ R.T + t
+        sight = views.centres[i] - vertices
+        facing = np.einsum("ij,ij->i", normal, sight) / np.maximum(np.linalg.norm(sight, axis=1), 1e-12)
+        z = camera[:, 2]
+        uv = camera[:, :2] / np.where(z > 1e-9, z, 1.0)[:, None] @ K[:2, :2].T + K[:2, 2]
+        inside = (uv > 0.5).all(1) & (uv[:, 0] < w - 1.5) & (uv[:, 1] < h - 1.5)
+        use = np.flatnonzero(inside & (z > 1e-9) & (facing > LEAST_FACING))
+        j, k = np.rint(uv[use]).astype(int).T
+        use = use[z[use] < (1 + HIDDEN) * depth[k, j]]
+        if not len(use):
+            continue
+        at = uv[use].astype(np.float32)
+        # OpenCV maps at most 32767 rows at once
+        colour = np.concatenate(
+            [
+                cv2.remap(picture, part[None, :, 0].copy(), part[None, :, 1].copy(), cv2.INTER_LINEAR)[0]
+                for part in np.array_split(at, len(at) // 30_000 + 1)
+            ]
+        )
+        share = facing[use] ** 2
+        total[use] += share[:, None] * colour
+        weight[use] += share
+    seen = weight > 0
+    out = np.full((len(vertices), 3), 128.0)
+    out[seen] = total[seen] / weight[seen, None]
+    if seen.any() and not seen.all():
+        out[~seen] = out[seen][cKDTree(vertices[seen]).query(vertices[~seen])[1]]
+    return np.clip(np.rint(out[:, ::-1]), 0, 255).astype(np.uint8), seen

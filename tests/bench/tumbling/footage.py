@@ -1,0 +1,173 @@
+"""How a body tumbles and is filmed: free rotation before a still camera, one hard Sun, a black sky.
+
+Bodies with an even number are for development; **those with an odd number are held out** and not looked at until the
+end. `POOR` names what can be wrong with the footage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import trimesh
+from tabletop import textures
+from tabletop.develop import display, rendered_light, sensor_noise, write_video
+from tabletop.prepare import write_pictures, write_scene
+from tabletop.truth import truth_arrays
+
+from massprops.dynamics.quaternion import normalise, rotation_matrix
+from massprops.dynamics.rigid_body import propagate
+from tumbling.bodies import KINDS, Body, make_body
+
+SEED = 20261123
+"""Of every draw: body number k of kind number j uses the generator (SEED, j, k)."""
+
+POOR = ("few", "small", "compressed", "noisy", "blurred", "eclipse")
+"""16 images; 320 x 240; heavy H.264; night's noise; 2 degrees of turn an exposure; no Sun in half of the frames."""
+
+RATE = 5.0
+"""Turn between two frames [degree]."""
+SECONDS = 0.4
+"""Between two frames, as `develop.FPS` plays them [s]."""
+SUN = {"sun": 0.0093, "watts": 14.0, "warm": 0.0}
+"""The Sun's angle [rad] and strength, at which white in full light is display white less a third."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Footage:
+    """One body and what is wrong with its footage: `poor` is empty or one of `POOR`."""
+
+    kind: str
+    number: int
+    poor: str = ""
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        half = "held" if self.number % 2 else "dev"
+        return "_".join(word for word in (self.kind, f"{self.number:02d}", half, self.poor) if word)
+
+    @property
+    def held_out(self) -> bool:
+        """Not looked at until the end."""
+        return self.number % 2 == 1
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height [px]."""
+        return (320, 240) if self.poor == "small" else (720, 540)
+
+    @property
+    def count(self) -> int:
+        """Frames."""
+        return 16 if self.poor == "few" else 88
+
+    def generator(self) -> np.random.Generator:
+        """The body's own random numbers; the same for poor footage of it."""
+        return np.random.default_rng([SEED, list(KINDS).index(self.kind), self.number])
+
+
+def prepare(footage: Footage, folder: Path) -> None:
+    """Writes what the renderer reads, the truth and the CAD."""
+    work = folder / "work"
+    work.mkdir(parents=True, exist_ok=True)
+    rng = footage.generator()
+    body = make_body(footage.kind, rng)
+    rates, shutter = _motion(footage, rng, body.mesh)
+    width, height = footage.size
+    focal = 1.45 * width
+    radius = float(np.linalg.norm(body.mesh.vertices - body.mesh.center_mass, axis=1).max())
+    distance = radius * focal / (0.44 * height)
+    camera = np.eye(4)
+    moved = [_seen(p, body.mesh.center_mass, distance) for p in shutter]
+    angle, side = np.radians(rng.uniform(20, 60)), rng.uniform(0, 2 * np.pi)
+    sun = [np.sin(angle) * np.cos(side), np.sin(angle) * np.sin(side), -np.cos(angle)]
+    pictures, looks = _surfaces(body, rng)
+    drawn = trimesh.util.concatenate([m for m, _ in body.solids])
+    part = np.repeat(np.arange(len(looks)), [len(m.faces) for m, _ in body.solids])
+    document = {
+        "size": [width, height],
+        "focal": focal,
+        "samples": 16,
+        "body": looks,
+        "things": [],
+        "lights": [{**SUN, "at": sun}],
+        "ambient": {"strength": 0.0, "warm": 0.0},
+        "frames": [{"camera": [camera.tolist()] * 3, "body": np.stack(m).tolist()} for m in moved],
+    }
+    write_pictures(work, pictures)
+    np.savez(work / "body.npz", vertices=drawn.vertices, faces=drawn.faces, part=part)
+    body.mesh.export(folder / "cad.ply")
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    clock = SECONDS * np.arange(footage.count)
+    middle = np.stack([m[1] for m in moved])
+    arrays = truth_arrays(body.mesh, middle, np.stack([camera] * footage.count), K, footage.size, clock, w=rates)
+    np.savez(work / "truth.npz", **arrays)
+    write_scene(work, document)
+
+
+def _motion(footage: Footage, rng: np.random.Generator, mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Body rates (n, 3) [rad/s] at the frames, and rotations body -> camera (n, 3, 3, 3) through each exposure."""
+    inertia = np.asarray(mesh.moment_inertia)
+    axes = np.linalg.eigh(inertia)[1]
+    # near the middle axis, where the motion turns over and shows all sides
+    direction = np.array(
+        [rng.choice([-1, 1]) * rng.uniform(0.15, 0.45), 1.0, rng.choice([-1, 1]) * rng.uniform(0.15, 0.45)]
+    )
+    step = np.radians(360.0 / 16 if footage.poor == "few" else RATE)
+    w0 = axes @ direction / np.linalg.norm(direction) * step / SECONDS
+    half = 0.5 * np.radians(2.0 if footage.poor == "blurred" else 0.05) / (step / SECONDS)
+    times = (SECONDS * np.arange(footage.count)[:, None] + [-half, 0.0, half]).ravel()
+    q, w = propagate(normalise(rng.standard_normal(4)), w0, inertia, times, largest_turn=0.02)
+    return w[1::3], rotation_matrix(q).reshape(-1, 3, 3, 3)
+
+
+def _seen(turns: np.ndarray, centre: np.ndarray, distance: float) -> list[np.ndarray]:
+    """(4, 4) CAD axes -> camera for each rotation (k, 3, 3) about the centre of mass."""
+    out = []
+    for R in turns:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = R, np.array([0, 0, distance]) - R @ centre
+        out.append(pose)
+    return out
+
+
+def _surfaces(body: Body, rng: np.random.Generator) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]]:
+    """Pictures by name, drawn once a kind so that repeated cells are the same, and a surface for each solid."""
+    pictures: dict[str, np.ndarray] = {}
+    for _, look in body.solids:
+        if look["picture"] not in pictures:
+            pictures[look["picture"]] = getattr(textures, look["picture"])(rng)
+    return pictures, [dict(look) for _, look in body.solids]
+
+
+def develop(footage: Footage, folder: Path) -> None:
+    """Writes `cam0.mp4` (or `photos/` of few images), then `truth.npz`.
+
+    Raises:
+        FileNotFoundError: a frame has not been rendered.
+    """
+    work = folder / "work"
+    with np.load(work / "truth.npz", allow_pickle=False) as z:
+        truth = {k: z[k] for k in z.files}
+    rng = np.random.default_rng([SEED, footage.number, 7])
+    lights = [rendered_light(work, i) for i in range(footage.count)]
+    bright = np.concatenate([light.mean(2)[light.mean(2) > 0.02][::50] for light in lights])
+    gain = 0.35 / float(np.median(bright))
+    images = []
+    for i, light in enumerate(lights):
+        shadow = 0.002 if footage.poor == "eclipse" and (i // 11) % 2 else 1.0
+        seen = np.clip(light * gain * shadow, 0, None)
+        images.append(display(seen + sensor_noise(seen, rng, 6.0 if footage.poor == "noisy" else 1.0)))
+    if footage.poor == "few":
+        (folder / "photos").mkdir(exist_ok=True)
+        truth["names"] = np.array([f"{i:03d}.png" for i in range(footage.count)])
+        for name, image in zip(truth["names"], images, strict=True):
+            cv2.imwrite(str(folder / "photos" / str(name)), image)
+    else:
+        write_video(folder / "cam0.mp4", images, 34 if footage.poor == "compressed" else 17)
+    np.savez(work / "finished.npz", **truth)
+    (work / "finished.npz").replace(folder / "truth.npz")

@@ -1,0 +1,81 @@
+"""What reaches the terminal: no word of a library's, nothing it would obey, one line about a bug; on any terminal."""
+
+from __future__ import annotations
+
+import logging
+import os
+import stat
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+import trimesh
+from whole import massprops
+
+from massprops.core.text import clean
+from massprops_cli import main
+
+
+def test_control_characters_are_shown_as_codes() -> None:
+    assert clean("a\x1b[31mred\x9b2J \u202eevil \udce9 ± °\n\tb") == "a\\x1b[31mred\\x9b2J \\u202eevil \\xe9 ± °\n\tb"
+
+
+def test_libraries_are_silent_and_a_bug_is_one_line_with_a_file(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+
+    def broken() -> None:
+        warnings.warn("divide by zero", RuntimeWarning, stacklevel=1)
+        logging.getLogger("trimesh").error("a traceback of theirs")
+        raise KeyError("oops")
+
+    monkeypatch.setattr(main, "app", broken)
+    said = massprops(capfd, "mass", "x.stl")
+    assert said.code == 3 and len(said.lines) == 1 and said.out == ""
+    assert "unexpected KeyError" in said.err and "issue tracker" in said.err
+    written = [p for p in tmp_path.iterdir() if p.suffix == ".txt"]
+    assert len(written) == 1 and str(written[0]) in said.err
+    assert "Traceback" in written[0].read_text() and "'x.stl'" in written[0].read_text()
+    assert logging.lastResort is not None, "as it was"
+
+
+@pytest.mark.parametrize(
+    "terminal",
+    [
+        {"LANG": "C", "LC_ALL": "C"},
+        {"PYTHONIOENCODING": "ascii"},
+        {"TERM": "dumb", "COLUMNS": "20"},
+    ],
+)
+def test_strange_terminals(tmp_path: Path, terminal: dict[str, str]) -> None:
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
+    code = "from massprops_cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code, "mass", "box.stl", "-o", "run", "--scale-sigma", "0.01"],
+        capture_output=True, cwd=tmp_path, env={**os.environ, **terminal}, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and b"volume" in done.stdout and done.stderr == b""
+
+
+def test_numba_has_a_place_where_package_and_home_cannot_be_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from massprops import native
+
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    native.prepare_numba_cache()
+    assert not os.environ["NUMBA_CACHE_DIR"], "the ordinary places do"
+    monkeypatch.setattr(native, "_writable", lambda path: False)
+    native.prepare_numba_cache()
+    place = Path(os.environ["NUMBA_CACHE_DIR"])
+    assert place.parent == tmp_path and stat.S_IMODE(place.stat().st_mode) == 0o700
+    place.chmod(0o777)  # numba loads what it finds: never from a place that others can write to
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    native.prepare_numba_cache()
+    assert Path(os.environ["NUMBA_CACHE_DIR"]) != place
