@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tabletop.silhouettes import project
 from tabletop.truth import read_scene_truth
-from tumbling.bodies import KINDS, make_body
-from tumbling.footage import Footage, prepare
+from tumbling_footage.bodies import KINDS, make_body
+from tumbling_footage.footage import Footage, prepare
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -1,9 +1,9 @@
 """Works with the footage of tumbling bodies from the shell, in the project's folder:
 
-    PYTHONPATH=tests/bench .venv/bin/python -m tumbling render cubesat 0 2       two bodies (88 frames each)
-    PYTHONPATH=tests/bench .venv/bin/python -m tumbling render foil 0 --poor eclipse
-    PYTHONPATH=tests/bench .venv/bin/python -m tumbling judge cubesat_00_dev     runs the tool, keeps the run, prints
-    PYTHONPATH=tests/bench .venv/bin/python -m tumbling list                     what is rendered
+    PYTHONPATH=tests/bench .venv/bin/python -m tumbling_footage render cubesat 0 2       two bodies (88 frames each)
+    PYTHONPATH=tests/bench .venv/bin/python -m tumbling_footage render foil 0 --poor eclipse
+    PYTHONPATH=tests/bench .venv/bin/python -m tumbling_footage judge cubesat_00_dev     runs the tool, keeps the run, prints
+    PYTHONPATH=tests/bench .venv/bin/python -m tumbling_footage list                     what is rendered
 
 Kinds: `bodies.KINDS`. Bodies with odd numbers are held out. Folders as those of the table-top scenes.
 """
@@ -19,8 +19,8 @@ from tabletop.run_scene import run_scene
 from tabletop.table import HEAD, line
 from tabletop.truth import scene_folders
 
-from tumbling.bodies import KINDS
-from tumbling.footage import POOR, Footage, develop, prepare
+from tumbling_footage.bodies import KINDS
+from tumbling_footage.footage import POOR, Footage, develop, prepare
 
 
 def main() -> None:

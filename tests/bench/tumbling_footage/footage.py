@@ -20,7 +20,7 @@ from tabletop.truth import truth_arrays
 
 from massprops.dynamics.quaternion import normalise, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
-from tumbling.bodies import KINDS, Body, make_body
+from tumbling_footage.bodies import KINDS, Body, make_body
 
 SEED = 20261123
 """Of every draw: body number k of kind number j uses the generator (SEED, j, k)."""
