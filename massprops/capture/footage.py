@@ -149,9 +149,10 @@ def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
 def refuse_few(name: str, count: int, left_out: Sequence[tuple[str, str]]) -> None:
     """Raises InputError when fewer than three images are left."""
     if count < FEWEST:
+        rest = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
         raise InputError(
-            f"{name}: {count} of {count + len(left_out)} images can be used, too few for a shape: {said(left_out)}; copy the images again, or take "
-            "at least 20 from all sides"
+            f"{name}: {count} of {count + len(left_out)} images can be used, too few for a shape: {said(left_out[:3])}{rest}; "
+            "copy the images again, or take at least 20 from all sides"
         )
 
 
