@@ -35,7 +35,7 @@ class Colours:
         Returns:
             (h, w) bool.
         """
-        return _piece(self.probability[_cells(image)])
+        return _piece(self.probability[colour_cells(image)])
 
 
 def learn(images: list[np.ndarray], masks: list[np.ndarray]) -> Colours:
@@ -52,7 +52,7 @@ def learn(images: list[np.ndarray], masks: list[np.ndarray]) -> Colours:
     for image, mask in zip(images, masks, strict=True):
         factor = min(1.0, LEARN_AT / max(image.shape[:2]))
         size = (round(image.shape[1] * factor), round(image.shape[0] * factor))
-        cells.append(_cells(cv2.resize(image, size, interpolation=cv2.INTER_AREA)))
+        cells.append(colour_cells(cv2.resize(image, size, interpolation=cv2.INTER_AREA)))
         solid = mask.astype(np.uint8) if mask.dtype == bool else (mask > 127).astype(np.uint8)
         inside.append(cv2.resize(solid, size, interpolation=cv2.INTER_NEAREST) > 0)
     probability = _frequencies(cells, inside)
@@ -68,7 +68,8 @@ def agrees(found: np.ndarray, rough: np.ndarray) -> bool:
     return bool(2 * common > max(np.count_nonzero(found), np.count_nonzero(rough)))
 
 
-def _cells(image: np.ndarray) -> np.ndarray:
+def colour_cells(image: np.ndarray) -> np.ndarray:
+    """(h, w) cell of each pixel's colour, of (h, w, 3) uint8 BGR."""
     import cv2
 
     lab = cv2.cvtColor(cv2.GaussianBlur(image, (3, 3), 0), cv2.COLOR_BGR2LAB).astype(np.int32)

@@ -149,17 +149,16 @@ def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
 def refuse_few(name: str, count: int, left_out: Sequence[tuple[str, str]]) -> None:
     """Raises InputError when fewer than three images are left."""
     if count < FEWEST:
-        rest = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
         raise InputError(
-            f"{name}: {count} of {count + len(left_out)} images can be used, too few for a shape: {said(left_out[:3])}{rest}; "
+            f"{name}: {count} of {count + len(left_out)} images can be used, too few for a shape: {said(left_out, 3)}; "
             "copy the images again, or take at least 20 from all sides"
         )
 
 
-def said(left_out: Sequence[tuple[str, str]]) -> str:
-    """The images that were left out, and why, as part of a sentence."""
-    some = ", ".join(f"{printable(name)} ({why})" for name, why in left_out[:NAMED])
-    return some + (f" and {len(left_out) - NAMED} more" if len(left_out) > NAMED else "")
+def said(left_out: Sequence[tuple[str, str]], most: int = NAMED) -> str:
+    """The images that were left out, and why, as part of a sentence that names at most so many."""
+    some = ", ".join(f"{printable(name)} ({why})" for name, why in left_out[:most])
+    return some + (f" and {len(left_out) - most} more" if len(left_out) > most else "")
 
 
 def _why(error: InputError, file: Path) -> str:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.capture.colours import BINS, colour_cells
+
 BAND = 0.03
 """Band about the drawn outline that the image decides, in equivalent diameters of the silhouette. On two rendered
 table-top scenes 6 px in 200 took the intersection over union from .967 to .983; wider bands took in neighbours."""
@@ -25,8 +27,6 @@ FAR = 0.6
 WORK = 560
 """Longer side of the crop on which colours are separated [px]."""
 ROUNDS = 2
-BINS = 24
-"""Cells along each axis of CIE L*a*b*."""
 PRIOR, COLOUR, SMOOTH, HIDDEN = 1.0, 0.5, 3.0, 0.5
 """Weights of nearness to the drawn outline, of colour, of edges, and of surroundings that do not show."""
 
@@ -196,7 +196,7 @@ def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
     # a gap in the shape is no evidence of a gap in the object
     prior = np.where(drawn | _reached(~drawn), PRIOR * np.clip(signed / band, -1.0, 1.0), 0.0)
     prior[known.hidden & ~drawn] = HIDDEN
-    cells = _cells(image)
+    cells = colour_cells(image)
     across, down = _edges(image)
     own, other = surely, away
     found = drawn
@@ -212,16 +212,6 @@ def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
         found = ~graph.get_grid_segments(nodes)
         own, other = found, ~found
     return found
-
-
-def _cells(image: np.ndarray) -> np.ndarray:
-    """(h, w) cell of each pixel's colour in CIE L*a*b*."""
-    import cv2
-
-    lab = cv2.cvtColor(cv2.GaussianBlur(image, (3, 3), 0), cv2.COLOR_BGR2LAB).astype(np.int32)
-    lightness = lab[..., 0] * BINS // 256
-    a, b = (np.clip((lab[..., k] - 80) * BINS // 96, 0, BINS - 1) for k in (1, 2))
-    return (lightness * BINS + a) * BINS + b
 
 
 def _log_odds(cells: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarray:
