@@ -214,7 +214,7 @@ def test_images_that_cannot_be_used_are_left_out_and_named(tmp_path: Path) -> No
     assert "panorama.jpg (a panorama" in line and "thumb.jpg (a thumbnail" in line and "tiny.png (too small" in line
     for i in range(2, 8):
         (folder / f"{i}.jpg").unlink()
-    with pytest.raises(InputError, match=r"2 of 8 images can be used.*broken\.jpg.*cut\.jpg"):
+    with pytest.raises(InputError, match=r"2 of 8 images can be used.*broken\.heic.*broken\.jpg.*and 3 more"):
         judge_frames(open_sources(folder)[0], lambda *_: None)
 
 
