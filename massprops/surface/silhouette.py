@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
 STEP = 4.0
@@ -86,6 +87,56 @@ def make_hull(
     depth = np.einsum("ni,ni->n", views.R[:, 2], measured.mean(0)[None].repeat(len(views), 0)) + views.t[:, 2]
     pixel = float(np.median(depth / views.K[:, 0, 0]))
     return Hull(maps, size, P, least, pixel, support).sparing(measured, least)
+
+
+INSIDE = 2.0
+"""Depth within a silhouette [px] from which on a pixel shows the object, whatever the outline's own error."""
+
+
+def shown_as_object(cloud: Cloud, views: Views, masks: list[np.ndarray]) -> np.ndarray:
+    """(n,) bool: points that lie within the silhouette in most of the views they were measured in.
+
+    A gloss shows the room mirrored, at a place behind the surface, and a flat part lies nearer to its table than the
+    table's own points scatter: neither is a point of the surroundings.
+
+    Args:
+        cloud: its views index `views`.
+        views, masks: as for `make_hull`.
+    """
+    import cv2
+
+    inside, said = np.zeros(len(cloud)), np.zeros(len(cloud))
+    owner = np.repeat(np.arange(len(cloud)), np.diff(cloud.view_start))
+    for i, mask in enumerate(masks):
+        if not (mask == 255).any():
+            continue
+        deep = cv2.distanceTransform((mask != 0).astype(np.uint8), cv2.DIST_L2, 5) > INSIDE
+        own = owner[cloud.view_index == i]
+        camera = cloud.xyz[own] @ views.R[i].T + views.t[i]
+        own, camera = own[camera[:, 2] > 0], camera[camera[:, 2] > 0]
+        uv = np.rint(camera[:, :2] / camera[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
+        there = (uv >= 0).all(1) & (uv < mask.shape[::-1]).all(1)
+        said[own[there]] += 1
+        inside[own[there]] += deep[uv[there, 1], uv[there, 0]]
+    return inside > 0.5 * np.maximum(said, 1)
+
+
+def agreement(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray]) -> np.ndarray:
+    """(n,) intersection over union of a mesh's silhouette and each view's own; NaN where the view has none.
+
+    Args:
+        vertices: (v, 3) and faces: (f, 3) of the mesh.
+        views, masks: as for `make_hull`; pixels of no evidence do not count.
+    """
+    from massprops.geometry.rasterise import silhouette
+
+    out = np.full(len(masks), np.nan)
+    for i, mask in enumerate(masks):
+        if (mask == 255).any():
+            drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])
+            own, known = mask == 255, (mask == 0) | (mask == 255)
+            out[i] = np.count_nonzero(own & drawn) / np.count_nonzero((own | drawn) & known)
+    return out
 
 
 @njit(cache=True, inline="always", error_model="numpy")

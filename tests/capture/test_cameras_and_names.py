@@ -162,7 +162,7 @@ def test_every_orientation_is_shown_upright(tmp_path: Path, ending: str, orienta
     found, header = load(path), inspect(path)
     assert header.size == found.shape[1::-1] == expected.shape[1::-1]
     assert np.abs(found.astype(int) - expected).mean() < 6
-    assert header.focal_px == pytest.approx(160)
+    assert header.focal_px == pytest.approx(160 * 36 / 34.6133, rel=1e-4)
 
 
 def test_sideways_photographs_share_the_camera(tmp_path: Path) -> None:

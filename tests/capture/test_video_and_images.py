@@ -106,7 +106,8 @@ def test_exif_focal_and_orientation(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((120, 160, 3), np.uint8)).save(path, exif=exif)
     photo = inspect(path)
     assert photo.size == (120, 160)
-    assert photo.focal_px == pytest.approx(28 / 36 * 160)
+    # the equivalent compares diagonals: 200 px here, 43.27 mm on film
+    assert photo.focal_px == pytest.approx(28 / 43.267 * 200, rel=1e-4)
 
 
 def test_natural_order_and_mixed_formats(tmp_path: Path) -> None:

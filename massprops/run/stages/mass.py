@@ -66,6 +66,7 @@ def run(job: Job) -> dict:
             used=sum(p["images"] for p in join["joined"]),
             unjoined=len(join["unjoined"]),
             valid=float(valid_bodies(draws).mean()),
+            overlap=float(surface.get("silhouette_overlap", 1.0)),
         )
     )
     partial = surface.get("partial")

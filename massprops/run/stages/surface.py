@@ -38,6 +38,7 @@ def run(job: Job) -> dict:
 
     from massprops.surface.cloud import Cloud
     from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.surface.silhouette import agreement, shown_as_object
     from massprops.surface.spread import replicates
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views, undistort
@@ -64,7 +65,10 @@ def run(job: Job) -> dict:
             image = read_image(job.work("capture") / "frames" / name, 0)
             grey.append(undistort(image, views.K[i], views.distortion[i]))
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
-    beside = job.work("join") / "other.npz"
+    beside = None
+    if (job.work("join") / "other.npz").is_file():
+        beside = Cloud.load(job.work("join") / "other.npz")
+        beside = beside.take(np.flatnonzero(~shown_as_object(beside, views, masks)))
     surface = reconstruct_surface(
         views,
         masks,
@@ -73,7 +77,7 @@ def run(job: Job) -> dict:
         progress=job.progress,
         support=support,
         moving=tumbling or given,
-        surroundings=Cloud.load(beside) if beside.is_file() else None,
+        surroundings=beside,
     )
     lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > NOTHING_LEFT:
@@ -94,6 +98,7 @@ def run(job: Job) -> dict:
         warnings.append(f"{100 * filled:.0f} % of the surface was not measured but filled from the silhouettes")
     if inferred > 0.02:
         warnings.append(f"{100 * inferred:.0f} % of the surface stood on its support, unseen, and was closed there")
+    overlap = agreement(surface.vertices, surface.faces, views, masks)
     partial = None
     if filled > MOST_FILLED:
         partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"
@@ -122,6 +127,10 @@ def run(job: Job) -> dict:
         "vertices": len(surface.vertices),
         "faces": len(surface.faces),
         "spacing": surface.spacing,
+        "silhouette_overlap": float(np.nanmedian(overlap)),
+        "silhouette_overlap_by_image": {
+            name: round(float(o), 4) for name, o in zip(views.names, overlap, strict=True) if np.isfinite(o)
+        },
         "views_that_carve": surface.hull.need,
         "warnings": warnings,
         "partial": partial,
