@@ -121,7 +121,7 @@ def test_zooms_devices_and_copies_are_cameras_of_their_own(tmp_path: Path) -> No
     _, footage, _ = staged(tmp_path, folder)
     cameras = footage["cameras"]
     assert footage["kind"] == "images" and [c["images"] for c in cameras] == [5, 4, 3]
-    assert [c["focal_px"] for c in cameras[:2]] == pytest.approx([28 / 36 * 320, 56 / 36 * 320])
+    assert [c["focal_px"] for c in cameras[:2]] == pytest.approx([28 / 34.6133 * 320, 56 / 34.6133 * 320], rel=1e-4)
     assert cameras[2]["focal_px"] is None, "two zooms have the copies' shape: neither is guessed"
     assert {f["name"][5]: f["camera"] for f in footage["frames"]} == {"a": 0, "b": 1, "c": 2}
     assert all(f["name"].startswith("cam0/") for f in footage["frames"]), "no stereo rig"
@@ -134,8 +134,8 @@ def test_a_reduced_copy_has_the_focal_length_of_its_like(tmp_path: Path) -> None
     photograph(tmp_path / "wide.jpg", (160, 90))
     cameras = open_sources(tmp_path)[0].cameras
     assert [(c.focal_source, c.focal_px and round(c.focal_px, 2)) for c in cameras] == [
-        ("exif", 248.89),
-        ("alike", 124.44),
+        ("exif", 258.86),
+        ("alike", 129.43),
         ("none", None),
     ]
     given = open_sources(tmp_path, 260.0)[0].cameras
