@@ -27,6 +27,7 @@ COMMANDS = {
     "simulate": "A tumbling body with known truth, rendered or tracked.",
     "campaign": "Many runs, on this machine or a cluster.",
     "reproduce": "The tables of the five papers, ours beside theirs.",
+    "masks": "A run's silhouettes over its images, to mend and give back.",
     "view": "The report in the browser.",
     "doctor": "What is installed, what is missing, and what to type.",
 }

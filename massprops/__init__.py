@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 _VERBS = {
     "reconstruct": "massprops.run.reconstruct",
     "mass": "massprops.run.from_mesh",
+    "masks": "massprops.run.masks",
     "estimate": "massprops.estimators",
     "compare": "massprops.exchange.compare",
     "crosscheck": "massprops.crosscheck",

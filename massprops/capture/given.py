@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.capture.images import orientation, printable, turn
+from massprops.capture.images import orientation, printable, turn, turned_back
 from massprops.errors import InputError
+
+DOUBT = 128
+"""Value of a pixel of which cannot be told whether it shows the object."""
 
 
 class GivenMasks:
@@ -66,7 +69,7 @@ def _same(name: str) -> str:
 
 
 def load_mask(path: Path, source_size: tuple[int, int], size: tuple[int, int], image: Path | None = None) -> np.ndarray:
-    """One mask at working size, (h, w) uint8 of 0 and 255.
+    """One mask at working size.
 
     Args:
         path: image file, black excluded.
@@ -74,8 +77,13 @@ def load_mask(path: Path, source_size: tuple[int, int], size: tuple[int, int], i
         size: width, height of the stored frame [px].
         image: that image's file; a mask drawn over its pixels as stored is turned as its EXIF turns the image.
 
+    A mask of 0, 128 and 255 alone, as `massprops masks` writes it, keeps its 128: cannot tell.
+
+    Returns:
+        (h, w) uint8 of 0, 255, and 128 where it cannot be told; all 0 where the object is not to be seen.
+
     Raises:
-        InputError: not an image, another size than its image, or all black.
+        InputError: not an image, or another size than its image.
     """
     import cv2
 
@@ -94,8 +102,33 @@ def load_mask(path: Path, source_size: tuple[int, int], size: tuple[int, int], i
         raise InputError(
             f"{path}: mask is {have[0]}x{have[1]}, its image {source_size[0]}x{source_size[1]}; they must agree"
         )
-    if not (mask > 127).any():
-        raise InputError(f"{path}: mask holds none of the object (all black); white is the object")
-    if have != tuple(size):
-        mask = cv2.resize(mask, tuple(size), interpolation=cv2.INTER_AREA)
-    return np.where(mask > 127, 255, 0).astype(np.uint8)
+    doubt = mask == DOUBT if np.isin(mask, (0, DOUBT, 255)).all() else np.zeros(mask.shape, bool)
+    object_, unknown = (_resized(m, tuple(size)) for m in ((mask > 127) & ~doubt, doubt))
+    return np.where(object_, 255, np.where(unknown, DOUBT, 0)).astype(np.uint8)
+
+
+def _resized(mask: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    import cv2
+
+    if mask.shape[::-1] == size:
+        return mask
+    return cv2.resize(np.where(mask, 255, 0).astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 127
+
+
+def to_original(mask: np.ndarray, source_size: tuple[int, int], exif: int = 1) -> np.ndarray:
+    """A silhouette of a stored frame as `load_mask` takes it back: at the size of the user's image.
+
+    Over the pixels as stored where EXIF turns the image on its side, as COLMAP reads them; upright where a turn could
+    not be told from the size.
+
+    Args:
+        mask: (h, w) uint8 of 0, 128 and 255, of the frame, upright.
+        source_size: width, height of the user's image, upright [px].
+        exif: its EXIF orientation, 1 to 8.
+    """
+    import cv2
+
+    size = tuple(int(v) for v in source_size)
+    soft = [cv2.resize(np.where(mask == v, 1.0, 0.0), size, interpolation=cv2.INTER_LINEAR) for v in (255, DOUBT)]
+    out = np.where(soft[0] > 0.5, 255, np.where(soft[1] >= 0.5, DOUBT, 0)).astype(np.uint8)
+    return turned_back(out, exif) if exif >= 5 and size[0] != size[1] else out

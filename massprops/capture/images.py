@@ -223,6 +223,16 @@ def turn(image: np.ndarray, orientation: int) -> np.ndarray:
     return np.ascontiguousarray(np.rot90(image, -QUARTER_TURNS[orientation]))
 
 
+def turned_back(image: np.ndarray, orientation: int) -> np.ndarray:
+    """The pixels as stored, from the image as shown: undoes `turn`."""
+    image = np.rot90(image, QUARTER_TURNS[orientation])
+    if orientation in (2, 4):
+        image = image[:, ::-1]
+    elif orientation in (5, 7):
+        image = image[::-1]
+    return np.ascontiguousarray(image)
+
+
 def reduce(image: np.ndarray, longest: int | None) -> np.ndarray:
     """The image with its longer side at most `longest` [px]."""
     import cv2

@@ -145,7 +145,7 @@ def mask_of(level: int, size: tuple[int, int] = SIZE) -> np.ndarray:
 
 BAD_MASKS: dict[str, tuple[Callable[[int], np.ndarray | None], tuple[str, ...]]] = {
     "wrong size": (lambda i: mask_of(255, (80, 60)), ("mask is 80x60, its image 160x120", "must agree")),
-    "none of the object": (lambda i: mask_of(0 if i == 3 else 255), ("03.png.png", "none of the object")),
+    "none of the object": (lambda i: mask_of(0 if i > 1 else 255), ("6 of 8 masks", "02.png", "none of the object")),
     "missing": (lambda i: None if i == 3 else mask_of(255), ("no mask for 1 of 8 images", "expected names like")),
     "no mask at all": (lambda i: None, ("no mask for 8 of 8 images", "expected names like 00.png.png")),
 }

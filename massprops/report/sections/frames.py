@@ -7,12 +7,10 @@ import numpy as np
 from massprops.capture.images import printable
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, swatch, text
+from massprops.report.outline import outlined
 
 TITLE, ORDER = "Frames and silhouettes", 3
 MOST, WIDTH = 24, 280
-OBJECT, DOUBT = (96, 220, 110), (40, 60, 230)  # BGR
-SPECK = 12
-"""Area [px] of outlines that are noise at the size of a thumbnail."""
 
 
 def render(data: RunData) -> str:
@@ -67,16 +65,9 @@ def _thumbnail(data: RunData, name: str) -> np.ndarray | None:
     image = cv2.imread(str(capture / "frames" / name))
     if image is None:
         return None
-    small = (WIDTH, max(1, round(WIDTH * image.shape[0] / image.shape[1])))
-    image = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
     for folder in (data.folder / "masks", data.folder / "work" / "silhouettes" / "masks", capture / "masks"):
         path = folder / f"{name}.png"
         mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
         if mask is not None:
-            mask = cv2.resize(mask, small, interpolation=cv2.INTER_NEAREST)
-            doubt = mask == 128
-            image[doubt] = (0.6 * image[doubt] + 0.4 * np.array(DOUBT)).astype(np.uint8)
-            lines, _ = cv2.findContours((mask > 0).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-            cv2.drawContours(image, [c for c in lines if cv2.contourArea(c) > SPECK], -1, OBJECT, 1)
-            break
-    return image
+            return outlined(image, mask, WIDTH)
+    return outlined(image, None, WIDTH)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.capture.footage import FEWEST, Chosen, Judged, Source
+from massprops.capture.images import printable
 from massprops.capture.motion import Scene, judge
 from massprops.errors import InputError
 from massprops.run.files import read_image
@@ -154,6 +155,7 @@ def _given_masks(job: Job, sources: list[Source], frames: list[dict[str, Any]]) 
     from massprops.capture.given import GivenMasks, load_mask
 
     masks = GivenMasks(Path(job.options.masks or ""))
+    empty: list[str] = []
     for source in sources:
         own = [f for f in frames if f["name"].startswith(f"cam{source.stream}/")]
         found = masks.check([(f["name"], f["source_name"]) for f in own])
@@ -162,7 +164,17 @@ def _given_masks(job: Job, sources: list[Source], frames: list[dict[str, Any]]) 
             shown = prior.size[::-1] if frame["turn"] % 2 else prior.size
             file = source.images[frame["index"]].path if source.images else None
             mask = load_mask(path, shown, (frame["width"], frame["height"]), file)
+            if not (mask == 255).any():
+                empty.append(frame["source_name"])
             _save(cv2, job.out / "masks" / f"{frame['name']}.png", mask)
+    some = ", ".join(printable(n) for n in empty[:3]) + (", ..." if len(empty) > 3 else "")
+    if len(frames) - len(empty) < FEWEST:
+        raise InputError(
+            f"{masks.folder}: {len(empty)} of {len(frames)} masks hold none of the object (all black: {some}); white is "
+            "the object"
+        )
+    if empty:
+        job.warn(f"{len(empty)} masks are all black ({some}): the object is taken not to be seen in those images")
 
 
 def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # type: ignore[no-untyped-def]

@@ -1,0 +1,50 @@
+"""`massprops masks`: a run's silhouettes, to look at and to mend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprops_cli.terminal import say
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder for the masks and the page; default: RUN-masks.")
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace masks that were mended there, and files of others.")
+    ] = False,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print the list of images on stdout and nothing else.")
+    ] = False,
+) -> None:
+    """Write a run's silhouettes at the size of your images (NAME.png, as COLMAP names them) and a page that shows them.
+
+    Mend what is wrong in any editor, and give the folder back: massprops reconstruct IMAGES --masks FOLDER.
+
+    Example: massprops masks runs/one -o one-masks --open
+    """
+    import json
+    from dataclasses import asdict
+
+    from massprops.run.masks import masks
+
+    sheet = masks(run, out, force)
+    if json_output:
+        say(json.dumps({"folder": str(sheet.folder), "images": [asdict(s) for s in sheet.images]}))
+        return
+    used = [s for s in sheet.images if not s.left_out]
+    known = sorted(s.iou for s in used if s.iou is not None)
+    say(f"{len(sheet.images)} masks in {sheet.folder}; {len(used)} images say what the shape is")
+    if known:
+        say(f"agreement with the mesh: median {known[len(known) // 2]:.3f}, worst {known[0]:.3f}")
+    if show:
+        import webbrowser
+
+        webbrowser.open(sheet.page.as_uri())
+    say(f"page: {sheet.page}")
