@@ -21,6 +21,25 @@ def command(
     masks: Annotated[
         Path | None, typer.Option(help="Silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.")
     ] = None,
+    object_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--object",
+            metavar="[FILE:]X,Y",
+            help="A pixel of the object, in the first image used or in FILE; may be repeated.",
+        ),
+    ] = None,
+    box: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--box",
+            metavar="[FILE:]X0,Y0,X1,Y1",
+            help="A rectangle in which the object lies, in the first image used or FILE.",
+        ),
+    ] = None,
+    keep_support: Annotated[
+        bool, typer.Option("--keep-support", help="A stand, foam or mat below the object belongs to it.")
+    ] = False,
     frames: Annotated[int, typer.Option(help="Most frames used per camera.")] = 120,
     max_size: Annotated[int, typer.Option(help="Longer side to which images are reduced [px].")] = 1280,
     focal: Annotated[float | None, typer.Option(help="Focal length of the source images, when known [px].")] = None,
@@ -56,6 +75,7 @@ def command(
     """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
 
     Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42
+    Example: massprops reconstruct photos -o runs/two --object IMG_0007.jpg:812,640
     """
     import json
 
@@ -72,6 +92,9 @@ def command(
             force,
             motion=motion,
             masks=str(masks) if masks else None,
+            object=tuple(object_ or ()),
+            box=tuple(box or ()),
+            keep_support=keep_support,
             frames=frames,
             max_size=max_size,
             focal=focal,

@@ -245,6 +245,28 @@ def _risen(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray | None, region
     return height > max(3 * scatter, 1.5 * pixel)
 
 
+def label_pieces(
+    xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray | None, region: Region, pixel: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """What rises from the support, by pieces that hang together. Arguments as for `split`.
+
+    Returns:
+        (n,) piece of each point, 1 the one that most lies in the middle, 2 and up the others, 0 none; and (p,) how much
+        of each piece lies in the middle, by its number.
+    """
+    axis = None if plane is None else plane[:3]
+    piece = _pieces(xyz, _risen(xyz, normal, plane, region, pixel), region, axis)
+    return piece, np.bincount(piece, _middling(xyz, region, axis) * (piece > 0))
+
+
+def _middling(xyz: np.ndarray, region: Region, axis: np.ndarray | None) -> np.ndarray:
+    """(n,) weight of points by their nearness to the middle of the region, or to its axis."""
+    off = xyz - region.centre
+    if axis is not None:
+        off = off - (off @ axis)[:, None] * axis
+    return np.exp(-((np.linalg.norm(off, axis=1) / (NARROW * region.radius)) ** 2))
+
+
 def _pieces(xyz: np.ndarray, candidate: np.ndarray, region: Region, axis: np.ndarray | None) -> np.ndarray:
     """(n,) connected piece of each candidate: 1 the one that most lies in the middle, 2 and up the others, 0 none."""
     from scipy.ndimage import generate_binary_structure, label
@@ -262,11 +284,7 @@ def _pieces(xyz: np.ndarray, candidate: np.ndarray, region: Region, axis: np.nda
     if number == 0:
         return out
     own = piece[tuple(cell.T)]
-    off = xyz[index] - region.centre
-    if axis is not None:
-        off = off - (off @ axis)[:, None] * axis
-    weight = np.exp(-((np.linalg.norm(off, axis=1) / (NARROW * region.radius)) ** 2))
-    total = np.bincount(own, weight, number + 1)
+    total = np.bincount(own, _middling(xyz[index], region, axis), number + 1)
     total[0] = 0.0
     best = int(np.argmax(total))
     out[index] = np.where(own == best, 1, np.where(own == 0, 0, own + 1))

@@ -15,6 +15,9 @@ class ReconstructOptions:
         source: video, folder of images or sequence folder, as an absolute path.
         motion: `auto`, `tumbling` (body moves before a still camera) or `static` (camera moves round a still object).
         masks: folder of silhouettes in COLMAP's naming (`NAME.png` appended to the image name, black excluded).
+        object: pixels that show the object, each "X,Y" of the first image used or "FILE:X,Y".
+        box: rectangles in which it lies, each "X0,Y0,X1,Y1" or "FILE:X0,Y0,X1,Y1".
+        keep_support: a stand, foam or mat below the object belongs to it.
         frames: most frames used per camera.
         max_size: longer side to which images are reduced [px].
         focal: focal length [px of the source image], when known.
@@ -33,6 +36,9 @@ class ReconstructOptions:
     source: str = ""
     motion: str = "auto"
     masks: str | None = None
+    object: tuple[str, ...] = ()
+    box: tuple[str, ...] = ()
+    keep_support: bool = False
     frames: int = 120
     max_size: int = 1280
     focal: float | None = None

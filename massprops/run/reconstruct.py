@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from massprops.capture.choice import check_early, parse
 from massprops.core.outputs import claim, verify
 from massprops.errors import InputError
 from massprops.run.files import hash_input, readable
@@ -113,12 +114,20 @@ def checked_options(source: str | Path, options: dict[str, Any]) -> ReconstructO
             if not folder.is_dir():
                 raise InputError(f"--{name} {folder}: no such folder")
             options[name] = str(folder.resolve())
+    for name in ("object", "box"):
+        given = options.get(name) or ()
+        options[name] = (given,) if isinstance(given, str) else tuple(given)
     _check_early(source, options)
     return ReconstructOptions(source=str(source.resolve()), **options)
 
 
 def _check_early(source: Path, options: dict[str, Any]) -> None:
     """What would otherwise be told after an hour's work."""
+    pointed = [parse(name, value) for name in ("object", "box") for value in options[name]]
+    for one in pointed:
+        check_early(one, source)
+    if (pointed or options.get("keep_support")) and options.get("masks") is not None:
+        raise InputError("--masks says already what the object is: leave out --object, --box and --keep-support")
     if options.get("sparse") is not None:
         from massprops.sfm.model_folder import find_model
 

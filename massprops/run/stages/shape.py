@@ -8,16 +8,22 @@ the lines of sight of everything else.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprops.errors import NotPossible
+from massprops.capture.choice import Located, locate, parse
+from massprops.errors import InputError, NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
+if TYPE_CHECKING:
+    from massprops.capture.readings import Reading, Scene
+
 READS = ("capture", "sfm")
-OPTIONS = ()
+OPTIONS = ("object", "box", "keep_support")
 
 REFERENCES = 30
 """Depth maps of the first, rough stereo."""
@@ -43,7 +49,8 @@ def run(job: Job) -> dict:
     from massprops.views import Views
 
     views = Views.load(job.work("sfm") / "views.npz")
-    if all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names):
+    pointed = _pointed(job, views)
+    if not pointed and all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names):
         return _said(job, {"placements": [], "lost": []})
     sparse = SparsePoints.load(job.work("sfm") / "points.npz")
     region = region_of(views)
@@ -57,10 +64,11 @@ def run(job: Job) -> dict:
         try:
             if len(member) < LEAST_VIEWS:
                 raise NotPossible(f"{len(member)} images are too few for a placement of its own")
-            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements))
+            here = [replace(p, view=int(np.flatnonzero(member == p.view)[0])) for p in pointed if p.view in member]
+            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements), here)
             placements.append({"images": names, **facts})
         except NotPossible as error:
-            if k == 0 and divided.count == 1:
+            if divided.count == 1 or any(p.view in member for p in pointed):
                 raise
             lost.append({"images": names, "reason": str(error)})
     if not placements:
@@ -80,18 +88,39 @@ def _said(job: Job, facts: dict) -> dict:
     return {"placements": [len(p["images"]) for p in facts["placements"]], "lost": len(facts["lost"])}
 
 
-def _placement(job: Job, views, sparse, number: int) -> dict:  # type: ignore[no-untyped-def]
+def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
+    """What the user points at, in the registered views.
+
+    Raises:
+        InputError: in footage of a body that moves, where it cannot be followed; or as `locate`.
+    """
+    options = job.options
+    if not (options.object or options.box or options.keep_support):
+        return []
+    footage = json.loads((job.work("capture") / "footage.json").read_text())
+    if footage["motion"] == "tumbling":
+        raise InputError(
+            "--object, --box and --keep-support are for a still object: this footage was taken for a body that moves "
+            "before a still camera; leave them out, or give --motion static"
+        )
+    wanted = [parse("object", o) for o in options.object] + [parse("box", b) for b in options.box]
+    return [locate(p, footage, views) for p in wanted]
+
+
+def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> dict:  # type: ignore[no-untyped-def]
     """The first shape of one placement; views and sparse points are its own."""
-    from massprops.capture.support import find_support, region_of, split
+    from massprops.capture.readings import Scene, find_object
+    from massprops.capture.support import region_of
     from massprops.surface.reconstruct import reconstruct_surface
 
     region = region_of(views)
     cloud, colour = _dense(job, views, region, sparse)
-    plane = find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed)
     pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
-    found = split(cloud.xyz, cloud.normal, plane, region, pixel)
+    scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
+    object_ = find_object(scene, pointed, job.options.keep_support, job.seed)
+    found = object_.split
     if found.member.sum() < LEAST_POINTS:
-        what = "nothing stands out" if plane is None else "nothing rises from the plane"
+        what = "nothing stands out" if found.plane is None else "nothing rises from the plane"
         raise NotPossible(
             f"{what} where the cameras look: keep the object in the middle of the images, give it texture or side light, "
             "or give its silhouettes with --masks"
@@ -109,11 +138,31 @@ def _placement(job: Job, views, sparse, number: int) -> dict:  # type: ignore[no
     np.save(folder / "other_colour.npy", colour[found.other])
     other.save(folder / "other.npz")
     return {
+        "readings": _readings(job, scene, object_.readings, number),
         "support_plane": None if found.plane is None else found.plane.tolist(),
         "object_points": int(found.member.sum()),
         "other_points": int(found.other.sum()),
         "region_radius": region.radius,
     }
+
+
+def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> list[dict]:
+    """The readings between which nothing decides, each with its picture, for `shape.json`."""
+    import cv2
+
+    from massprops.capture.readings import best_view, described, picture
+    from massprops.views import undistort
+
+    out = []
+    for k, reading in enumerate(readings):
+        i = best_view(readings[-1], scene)
+        views = scene.views
+        image = read_image(job.work("capture") / "frames" / views.names[i])
+        drawn = picture(reading, scene, i, undistort(image, views.K[i], views.distortion[i]))
+        file = f"placement{number}/reading{k}.png"
+        cv2.imwrite(str(job.out / file), drawn)
+        out.append({**described(reading, scene, used=k == 0), "picture": file, "image": views.names[i]})
+    return out
 
 
 def placement_folder(work: Path, number: int) -> Path:

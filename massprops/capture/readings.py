@@ -1,0 +1,409 @@
+"""Which of what stands on the support is the object: as the user points, or as the cameras look; and what else it may be.
+
+Two readings can fit the same points: an object, and the object with the stand, foam or plate that it stands on; or two
+things of like size side by side. Nothing in the points decides between them, so both are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from massprops.capture.choice import Located
+from massprops.capture.support import (
+    TOLERANCE,
+    OnSupport,
+    Region,
+    axes,
+    find_support,
+    label_pieces,
+    on_plane,
+    planes,
+    split,
+)
+from massprops.errors import NotPossible
+from massprops.views import Views
+
+NEAR_PX = (3.0, 6.0, 12.0)
+"""Distances from the pixel pointed at within which points are looked for, one after the other [px]."""
+DEEP = 0.05
+"""Points this much farther than the nearest, in radii of the region, lie behind it."""
+LIKE_WEIGHT, LIKE_SIZE = 0.3, 0.5
+"""Another piece is of like size when it holds this share of the first one's weight about the middle of the views, and
+this share of its extent. Neighbours on the cluttered bench tables hold 0.1 of it at most."""
+LEAST_UPPER = 0.1
+"""Share of a piece's points that rise above a level within it, for that level to carry something."""
+AROUND = 9
+"""Of 12 sectors about the foot of what is carried, those in which a stand's top must reach beyond it."""
+FOOT = 0.25
+"""The foot: the lowest part of what is carried, of its height."""
+WIDER = 1.25
+"""A stand is nowhere this much wider than its top: a foam block, a plate, a plinth."""
+ALIKE = 0.6
+"""Overlap of the colours of stand and carried (Bhattacharyya) above which they are one thing: a plate with its handle, a
+machined part with its boss."""
+COLOUR_BINS = 8
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One answer to what the object is.
+
+    Attributes:
+        what: in words.
+        member: (n,) bool, its points.
+        plane: (4,) what it stands on, or None.
+        option: how the user asks for it.
+    """
+
+    what: str
+    member: np.ndarray
+    plane: np.ndarray | None
+    option: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Dense points of the region: xyz, normal (n, 3), rgb (n, 3) uint8; the views and their region; size of a pixel at
+    the object [units of the reconstruction]."""
+
+    xyz: np.ndarray
+    normal: np.ndarray
+    rgb: np.ndarray
+    views: Views
+    region: Region
+    pixel: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """The object, and the readings between which nothing decides, the one that is used first; none where one fits."""
+
+    split: OnSupport
+    readings: list[Reading] = field(default_factory=list)
+
+
+def find_object(scene: Scene, pointed: Sequence[Located] = (), keep_support: bool = False, seed: int = 0) -> Found:
+    """The object among the points of a region.
+
+    Args:
+        scene: the points.
+        pointed: what the user points at in these views.
+        keep_support: what it stands on belongs to it, down to the lowest plane seen.
+        seed: of the draws.
+
+    Raises:
+        NotPossible: the user points at the support or at nothing.
+    """
+    plane = find_support(scene.xyz, scene.normal, scene.views.centres, scene.region, seed)
+    if keep_support and plane is not None:
+        plane = lowest_support(scene, plane, seed)
+    first = split(scene.xyz, scene.normal, plane, scene.region, scene.pixel)
+    plane = first.plane
+    piece, weight = label_pieces(scene.xyz, scene.normal, plane, scene.region, scene.pixel)
+    if pointed:
+        chosen = _chosen(scene, piece, plane, pointed)
+        first = _as_split(scene, piece, chosen, plane)
+    elif not first.member.any():
+        return Found(first)
+    if keep_support:
+        return Found(first)
+    top = stand_top(scene, first.member, plane, seed)
+    if top is not None:
+        return _with_stand(scene, first, top, pointed)
+    return Found(first, [] if pointed else _rivals(scene, first, piece, weight))
+
+
+def _as_split(scene: Scene, piece: np.ndarray, member: np.ndarray, plane: np.ndarray | None) -> OnSupport:
+    """The chosen points as the object; the support and other large pieces as the surroundings."""
+    from massprops.capture.support import LEAST_PIECE
+
+    count = np.bincount(piece[~member & (piece > 0)], minlength=piece.max() + 1)
+    other = (count >= LEAST_PIECE)[piece] & ~member & (piece > 0)
+    if plane is not None:
+        other |= on_plane(scene.xyz, scene.normal, plane, TOLERANCE * scene.region.radius) & ~member
+    return OnSupport(member, other, plane)
+
+
+# ---- what the user points at
+
+
+def _chosen(scene: Scene, piece: np.ndarray, plane: np.ndarray | None, pointed: Sequence[Located]) -> np.ndarray:
+    member = np.zeros(len(piece), bool)
+    for one in pointed:
+        if one.pointed.is_box:
+            member |= _in_box(scene, piece, one)
+        else:
+            member |= piece == piece_at(scene, piece, one)
+    return member
+
+
+def _seen(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) and depths (n,) of all points in one view; NaN behind the camera."""
+    v = scene.views
+    camera = scene.xyz @ v.R[view].T + v.t[view]
+    z = np.where(camera[:, 2] > 1e-9, camera[:, 2], np.nan)
+    return camera[:, :2] / z[:, None] @ v.K[view][:2, :2].T + v.K[view][:2, 2], z
+
+
+def piece_at(scene: Scene, piece: np.ndarray, at: Located) -> int:
+    """The piece that a pixel shows.
+
+    Args:
+        scene: the points; piece: (n,) of `label_pieces`.
+        at: the pixel.
+
+    Raises:
+        NotPossible: it shows the support or nothing that was measured.
+    """
+    uv, z = _seen(scene, at.view)
+    away = np.hypot(*(uv - at.uv[0]).T)
+    deep = DEEP * scene.region.radius
+    front = 0
+    for radius in NEAR_PX:
+        near = np.flatnonzero(away < radius)
+        if len(near) < 3:
+            continue
+        front = int(np.bincount(piece[near[z[near] < np.nanmin(z[near]) + deep]]).argmax())
+        if front:
+            return front
+        break
+    covers = [(np.nanmedian(z[piece == k]), k) for k in _outlines(piece, uv, at)]
+    if covers:
+        return min(covers)[1]
+    what = "shows the background or what the object stands on"
+    raise NotPossible(
+        f"{at.pointed.option}: that pixel of {at.name} {what}: give a pixel on the object, or a rectangle round it "
+        "with --box"
+    )
+
+
+def _outlines(piece: np.ndarray, uv: np.ndarray, at: Located) -> list[int]:
+    """Pieces within whose convex outline the pixel lies: glossy and plain sides have no points of their own."""
+    import cv2
+
+    found = []
+    for k in np.unique(piece[piece > 0]):
+        own = uv[piece == k]
+        own = own[np.isfinite(own).all(1)]
+        if len(own) < 20:
+            continue
+        outline = cv2.convexHull(own.astype(np.float32))
+        if cv2.pointPolygonTest(outline, tuple(float(v) for v in at.uv[0]), False) >= 0:
+            found.append(int(k))
+    return found
+
+
+def _in_box(scene: Scene, piece: np.ndarray, at: Located) -> np.ndarray:
+    """(n,) bool: the largest thing that lies in a rectangle of one view, and its other large parts there."""
+    uv, _ = _seen(scene, at.view)
+    low, high = at.uv.min(0), at.uv.max(0)
+    inside = (piece > 0) & ((uv >= low) & (uv <= high)).all(1)
+    count, whole = (np.bincount(piece[m], minlength=piece.max() + 1) for m in (inside, piece > 0))
+    if not inside.any() or count.max() < 20:
+        raise NotPossible(
+            f"{at.pointed.option}: nothing that rises from its support was measured in that rectangle of {at.name}: "
+            "draw it round the object"
+        )
+    # what lies behind the object shows a part only
+    mostly = (count > 0.6 * np.maximum(whole, 1)) & (count >= 0.1 * count.max())
+    mostly[int(count.argmax())] = True
+    return inside & mostly[piece]
+
+
+# ---- what it stands on
+
+
+def lowest_support(scene: Scene, plane: np.ndarray, seed: int = 0) -> np.ndarray:
+    """The lowest plane seen that is parallel to a support and below it, or the support itself."""
+    from massprops.capture.support import thin_cells
+
+    few = thin_cells(scene.xyz, scene.region.radius / 150)
+    xyz, normal = scene.xyz[few], scene.normal[few]
+    middle = scene.region.centre
+    best, depth = plane, 0.0
+    for other in planes(xyz, normal, scene.region.radius, seed):
+        below = float((other[:3] @ middle + other[3]) - (plane[:3] @ middle + plane[3]))
+        parallel = other[:3] @ plane[:3] > 0.97
+        if parallel and below > max(depth, 4 * TOLERANCE * scene.region.radius):
+            best, depth = other, below
+    return best
+
+
+def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: int = 0) -> np.ndarray | None:
+    """The plane (4,) within a piece on which something else stands, of another colour; None where there is none.
+
+    Args:
+        scene: the points; member: (n,) bool, the piece.
+        plane: (4,) what the piece stands on.
+        seed: of the draws.
+    """
+    if plane is None or member.sum() < 500:
+        return None
+    own = np.flatnonzero(member)
+    height = scene.xyz[own] @ plane[:3] + plane[3]
+    facing = own[scene.normal[own] @ plane[:3] > 0.85]
+    if len(facing) < 200:
+        return None
+    radius = 0.5 * float(np.linalg.norm(np.ptp(scene.xyz[own], axis=0)))
+    found = []
+    for top in planes(scene.xyz[facing], scene.normal[facing], min(scene.region.radius, 2 * radius), seed):
+        rise = scene.xyz[own] @ top[:3] + top[3]
+        step = max(2 * TOLERANCE * scene.region.radius, 2 * scene.pixel)
+        upper, lower = rise > step, rise < -step
+        if top[:3] @ plane[:3] < 0.97 or upper.mean() < LEAST_UPPER or np.median(height[np.abs(rise) < step]) < step:
+            continue
+        if _carried(scene, own, rise, step, top) and _colours_alike(scene.rgb[own], upper, ~upper) < ALIKE:
+            found.append((float(upper.mean() * lower.mean() + upper.mean()), top))
+    return max(found, key=lambda f: f[0])[1] if found else None
+
+
+def _carried(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:
+    """Whether a level reaches beyond the foot of what is above it, all about, and nothing below is wider."""
+    upper, level, lower = rise > step, np.abs(rise) < step, rise < -step
+    first, second = axes(top)
+    x, y = scene.xyz[own] @ first, scene.xyz[own] @ second
+    foot = upper & (rise < step + FOOT * np.percentile(rise[upper], 98))
+    if foot.sum() < 20 or level.sum() < 50:
+        return False
+    middle = np.median(x[foot]), np.median(y[foot])
+    away, turn = np.hypot(x - middle[0], y - middle[1]), np.arctan2(y - middle[1], x - middle[0])
+    sector = np.floor((turn / (2 * np.pi) + 0.5) * 12).astype(int) % 12
+    beyond = 0
+    for k in range(12):
+        here = sector == k
+        reach = np.percentile(away[foot & here], 90) if (foot & here).sum() >= 3 else 0.0
+        beyond += int((level & here & (away > 1.05 * reach)).sum() >= 3)
+    if beyond < AROUND:
+        return False
+    centre = np.median(x[level]), np.median(y[level])
+    out = np.hypot(x - centre[0], y - centre[1])
+    return not lower.any() or np.percentile(out[lower], 95) < WIDER * np.percentile(out[level], 95)
+
+
+def _colours_alike(rgb: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
+    """Bhattacharyya coefficient of the colours of two sets of points, 0 to 1."""
+    from scipy.ndimage import gaussian_filter
+
+    cell = (rgb.astype(int) * COLOUR_BINS // 256) @ [COLOUR_BINS**2, COLOUR_BINS, 1]
+    share = []
+    for chosen in (one, other):
+        count = np.bincount(cell[chosen], minlength=COLOUR_BINS**3).reshape((COLOUR_BINS,) * 3).astype(float)
+        smooth = gaussian_filter(count, 0.5).ravel()
+        share.append(smooth / max(smooth.sum(), 1e-9))
+    return float(np.sqrt(share[0] * share[1]).sum())
+
+
+def _with_stand(scene: Scene, whole: OnSupport, top: np.ndarray, pointed: Sequence[Located]) -> Found:
+    """Object without its stand, the stand among the surroundings; with it where the user points at the stand."""
+    rise = scene.xyz @ top[:3] + top[3]
+    step = max(1.5 * TOLERANCE * scene.region.radius, 1.5 * scene.pixel)
+    upper = whole.member & (rise > step)
+    alone = OnSupport(upper, whole.other | (whole.member & ~upper), top)
+    readings = [
+        Reading("the object without what it stands on", upper, top, "--object X,Y with a pixel of the object"),
+        Reading("the object with what it stands on", whole.member, whole.plane, "--keep-support"),
+    ]
+    if not pointed:
+        return Found(alone, readings)
+    pixels = [p for p in pointed if not p.pointed.is_box]
+    if not pixels:  # a rectangle round both says that both are meant
+        return Found(whole)
+    of = np.where(upper, 1, np.where(whole.member, 2, 0))
+    hit = {piece_at(scene, of, p) for p in pixels}
+    return Found(whole if 2 in hit else alone)
+
+
+# ---- what stands beside it
+
+
+def _rivals(scene: Scene, found: OnSupport, piece: np.ndarray, weight: np.ndarray) -> list[Reading]:
+    """The object and other pieces of like size and place; none where it is alone."""
+    own = np.bincount(piece[found.member & (piece > 0)], minlength=len(weight))
+    if not own.any():
+        return []
+    first = int(own.argmax())
+    out = [Reading("the thing most in the middle", found.member, found.plane, "--object X,Y with a pixel of it")]
+    size = _extent(scene.xyz[piece == first], found.plane)
+    for k in np.argsort(-weight, kind="stable"):
+        if k == first or k == 0 or weight[k] < LIKE_WEIGHT * weight[first]:
+            continue
+        other = _extent(scene.xyz[piece == k], found.plane)
+        like = LIKE_SIZE < other.max() / max(size.max(), 1e-12) < 1 / LIKE_SIZE and _apart(
+            scene, piece, first, int(k), found
+        )
+        if like:
+            out.append(Reading("another of like size", piece == k, found.plane, "--object X,Y with a pixel of it"))
+    return out if len(out) > 1 else []
+
+
+def _apart(scene: Scene, piece: np.ndarray, a: int, b: int, found: OnSupport) -> bool:
+    """Whether two pieces are two things: the support shows between them. Parts of one thing are joined by a side on which
+    nothing could be measured."""
+    from scipy.spatial import cKDTree
+
+    one, two = scene.xyz[piece == a], scene.xyz[piece == b]
+    away, place = cKDTree(one).query(two)
+    nearest = np.argsort(away, kind="stable")[: max(1, len(away) // 20)]
+    gap = float(away[nearest[0]])
+    if found.plane is None:
+        return gap > 0.25 * float(min(_extent(one).max(), _extent(two).max()))
+    middle = 0.5 * (two[nearest] + one[place[nearest]]).mean(0)
+    held = scene.xyz[on_plane(scene.xyz, scene.normal, found.plane, TOLERANCE * scene.region.radius)]
+    n = found.plane[:3]
+    flat = held - middle - ((held - middle) @ n)[:, None] * n
+    return int((np.linalg.norm(flat, axis=1) < 0.25 * gap).sum()) >= 3
+
+
+def _extent(xyz: np.ndarray, plane: np.ndarray | None = None) -> np.ndarray:
+    """(3,) lengths of points, largest first: above a plane and along the principal axes within it, or along all three."""
+    middle = xyz - xyz.mean(0)
+    low = np.zeros((0, 2))
+    if plane is not None:
+        height = middle @ plane[:3]
+        low = np.percentile(height, [1, 99])[None]
+        middle = middle - height[:, None] * plane[:3]
+    turn = np.linalg.svd(middle[:: max(1, len(middle) // 5000)], full_matrices=False)[2][: 3 - len(low)]
+    reach = np.concatenate([low, np.percentile(middle @ turn.T, [1, 99], axis=0).T])
+    return np.sort(reach[:, 1] - reach[:, 0])[::-1]
+
+
+def described(reading: Reading, scene: Scene, used: bool) -> dict:
+    """A reading for `shape.json`: in words, its extent [units of the reconstruction], whether it is used, the option."""
+    return {
+        "reading": reading.what,
+        "extent": [float(v) for v in _extent(scene.xyz[reading.member], reading.plane)],
+        "points": int(reading.member.sum()),
+        "used": used,
+        "option": reading.option,
+    }
+
+
+def best_view(reading: Reading, scene: Scene) -> int:
+    """The view that shows most of a reading's points, the first of equal ones."""
+    shown = []
+    for i in range(len(scene.views)):
+        uv, _ = _seen(scene, i)
+        own = uv[reading.member]
+        shown.append(round(float(((own > 0) & (own < scene.views.size[i] - 1)).all(1).mean()), 2))
+    return int(np.argmax(shown))
+
+
+def picture(reading: Reading, scene: Scene, view: int, image: np.ndarray, width: int = 480) -> np.ndarray:
+    """The image (h, w, 3) BGR, undistorted, with a reading's points laid over in green, `width` pixels wide."""
+    import cv2
+
+    uv, _ = _seen(scene, view)
+    own = uv[reading.member]
+    own = own[np.isfinite(own).all(1)]
+    factor = width / image.shape[1]
+    out = cv2.resize(image, (width, max(1, round(image.shape[0] * factor))), interpolation=cv2.INTER_AREA)
+    mask = np.zeros(out.shape[:2], np.uint8)
+    i, j = np.rint(own * factor).astype(int).T if len(own) else (np.zeros(0, int),) * 2
+    inside = (i >= 0) & (j >= 0) & (i < mask.shape[1]) & (j < mask.shape[0])
+    mask[j[inside], i[inside]] = 1
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
+    out[mask > 0] = (0.55 * out[mask > 0] + 0.45 * np.array((96, 220, 110))).astype(np.uint8)
+    return out

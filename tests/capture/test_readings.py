@@ -1,0 +1,304 @@
+"""What the user points at, and the readings between which points alone do not decide."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from test_object_on_support import box, rectangle, scene
+
+from massprops.capture.choice import Located, Pointed, check_early, locate, parse
+from massprops.capture.readings import Found, Scene, described, find_object, picture
+from massprops.capture.support import Region
+from massprops.errors import InputError, NotPossible
+from massprops.views import Views
+
+SIZE = (320, 240)
+K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+GREY, RED, BLUE = (120, 120, 120), (200, 40, 40), (40, 60, 200)
+PIXEL = 0.006
+
+
+def orbit(n: int = 24) -> Views:
+    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    centre = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), np.full(n, 1.5)])
+    z = np.array([0, 0, 0.1]) - centre
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    R = np.stack([x, np.cross(z, x), z], axis=1)
+    many = {
+        "K": np.tile(K, (n, 1, 1)),
+        "distortion": np.zeros((n, 4)),
+        "R": R,
+        "t": -np.einsum("nij,nj->ni", R, centre),
+    }
+    names = tuple(f"cam0/{i:02d}.jpg" for i in range(n))
+    return Views(names=names, timestamp_ns=np.full(n, -1), size=np.tile(SIZE, (n, 1)), **many)
+
+
+VIEWS = orbit()
+
+
+def made(*parts: tuple[tuple[np.ndarray, np.ndarray], tuple[int, int, int]]) -> Scene:
+    xyz, normal = scene(*(p for p, _ in parts))
+    rgb = np.concatenate([np.tile(np.array(c, np.uint8), (len(p[0]), 1)) for p, c in parts])
+    return Scene(xyz, normal, rgb, VIEWS, Region(np.array([0, 0, 0.1]), 1.0), PIXEL)
+
+
+def ground(rng: np.random.Generator, half: float = 0.2, z: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    xyz, normal = rectangle(rng, 40_000, 1.0, 1.0, z)
+    free = (np.abs(xyz[:, :2]) > half).any(1)
+    return xyz[free], normal[free]
+
+
+def pixel_of(point: tuple[float, float, float], view: int = 0, name: str = "object") -> Located:
+    camera = VIEWS.R[view] @ np.array(point) + VIEWS.t[view]
+    uv = (K @ (camera / camera[2]))[:2]
+    return Located(Pointed(f"--{name} {uv[0]:.0f},{uv[1]:.0f}", "", tuple(uv)), view, "00.jpg", uv[None])
+
+
+def two_boxes() -> tuple[Scene, int, int]:
+    """A red and a blue box of like size, each as far from the middle; the numbers of their points."""
+    rng = np.random.default_rng(0)
+    left = box(rng, 6000, np.array([0.1, 0.1, 0.12]), np.array([-0.2, 0, 0.12]))
+    right = box(rng, 6000, np.array([0.1, 0.12, 0.1]), np.array([0.21, 0, 0.1]))
+    table = rectangle(rng, 40_000, 1.0, 1.0, 0.0)
+    return made((table, GREY), (left, RED), (right, BLUE)), 6000, 6000
+
+
+def on_stand(colour: tuple[int, int, int] = RED) -> Scene:
+    """A box of some colour on a flat blue block on a table."""
+    rng = np.random.default_rng(1)
+    block = box(rng, 16_000, np.array([0.25, 0.25, 0.04]), np.array([0, 0, 0.04]))
+    carried = (block[0][:, 2] > 0.075) & (np.abs(block[0][:, :2]) < 0.1).all(1)
+    block = block[0][~carried], block[1][~carried]
+    own = box(rng, 8000, np.array([0.1, 0.1, 0.12]), np.array([0, 0, 0.2]))
+    return made((ground(rng, 0.25), GREY), (block, BLUE), (own, colour))
+
+
+def share(found: Found, points: Scene, colour: tuple[int, int, int]) -> float:
+    return float(found.split.member[(points.rgb == colour).all(1)].mean())
+
+
+# ---- pointing
+
+
+@pytest.mark.parametrize(("x", "own", "other"), [(-0.2, RED, BLUE), (0.21, BLUE, RED)])
+def test_the_piece_under_the_pixel_is_the_object(x: float, own: tuple, other: tuple) -> None:
+    points, *_ = two_boxes()
+    for view in (0, 7, 15):
+        found = find_object(points, [pixel_of((x, 0, 0.22), view)])
+        assert share(found, points, own) > 0.85 and share(found, points, other) == 0 and not found.readings
+        assert found.split.other[(points.rgb == other).all(1)].mean() > 0.85, "the other's lines of sight carve"
+
+
+def test_a_pixel_on_a_side_without_points(x: float = -0.2) -> None:
+    """A glossy side shows no points of its own, and those of the table behind it lie under the pixel."""
+    points, *_ = two_boxes()
+    # view 6 looks along -y: the side towards it and the far one, seen through it, are bare
+    red, (px, py, pz) = (points.rgb == RED).all(1), points.xyz.T
+    sides = red & (np.abs(py) > 0.05) & (np.abs(px - x) < 0.06) & (pz < 0.2)
+    below = (np.abs(px - x) < 0.1) & (np.abs(py) < 0.1) & (pz < 0.01)
+    keep = np.flatnonzero(~sides & ~below)
+    bare = replace(points, xyz=points.xyz[keep], normal=points.normal[keep], rgb=points.rgb[keep])
+    found = find_object(bare, [pixel_of((x, 0.1, 0.12), 6)])
+    assert share(found, bare, RED) > 0.8 and share(found, bare, BLUE) == 0
+
+
+def test_several_pixels_are_several_parts() -> None:
+    points, *_ = two_boxes()
+    found = find_object(points, [pixel_of((-0.2, 0, 0.24)), pixel_of((0.21, 0, 0.2))])
+    assert min(share(found, points, c) for c in (RED, BLUE)) > 0.85
+
+
+@pytest.mark.parametrize("at", [(0.0, -0.7, 0.0), (0.55, 0.55, 0.0)])
+def test_a_pixel_on_the_table_is_refused(at: tuple[float, float, float]) -> None:
+    points, *_ = two_boxes()
+    with pytest.raises(NotPossible, match=r"--object .*00\.jpg shows the background.*--box"):
+        find_object(points, [pixel_of(at, 3)])
+
+
+def test_a_rectangle_holds_the_object() -> None:
+    points, *_ = two_boxes()
+    corners = np.array([[x, y, z] for x in (-0.32, -0.08) for y in (-0.12, 0.12) for z in (0, 0.26)])
+    uv = np.concatenate([pixel_of(tuple(c), 6).uv for c in corners])
+    at = Located(Pointed("--box", "", (0.0,) * 4), 6, "06.jpg", np.stack([uv.min(0), uv.max(0)]))
+    found = find_object(points, [at])
+    assert share(found, points, RED) > 0.85 and share(found, points, BLUE) == 0
+    empty = replace(at, uv=np.array([[2.0, 2.0], [30.0, 20.0]]))
+    with pytest.raises(NotPossible, match="nothing that rises"):
+        find_object(points, [empty])
+
+
+# ---- two readings
+
+
+def test_two_things_of_like_size_are_both_named() -> None:
+    points, *_ = two_boxes()
+    found = find_object(points)
+    assert len(found.readings) == 2 and all("--object" in r.option for r in found.readings)
+    both = [described(r, points, used=k == 0) for k, r in enumerate(found.readings)]
+    assert [b["used"] for b in both] == [True, False]
+    assert np.allclose([sorted(b["extent"]) for b in both], [[0.2, 0.2, 0.24]] * 2, atol=0.06)
+    assert not (found.readings[0].member & found.readings[1].member).any()
+    assert np.array_equal(found.readings[0].member, found.split.member)
+
+
+def test_a_small_or_distant_neighbour_is_no_second_reading() -> None:
+    rng = np.random.default_rng(3)
+    own = box(rng, 6000, np.array([0.15, 0.1, 0.12]), np.array([0, 0, 0.12]))
+    small = box(rng, 600, np.array([0.03, 0.03, 0.03]), np.array([0.3, 0, 0.03]))
+    distant = box(rng, 5000, np.array([0.12, 0.12, 0.12]), np.array([-0.7, 0.3, 0.12]))
+    assert find_object(made((ground(rng), GREY), (own, RED), (small, BLUE), (distant, BLUE))).readings == []
+
+
+def test_one_thing_whose_middle_could_not_be_measured_is_one() -> None:
+    rng = np.random.default_rng(4)
+    own = box(rng, 9000, np.array([0.3, 0.1, 0.12]), np.array([0, 0, 0.12]))
+    seen = np.abs(own[0][:, 0]) > 0.12
+    table, normal = rectangle(rng, 40_000, 1.0, 1.0, 0.0)
+    free = (np.abs(table) > [0.3, 0.1, -1]).any(1) & ~((np.abs(table[:, 0]) < 0.3) & (np.abs(table[:, 1]) < 0.1))
+    points = made(((table[free], normal[free]), GREY), ((own[0][seen], own[1][seen]), RED))
+    assert find_object(points).readings == []
+
+
+def test_what_it_stands_on_is_not_silently_the_object() -> None:
+    points = on_stand()
+    found = find_object(points)
+    assert share(found, points, RED) > 0.85 and share(found, points, BLUE) < 0.02
+    assert found.split.plane is not None and abs(found.split.plane[3] + 0.08) < 0.01, "closed at the stand's top"
+    assert len(found.readings) == 2 and found.readings[1].option == "--keep-support"
+    assert found.readings[1].member[(points.rgb == BLUE).all(1)].mean() > 0.7
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_the_user_settles_it(keep: bool) -> None:
+    points = on_stand()
+    settled = find_object(points, keep_support=True) if keep else find_object(points, [pixel_of((0.0, 0.0, 0.32))])
+    assert settled.readings == [] and share(settled, points, RED) > 0.85
+    assert (share(settled, points, BLUE) > 0.7) == keep
+    at_stand = find_object(points, [pixel_of((0.2, 0.2, 0.08))])
+    assert share(at_stand, points, BLUE) > 0.7, "who points at the stand means it too"
+
+
+def test_a_plate_with_a_handle_of_its_own_colour_is_one_thing() -> None:
+    found = find_object(on_stand(BLUE))
+    assert found.readings == [] and found.split.member[(on_stand(BLUE).rgb == BLUE).all(1)].mean() > 0.7
+
+
+def test_a_box_is_no_stand_of_itself() -> None:
+    rng = np.random.default_rng(5)
+    own = box(rng, 8000, np.array([0.15, 0.1, 0.12]), np.array([0, 0, 0.12]))
+    points = made((ground(rng), GREY), (own, RED))
+    painted = points.rgb.copy()
+    painted[points.xyz[:, 2] > 0.2] = BLUE
+    assert find_object(replace(points, rgb=painted)).readings == []
+
+
+def test_the_mat_is_kept_where_a_lower_plane_was_seen() -> None:
+    """The mat, wide and thin, is the support; with --keep-support the table below it is."""
+    rng = np.random.default_rng(6)
+    own = box(rng, 6000, np.array([0.12, 0.12, 0.12]), np.array([0, 0, 0.2]))
+    mat = box(rng, 30_000, np.array([0.7, 0.7, 0.04]), np.array([0, 0, 0.04]))
+    floor = rectangle(rng, 60_000, 1.4, 1.4, 0.0)
+    outside = (np.abs(floor[0][:, :2]) > 0.7).any(1)
+    few = np.flatnonzero(outside)[:2200]
+    points = made((mat, BLUE), (own, RED), ((floor[0][few], floor[1][few]), GREY))
+    without, kept = find_object(points), find_object(points, keep_support=True)
+    assert share(without, points, BLUE) < 0.02 and share(kept, points, BLUE) > 0.6
+    assert min(share(f, points, RED) for f in (without, kept)) > 0.8
+
+
+def test_the_picture_shows_the_reading() -> None:
+    points, *_ = two_boxes()
+    found = find_object(points)
+    image = np.full((SIZE[1], SIZE[0], 3), 100, np.uint8)
+    drawn = picture(found.readings[0], points, 6, image, 320)
+    x, y = np.rint(pixel_of((-0.2 if share(found, points, RED) > 0.5 else 0.21, 0.05, 0.2), 6).uv[0]).astype(int)
+    assert drawn[y, x, 1] > 120 and (drawn[:20] == 100).all()
+
+
+# ---- the option
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "file", "numbers"),
+    [
+        ("object", "12,34", "", (12.0, 34.0)),
+        ("object", "a:b.jpg:1.5,2", "a:b.jpg", (1.5, 2.0)),
+        ("box", "é 1.png:50,60,10,20", "é 1.png", (10.0, 20.0, 50.0, 60.0)),
+    ],
+)
+def test_forms(option: str, value: str, file: str, numbers: tuple) -> None:
+    pointed = parse(option, value)
+    assert (pointed.file, pointed.numbers) == (file, numbers)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("object", "12"), ("object", "a,b"), ("object", "1,2,3"), ("object", "nan,1"), ("box", "1,2"), ("box", "5,5,5,9")],
+)
+def test_bad_forms(option: str, value: str) -> None:
+    with pytest.raises(InputError, match=f"--{option} .*: (give|an empty rectangle)"):
+        parse(option, value)
+
+
+FOOTAGE = {
+    "cameras": [{"id": 0, "source_size": [640, 480]}],
+    "frames": [
+        {"name": "cam0/Photo_1.jpg", "source_name": "Photo 1.jpg", "camera": 0, "turn": 0, "width": 320, "height": 240},
+        {"name": "cam0/b.jpg", "source_name": "b.jpg", "camera": 0, "turn": 1, "width": 240, "height": 320},
+        {"name": "cam0/lost.jpg", "source_name": "lost.jpg", "camera": 0, "turn": 0, "width": 320, "height": 240},
+    ],
+}
+
+
+def views_of(*names: str) -> Views:
+    some = VIEWS.take(np.arange(len(names)))
+    return replace(some, names=names)
+
+
+def test_pixels_of_the_users_image_become_pixels_of_the_view() -> None:
+    views = views_of("cam0/b.jpg", "cam0/Photo_1.jpg")
+    at = locate(parse("object", "639,479"), FOOTAGE, views)
+    assert at.view == 1 and np.allclose(at.uv, [[319.25, 239.25]]) and at.name == "Photo 1.jpg"
+    at = locate(parse("object", "b.jpg:479,639"), FOOTAGE, views)
+    assert at.view == 0, "its size is 480x640 as shown"
+    lens = replace(views, distortion=np.tile([-0.2, 0.05, 0, 0], (2, 1)))
+    at = locate(parse("object", "100,100"), FOOTAGE, lens)
+    camera = np.array([(at.uv[0, 0] - K[0, 2]) / K[0, 0], (at.uv[0, 1] - K[1, 2]) / K[1, 1], 1.0])
+    back = cv2.projectPoints(camera[None], np.zeros(3), np.zeros(3), K, lens.distortion[1])[0].ravel()
+    assert np.allclose(back, 100.5 / 2 - 0.5, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("640,3", "outside the image Photo 1.jpg, which is 640x480"),
+        ("b.jpg:500,3", "outside the image b.jpg, which is 480x640"),
+        ("-1,3", "outside"),
+        ("none.jpg:3,3", "no image none.jpg among those that were used; give it in another, such as Photo 1.jpg"),
+        ("lost.jpg:3,3", "lost.jpg could not be placed; give it in another"),
+    ],
+)
+def test_what_cannot_be_located_is_said(value: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        locate(parse("object", value), FOOTAGE, views_of("cam0/b.jpg", "cam0/Photo_1.jpg"))
+
+
+def test_a_file_that_is_not_there_is_refused_before_any_work(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((20, 30), np.uint8))
+    check_early(parse("object", "a.png:29,19"), tmp_path)
+    wrong: list[tuple[str, Callable[[], None]]] = [
+        ("no image b.png", lambda: check_early(parse("object", "b.png:1,1"), tmp_path)),
+        ("30x20 pixels", lambda: check_early(parse("object", "a.png:30,1"), tmp_path)),
+        ("30x20 pixels", lambda: check_early(parse("box", "a.png:31,1,40,9"), tmp_path)),
+    ]
+    for says, call in wrong:
+        with pytest.raises(InputError, match=says):
+            call()
