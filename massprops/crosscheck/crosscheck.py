@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from massprops.core.files import json_text
-from massprops.core.outputs import Outputs, deliver, verify
+from massprops.core.outputs import Outputs, claim, deliver, verify
+from massprops.crosscheck.trust import enter_confidence
 from massprops.errors import InputError, NotPossible
 
 Progress = Callable[[int, int, str], None]
@@ -92,6 +93,8 @@ def crosscheck(
             raise InputError(f"{folder}: was made anew in the meantime: give the command again")
         key = (outputs.files.get("crosscheck.json") or {"key": None})["key"]  # of the stage, whose place this takes
         deliver(folder, OWNER, {"crosscheck.json": json_text(result.document)}, key, force=force, derived=True)
+        with claim(folder, OWNER) as held:
+            enter_confidence(held, result.document)
         if report:
             from massprops.report import write_report
 

@@ -34,6 +34,7 @@ class Evidence:
         unjoined: placements of the object that could not be joined to the one used.
         valid: share of the replicates that are bodies at all.
         overlap: intersection over union of the mesh's silhouettes and the images' own, median over the images.
+        readings: what else the object may be, in words, where nothing decides; the one that is used first.
     """
 
     half_width: float
@@ -44,6 +45,7 @@ class Evidence:
     unjoined: int = 0
     valid: float = 1.0
     overlap: float = 1.0
+    readings: tuple[str, ...] = ()
 
 
 def confidence(evidence: Evidence) -> dict:
@@ -66,6 +68,10 @@ def confidence(evidence: Evidence) -> dict:
         said.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
     level = max(rank for rank, _ in said)
     because = [text for rank, text in sorted(said, key=lambda s: -s[0]) if rank > 0]
+    if len(e.readings) > 1:
+        level = 2
+        other = " or ".join(e.readings[1:])
+        because.insert(0, f"nothing decides what the object is: {e.readings[0]} (measured here), or {other}")
     if not because:
         because = [said[0][1]]
     if e.inferred > 0.02:
@@ -74,6 +80,13 @@ def confidence(evidence: Evidence) -> dict:
             "would not be seen"
         )
     return {"level": LEVELS[level], "because": because}
+
+
+def lowered(trust: dict, text: str) -> dict:
+    """The confidence one level lower, for a reason of its own."""
+    level = LEVELS[min(LEVELS.index(trust["level"]) + 1, len(LEVELS) - 1)]
+    kept = trust["because"] if trust["level"] != LEVELS[0] else trust["because"][1:]
+    return {"level": level, "because": [text, *kept]}
 
 
 def _said(value: float, medium: float, low: float, text: str) -> tuple[int, str]:

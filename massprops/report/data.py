@@ -14,7 +14,7 @@ from massprops.report.meshes import Shape, read_compared, read_shape
 
 READ = (
     *("massprops.json", "mesh.ply", "report.json", "crosscheck.json", "compare.json", "compare.ply"),
-    *(f"work/{stage}" for stage in ("capture", "sfm", "silhouettes", "dense", "surface", "scale")),
+    *(f"work/{stage}" for stage in ("capture", "sfm", "shape", "silhouettes", "dense", "surface", "scale")),
 )
 """What the page is made of, as the run's record names it."""
 
@@ -106,6 +106,7 @@ def read_run(folder: Path) -> RunData:
     facts = {
         "footage": known("work", "capture", "footage.json"),
         "sfm": known("work", "sfm", "sfm.json"),
+        "shape": known("work", "shape", "shape.json"),
         "silhouettes": known("work", "silhouettes", "silhouettes.json"),
         "dense": known("work", "dense", "dense.json"),
         "surface": known("work", "surface", "surface.json"),

@@ -10,6 +10,8 @@ import numpy as np
 from massprops.documents.arrays import open_arrays
 
 MOST_FACES = 50_000
+INFERRED = 2
+"""`origin` in mesh.ply of a face that was closed at the plane of support."""
 
 
 @dataclass(frozen=True)
@@ -21,12 +23,16 @@ class Shape:
         faces: (f, 3).
         observed: (f,) bool, measured rather than filled in.
         distance: (v,) signed distance to a CAD [m], or None.
+        inferred: (f,) bool, closed at the plane of support, or None.
+        rgb: (v, 3) uint8, the photographs' colours, or None.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     observed: np.ndarray
     distance: np.ndarray | None = None
+    inferred: np.ndarray | None = None
+    rgb: np.ndarray | None = None
 
 
 def read_shape(folder: Path, factor: float) -> Shape | None:
@@ -70,16 +76,21 @@ def _read_ply(path: Path) -> Shape | None:
         return values if len(values) == count else None
 
     observed, distance = column("face", "observed", len(faces)), column("vertex", "distance", len(mesh.vertices))
+    origin = column("face", "origin", len(faces))
+    paint = [column("vertex", name, len(mesh.vertices)) for name in ("red", "green", "blue")]
+    painted = [p for p in paint if p is not None]
     return Shape(
         np.asarray(mesh.vertices, float),
         faces,
         np.ones(len(faces), bool) if observed is None else observed.astype(bool),
         None if distance is None else distance.astype(float),
+        None if origin is None else origin == INFERRED,
+        np.stack(painted, axis=1).astype(np.uint8) if len(painted) == 3 else None,
     )
 
 
 def lighten(shape: Shape, most: int = MOST_FACES) -> Shape:
-    """The shape with at most `most` faces; flags and distances are those of the nearest original face and vertex."""
+    """The shape with at most `most` faces; flags, distances and colours are those of the nearest face and vertex."""
     if len(shape.faces) <= most:
         return shape
     import pymeshlab
@@ -91,5 +102,16 @@ def lighten(shape: Shape, most: int = MOST_FACES) -> Shape:
     mesh = work.current_mesh()
     vertices, faces = np.array(mesh.vertex_matrix()), np.array(mesh.face_matrix())
     face = cKDTree(shape.vertices[shape.faces].mean(1)).query(vertices[faces].mean(1))[1]
-    distance = None if shape.distance is None else shape.distance[cKDTree(shape.vertices).query(vertices)[1]]
-    return Shape(vertices, faces, shape.observed[face], distance)
+    vertex = cKDTree(shape.vertices).query(vertices)[1]
+
+    def of(values: np.ndarray | None, nearest: np.ndarray) -> np.ndarray | None:
+        return None if values is None else values[nearest]
+
+    return Shape(
+        vertices,
+        faces,
+        shape.observed[face],
+        of(shape.distance, vertex),
+        of(shape.inferred, face),
+        of(shape.rgb, vertex),
+    )

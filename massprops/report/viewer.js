@@ -12,20 +12,22 @@ document.querySelectorAll(".viewer").forEach((host) => {
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
   const unit = (a) => { const l = Math.hypot(...a) || 1; return a.map((x) => x / l); };
   const add = (a, b, s) => a.map((x, i) => x + s * b[i]);
-  const MEASURED = [0.74, 0.77, 0.80], FILLED = [0.86, 0.20, 0.16], CENTRE = [0.98, 0.78, 0.18];
+  const MEASURED = [0.74, 0.77, 0.80], FILLED = [0.86, 0.20, 0.16], INFERRED = [0.04, 0.52, 0.89], CENTRE = [0.98, 0.78, 0.18];
   const AXES = [[0.95, 0.45, 0.15], [0.25, 0.70, 0.35], [0.30, 0.55, 0.98]];
 
-  function meshCorners(showFilled) {
+  function meshCorners(showFilled, showPhoto) {
     const q = new Int16Array(bytes(data.vertices).buffer), raw = bytes(data.faces).buffer;
     const faces = data.wide ? new Uint32Array(raw) : new Uint16Array(raw);
-    const flags = data.filled ? bytes(data.filled) : null, distance = data.distance ? new Int8Array(bytes(data.distance).buffer) : null;
+    const flags = data.filled ? bytes(data.filled) : null, closed = data.inferred ? bytes(data.inferred) : null, rgb = data.rgb && showPhoto ? bytes(data.rgb) : null, distance = data.distance ? new Int8Array(bytes(data.distance).buffer) : null;
     const out = new Float32Array(9 * faces.length);
     const mix = (x) => [0, 1, 2].map((c) => { const on = 0.96, end = x > 0 ? [0.745, 0.118, 0.176] : [0.137, 0.314, 0.667]; return on + Math.abs(x) * (end[c] - on); });
     for (let f = 0; f < faces.length; f += 3) {
       const p = [0, 1, 2].map((k) => [0, 1, 2].map((c) => q[3 * faces[f + k] + c] / 32767));
       const n = unit(cross(add(p[1], p[0], -1), add(p[2], p[0], -1))), face = f / 3;
-      const red = flags && showFilled && (flags[face >> 3] >> (face & 7)) & 1;
-      for (let k = 0; k < 3; k++) out.set([...p[k], ...n, ...(distance ? mix(distance[faces[f + k]] / 127) : red ? FILLED : MEASURED)], 9 * (f + k));
+      const marked = (bits) => bits && showFilled && (bits[face >> 3] >> (face & 7)) & 1;
+      const plain = marked(flags) ? FILLED : marked(closed) ? INFERRED : MEASURED;
+      const photo = (v) => [0, 1, 2].map((c) => rgb[3 * v + c] / 255);
+      for (let k = 0; k < 3; k++) out.set([...p[k], ...n, ...(distance ? mix(distance[faces[f + k]] / 127) : rgb ? photo(faces[f + k]) : plain)], 9 * (f + k));
     }
     return out;
   }
@@ -68,7 +70,7 @@ document.querySelectorAll(".viewer").forEach((host) => {
     place.forEach((at, i) => { gl.enableVertexAttribArray(at); gl.vertexAttribPointer(at, 3, gl.FLOAT, false, 36, 12 * i); });
     gl.uniform1f(uniform.lit, lit); gl.uniform1f(uniform.alpha, alpha); gl.drawArrays(mode, 0, set.count);
   };
-  let body = upload(meshCorners(true));
+  let body = upload(meshCorners(true, false));
   const frameSet = upload(frame), pathSet = upload(path), dotSet = upload(dots);
 
   // ---- view
@@ -82,7 +84,7 @@ document.querySelectorAll(".viewer").forEach((host) => {
     front: [[1, 0, 0], [0, 0, 1], [0, -1, 0]], side: [[0, 1, 0], [0, 0, 1], [1, 0, 0]], top: [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
   };
   let R = VIEWS.reset, zoom = 1;
-  const show = { filled: true, axes: true, cameras: false };
+  const show = { filled: true, photo: false, axes: true, cameras: false };
   const labels = data.axes.map((_, i) => { const e = document.createElement("span"); e.className = "label"; e.textContent = "I" + (i + 1); e.style.color = `rgb(${AXES[i].map((x) => Math.round(220 * x))})`; host.querySelector(".stage").appendChild(e); return e; });
   function draw() {  // pointer events come once a frame: no need to wait for one
     const w = canvas.clientWidth, h = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
@@ -130,7 +132,7 @@ document.querySelectorAll(".viewer").forEach((host) => {
   host.querySelectorAll("[data-view]").forEach((b) => b.addEventListener("click", () => { R = VIEWS[b.dataset.view]; zoom = 1; draw(); }));
   host.querySelectorAll("[data-show]").forEach((box) => box.addEventListener("change", () => {
     show[box.dataset.show] = box.checked;
-    if (box.dataset.show === "filled") body = upload(meshCorners(box.checked));
+    if (box.dataset.show === "filled" || box.dataset.show === "photo") { gl.deleteBuffer(body.b); body = upload(meshCorners(show.filled, show.photo)); }
     draw();
   }));
   new ResizeObserver(draw).observe(canvas);

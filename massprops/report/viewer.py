@@ -21,6 +21,8 @@ def viewer(
     axes: np.ndarray | None = None,
     cameras: np.ndarray | None = None,
     others: np.ndarray | None = None,
+    inferred: np.ndarray | None = None,
+    rgb: np.ndarray | None = None,
 ) -> str:
     """HTML of one viewer; the page adds `script()` once.
 
@@ -32,18 +34,24 @@ def viewer(
         centre: (3,) centre of mass.
         axes: (3, 3) principal axes as columns, drawn through the centre.
         cameras: (n, 3) camera centres, drawn on request.
+        inferred: (f,) bool; faces that were closed at the plane of support are blue, not red.
+        rgb: (v, 3) uint8 photographs' colours, shown on request in place of where each face comes from.
         others: (3, 3) principal axes by another source as columns, drawn thinner and longer.
     """
     middle = 0.5 * (vertices.min(0) + vertices.max(0))
     size = float(np.linalg.norm(vertices - middle, axis=1).max()) or 1.0
     wide = len(vertices) > 65535
     places = np.zeros((0, 3)) if cameras is None else (cameras - middle) / size
-    has_filled = observed is not None and not observed.all()
+    closed = np.zeros(len(faces), bool) if inferred is None else inferred
+    filled = np.zeros(len(faces), bool) if observed is None else ~observed & ~closed
+    has_filled, has_closed = bool(filled.any()), bool(closed.any())
     content = {
         "vertices": packed(np.round((vertices - middle) / size * 32767).astype("<i2")),
         "faces": packed(faces.astype("<u4" if wide else "<u2")),
         "wide": wide,
-        "filled": packed(np.packbits(~observed, bitorder="little")) if observed is not None and has_filled else None,
+        "filled": packed(np.packbits(filled, bitorder="little")) if has_filled else None,
+        "inferred": packed(np.packbits(closed, bitorder="little")) if has_closed else None,
+        "rgb": None if rgb is None else packed(np.asarray(rgb, np.uint8)),
         "distance": None
         if distance is None
         else packed(np.round(np.clip(np.nan_to_num(distance), -1, 1) * 127).astype(np.int8)),
@@ -54,6 +62,9 @@ def viewer(
         "reach": max(1.5, float(np.linalg.norm(places, axis=1).max()) * 1.02) if len(places) else 1.5,
     }
     boxes = [("filled", "filled parts in red", True)] if has_filled else []
+    if has_closed:
+        boxes = [("filled", "filled parts in red, inferred in blue", True)]
+    boxes += [("photo", "colours of the photographs", False)] if rgb is not None else []
     boxes += [("axes", "principal axes, centre of mass", True)] if content["axes"] else []
     boxes += [("cameras", "camera path", False)] if len(places) else []
     switches = "".join(

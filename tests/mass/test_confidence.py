@@ -28,6 +28,14 @@ def test_the_worst_reason_decides_and_comes_first(evidence: Evidence, level: str
     assert found["level"] == level and word in found["because"][0]
 
 
+def test_two_readings_are_low_and_said_first() -> None:
+    found = confidence(
+        Evidence(0.03, 0.70, 0.0, 40, 40, readings=("the one (--object X,Y)", "the other (--keep-support)"))
+    )
+    assert found["level"] == "low" and "(--object X,Y) (measured here), or the other" in found["because"][0]
+    assert "70 %" in found["because"][1]
+
+
 def test_what_stood_on_its_support_is_said_without_lowering_trust() -> None:
     found = confidence(Evidence(0.03, 0.05, 0.15, 40, 40))
     assert found["level"] == "high" and "15 % of the surface stood" in found["because"][-1]

@@ -1,4 +1,4 @@
-"""The mesh, to turn: measured grey, filled in red, principal axes and camera path drawn."""
+"""The mesh, to turn: measured grey, filled in red, inferred blue, or the photographs' colours; axes and camera path."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ def render(data: RunData) -> str:
         return ""
     axes = data.document.get("principal_axes")
     keys = [swatch("#bdc4cc", "measured")]
-    if not data.shape.observed.all():
+    inferred = data.shape.inferred if data.shape.inferred is not None else np.zeros(len(data.shape.faces), bool)
+    if not (data.shape.observed | inferred).all():
         keys.append(swatch("#db332a", "filled in, not measured"))
+    if inferred.any():
+        keys.append(swatch("#0a84e3", "inferred: closed at the plane it stood on"))
     if axes:
         keys += [swatch("#f27326", "axis of I1"), swatch("#40b359", "I2"), swatch("#4d8cfa", "I3")]
         keys.append(swatch("#fac72e", "centre of mass"))
@@ -33,6 +36,8 @@ def render(data: RunData) -> str:
             centre=data.centre if axes else None,
             axes=np.array(axes) if axes else None,
             cameras=data.camera_centres,
+            inferred=data.shape.inferred,
+            rgb=data.shape.rgb,
         )
         + f'<p class="soft keys">{"".join(keys)}</p>'
         + f'<p class="soft">Extent along the mesh\'s own axes: {text(extent)} {unit}. '

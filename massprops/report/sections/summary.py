@@ -11,8 +11,8 @@ TITLE, ORDER = "Summary", 0
 
 
 def render(data: RunData) -> str:
-    """Verdict, warnings, headline numbers, the scale in words."""
-    parts = [_verdict(data)]
+    """Confidence and its reasons, verdict, warnings, headline numbers, the scale in words."""
+    parts = [_confidence(data), _verdict(data)]
     warnings = list(dict.fromkeys([*data.document.get("warnings", []), *_stage_warnings(data)]))
     if data.changed:
         warnings.append(f"left out, since it is not what was written there: {', '.join(data.changed)}")
@@ -46,6 +46,22 @@ def scale_in_words(data: RunData) -> str:
     return (
         f"<b>Metres</b> come from {text(known)}, one sigma {number(100 * sigma, 2)} %. It counts three times in the volume "
         "and five times in the inertia, and not at all in k1 and k2."
+    )
+
+
+BOXES = {"high": "done", "medium": "warning", "low": "stopped"}
+
+
+def _confidence(data: RunData) -> str:
+    """How far to trust the numbers, and why, in one sentence."""
+    trust = data.document.get("confidence") or {}
+    because = "; ".join(str(reason) for reason in trust.get("because") or [])
+    level = str(trust.get("level") or "")
+    if not level:
+        return ""
+    return (
+        f'<div class="{BOXES.get(level, "warning")} confidence"><b>Confidence {text(level)}</b>'
+        f"{': ' if because else ''}{text(because)}.</div>"
     )
 
 

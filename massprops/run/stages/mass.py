@@ -14,7 +14,7 @@ from massprops.mass.properties import properties_of_integrals
 from massprops.run.job import Job
 from massprops.surface.length import model_length
 
-READS = ("sfm", "join", "surface", "scale")
+READS = ("sfm", "shape", "join", "surface", "scale")
 OPTIONS = ("density", "seed")
 
 
@@ -57,6 +57,7 @@ def run(job: Job) -> dict:
     bounds = intervals(draws, properties)
     low, high = bounds["volume"]
     sfm, join = (json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join"))
+    open_readings = readings_of(json.loads((job.work("shape") / "shape.json").read_text()), factor)
     trust = confidence(
         Evidence(
             half_width=0.5 * (high - low) / properties.volume,
@@ -67,6 +68,7 @@ def run(job: Job) -> dict:
             unjoined=len(join["unjoined"]),
             valid=float(valid_bodies(draws).mean()),
             overlap=float(surface.get("silhouette_overlap", 1.0)),
+            readings=tuple(f"{r['reading']} ({r['option']})" for r in open_readings),
         )
     )
     partial = surface.get("partial")
@@ -74,6 +76,8 @@ def run(job: Job) -> dict:
         partial = f"low confidence: {trust['because'][0]}"
     result = document(properties, bounds, scale, described, warnings)
     result["confidence"] = trust
+    if open_readings:
+        result["readings"] = open_readings
     (job.out / "massprops.json").write_text(json.dumps(result, indent=1))
     np.savez(job.out / "mesh.npz", vertices=final, faces=faces, observed=observed)
     return {
@@ -83,3 +87,24 @@ def run(job: Job) -> dict:
         "confidence": trust["level"],
         "partial": partial,
     }
+
+
+def readings_of(shape: dict, factor: float) -> list[dict]:
+    """`readings` of `massprops.json`: what the object may be, its extent in final units, and how to ask for it.
+
+    Args:
+        shape: `shape.json`; of several placements, the first in which two readings fit speaks.
+        factor: final units per unit of the reconstruction.
+    """
+    for placement in shape.get("placements") or []:
+        if readings := placement.get("readings"):
+            return [
+                {
+                    "reading": r["reading"],
+                    "used": r["used"],
+                    "extent": [factor * v for v in r["extent"]],
+                    "option": r["option"],
+                }
+                for r in readings
+            ]
+    return []

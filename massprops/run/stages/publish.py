@@ -11,6 +11,7 @@ import numpy as np
 
 from massprops.core.files import write_json, write_whole
 from massprops.core.outputs import Outputs
+from massprops.crosscheck.trust import judged
 from massprops.run.job import Job, ReconstructOptions
 
 READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "colour", "sequence")
@@ -57,6 +58,9 @@ def _document(job: Job, new: Path, factor: float) -> bool:
     if document is None:
         return False
     footage, sfm = _read(job.work("capture") / "footage.json") or {}, _read(job.work("sfm") / "sfm.json") or {}
+    known = Outputs(job.run).files.get("crosscheck.json")
+    if known is not None and known.get("of") == job.key and "confidence" in document:  # published anew, as it was
+        document["confidence"] = judged(document["confidence"], _read(job.run / "crosscheck.json") or {})
     document["images"] = {
         "given": footage.get("given", len(footage.get("frames", []))),
         "used": footage.get("used", len(footage.get("frames", []))),
