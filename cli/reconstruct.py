@@ -11,7 +11,13 @@ from massprops_cli.terminal import say, tell, warn
 
 
 def command(
-    source: Annotated[Path, typer.Argument(metavar="INPUT", help="Video, folder of images, or sequence folder.")],
+    source: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="INPUT...",
+            help="Video, folder of images, or sequence folder; several: placements of one object, turned over between.",
+        ),
+    ],
     out: Annotated[
         Path, typer.Option("-o", "--out", help="Run folder; the same command continues an interrupted run.")
     ],
@@ -75,7 +81,10 @@ def command(
     """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
 
     Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42
+
     Example: massprops reconstruct photos -o runs/two --object IMG_0007.jpg:812,640
+
+    Example: massprops reconstruct upright turned -o runs/three
     """
     import json
 

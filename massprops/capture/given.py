@@ -15,7 +15,8 @@ DOUBT = 128
 
 
 class GivenMasks:
-    """A folder of silhouettes: `NAME.png`, or the name with `.png` in place of its own ending; in `camN/` too.
+    """A folder of silhouettes: `NAME.png`, or the name with `.png` in place of its own ending; in `camN/` too,
+    and of several inputs in a folder of the input's name.
 
     NAME is the image's own, or the one under which a run stores it, so that a run's `masks/` can be mended and given
     back. Names that differ in the way accents are coded alone are the same.
@@ -26,7 +27,7 @@ class GivenMasks:
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; give the folder of silhouettes to --masks")
         self.folder = folder
-        places = [folder, *(p for p in sorted(folder.iterdir()) if p.is_dir() and p.name.startswith("cam"))]
+        places = [folder, *(p for p in sorted(folder.iterdir()) if p.is_dir() and not p.name.startswith("."))]
         self._files = {
             _same(str(file.relative_to(folder))): file for p in places for file in sorted(p.iterdir()) if file.is_file()
         }
@@ -39,7 +40,7 @@ class GivenMasks:
             name: its file's name.
         """
         stream, own = stored.split("/", 1)
-        names = [f"{n}.png" for n in (name, own, Path(name).stem, Path(own).stem)]
+        names = [f"{n}.png" for n in (name, own, str(Path(name).with_suffix("")), Path(own).stem)]
         for candidate in (c for n in names for c in (n, f"{stream}/{n}")):
             if (file := self._files.get(_same(candidate))) is not None:
                 return file

@@ -7,7 +7,9 @@ features show two placements.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -156,6 +158,22 @@ def _plane(xyz: np.ndarray, centres: np.ndarray, tolerance: float, seed: int) ->
         if count > most and np.mean(height < -2 * tolerance) < 0.05 and np.mean((centres - a) @ normal > 0) > 0.9:
             best, most = np.append(normal, -normal @ a), count
     return best
+
+
+def given_placements(footage: dict[str, Any], names: Sequence[str]) -> Placements | None:
+    """The placements as the user's inputs are divided, the one with most images first; None of one input.
+
+    Args:
+        footage: `footage.json` of the capture stage.
+        names: of the registered views.
+    """
+    of = {f["name"]: f["placement"] for f in footage["frames"] if "placement" in f}
+    if not of:
+        return None
+    own = np.array([of[name] for name in names], int)
+    order = sorted(np.unique(own), key=lambda k: (-int((own == k).sum()), int(k)))
+    place = {int(k): i for i, k in enumerate(order)}
+    return Placements(np.array([place[int(k)] for k in own], int), np.zeros((len(own), len(own))))
 
 
 def find_placements(

@@ -42,7 +42,7 @@ def main() -> int:
     options = request["options"]
     if options.get("distance") is not None:
         options["distance"] = tuple(options["distance"])
-    for name in ("object", "box"):
+    for name in ("more", "object", "box"):
         options[name] = tuple(options.get(name) or ())
     job = Job(
         run=Path(request["run"]),

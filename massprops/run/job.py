@@ -13,6 +13,7 @@ class ReconstructOptions:
 
     Attributes:
         source: video, folder of images or sequence folder, as an absolute path.
+        more: further inputs, each another placement of the same object.
         motion: `auto`, `tumbling` (body moves before a still camera) or `static` (camera moves round a still object).
         masks: folder of silhouettes in COLMAP's naming (`NAME.png` appended to the image name, black excluded).
         object: pixels that show the object, each "X,Y" of the first image used or "FILE:X,Y".
@@ -34,6 +35,7 @@ class ReconstructOptions:
     """
 
     source: str = ""
+    more: tuple[str, ...] = ()
     motion: str = "auto"
     masks: str | None = None
     object: tuple[str, ...] = ()

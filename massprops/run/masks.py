@@ -45,14 +45,14 @@ def masks(run: str | Path, out: str | Path | None = None, force: bool = False) -
     if out == run or run in out.parents:
         raise InputError(f"{out}: lies in the run folder, which the next reconstruct tidies: choose another -o")
     names = mask_names(footage)
-    source = Path(footage["source"])
+    given = [Path(p) for p in footage.get("sources") or [footage["source"]]]
     agreement, reasons = against_mesh(run), why_left_out(run, footage)
     listed = [
         Silhouette(f["source_name"], f["name"], file, agreement.get(f["name"]), _said(f["name"], reasons, agreement))
         for f, file in zip(footage["frames"], names, strict=True)
     ]
     refused = [(e["source_name"], e["reason"]) for e in footage.get("left_out") or []]
-    with claim(out, COMMAND, [*names, PAGE], [run, source], force) as outputs:
+    with claim(out, COMMAND, [*names, PAGE], [run, *given], force) as outputs:
         _refuse_mended(outputs, force)
         try:
             new = outputs.staging()
@@ -101,17 +101,23 @@ def _encoded(run: Path, footage: dict[str, Any], names: list[str]) -> Iterator[t
     import cv2
 
     cameras = {c["id"]: c for c in footage["cameras"]}
-    source = Path(footage["source"])
     for frame, name in zip(footage["frames"], names, strict=True):
         size = tuple(cameras[frame["camera"]].get("source_size") or (frame["width"], frame["height"]))
         size = size[::-1] if frame.get("turn", 0) % 2 else size
         mask = read_mask(run, frame["name"])
         if mask is None or not (mask == 255).any():
             mask = np.zeros((frame["height"], frame["width"]), np.uint8)
-        done, data = cv2.imencode(".png", to_original(mask, size, _exif(source / frame["source_name"])))
+        done, data = cv2.imencode(".png", to_original(mask, size, _exif(_file(footage, frame))))
         if not done:
             raise OSError(5, "the mask cannot be written", name)
         yield name, data.tobytes()
+
+
+def _file(footage: dict[str, Any], frame: dict[str, Any]) -> Path:
+    """The user's file of a frame; of a video, one that is not there."""
+    if "placement" not in frame:
+        return Path(footage["source"]) / frame["source_name"]
+    return Path(footage["sources"][frame["placement"]]) / frame["source_name"].split("/", 1)[1]
 
 
 def _exif(image: Path) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -86,16 +87,23 @@ RANGES = {
 }
 
 
-def checked_options(source: str | Path, options: dict[str, Any]) -> ReconstructOptions:
+def checked_options(source: str | Path | Sequence[str | Path], options: dict[str, Any]) -> ReconstructOptions:
     """Options with every value in its range.
 
     Raises:
         InputError: no such source, an unknown option, or a value out of range.
     """
-    source = readable(Path(source))
-    if not source.exists():
-        raise InputError(f"{source}: no such file or folder: give a video, a folder of images or a sequence folder")
-    known = {f.name for f in fields(ReconstructOptions)}
+    given = [source] if isinstance(source, str | Path) else list(source)
+    if not given:
+        raise InputError("no input: give a video, a folder of images or a sequence folder")
+    paths = [readable(Path(path)) for path in given]
+    for path in paths:
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder: give a video, a folder of images or a sequence folder")
+    source, more = paths[0], tuple(str(p.resolve()) for p in paths[1:])
+    if more and options.get("motion") == "tumbling":
+        raise InputError("--motion tumbling: several INPUTs are placements of a still object; give one")
+    known = {f.name for f in fields(ReconstructOptions)} - {"more"}
     for name in options:
         if name not in known:
             raise InputError(f"{name}: no such option; there are {', '.join(sorted(known - {'source'}))}")
@@ -117,14 +125,14 @@ def checked_options(source: str | Path, options: dict[str, Any]) -> ReconstructO
     for name in ("object", "box"):
         given = options.get(name) or ()
         options[name] = (given,) if isinstance(given, str) else tuple(given)
-    _check_early(source, options)
-    return ReconstructOptions(source=str(source.resolve()), **options)
+    _check_early(source, bool(more), options)
+    return ReconstructOptions(source=str(source.resolve()), more=more, **options)
 
 
-def _check_early(source: Path, options: dict[str, Any]) -> None:
+def _check_early(source: Path, several: bool, options: dict[str, Any]) -> None:
     """What would otherwise be told after an hour's work."""
     pointed = [parse(name, value) for name in ("object", "box") for value in options[name]]
-    for one in pointed:
+    for one in pointed if not several else ():
         check_early(one, source)
     if (pointed or options.get("keep_support")) and options.get("masks") is not None:
         raise InputError("--masks says already what the object is: leave out --object, --box and --keep-support")
@@ -143,12 +151,16 @@ def _check_early(source: Path, options: dict[str, Any]) -> None:
 
 
 def reconstruct(
-    source: str | Path, out: str | Path, watch: Watch | None = None, force: bool = False, **options: Any
+    source: str | Path | Sequence[str | Path],
+    out: str | Path,
+    watch: Watch | None = None,
+    force: bool = False,
+    **options: Any,
 ) -> Run:
     """From a video, a folder of images or a sequence folder to a run folder.
 
     Args:
-        source: the footage.
+        source: the footage; of several folders or videos, each shows another placement of the one object.
         out: the run folder; an interrupted or older run there is continued.
         watch: told of progress.
         force: files in the folder that no `reconstruct` wrote may be replaced; inputs may not.
@@ -167,15 +179,17 @@ def reconstruct(
     chosen = checked_options(source, options)
     run = readable(Path(out)).resolve()
     origin = Path(chosen.source)
-    if run == origin or origin in run.parents and origin.is_dir() and run.parent == origin:
-        raise InputError(f"{out}: the run folder must not be the footage or lie directly in it: choose another -o")
+    for place in (origin, *map(Path, chosen.more)):
+        if run == place or place in run.parents and place.is_dir() and run.parent == place:
+            raise InputError(f"{out}: the run folder must not be the footage or lie directly in it: choose another -o")
     given = sources(chosen)
     with claim(run, "reconstruct", NAMES["reconstruct"], given, force) as outputs:
         for by in ("crosscheck", "report"):
             outputs.check(by, NAMES[by], given, force)
         inputs = hash_input(origin)
-        for extra in given[1:]:
-            inputs.update({f"{extra.name}/{k}": v for k, v in hash_input(extra).items()})
+        for number, extra in enumerate(given[1:]):
+            name = f"{number + 2}:{extra.name}" if number < len(chosen.more) else extra.name
+            inputs.update({f"{name}/{k}": v for k, v in hash_input(extra).items()})
         outcome = run_stages(run, chosen, inputs, watch, force=force)
     if outcome.exit_code == 2:
         raise InputError(outcome.reason)

@@ -11,49 +11,55 @@ import numpy as np
 
 from massprops.capture.footage import FEWEST, Chosen, Judged, Source
 from massprops.capture.images import printable
+from massprops.capture.inputs import Input, open_inputs, same_cameras
 from massprops.capture.motion import Scene, judge
 from massprops.errors import InputError
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ()
-OPTIONS = ("source", "frames", "max_size", "motion", "masks", "focal")
+OPTIONS = ("source", "more", "frames", "max_size", "motion", "masks", "focal")
 
 
 def run(job: Job) -> dict:
     """Writes frames/, footage.json and, for a body before a background that stays, masks/."""
-    from massprops.capture.footage import choose_all, judge_frames, open_sources, refuse_useless, said
+    from massprops.capture.footage import choose_all, choose_frames, judge_frames, open_sources, refuse_useless, said
 
     options, source = job.options, Path(job.options.source)
-    sources = open_sources(source, options.focal)
+    placed = open_inputs([source, *map(Path, options.more)], options.focal) if options.more else []
+    sources = [p.source for p in placed] or open_sources(source, options.focal)
     judged = [judge_frames(s, job.progress) for s in sources]
-    for s, j in zip(sources, judged, strict=True):
-        refuse_useless(j, source.name if len(sources) == 1 else f"{source.name}/cam{s.stream}")
-    left_out = [entry for j in judged for entry in j.left_out]
+    called = [p.label for p in placed] or [f"{source.name}/cam{s.stream}" for s in sources]
+    for j, name in zip(judged, called, strict=True):
+        refuse_useless(j, source.name if len(sources) == 1 else name)
+    left_out = [
+        (f"{name}/{e[0]}" if placed else e[0], e[1]) for j, name in zip(judged, called, strict=True) for e in j.left_out
+    ]
     if left_out:
         job.warn(f"{len(left_out)} images were left out: {said(left_out)}")
     ordered = sources[0].video is not None or sources[0].kind == "sequence"
     scene = judge(judged[0].grey[:: max(1, len(judged[0].grey) // 60)], ordered)
     if options.motion not in ("auto", scene.motion):
         scene = Scene(options.motion, scene.background, "as given by --motion", scene.plain)
-    chosen = choose_all(sources, judged, options.frames)
-    cameras, frames = [], []
-    for s, c in zip(sources, chosen, strict=True):
-        # COLMAP knows the two halves of a stereo pair by their equal names
-        names = [Path(f["name"]).name for f in frames] if len(frames) == len(c.index) else None
-        written = _write_frames(job, s, c, names)
-        cameras += _cameras(s, written)
-        frames += written
-        for line in c.warnings:
-            job.warn(line)
+    elif placed and scene.motion != "static":
+        scene = Scene("static", scene.background, "several placements were given", scene.plain)
+    chosen = (
+        [choose_frames(s, j, options.frames) for s, j in zip(sources, judged, strict=True)]
+        if placed
+        else choose_all(sources, judged, options.frames)
+    )
+    cameras, frames = _write_placements(job, placed, chosen) if placed else _write_streams(job, sources, chosen)
+    for line in dict.fromkeys(line for c in chosen for line in c.warnings):
+        job.warn(line)
     given = options.masks is not None
     if given:
-        _given_masks(job, sources, frames)
+        _given_masks(job, placed or sources, frames)
     elif scene.motion == "tumbling" or scene.plain:
         _silhouettes(job, scene, frames, source.name)
     footage = {
         "source": str(source),
-        "kind": "stereo" if len(sources) > 1 else sources[0].kind,
+        "sources": [str(source), *options.more],
+        "kind": "images" if placed else "stereo" if len(sources) > 1 else sources[0].kind,
         "motion": scene.motion,
         "motion_reason": scene.reason,
         "background": scene.background,
@@ -69,6 +75,49 @@ def run(job: Job) -> dict:
     (job.out / "footage.json").write_text(json.dumps(footage, indent=1))
     facts = {k: footage[k] for k in ("kind", "motion", "motion_reason", "background", "given", "used")}
     return {**facts, "cameras": len(cameras)} if len(cameras) > len(sources) else facts
+
+
+def _write_streams(
+    job: Job, sources: list[Source], chosen: list[Chosen]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Cameras and frames of one input."""
+    cameras: list[dict[str, Any]] = []
+    frames: list[dict[str, Any]] = []
+    for s, c in zip(sources, chosen, strict=True):
+        # COLMAP knows the two halves of a stereo pair by their equal names
+        names = [Path(f["name"]).name for f in frames] if len(frames) == len(c.index) else None
+        written = _write_frames(job, s, c, names)
+        cameras += _cameras(s, written)
+        frames += written
+    return cameras, frames
+
+
+def _write_placements(
+    job: Job, placed: list[Input], chosen: list[Chosen]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Cameras and frames of several inputs; a frame's own clock says nothing beside another input's."""
+    from massprops.capture.names import stored_names
+
+    wanted = [
+        f"{p.label}/{_file_of(p.source, i)}" for p, c in zip(placed, chosen, strict=True) for i in c.index.tolist()
+    ]
+    names, cameras, frames = stored_names(wanted), [], []
+    for p, c in zip(placed, chosen, strict=True):
+        before = len(frames)
+        written = _write_frames(job, p.source, c, names[before : before + len(c.index)])
+        first = len(cameras)
+        for number, frame in enumerate(written, start=before):
+            frame |= {"timestamp_ns": -1, "own_index": frame["index"], "index": number, "placement": p.placement}
+            frame |= {"source_name": f"{p.label}/{frame['source_name']}"}
+        cameras += [{**camera, "id": camera["id"] + first} for camera in _cameras(p.source, written)]
+        for frame in written:
+            frame["camera"] += first
+        frames += written
+    return same_cameras(cameras, frames), frames
+
+
+def _file_of(source: Source, index: int) -> str:
+    return source.images[index].path.name if source.images else f"{index:06d}.png"
 
 
 def _given_count(sources: list[Source], judged: list[Judged]) -> int:
@@ -90,7 +139,7 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     from massprops.capture.names import stored_names
 
     folder = job.out / "frames" / f"cam{source.stream}"
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     place = {int(i): k for k, i in enumerate(chosen.index)}
     if names is None and source.video is None:
         names = stored_names([source.images[i].path.name for i in chosen.index.tolist()])
@@ -149,20 +198,25 @@ def _cameras(source: Source, frames: list[dict[str, Any]]) -> list[dict[str, Any
     return out
 
 
-def _given_masks(job: Job, sources: list[Source], frames: list[dict[str, Any]]) -> None:
+def _given_masks(job: Job, sources: list[Source] | list[Input], frames: list[dict[str, Any]]) -> None:
     import cv2
 
     from massprops.capture.given import GivenMasks, load_mask
 
     masks = GivenMasks(Path(job.options.masks or ""))
     empty: list[str] = []
-    for source in sources:
-        own = [f for f in frames if f["name"].startswith(f"cam{source.stream}/")]
+    for one in sources:
+        source = one.source if isinstance(one, Input) else one
+        if isinstance(one, Input):
+            own = [f for f in frames if f["placement"] == one.placement]
+        else:
+            own = [f for f in frames if f["name"].startswith(f"cam{source.stream}/")]
         found = masks.check([(f["name"], f["source_name"]) for f in own])
         for frame, path in zip(own, found, strict=True):
-            prior = source.camera(frame["index"])
+            index = frame.get("own_index", frame["index"])
+            prior = source.camera(index)
             shown = prior.size[::-1] if frame["turn"] % 2 else prior.size
-            file = source.images[frame["index"]].path if source.images else None
+            file = source.images[index].path if source.images else None
             mask = load_mask(path, shown, (frame["width"], frame["height"]), file)
             if not (mask == 255).any():
                 empty.append(frame["source_name"])

@@ -46,7 +46,7 @@ def run(job: Job) -> dict:
 
 def sources(options: ReconstructOptions) -> list[Path]:
     """What a run reads, and so never writes over."""
-    return [Path(p) for p in (options.source, options.masks, options.sparse) if p]
+    return [Path(p) for p in (options.source, *options.more, options.masks, options.sparse) if p]
 
 
 def _read(path: Path) -> dict[str, Any] | None:

@@ -43,7 +43,7 @@ def run(job: Job) -> dict:
 
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written.
     """
-    from massprops.capture.placements import find_placements
+    from massprops.capture.placements import find_placements, given_placements
     from massprops.capture.support import region_of
     from massprops.sfm.points import SparsePoints
     from massprops.views import Views
@@ -54,7 +54,8 @@ def run(job: Job) -> dict:
         return _said(job, {"placements": [], "lost": []})
     sparse = SparsePoints.load(job.work("sfm") / "points.npz")
     region = region_of(views)
-    divided = find_placements(
+    given = given_placements(json.loads((job.work("capture") / "footage.json").read_text()), views.names)
+    divided = given or find_placements(
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
     )
     placements, lost = [], []
