@@ -18,6 +18,14 @@ LOST, MOSTLY_LOST = 0.1, 0.5
 AGREES, DIFFERS = 0.95, 0.88
 """Intersection over union of the mesh's silhouettes and the images' own, median over the images, below which confidence
 is medium and low. Bodies near the truth had 0.96 and more, a glossy plate with a hole torn into it 0.63."""
+CUT, MOSTLY_CUT = 0.1, 0.5
+"""Share of the images in which the object goes on beyond the frame, likewise."""
+OTHER_SCENE, MOSTLY_OTHER = 0.1, 0.3
+"""Share of all images that make up a second scene, or show another object, likewise: a few images that hang together by
+themselves are usual in hand-held sets (5 of 32 of a skull), a third of them is another subject."""
+DULL = (
+    ": mirrors, glass and plain or glossy sides show no points; dull them with powder, mark them, or light them softly"
+)
 LEVELS = ("high", "medium", "low")
 
 
@@ -34,6 +42,9 @@ class Evidence:
         unjoined: placements of the object that could not be joined to the one used.
         valid: share of the replicates that are bodies at all.
         overlap: intersection over union of the mesh's silhouettes and the images' own, median over the images.
+        cut: images in which the object goes on beyond the frame.
+        scenes: images of each set that hangs together, the one that was used first.
+        misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
         readings: what else the object may be, in words, where nothing decides; the one that is used first.
     """
 
@@ -46,6 +57,9 @@ class Evidence:
     valid: float = 1.0
     overlap: float = 1.0
     readings: tuple[str, ...] = ()
+    cut: int = 0
+    scenes: tuple[int, ...] = ()
+    misfit: int = 0
 
 
 def confidence(evidence: Evidence) -> dict:
@@ -54,13 +68,38 @@ def confidence(evidence: Evidence) -> dict:
     lost = 1.0 - e.used / e.images if e.images else 0.0
     said = [
         _said(e.half_width, WIDE, TOO_WIDE, f"the volume is known to ±{100 * e.half_width:.0f} %"),
-        _said(e.filled, FILLED, MOSTLY_FILLED, f"{100 * e.filled:.0f} % of the surface was filled in, not measured"),
+        _said(
+            e.filled,
+            FILLED,
+            MOSTLY_FILLED,
+            f"{100 * e.filled:.0f} % of the surface was filled in, not measured"
+            + (DULL if e.filled > MOSTLY_FILLED else ""),
+        ),
         _said(lost, LOST, MOSTLY_LOST, f"{e.images - e.used} of {e.images} images could not be used"),
         _said(
             1.0 - e.overlap,
             1.0 - AGREES,
             1.0 - DIFFERS,
             f"the mesh and the object's silhouettes in the images share only {100 * e.overlap:.0f} % of their area",
+        ),
+        _said(
+            e.cut / max(e.used, 1),
+            CUT,
+            MOSTLY_CUT,
+            f"the object reaches the edge of the frame in {e.cut} of {e.used} images: step back, keep hands and arms out",
+        ),
+        _said(
+            max(e.scenes[1:], default=0) / max(e.images, 1),
+            OTHER_SCENE,
+            MOSTLY_OTHER,
+            f"the images show scenes that do not hang together ({', '.join(map(str, e.scenes))} images), and the largest "
+            "was used: give one object in one place, or each placement as an INPUT of its own",
+        ),
+        _said(
+            e.misfit / max(e.images, 1),
+            0.0,
+            MOSTLY_OTHER,
+            f"{e.misfit} images show what may be another object: nothing of it fits the one measured, however it is turned",
         ),
         _said(1.0 - e.valid, 0.05, 0.5, "the surface is so uncertain that some of its variants are no bodies"),
     ]

@@ -69,11 +69,12 @@ def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str])
             parts.append((index[k], found.R, found.t, k))
         else:
             reason = (
-                f"its points fall {found.outside_px:.1f} px outside the other's silhouettes"
+                f"however it is turned, its points fall {found.outside_px:.1f} px outside the other's silhouettes: another "
+                "object, or too little of it was measured"
                 if not found.fits
                 else "two ways of turning it fit equally well"
             )
-            facts["unjoined"].append({**said, "reason": reason})
+            facts["unjoined"].append({**said, "fits": found.fits, "reason": reason})
     if len(parts) == 1:
         facts["support_plane"] = placements[first]["support_plane"]
     around, all_views, all_points, before = [], [], [], 0

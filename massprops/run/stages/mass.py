@@ -14,7 +14,7 @@ from massprops.mass.properties import properties_of_integrals
 from massprops.run.job import Job
 from massprops.surface.length import model_length
 
-READS = ("sfm", "shape", "join", "surface", "scale")
+READS = ("sfm", "shape", "silhouettes", "join", "surface", "scale")
 OPTIONS = ("density", "seed")
 
 
@@ -57,6 +57,7 @@ def run(job: Job) -> dict:
     bounds = intervals(draws, properties)
     low, high = bounds["volume"]
     sfm, join = (json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join"))
+    silhouettes = json.loads((job.work("silhouettes") / "silhouettes.json").read_text())
     open_readings = readings_of(json.loads((job.work("shape") / "shape.json").read_text()), factor)
     trust = confidence(
         Evidence(
@@ -68,6 +69,9 @@ def run(job: Job) -> dict:
             unjoined=len(join["unjoined"]),
             valid=float(valid_bodies(draws).mean()),
             overlap=float(surface.get("silhouette_overlap", 1.0)),
+            cut=len(silhouettes.get("cut_off") or []),
+            scenes=tuple(m["images"] for m in sfm.get("models") or []),
+            misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),
             readings=tuple(f"{r['reading']} ({r['option']})" for r in open_readings),
         )
     )

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 
+from massprops.capture.before import hidden_share, something_before
+from massprops.capture.frame_edge import cut_off
 from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
 from massprops.errors import NotPossible
 from massprops.run.files import read_image
@@ -42,9 +45,11 @@ def run(job: Job) -> dict:
                 + (" ..." if len(left_out) > 5 else "")
             )
         left_out += [name for gone in shape["lost"] for name in gone["images"]]
+    cut = _cut_off(job, views.names, set(left_out))
     facts = {
         "method": method,
         "left_out": left_out,
+        "cut_off": cut,
         "views": len(views),
         "median_object_share": float(np.median(share)),
     }
@@ -52,6 +57,18 @@ def run(job: Job) -> dict:
         raise NotPossible("the object fills less than 0.05 % of the image: film it closer")
     (job.out / "silhouettes.json").write_text(json.dumps(facts, indent=1))
     return facts
+
+
+def _cut_off(job: Job, names: tuple[str, ...], left_out: set[str]) -> list[str]:
+    """Images in which the object goes on beyond the frame."""
+    used = [name for name in names if name not in left_out]
+    cut = [name for name in used if cut_off(read_image(job.out / "masks" / f"{name}.png", 0))]
+    if len(cut) > 0.1 * len(used):
+        job.warn(
+            f"the object, or what is taken for it, reaches the edge of the frame in {len(cut)} of {len(used)} images: step "
+            "back so that all of it is seen, and keep hands and arms out"
+        )
+    return cut
 
 
 def _pixels(views, i: int, points: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -111,6 +128,7 @@ def _from_shapes(job: Job, views, placements: list[dict]) -> tuple[list[float], 
 
 def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> list[tuple[np.ndarray, float]]:  # type: ignore[no-untyped-def]
     """Silhouette (h, w) of each view, drawn from a placement's shape and refined, and how far the two agree."""
+    from massprops.capture.doubt import project
     from massprops.geometry.rasterise import rasterise
     from massprops.run.stages.shape import placement_folder
     from massprops.views import undistort
@@ -121,6 +139,8 @@ def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> 
     with np.load(folder / "other.npz", allow_pickle=False) as z:
         other = z["xyz"]
     colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
+    own, own_colour = _own_points(folder)
+    hidden = np.zeros(len(index))
     out = []
     for done, i in enumerate(index):
         K, R, t = views.K[i], views.R[i], views.t[i]
@@ -130,11 +150,29 @@ def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> 
         ahead = camera[:, 2] > 0
         camera = camera[ahead]
         uv = camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2]
-        known = trimap(depth, uv, camera[:, 2], shows_points(image, uv, colour[ahead], far_from(depth)))
+        at, deep = project(own, K, R, t)
+        uv_all, bgr_all = np.concatenate([uv, at]), np.concatenate([colour[ahead], own_colour])
+        shown = shows_points(image, uv_all, bgr_all, far_from(depth))
+        hidden[done] = hidden_share(depth, at, deep, shown[len(uv) :])
+        known = trimap(depth, uv, camera[:, 2], shown[: len(uv)])
         mask = refine(image, known)
         out.append((mask, overlap(mask, known.drawn)))
         job.progress(before + done + 1, len(views), "silhouettes")
+    covered = [views.names[i] for i in index[something_before(hidden)]]
+    if covered:
+        job.warn(
+            f"something that is not the object, such as a hand, is before it in {len(covered)} images "
+            f"({', '.join(covered[:3])}{', ...' if len(covered) > 3 else ''}): leave them out, or mend their masks "
+            "('massprops masks')"
+        )
     return out
+
+
+def _own_points(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The object's dense points (n, 3) and their colours (n, 3) BGR."""
+    with np.load(folder / "object.npz", allow_pickle=False) as z:
+        xyz = z["xyz"]
+    return xyz, np.load(folder / "colour.npy", allow_pickle=False)[:, ::-1]
 
 
 def _save(job: Job, cv2, name: str, mask: np.ndarray) -> float:  # type: ignore[no-untyped-def]
