@@ -9,6 +9,8 @@ BEHIND = 0.03
 HIDDEN, BELOW = 0.2, 6.0
 """Share of the object's points that do not show their colour, above the usual one of all images, from which on something
 is before it; and by how many scatters of all images."""
+EDGE = 4
+"""Pixels along the outline that are left out: there the image blends the object with what is behind it."""
 
 
 def hidden_share(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray) -> float:
@@ -19,11 +21,16 @@ def hidden_share(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.nda
         uv: (m, 2) pixels and z (m,) depths of the object's points.
         shows: (m,) bool, the image has the point's colour there.
     """
+    import cv2
+
     h, w = depth.shape
+    within = cv2.erode(np.isfinite(depth).astype(np.uint8), np.ones((3, 3), np.uint8), iterations=EDGE) > 0
     j, i = np.rint(uv).astype(int).T
     inside = (i >= 0) & (j >= 0) & (i < h) & (j < w)
     front = np.zeros(len(z), bool)
-    front[inside] = np.abs(z[inside] - depth[i[inside], j[inside]]) < BEHIND * z[inside]
+    front[inside] = within[i[inside], j[inside]] & (
+        np.abs(z[inside] - depth[i[inside], j[inside]]) < BEHIND * z[inside]
+    )
     return float(np.mean(~shows[front])) if front.sum() >= 50 else 0.0
 
 

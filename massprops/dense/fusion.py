@@ -30,6 +30,12 @@ class DensePoints:
     view_index: np.ndarray
 
 
+def nothing_measured() -> DensePoints:
+    """No points."""
+    none = np.zeros((0, 3), np.float32)
+    return DensePoints(none, none, none.astype(np.uint8), none[:, 0], np.zeros(1, np.int32), np.zeros(0, np.int32))
+
+
 @nb.njit(cache=True, error_model="numpy")
 def _fuse(
     reference,

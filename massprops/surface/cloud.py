@@ -137,7 +137,7 @@ def thin(cloud: Cloud, target: int, seed: int = 0) -> Thinned:
 
     The two sides of a thin plate never meet in one point, since their normals differ.
     """
-    spacing = _spacing(cloud.xyz, target)
+    spacing = max(_spacing(cloud.xyz, target), _apart(cloud.xyz))
     key = np.floor((cloud.xyz - cloud.xyz.min(0)) / spacing).astype(np.int64)
     axis = np.argmax(np.abs(cloud.normal), axis=1)
     side = 2 * axis + (cloud.normal[np.arange(len(cloud)), axis] > 0)
@@ -163,6 +163,14 @@ def _spacing(xyz: np.ndarray, target: int) -> float:
         occupied = len(np.unique((key[:, 0] * 4096 + key[:, 1]) * 4096 + key[:, 2]))
         low, high = (middle, high) if occupied > 0.8 * target else (low, middle)
     return float(high)
+
+
+def _apart(xyz: np.ndarray) -> float:
+    """Half the median distance to the eighth neighbour: cells finer than that have no neighbours to be smoothed with."""
+    from scipy.spatial import cKDTree
+
+    few = xyz[:: max(1, len(xyz) // 4000)]
+    return 0.5 * float(np.median(cKDTree(xyz).query(few, k=min(9, len(xyz)))[0][:, -1]))
 
 
 def _spread_views(cloud: Cloud, cell: np.ndarray, cells: int, seed: int) -> np.ndarray:

@@ -28,6 +28,8 @@ RECESS = 0.2
 """What a side that stands on a plane may be off, over that of a side nobody knows anything of: the plane bounds it, a
 recess does not show. Bottoms of a box (0), a tin and a mug (0.02 to 0.1 of the distance to their rim) lie within it; the
 foot of a plate does not."""
+OUTLINES = 0.08
+"""Distance from measured surface that stands for a body of which nothing but outlines is known, over its length."""
 REACH = 0.15
 """Width of the bumps and distance between them, over the body's length."""
 MOST_BUMPS = 60
@@ -67,15 +69,18 @@ def fill_modes(
         inferred: (f,) bool, closed at the plane of support; none by default.
 
     Returns:
-        Zero for measured faces; no rows where nothing, or everything, was measured.
+        Zero for measured faces; no rows where everything was measured.
     """
     from scipy.spatial import cKDTree
 
     hidden = np.flatnonzero(~observed)
-    if not 0 < len(hidden) < len(faces):
+    if not len(hidden):
         return np.zeros((0, len(faces)))
     middle = vertices[faces].mean(axis=1)
-    away = cKDTree(middle[observed]).query(middle[hidden])[0]
+    if observed.any():
+        away = cKDTree(middle[observed]).query(middle[hidden])[0]
+    else:
+        away = np.full(len(hidden), OUTLINES * length)
     if inferred is not None:
         away = np.where(inferred[hidden], RECESS * away, away)
     bump = _bumps(middle[hidden], int(np.argmax(away)), REACH * length)

@@ -125,12 +125,12 @@ def reconstruct_surface(
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = measured_faces(vertices, faces, cloud, 2 * h)
-    inferred = ~observed & _on_support(vertices, faces, support, 0.75 * h)
+    inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
 
 
-def _on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | None, near: float) -> np.ndarray:
+def on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | None, near: float) -> np.ndarray:
     """(f,) bool: faces that lie on the plane of support and look into it."""
     if support is None:
         return np.zeros(len(faces), bool)

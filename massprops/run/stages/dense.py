@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from massprops.errors import NotPossible
 from massprops.run.files import read_image
 from massprops.run.job import Job
 
@@ -16,6 +17,7 @@ OPTIONS = ("dense_views",)
 def run(job: Job) -> dict:
     """Writes points.npz and dense.json."""
 
+    from massprops.dense.fusion import nothing_measured
     from massprops.dense.reconstruct import dense_points
     from massprops.views import Views, undistort
 
@@ -31,9 +33,15 @@ def run(job: Job) -> dict:
             undistort(mask, views.K[i], views.distortion[i], nearest=True),
         )
 
-    points, facts = dense_points(
-        views, image, xyz, obs_view, obs_point, job.options.dense_views, job.seed, job.threads, job.progress
-    )
+    try:
+        points, facts = dense_points(
+            views, image, xyz, obs_view, obs_point, job.options.dense_views, job.seed, job.threads, job.progress
+        )
+    except NotPossible as error:
+        if json.loads((job.work("join") / "join.json").read_text()).get("middle") is None:
+            raise
+        job.warn(f"nothing could be measured on the object: its outlines alone give the shape ({error})")
+        points, facts = nothing_measured(), {"points": 0, "reason": str(error)}
     np.savez(
         job.out / "points.npz",
         xyz=points.xyz,

@@ -83,6 +83,8 @@ def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str])
         own = Cloud.load(folder / "object.npz").xyz
         middle = np.median(own, axis=0)
         radius = float(np.percentile(np.linalg.norm(own - middle, axis=1), 99))
+        if k == first:
+            facts["middle"], facts["radius"] = middle.tolist(), radius
         all_views.append(views.take(member).moved(R, t))
         all_points.append(sparse.of_views(member).near(middle, AROUND * radius).moved(R, t, before))
         # lines of sight of images that were left out go

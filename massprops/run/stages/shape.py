@@ -110,9 +110,9 @@ def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
 
 def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> dict:  # type: ignore[no-untyped-def]
     """The first shape of one placement; views and sparse points are its own."""
+    from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
     from massprops.capture.support import region_of
-    from massprops.surface.reconstruct import reconstruct_surface
 
     region = region_of(views)
     cloud, colour = _dense(job, views, region, sparse)
@@ -120,31 +120,70 @@ def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> 
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
     object_ = find_object(scene, pointed, job.options.keep_support, job.seed)
     found = object_.split
+    job.progress(0, 1, "first shape")
+    try:
+        vertices, faces = _measured_shape(job, views, cloud, found)
+        method = "measured"
+    except NotPossible as error:
+        hidden = None if found.plane is None else _hidden_shape(job, views, cloud, found.plane, region)
+        if hidden is None:
+            raise error
+        vertices, faces = hidden.vertices, hidden.faces
+        method = "hides its support"
+    member = found.member if method == "measured" else np.zeros(len(cloud), bool)
+    own, other = cloud.take(np.flatnonzero(member)), cloud.take(np.flatnonzero(found.other))
+    own_colour = colour[member]
+    if method != "measured":
+        own = on_mesh(vertices, faces)
+        own_colour = np.zeros((len(own), 3), np.uint8)
+    folder = placement_folder(job.out, number)
+    folder.mkdir()
+    np.savez(folder / "shape.npz", vertices=vertices, faces=faces)
+    own.save(folder / "object.npz")
+    np.save(folder / "colour.npy", own_colour)
+    np.save(folder / "other_colour.npy", colour[found.other])
+    other.save(folder / "other.npz")
+    return {
+        "method": method,
+        "readings": _readings(job, scene, object_.readings, number),
+        "support_plane": None if found.plane is None else found.plane.tolist(),
+        "object_points": len(own),
+        "other_points": int(found.other.sum()),
+        "region_radius": region.radius,
+    }
+
+
+def _measured_shape(job: Job, views, cloud, found):  # type: ignore[no-untyped-def]
+    """Vertices and faces of the shape that stereo has measured."""
+    from massprops.surface.reconstruct import reconstruct_surface
+
     if found.member.sum() < LEAST_POINTS:
         what = "nothing stands out" if found.plane is None else "nothing rises from the plane"
         raise NotPossible(
             f"{what} where the cameras look: keep the object in the middle of the images, give it texture or side light, "
             "or give its silhouettes with --masks"
         )
-    job.progress(0, 1, "first shape")
     own, other = cloud.take(np.flatnonzero(found.member)), cloud.take(np.flatnonzero(found.other))
     surface = reconstruct_surface(
         views, [], own, POINTS, job.seed, job.progress, found.plane, moving=False, surroundings=other, fill=0.0
     )
-    folder = placement_folder(job.out, number)
-    folder.mkdir()
-    np.savez(folder / "shape.npz", vertices=surface.vertices, faces=surface.faces)
-    own.save(folder / "object.npz")
-    np.save(folder / "colour.npy", colour[found.member])
-    np.save(folder / "other_colour.npy", colour[found.other])
-    other.save(folder / "other.npz")
-    return {
-        "readings": _readings(job, scene, object_.readings, number),
-        "support_plane": None if found.plane is None else found.plane.tolist(),
-        "object_points": int(found.member.sum()),
-        "other_points": int(found.other.sum()),
-        "region_radius": region.radius,
-    }
+    return surface.vertices, surface.faces
+
+
+def _hidden_shape(job: Job, views, cloud, plane, region):  # type: ignore[no-untyped-def]
+    """The shape of what hides its support, where stereo has measured none."""
+    from massprops.capture.occlusion import hidden_shape
+    from massprops.capture.support import TOLERANCE, on_plane
+
+    held = cloud.xyz[on_plane(cloud.xyz, cloud.normal, plane, TOLERANCE * region.radius)]
+    return hidden_shape(views, lambda i: _image(job, views, i), held, plane, region)
+
+
+def _image(job: Job, views, i: int) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """View i without its lens's distortion."""
+    from massprops.views import undistort
+
+    return undistort(read_image(job.work("capture") / "frames" / views.names[i]), views.K[i], views.distortion[i])
 
 
 def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> list[dict]:
@@ -175,14 +214,12 @@ def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
     """Dense points of the region, whatever they belong to, and their colours (n, 3) uint8."""
     from massprops.dense.reconstruct import dense_points
     from massprops.surface.cloud import Cloud
-    from massprops.views import undistort
 
     # the depth range of a view comes from its sparse points
     near = sparse.near(region.centre, 1.3 * region.radius)
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
-        colour = read_image(job.work("capture") / "frames" / views.names[i])
-        return undistort(colour, views.K[i], views.distortion[i]), region.mask(views, i)
+        return _image(job, views, i), region.mask(views, i)
 
     points, _ = dense_points(
         views, image, near.xyz, near.obs_view, near.obs_point, REFERENCES, job.seed, job.threads, job.progress, PIXELS

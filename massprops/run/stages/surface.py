@@ -24,6 +24,9 @@ MOST_FILLED = 0.6
 FOCAL_SIGMA = 0.003
 """Relative 1-sigma of a self-calibrated focal length when the structure from motion could not give its own."""
 
+BALL = 1.4
+"""Radius in which a body known by its outlines alone is looked for, in radii of its first shape."""
+
 
 def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
     """Share of points (n, 3) that lie farther than `far` from every vertex (v, 3)."""
@@ -37,6 +40,7 @@ def run(job: Job) -> dict:
     import cv2
 
     from massprops.surface.cloud import Cloud
+    from massprops.surface.outline_cloud import surface_of_outlines
     from massprops.surface.reconstruct import reconstruct_surface
     from massprops.surface.silhouette import agreement, shown_as_object
     from massprops.surface.spread import replicates
@@ -54,7 +58,8 @@ def run(job: Job) -> dict:
             raise NotPossible(f"surface: silhouette {path.name} is missing; run the silhouettes again")
         masks.append(undistort(mask, views.K[i], views.distortion[i], nearest=True))
     cloud = Cloud.load(job.work("dense") / "points.npz")
-    stand = json.loads((job.work("join") / "join.json").read_text())["support_plane"]
+    place = json.loads((job.work("join") / "join.json").read_text())
+    stand = place["support_plane"]
     support = None if stand is None else np.array(stand, float)
     tumbling, given = footage["motion"] == "tumbling", bool(footage["masks_given"])
     # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
@@ -69,16 +74,22 @@ def run(job: Job) -> dict:
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
         beside = beside.take(np.flatnonzero(~shown_as_object(beside, views, masks)))
-    surface = reconstruct_surface(
-        views,
-        masks,
-        cloud,
-        seed=job.seed,
-        progress=job.progress,
-        support=support,
-        moving=tumbling or given,
-        surroundings=beside,
-    )
+    try:
+        surface = reconstruct_surface(
+            views,
+            masks,
+            cloud,
+            seed=job.seed,
+            progress=job.progress,
+            support=support,
+            moving=tumbling or given,
+            surroundings=beside,
+        )
+    except NotPossible:
+        if place.get("middle") is None:
+            raise
+        middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
+        surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
     lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > NOTHING_LEFT:
         raise NotPossible(

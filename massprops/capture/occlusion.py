@@ -1,0 +1,331 @@
+"""Where the known surroundings do not show: something stands before them, however plain it is.
+
+Stereo finds no points on a plain or glossy object. The surroundings have been measured all the same, in other images: a
+pixel that has not the colour of the point of the table which lies there shows something nearer. The space that no image
+sees the surroundings through is the object's hull (Laurentini 1994), with votes in place of certainty.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.capture.support import Region, axes
+from massprops.surface.cloud import Cloud
+from massprops.views import Views
+
+CELL = 4
+"""Side of a cell of the maps [px of an image whose shorter side is 480]."""
+REACH, GRID = 2.2, 3.0
+"""Radius of the support that is looked at, in radii of the region, and distance of its points [px of an image as above]."""
+LEAST_SEEN = 5
+"""Images that must see a point of the support before its colour is known."""
+UNSTEADY = 25.0
+"""Scatter of a point's colour over the images [grey levels] above which it is not known: gloss, or something on it."""
+SHOWS, HIDES, LEAST_SHOWS, LEAST_HIDES = 3.0, 4.5, 9.0, 16.0
+"""A point shows within so many of its scatters, is hidden beyond so many, and not below so many grey levels."""
+WIDE, HIGH = 0.65, 1.1
+"""Half width and height of the space that is searched, in radii of the region."""
+MOST_SHOWN = 0.2
+"""Largest share of the images that know it which may see the surroundings through a place within the object: of an object
+of its table's colour some pixels pass for the table."""
+LEAST_HIDDEN = 4
+"""Images that must see the surroundings hidden there."""
+COARSE, FINE = 36, 100
+"""Voxels along the radius's double width where placements are divided and where a shape is made."""
+
+
+@dataclass(frozen=True)
+class Occlusion:
+    """n maps, one a view: 1 the surroundings show, -1 something hides them, 0 nothing is known.
+
+    Attributes:
+        state: n arrays (h, w) int8.
+        cell: (n,) size of a cell [px].
+    """
+
+    state: list[np.ndarray]
+    cell: np.ndarray
+
+
+def support_points(plane: np.ndarray, region: Region, measured: np.ndarray, pixel: float) -> np.ndarray:
+    """(m, 3) grid on the support. Near the middle only where stereo measured it: below an object there is nothing to see.
+
+    Args:
+        plane: (4,); region: where the cameras look; measured: (k, 3) dense points on the plane; pixel: at the object.
+    """
+    from scipy.spatial import cKDTree
+
+    first, second = axes(plane)
+    foot = region.centre - (region.centre @ plane[:3] + plane[3]) * plane[:3]
+    step = max(GRID * pixel, REACH * region.radius / 200)
+    flat = np.arange(-REACH * region.radius, REACH * region.radius, step)
+    x, y = (a.ravel() for a in np.meshgrid(flat, flat))
+    off = np.hypot(x, y)
+    inside = off < REACH * region.radius
+    x, y, off = x[inside], y[inside], off[inside]
+    grid = foot + x[:, None] * first + y[:, None] * second
+    near = off < WIDE * region.radius
+    away = np.full(len(grid), np.inf)
+    if len(measured):
+        away[near] = cKDTree(measured).query(grid[near], distance_upper_bound=3 * step)[0]
+    return grid[~near | np.isfinite(away)]
+
+
+def sampled(views: Views, image: Callable[[int], np.ndarray], xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Colours (n, m, 3) uint8 of points in every view, and (n, m) bool where they lie in the image.
+
+    Args:
+        views: n views; image: `image(i)` is (h, w, 3) uint8, undistorted.
+        xyz: (m, 3).
+    """
+    import cv2
+
+    colour = np.zeros((len(views), len(xyz), 3), np.uint8)
+    there = np.zeros((len(views), len(xyz)), bool)
+    for i in range(len(views)):
+        picture = cv2.GaussianBlur(image(i), (0, 0), 1.5)
+        h, w = picture.shape[:2]
+        pixel, ahead = _pixels(views, i, xyz)
+        pixel = np.rint(np.where(ahead[:, None], pixel, -1.0)).astype(int)
+        there[i] = ahead & (pixel >= 0).all(1) & (pixel < [w, h]).all(1)
+        own = pixel[there[i]]
+        colour[i, there[i]] = picture[own[:, 1], own[:, 0]]
+    return colour, there
+
+
+def _pixels(views: Views, i: int, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 2) pixels of points in view i, and (m,) bool whether they lie before the camera."""
+    camera = xyz @ views.R[i].T + views.t[i]
+    ahead = camera[:, 2] > 1e-9
+    safe = np.where(ahead, camera[:, 2], 1.0)[:, None]
+    return camera[:, :2] / safe @ views.K[i, :2, :2].T + views.K[i, :2, 2], ahead
+
+
+def visibility(colour: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(n, m) int8: 1 the point shows in the view, -1 it is hidden, 0 not known.
+
+    A point's own colour is the median over the views, each view's exposure divided out; its scatter says how far a view
+    may differ.
+
+    Args:
+        colour, there: of `sampled`.
+    """
+    level = np.where(there[..., None], colour.astype(np.float32), np.nan)
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        own = np.nanmedian(level, axis=0)
+        for _ in range(2):
+            gain = np.nanmedian(level / np.maximum(own, 1.0), axis=1)
+            gain = np.clip(np.where(np.isfinite(gain), gain, 1.0), 0.4, 2.5)
+            own = np.nanmedian(level / gain[:, None], axis=0)
+        off = np.abs(level / gain[:, None] - own).max(axis=2)
+        scatter = 1.4826 * np.nanmedian(off, axis=0)
+    known = there & (there.sum(0) >= LEAST_SEEN) & (scatter < UNSTEADY)
+    shows = known & (off < np.maximum(SHOWS * scatter, LEAST_SHOWS))
+    hides = known & (off > np.maximum(HIDES * scatter, LEAST_HIDES))
+    return shows.astype(np.int8) - hides.astype(np.int8)
+
+
+def occlusion_maps(views: Views, image: Callable[[int], np.ndarray], xyz: np.ndarray) -> Occlusion:
+    """What each view shows of the support.
+
+    Args:
+        views: n views.
+        image: `image(i)` is (h, w, 3) uint8, undistorted.
+        xyz: (m, 3) points of the support.
+    """
+    import cv2
+
+    seen = visibility(*sampled(views, image, xyz))
+    states, cells = [], []
+    for i in range(len(views)):
+        w, h = views.size[i]
+        cell = CELL * min(h, w) / 480
+        shape = (int(np.ceil(h / cell)), int(np.ceil(w / cell)))
+        pixel, _ = _pixels(views, i, xyz)
+        count = []
+        for chosen in (seen[i] == 1, seen[i] == -1):
+            dots = np.zeros(shape, np.float32)
+            at = np.minimum((pixel[chosen] / cell).astype(int), np.array(shape[::-1]) - 1).clip(0)
+            np.add.at(dots, (at[:, 1], at[:, 0]), 1.0)
+            count.append(cv2.boxFilter(dots, -1, (3, 3), normalize=False))
+        known = count[0] + count[1] > 1.5
+        states.append(np.where(known, np.where(count[0] >= count[1], 1, -1), 0).astype(np.int8))
+        cells.append(cell)
+    return Occlusion(states, np.array(cells))
+
+
+@dataclass(frozen=True)
+class Voxels:
+    """A grid of cubes that stands on the support.
+
+    Attributes:
+        centre: (a, b, c, 3) of each cube.
+        size: its side.
+        shown, hidden: (n, a, b, c) bool, view i sees the surroundings through it, and sees them hidden there.
+        cell: (n, a, b, c) int32, cell of view i's map it falls on, -1 outside.
+    """
+
+    centre: np.ndarray
+    size: float
+    shown: np.ndarray
+    hidden: np.ndarray
+    cell: np.ndarray
+
+
+def voxels(views: Views, maps: Occlusion, plane: np.ndarray, region: Region, count: int) -> Voxels:
+    """What the views say of each cube; `count` cubes along the width of the space."""
+    first, second = axes(plane)
+    size = 2 * WIDE * region.radius / count
+    foot = region.centre - (region.centre @ plane[:3] + plane[3]) * plane[:3]
+    flat = (np.arange(count) + 0.5) * size - WIDE * region.radius
+    up = (np.arange(round(HIGH * region.radius / size)) + 0.5) * size
+    centre = (
+        foot
+        + flat[:, None, None, None] * first
+        + flat[None, :, None, None] * second
+        + up[None, None, :, None] * plane[:3]
+    )
+    shape = centre.shape[:3]
+    points = centre.reshape(-1, 3)
+    shown, hidden = (np.zeros((len(views), *shape), bool) for _ in range(2))
+    cell = np.full((len(views), *shape), -1, np.int32)
+    for i in range(len(views)):
+        camera = points @ views.R[i].T + views.t[i]
+        z = camera[:, 2]
+        uv = camera[:, :2] / np.where(z > 1e-9, z, 1.0)[:, None] @ views.K[i, :2, :2].T + views.K[i, :2, 2]
+        h, w = maps.state[i].shape
+        at = np.floor(uv / maps.cell[i]).astype(np.int64)
+        there = np.flatnonzero((z > 1e-9) & (at >= 0).all(1) & (at < [w, h]).all(1))
+        index = at[there, 1] * w + at[there, 0]
+        state = maps.state[i].ravel()[index]
+        cell[i].reshape(-1)[there] = index
+        shown[i].reshape(-1)[there] = state == 1
+        hidden[i].reshape(-1)[there] = state == -1
+    return Voxels(centre, size, shown, hidden, cell)
+
+
+def hull(grid: Voxels, member: np.ndarray) -> np.ndarray:
+    """(a, b, c) bool: the largest piece through which the views of `member` (k,) do not see the surroundings."""
+    from scipy.ndimage import label
+
+    shown = grid.shown[member].sum(0)
+    hidden = grid.hidden[member].sum(0)
+    empty = shown > np.maximum(MOST_SHOWN * (shown + hidden), 1)
+    solid = (hidden >= LEAST_HIDDEN) & ~empty
+    # next to the support, nothing is known behind the object: what stands on it goes down to it
+    above = np.cumsum(solid[..., ::-1], axis=2)[..., ::-1] > 0
+    solid |= above & ~empty
+    piece, number = label(solid)
+    if number == 0:
+        return solid
+    out: np.ndarray = piece == 1 + int(np.argmax(np.bincount(piece.ravel())[1:]))
+    return out
+
+
+def explained(grid: Voxels, maps: Occlusion, solid: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """(k,) intersection over union, in each view of `member`, of where a hull is drawn and where surroundings are hidden.
+
+    Only cells count onto which the searched space projects and of which something is known.
+    """
+    out = np.zeros(len(member))
+    for k, i in enumerate(member):
+        cells = maps.state[i].size
+        state = maps.state[i].ravel()
+        reach, drawn = np.zeros(cells, bool), np.zeros(cells, bool)
+        own = grid.cell[i]
+        reach[own[own >= 0]] = True
+        inside = own[solid & (own >= 0)]
+        drawn[inside] = True
+        hidden = reach & (state == -1)
+        union = np.count_nonzero(hidden | (drawn & (state != 0)))
+        out[k] = np.count_nonzero(hidden & drawn) / union if union else 1.0
+    return out
+
+
+def boundary(grid: Voxels, solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The faces of a hull's cubes as a closed mesh: vertices (v, 3), faces (f, 3) wound outward."""
+    step = [grid.centre[1, 0, 0] - grid.centre[0, 0, 0], grid.centre[0, 1, 0] - grid.centre[0, 0, 0]]
+    step.append(grid.centre[0, 0, 1] - grid.centre[0, 0, 0])
+    origin = grid.centre[0, 0, 0] - 0.5 * sum(step)
+    padded = np.pad(solid, 1)
+    corners, quads = [], 0
+    for axis in range(3):
+        across = [k for k in range(3) if k != axis]
+        u, v = np.eye(3, dtype=int)[across]
+        # u x v points along the axis, or against it
+        flip = np.linalg.det([np.eye(3)[axis], u, v]) < 0
+        for side in (1, -1):
+            beside = np.roll(padded, -side, axis)
+            at = np.argwhere(padded & ~beside) - 1
+            base = at + (np.eye(3, dtype=int)[axis] if side == 1 else 0)
+            quad = np.stack([base, base + u, base + u + v, base + v], axis=1)
+            corners.append(quad[:, ::-1] if (side == -1) != flip else quad)
+            quads += len(at)
+    lattice, index = np.unique(np.concatenate(corners).reshape(-1, 3), axis=0, return_inverse=True)
+    index = index.reshape(quads, 4)
+    faces = np.concatenate([index[:, [0, 1, 2]], index[:, [0, 2, 3]]])
+    handed = np.linalg.det(np.stack(step)) < 0
+    return origin + lattice @ np.stack(step), faces[:, ::-1] if handed else faces
+
+
+def on_mesh(vertices: np.ndarray, faces: np.ndarray) -> Cloud:
+    """A mesh's vertices (v, 3) as points that no view has measured; faces (f, 3)."""
+    from massprops.surface.refine import vertex_normals
+
+    edge = float(np.linalg.norm(vertices[faces[0, 1]] - vertices[faces[0, 0]]))
+    none = np.zeros(len(vertices) + 1, np.int64)
+    sigma = np.full(len(vertices), edge)
+    return Cloud(vertices, vertex_normals(vertices, faces), sigma, none, np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True)
+class HiddenShape:
+    """The hull of what hides its support.
+
+    Attributes:
+        vertices, faces: its boundary, closed, (v, 3) and (f, 3).
+        agreement: median over the views of the intersection over union of its silhouette and of where the support is
+            hidden.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    agreement: float
+
+
+LEAST_VOXELS = 60
+"""Cubes of the coarse grid without which there is no shape."""
+LEAST_AGREEMENT = 0.4
+"""Agreement below which a hull explains too little of what is hidden to be an object. A plain cup before wood that
+mirrors a window had 0.6."""
+
+
+def hidden_shape(
+    views: Views, image: Callable[[int], np.ndarray], held: np.ndarray, plane: np.ndarray, region: Region
+) -> HiddenShape | None:
+    """The object as far as it hides what it stands on, or None where nothing does so consistently.
+
+    Args:
+        views: n views of one placement.
+        image: `image(i)` is (h, w, 3) uint8, undistorted.
+        held: (k, 3) dense points on the support.
+        plane: (4,) of the support; region: where the cameras look.
+    """
+    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
+    maps = occlusion_maps(views, image, support_points(plane, region, held, pixel))
+    everyone = np.arange(len(views))
+    coarse = voxels(views, maps, plane, region, COARSE)
+    solid = hull(coarse, everyone)
+    if solid.sum() < LEAST_VOXELS:
+        return None
+    agreement = float(np.median(explained(coarse, maps, solid, everyone)))
+    if agreement < LEAST_AGREEMENT:
+        return None
+    fine = voxels(views, maps, plane, region, FINE)
+    vertices, faces = boundary(fine, hull(fine, everyone))
+    return HiddenShape(vertices, faces, agreement)
