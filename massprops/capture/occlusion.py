@@ -288,7 +288,7 @@ class HiddenShape:
     """The hull of what hides its support.
 
     Attributes:
-        vertices, faces: its boundary, closed, (v, 3) and (f, 3).
+        vertices, faces: its boundary, (v, 3) and (f, 3); cubes may touch along edges.
         agreement: median over the views of the intersection over union of its silhouette and of where the support is
             hidden.
     """

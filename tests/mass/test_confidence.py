@@ -21,6 +21,8 @@ from massprops.mass.properties import properties_of_integrals
         (Evidence(0.03, 0.05, 0.0, 40, 31), "medium", "9 of 40 images"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1), "medium", "placements"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, valid=0.3), "low", "no bodies"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.92), "medium", "share only 92 %"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.63), "low", "share only 63 %"),
     ],
 )
 def test_the_worst_reason_decides_and_comes_first(evidence: Evidence, level: str, word: str) -> None:

@@ -1,0 +1,126 @@
+"""The shape of a plain object, from where the table that it stands on does not show."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from test_readings import RED, SIZE, VIEWS, K
+
+from massprops.capture.occlusion import boundary, hidden_shape, on_mesh, support_points, visibility
+from massprops.capture.support import Region
+from massprops.geometry.rasterise import silhouette
+from massprops.surface.cloud import Cloud
+from massprops.surface.outline_cloud import surface_of_outlines
+from massprops.surface.silhouette import agreement, shown_as_object
+
+REGION = Region(np.array([0, 0, 0.1]), 1.0)
+PLANE = np.array([0.0, 0.0, 1.0, 0.0])
+BODY = trimesh.creation.box(extents=(0.5, 0.4, 0.4))
+BODY.apply_translation([0, 0, 0.2])
+
+
+def outline(i: int) -> np.ndarray:
+    return silhouette(np.asarray(BODY.vertices), np.asarray(BODY.faces), VIEWS.K[i], VIEWS.R[i], VIEWS.t[i], SIZE)
+
+
+def photograph(i: int, body: bool = True) -> np.ndarray:
+    """A table with a soft random pattern, and a plain red box on it."""
+    rng = np.random.default_rng(0)
+    x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(K).T @ VIEWS.R[i]
+    far = -VIEWS.centres[i, 2] / np.minimum(ray[..., 2], -1e-6)
+    at = VIEWS.centres[i, :2] + far[..., None] * ray[..., :2]
+    wave = rng.normal(0, 6, (12, 2))
+    level = 120 + 12 * sum(np.sin(at @ w + p) for w, p in zip(wave, rng.uniform(0, 6, 12), strict=True))
+    image = np.repeat(level[..., None], 3, axis=2)
+    if body:
+        image[outline(i)] = RED[::-1]
+    return np.clip(image + np.random.default_rng(i).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+
+
+def table(half: float = 0.28) -> np.ndarray:
+    flat = np.arange(-1.4, 1.4, 0.02)
+    x, y = (a.ravel() for a in np.meshgrid(flat, flat))
+    free = np.maximum(np.abs(x), np.abs(y)) > half
+    return np.column_stack([x, y, np.zeros(len(x))])[free]
+
+
+def test_a_plain_box_hides_the_table_behind_it() -> None:
+    found = hidden_shape(VIEWS, photograph, table(), PLANE, REGION)
+    assert found is not None and found.agreement > 0.7
+    shape = trimesh.Trimesh(found.vertices, found.faces)
+    assert shape.volume > 0
+    low, high = shape.bounds
+    # a hull from 24 views at one height is too large by a pixel, and has a roof
+    assert np.all(low < [-0.22, -0.17, 0.02]) and np.all(low > [-0.36, -0.31, -0.02])
+    assert np.all(high > [0.22, 0.17, 0.36]) and np.all(high < [0.36, 0.31, 0.62])
+    assert BODY.volume * 0.9 < shape.volume < BODY.volume * 2.2
+
+
+def test_an_empty_table_hides_nothing() -> None:
+    assert hidden_shape(VIEWS, lambda i: photograph(i, body=False), table(0.0), PLANE, REGION) is None
+
+
+def test_only_the_measured_support_counts_near_the_middle() -> None:
+    points = support_points(PLANE, REGION, table(), 0.006)
+    off = np.abs(points[:, :2]).max(1)
+    assert off.min() > 0.2 and off.max() > 1.5 and np.abs(points[:, 2]).max() < 1e-9
+
+
+def test_exposure_is_no_occlusion_and_gloss_is_unknown() -> None:
+    rng = np.random.default_rng(1)
+    own = rng.uniform(60, 120, (200, 3))
+    gain = np.linspace(0.7, 1.5, 12)
+    colour = np.clip(gain[:, None, None] * own + rng.normal(0, 1, (12, 200, 3)), 0, 255)
+    colour[3, :40] += 60  # something stands before these
+    colour[:, 190:] = rng.uniform(0, 255, (12, 10, 3))  # these mirror the room
+    there = np.ones((12, 200), bool)
+    there[:, 180:190] = False
+    state = visibility(colour.clip(0, 255).astype(np.uint8), there)
+    assert (state[3, :40] == -1).mean() > 0.9
+    rest = np.delete(state[:, 40:180], 3, axis=0)
+    assert (rest == 1).mean() > 0.9 and (rest == -1).mean() < 0.02
+    assert (state[:, 180:] == 0).all()
+
+
+def test_the_boundary_of_voxels_is_closed_and_outward() -> None:
+    from types import SimpleNamespace
+
+    solid = np.random.default_rng(2).random((6, 5, 4)) > 0.6
+    centre = np.stack(np.meshgrid(*(np.arange(n) * 0.1 for n in solid.shape), indexing="ij"), axis=-1)
+    vertices, faces = boundary(SimpleNamespace(centre=centre), solid)  # type: ignore[arg-type]
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    volume = np.einsum("ni,ni->", a, np.cross(b, c)) / 6
+    np.testing.assert_allclose(volume, solid.sum() * 1e-3, rtol=1e-9)
+    ball = trimesh.creation.icosphere(2)
+    cloud = on_mesh(np.asarray(ball.vertices), np.asarray(ball.faces))
+    assert np.einsum("ni,ni->n", cloud.xyz, cloud.normal).min() > 0.9
+
+
+def test_a_surface_of_outlines_is_filled_all_over() -> None:
+    masks = [np.where(outline(i), 255, 0).astype(np.uint8) for i in range(len(VIEWS))]
+    surface = surface_of_outlines(VIEWS, masks, np.array([0, 0, 0.2]), 0.6, support=PLANE)
+    shape = trimesh.Trimesh(surface.vertices, surface.faces)
+    assert shape.is_watertight and not surface.observed.any() and surface.inferred.any()
+    assert BODY.volume < shape.volume < 1.6 * BODY.volume
+    assert shape.bounds[0, 2] > -0.02
+
+
+def test_a_mesh_is_judged_by_the_silhouettes() -> None:
+    masks = [np.where(outline(i), 255, 0).astype(np.uint8) for i in range(4)]
+    masks[3][:] = 0
+    vertices, faces = np.asarray(BODY.vertices), np.asarray(BODY.faces)
+    views = VIEWS.take(np.arange(4))
+    same = agreement(vertices, faces, views, masks)
+    assert (same[:3] == 1).all() and np.isnan(same[3])
+    half = vertices * [1, 1, 0.5]
+    assert (agreement(half, faces, views, masks)[:3] < 0.85).all()
+
+
+def test_what_shows_within_the_silhouettes_is_no_surroundings() -> None:
+    masks = [np.where(outline(i), 255, 0).astype(np.uint8) for i in range(len(VIEWS))]
+    points = np.array([[0.0, 0.0, 0.39], [0.9, 0.0, 0.0]])  # below the lid as a gloss shows it; on the table
+    seen = np.tile(np.arange(len(VIEWS)), 2)
+    start = np.array([0, len(VIEWS), 2 * len(VIEWS)])
+    cloud = Cloud(points, np.tile([0.0, 0, 1], (2, 1)), np.full(2, 0.01), start, seen)
+    assert shown_as_object(cloud, VIEWS, masks).tolist() == [True, False]
