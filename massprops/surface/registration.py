@@ -26,6 +26,8 @@ APART_DEG = 20.0
 """Rotations nearer than this to each other are one answer."""
 CLEAR = 1.5
 """How many times worse than the best the next rotation must be."""
+APART_PX = 0.05
+"""And by how many pixels: no outline is known better."""
 PAINTED, FINE, COARSE = 6000, 8, 200
 """Points that carry a placement's colours, those over which colours are averaged, and those over which the light is taken
 to be the same."""
@@ -37,17 +39,21 @@ LARGEST = 1.5
 wrong ones 1.22 and 2.14."""
 LARGEST_PAINTED = 4.0
 """The same where the paint decides: shapes lack sides that were badly lit."""
+SAME_PX, SAME_SHARE = 2.0, 0.97
+"""Two answers are one body where this share of the points of either lies within so many pixels of the other: the
+silhouettes know no better (`LARGEST`). A cup, or a plain brick, looks the same however it is turned about its axes."""
 
 
 @dataclass(frozen=True)
 class Placed:
     """One placement: its points (Cloud) and their colours (n, 3), its hull of silhouettes, the middle (3,) of its first
-    shape."""
+    shape and points (m, 3) all over that, the side it stood on among them."""
 
     cloud: Cloud
     colour: np.ndarray
     hull: Hull
     middle: np.ndarray
+    shape: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,7 @@ class Registration:
     Attributes:
         R, t: (3, 3) and (3,): x in the first placement's frame is R x + t of the second's.
         outside_px: mean distance by which points of each fall outside the silhouettes of the other.
-        rival_px: the same of the best rotation that is another answer.
+        rival_px: the same of the best rotation that is another answer, and makes another body.
         colour: correlation of the colours where both placements saw the surface.
         rival_colour: the largest of the other answers that the silhouettes bear.
     """
@@ -85,7 +91,8 @@ class Registration:
 
         Shape alone does not decide against the paint.
         """
-        by_shape = self.rival_px > CLEAR * self.outside_px and self.rival_colour < self.colour + BETTER
+        worse = max(CLEAR * self.outside_px, self.outside_px + APART_PX)
+        by_shape = self.rival_px > worse and self.rival_colour < self.colour + BETTER
         return self.fits and (self.painted or by_shape)
 
 
@@ -110,17 +117,23 @@ def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
         found.append((_outside(R, t, a, b, first, second), R, t))
     found.sort(key=lambda f: f[0])
     near = [f for f in found if f[0] < LARGEST_PAINTED]
+    rest = np.argsort(scores, kind="stable")[REFINED : 2 * REFINED]
     alike = [dense.colour(R, t) for _, R, t in near]
     # the paint decides where it can: shapes may be incomplete, each on the side that was badly lit
     painted = max(alike, default=0.0) > COLOUR
     _, R, t = near[int(np.argmax(alike))] if painted else found[0]
-    others = [s for s, Q, _ in found if _angle(Q, R) > APART_DEG]
-    rest = np.argsort(scores, kind="stable")[REFINED : 2 * REFINED]
-    others += [float(scores[k]) for k in rest if _angle(turns[k], R) > APART_DEG]
     rivals = [c for c, (_, Q, _) in zip(alike, near, strict=True) if _angle(Q, R) > APART_DEG]
     R, t = dense.refined(R, t, rounds=60)
     best = _outside(R, t, a, b, first, second)
-    return Registration(R, t, best, min(others, default=np.inf), dense.colour(R, t), max(rivals, default=0.0))
+    tried = found + [(float(scores[k]), turns[k], shifts[k]) for k in rest]
+    others = [f for f in sorted(tried, key=lambda f: f[0]) if _angle(f[1], R) > APART_DEG]
+    rival = np.inf
+    for _, Q, u in others:
+        Q, u = dense.refined(Q, u, rounds=60)
+        if not dense.one_body((R, t), (Q, u)):
+            rival = _outside(Q, u, a, b, first, second)
+            break
+    return Registration(R, t, best, rival, dense.colour(R, t), max(rivals, default=0.0))
 
 
 def _some(xyz: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
@@ -174,6 +187,9 @@ class _Pair:
         from scipy.spatial import cKDTree
 
         self.xyz, self.normal = first.cloud.xyz, first.cloud.normal
+        self.first, self.second = (cKDTree(np.concatenate([p.cloud.xyz, p.shape])) for p in (first, second))
+        apart = np.median(cKDTree(second.shape).query(second.shape, k=2)[0][:, 1])
+        self.tolerance = max(SAME_PX * first.hull.pixel, 2.0 * float(apart))
         self.tree = cKDTree(self.xyz)
         pick = np.sort(rng.permutation(len(second.cloud))[:1500])
         self.moving, self.facing = second.cloud.xyz[pick], second.cloud.normal[pick]
@@ -193,6 +209,18 @@ class _Pair:
         spread = theirs.std(0) * own.std(0)
         covariance = ((theirs - theirs.mean(0)) * (own - own.mean(0))).mean(0)
         return float(np.mean(covariance / np.maximum(spread, 1e-9)))
+
+    def one_body(self, one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
+        """Whether two ways (R, t) of laying the second placement onto the first make the same body.
+
+        The side that a placement stood on belongs to it as its first shape closes it.
+        """
+        for (R, t), (Q, u) in ((one, other), (other, one)):
+            x = self.moving @ R.T + t
+            away = np.minimum(self.first.query(x)[0], self.second.query((x - u) @ Q)[0])
+            if np.mean(away < self.tolerance) < SAME_SHARE:
+                return False
+        return True
 
     def refined(self, R: np.ndarray, t: np.ndarray, rounds: int = 15) -> tuple[np.ndarray, np.ndarray]:
         """Trimmed point-to-plane ICP: the closest half of the points that face alike decide."""

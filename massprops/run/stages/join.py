@@ -119,7 +119,7 @@ def _placed(job: Job, views, number: int):  # type: ignore[no-untyped-def]
         )
         for i, name in enumerate(views.names)
     ]
-    return Placed(cloud, colour, make_hull(views, masks, cloud.xyz), centroid(vertices, faces))
+    return Placed(cloud, colour, make_hull(views, masks, cloud.xyz), centroid(vertices, faces), vertices)
 
 
 def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
