@@ -8,7 +8,9 @@ and others 2005), and scored again; the best must be clearly better than every o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numba import njit
@@ -26,6 +28,8 @@ APART_DEG = 20.0
 """Rotations nearer than this to each other are one answer."""
 CLEAR = 1.5
 """How many times worse than the best the next rotation must be."""
+POLISHED, TURN, SHIFT = 1000, 0.05, 0.02
+"""Points of each placement that the last refinement scores, and its first steps [rad] and [of the object's size]."""
 APART_PX = 0.05
 """And by how many pixels: no outline is known better."""
 PAINTED, FINE, COARSE = 6000, 8, 200
@@ -89,10 +93,11 @@ class Registration:
     def clear(self) -> bool:
         """Whether it fits and nothing else does nearly as well, by paint or by shape.
 
-        Shape alone does not decide against the paint.
+        Shape decides against the paint only where it is much clearer. Paint is averaged over some 50 independent places:
+        the best of many wrong answers had a correlation of 0.5.
         """
         worse = max(CLEAR * self.outside_px, self.outside_px + APART_PX)
-        by_shape = self.rival_px > worse and self.rival_colour < self.colour + BETTER
+        by_shape = any(self.rival_px > n * worse and self.rival_colour < self.colour + n * BETTER for n in (1, 2))
         return self.fits and (self.painted or by_shape)
 
 
@@ -119,21 +124,45 @@ def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
     near = [f for f in found if f[0] < LARGEST_PAINTED]
     rest = np.argsort(scores, kind="stable")[REFINED : 2 * REFINED]
     alike = [dense.colour(R, t) for _, R, t in near]
-    # the paint decides where it can: shapes may be incomplete, each on the side that was badly lit
-    painted = max(alike, default=0.0) > COLOUR
-    _, R, t = near[int(np.argmax(alike))] if painted else found[0]
+    # the paint decides where it is clear: shapes may be incomplete, each on the side that was badly lit
+    chosen = int(np.argmax(alike)) if near else 0
+    others = [c for c, (_, Q, _) in zip(alike, near, strict=True) if _angle(Q, near[chosen][1]) > APART_DEG]
+    painted = max(alike, default=0.0) > max(COLOUR, max(others, default=0.0) + BETTER)
+    _, R, t = near[chosen] if painted else found[0]
     rivals = [c for c, (_, Q, _) in zip(alike, near, strict=True) if _angle(Q, R) > APART_DEG]
-    R, t = dense.refined(R, t, rounds=60)
-    best = _outside(R, t, a, b, first, second)
+    more = (_some(p.cloud.xyz, POLISHED, rng) for p in (first, second))
+    score = partial(_outside, a=next(more), b=next(more), first=first, second=second)
+    R, t = _polished(*dense.refined(R, t, rounds=60), score, second.middle, dense.size)
+    best = score(R, t)
     tried = found + [(float(scores[k]), turns[k], shifts[k]) for k in rest]
-    others = [f for f in sorted(tried, key=lambda f: f[0]) if _angle(f[1], R) > APART_DEG]
     rival = np.inf
-    for _, Q, u in others:
+    for _, Q, u in [f for f in sorted(tried, key=lambda f: f[0]) if _angle(f[1], R) > APART_DEG]:
         Q, u = dense.refined(Q, u, rounds=60)
-        if not dense.one_body((R, t), (Q, u)):
-            rival = _outside(Q, u, a, b, first, second)
+        if dense.one_body((R, t), (Q, u)):
+            continue
+        Q, u = _polished(Q, u, score, second.middle, dense.size)
+        if _angle(Q, R) > APART_DEG and not dense.one_body((R, t), (Q, u)):
+            rival = score(Q, u)
             break
     return Registration(R, t, best, rival, dense.colour(R, t), max(rivals, default=0.0))
+
+
+def _polished(
+    R: np.ndarray, t: np.ndarray, score: Callable[[np.ndarray, np.ndarray], float], middle: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The rotation and shift near these that the silhouettes bear best (Powell 1964).
+
+    Glossy sides are measured badly, and few points lie on the same side in both placements: ICP alone left 2.5 degrees.
+    """
+    from scipy.optimize import minimize
+    from scipy.spatial.transform import Rotation
+
+    def moved(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        Q = Rotation.from_rotvec(TURN * x[:3]).as_matrix() @ R
+        return Q, R @ middle + t + SHIFT * size * x[3:] - Q @ middle
+
+    best = minimize(lambda x: score(*moved(x)), np.zeros(6), method="Powell", options={"maxfev": 300, "ftol": 1e-3})
+    return moved(best.x) if best.fun < score(R, t) else (R, t)
 
 
 def _some(xyz: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
@@ -189,6 +218,7 @@ class _Pair:
         self.xyz, self.normal = first.cloud.xyz, first.cloud.normal
         self.first, self.second = (cKDTree(np.concatenate([p.cloud.xyz, p.shape])) for p in (first, second))
         apart = np.median(cKDTree(second.shape).query(second.shape, k=2)[0][:, 1])
+        self.size = float(np.ptp(self.xyz, axis=0).max())
         self.tolerance = max(SAME_PX * first.hull.pixel, 2.0 * float(apart))
         self.tree = cKDTree(self.xyz)
         pick = np.sort(rng.permutation(len(second.cloud))[:1500])

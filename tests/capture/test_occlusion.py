@@ -6,7 +6,16 @@ import numpy as np
 import trimesh
 from test_readings import RED, SIZE, VIEWS, K
 
-from massprops.capture.occlusion import boundary, hidden_shape, on_mesh, support_points, visibility
+from massprops.capture.occlusion import (
+    boundary,
+    drawn_agreement,
+    hidden_shape,
+    occlusion_maps,
+    on_mesh,
+    settled,
+    support_points,
+    visibility,
+)
 from massprops.capture.support import Region
 from massprops.geometry.rasterise import silhouette
 from massprops.surface.cloud import Cloud
@@ -124,3 +133,27 @@ def test_what_shows_within_the_silhouettes_is_no_surroundings() -> None:
     start = np.array([0, len(VIEWS), 2 * len(VIEWS)])
     cloud = Cloud(points, np.tile([0.0, 0, 1], (2, 1)), np.full(2, 0.01), start, seen)
     assert shown_as_object(cloud, VIEWS, masks).tolist() == [True, False]
+
+
+def test_each_image_goes_to_the_placement_that_hides_what_it_hides() -> None:
+    """The box in the first half of the images, the same box elsewhere in the others."""
+    other = BODY.copy()
+    other.apply_transform(trimesh.transformations.rotation_matrix(1.2, [0, 0, 1]))
+    other.apply_translation([0.08, -0.05, 0])
+    meshes = [(np.asarray(m.vertices), np.asarray(m.faces)) for m in (BODY, other)]
+    truth = np.arange(len(VIEWS)) % 2
+
+    def image(i: int) -> np.ndarray:
+        picture = photograph(i, body=False)
+        shape = meshes[truth[i]]
+        picture[silhouette(*shape, VIEWS.K[i], VIEWS.R[i], VIEWS.t[i], SIZE)] = RED[::-1]
+        return picture
+
+    maps = occlusion_maps(VIEWS, image, support_points(PLANE, REGION, table(0.4), 0.006))
+    agreement = drawn_agreement(VIEWS, maps, meshes)
+    label = truth.copy()
+    label[:6] = -1
+    label[6] = 1 - label[6]
+    assert np.array_equal(settled(label, agreement), truth)
+    flat = np.full((len(VIEWS), 2), 0.5)
+    assert np.array_equal(settled(label, flat), label), "what does not tell changes nothing"

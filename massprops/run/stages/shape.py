@@ -58,23 +58,16 @@ def run(job: Job) -> dict:
     divided = given or find_placements(
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
     )
-    placements, lost = [], []
-    for k in range(divided.count):
-        member = np.flatnonzero(divided.label == k)
-        names = [views.names[i] for i in member]
-        try:
-            if len(member) < LEAST_VIEWS:
-                raise NotPossible(f"{len(member)} images are too few for a placement of its own")
-            here = [replace(p, view=int(np.flatnonzero(member == p.view)[0])) for p in pointed if p.view in member]
-            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements), here)
-            placements.append({"images": names, **facts})
-        except NotPossible as error:
-            if divided.count == 1 or any(p.view in member for p in pointed):
-                raise
-            lost.append({"images": names, "reason": str(error)})
+    label = divided.label
+    placements, lost = _solved(job, views, sparse, label, pointed)
+    if len(placements) > 1 and not given:
+        better = _relabelled(job, views, region, label, placements)
+        if not np.array_equal(better, label):
+            label = better
+            placements, lost = _solved(job, views, sparse, label, pointed)
     if not placements:
         raise NotPossible(lost[0]["reason"])
-    odd = [views.names[i] for i in np.flatnonzero(divided.label < 0)]
+    odd = [views.names[i] for i in np.flatnonzero(label < 0)]
     if odd:
         lost.append({"images": odd, "reason": "they share no features with any placement"})
     for gone in lost:
@@ -82,6 +75,54 @@ def run(job: Job) -> dict:
             f"{len(gone['images'])} images show the object in a placement that could not be solved: {gone['reason']}"
         )
     return _said(job, {"placements": placements, "lost": lost})
+
+
+def _solved(job: Job, views, sparse, label: np.ndarray, pointed: list[Located]) -> tuple[list[dict], list[dict]]:  # type: ignore[no-untyped-def]
+    """Each placement's shape, and those that could not be had, for `shape.json`."""
+    placements: list[dict] = []
+    lost: list[dict] = []
+    count = int(label.max(initial=0)) + 1
+    for k in range(count):
+        member = np.flatnonzero(label == k)
+        names = [views.names[i] for i in member]
+        try:
+            if len(member) < LEAST_VIEWS:
+                raise NotPossible(f"{len(member)} images are too few for a placement of its own")
+            here = [replace(p, view=int(np.flatnonzero(member == p.view)[0])) for p in pointed if p.view in member]
+            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements), here)
+            placements.append({"label": k, "images": names, **facts})
+        except NotPossible as error:
+            if count == 1 or any(p.view in member for p in pointed):
+                raise
+            lost.append({"images": names, "reason": str(error)})
+    return placements, lost
+
+
+def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dict]) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Labels (n,) once more, by which placement's first shape hides what each image hides of the support."""
+    from massprops.capture.occlusion import drawn_agreement, occlusion_maps, settled, support_points
+    from massprops.capture.support import TOLERANCE, on_plane
+    from massprops.surface.cloud import Cloud
+
+    plane = placements[0]["support_plane"]
+    if plane is None:
+        return label
+    plane, held, shapes = np.array(plane), [], []
+    for k in range(len(placements)):
+        folder = placement_folder(job.out, k)
+        other = Cloud.load(folder / "other.npz")
+        held.append(other.xyz[on_plane(other.xyz, other.normal, plane, TOLERANCE * region.radius)])
+        with np.load(folder / "shape.npz", allow_pickle=False) as z:
+            shapes.append((z["vertices"], z["faces"]))
+    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
+    maps = occlusion_maps(
+        views, lambda i: _image(job, views, i), support_points(plane, region, np.concatenate(held), pixel)
+    )
+    number = np.array([p["label"] for p in placements])
+    found = settled(
+        np.where(np.isin(label, number), np.searchsorted(number, label), -1), drawn_agreement(views, maps, shapes)
+    )
+    return np.where(found < 0, -1, number[found])
 
 
 def _said(job: Job, facts: dict) -> dict:
@@ -137,7 +178,7 @@ def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> 
         own = on_mesh(vertices, faces)
         own_colour = np.zeros((len(own), 3), np.uint8)
     folder = placement_folder(job.out, number)
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     np.savez(folder / "shape.npz", vertices=vertices, faces=faces)
     own.save(folder / "object.npz")
     np.save(folder / "colour.npy", own_colour)
