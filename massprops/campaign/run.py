@@ -16,12 +16,13 @@ from massprops.campaign.cluster import Cluster
 from massprops.campaign.configuration import Chunk, Plan, check_size
 from massprops.campaign.engine import Backend, Watch, missing, rows_of, run_plan, task_of
 from massprops.campaign.kinds import load_kind
-from massprops.campaign.local import Local, cores
+from massprops.campaign.local import Local
 from massprops.campaign.report import write_report
 from massprops.campaign.store import FILE, Row, Store
 from massprops.campaign.table import Point, document, points_of
 from massprops.core.files import plain, write_json, write_whole
 from massprops.core.outputs import Outputs, claim
+from massprops.core.processes import processors
 from massprops.errors import InputError, NotPossible
 
 OWNER = "campaign"
@@ -51,7 +52,7 @@ def backend_of(plan: Plan, scheduler: str | None, workers: int | None) -> Backen
         return Cluster(scheduler)
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         raise InputError(f"--workers {workers}: give a number from 1 to {MOST_WORKERS}")
-    return Local(workers or (1 if load_kind(plan.kind).OWN_THREADS else cores()))
+    return Local(workers or (1 if load_kind(plan.kind).OWN_THREADS else processors()))
 
 
 def run_campaign(
