@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -97,7 +98,8 @@ def load_scenario(name: str | Path, **changes: Any) -> Scenario:
         mesh = given.get("mesh") or ""
         if isinstance(mesh, str):
             beside = path.parent / mesh
-            given["mesh"] = str(beside if Path(mesh).is_absolute() or beside.is_file() else folder / mesh)
+            here = os.path.isfile(beside)  # noqa: PTH113  (no error for a name that is too long)
+            given["mesh"] = str(beside if Path(mesh).is_absolute() or here else folder / mesh)
     given.update({k: v for k, v in changes.items() if v is not None})
     automatic = given.get("texture_m", 0) is None
     scenario = read(Scenario, {k: v for k, v in given.items() if not (k == "texture_m" and automatic)}, str(name))
