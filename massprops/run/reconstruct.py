@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from massprops.capture.choice import check_early, parse
 from massprops.core.outputs import claim, verify
 from massprops.errors import InputError
+from massprops.native import WITHOUT_PYCOLMAP, has_pycolmap
 from massprops.run.files import hash_input, readable
 from massprops.run.job import ReconstructOptions
 from massprops.run.runner import Watch, run_stages
@@ -177,6 +178,8 @@ def reconstruct(
         >>> run.properties["volume"], run.properties["interval_90"]["volume"]  # doctest: +SKIP
     """
     chosen = checked_options(source, options)
+    if not has_pycolmap():
+        raise InputError(WITHOUT_PYCOLMAP)
     run = readable(Path(out)).resolve()
     origin = Path(chosen.source)
     for place in (origin, *map(Path, chosen.more)):

@@ -106,7 +106,7 @@ def test_version() -> None:
 
 
 @pytest.mark.parametrize(
-    "verb", ["reconstruct", "estimate", "crosscheck", "diagnose", "compare", "export", "simulate", "mass"]
+    "verb", ["reconstruct", "estimate", "crosscheck", "diagnose", "compare", "export", "simulate", "mass_properties"]
 )
 def test_every_verb_is_a_function_of_the_package_even_after_its_package_was_imported(verb: str) -> None:
     import importlib
@@ -114,6 +114,6 @@ def test_every_verb_is_a_function_of_the_package_even_after_its_package_was_impo
     import massprops
 
     assert callable(getattr(massprops, verb))
-    for inner in ("mass.properties", "diagnose.case", "crosscheck.crosscheck", "simulate.tracks"):
+    for inner in ("mass.properties", "diagnosis.search.case", "consistency.crosscheck", "simulation.tracks"):
         importlib.import_module(f"massprops.{inner}")
     assert callable(getattr(massprops, verb))

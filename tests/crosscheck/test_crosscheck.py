@@ -14,10 +14,10 @@ import trimesh
 from estimators.made_sequence import AXES, TRUE_K, make_sequence, simple_method
 
 import massprops
-from massprops.crosscheck.free_rotation import free_rotation_residuals
-from massprops.crosscheck.mesh_side import read_mesh_side
-from massprops.crosscheck.motion_side import Centre, Tumble, centre_of_motion, tumble_of
-from massprops.crosscheck.verdict import decide
+from massprops.consistency.free_rotation import free_rotation_residuals
+from massprops.consistency.mesh_side import read_mesh_side
+from massprops.consistency.motion_side import Centre, Tumble, centre_of_motion, tumble_of
+from massprops.consistency.verdict import decide
 from massprops.dynamics.quaternion import from_rotation_matrix, from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import InputError

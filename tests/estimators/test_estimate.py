@@ -205,8 +205,8 @@ def test_command_line(tmp_path: Path) -> None:
 def test_memory_is_counted_before_tracks_are_laid_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from massprops.estimators.problem import problem_of
     from massprops.sequence import read_sequence
-    from massprops.simulate.track_scenario import TrackScenario
-    from massprops.simulate.tracks import simulate_tracks
+    from massprops.simulation.track_scenario import TrackScenario
+    from massprops.simulation.tracks import simulate_tracks
 
     sequence = read_sequence(make_sequence(tmp_path / "seq", epochs=20))
     monkeypatch.setattr("massprops.memory.machine_bytes", lambda: 10_000)

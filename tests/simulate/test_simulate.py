@@ -15,9 +15,9 @@ from massprops.dynamics.quaternion import rotation_matrix
 from massprops.errors import InputError
 from massprops.sequence import read_sequence
 from massprops.sequence.truth import read_truth
-from massprops.simulate import simulate
-from massprops.simulate.render import undistorted_radius
-from massprops.simulate.scenario import known, load_scenario
+from massprops.simulation import simulate
+from massprops.simulation.render import undistorted_radius
+from massprops.simulation.scenario import known, load_scenario
 from massprops_cli.main import run
 
 SMALL = {"frames": 5, "size": (160, 120)}
