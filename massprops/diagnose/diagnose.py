@@ -68,7 +68,7 @@ def diagnose(
 ) -> Diagnosis | BalanceDiagnosis:
     """Where model and data disagree, and which effect the model lacks.
 
-    Body rates alone go by the balance of momentum (`massprops.diagnosis`), everything else by the search over starts.
+    Body rates alone, and attitudes alone, go by the balance of momentum (`massprops.diagnosis`), everything else by the search over starts.
 
     Args:
         source: sequence folder, run folder, or a `Sequence`.
@@ -80,7 +80,7 @@ def diagnose(
         NotPossible: nothing in the sequence shows how the body moves.
     """
     from massprops.diagnose.noise import with_track_noise
-    from massprops.diagnosis.diagnose import contents_of, decides, diagnose_rates
+    from massprops.diagnosis.diagnose import contents_of, decides, diagnose_by_balance
     from massprops.estimators.problem import problem_of
     from massprops.sequence.read import read_sequence
 
@@ -93,7 +93,7 @@ def diagnose(
     if out is not None:  # before the work is done
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
     if decides(sequence):
-        by_balance = diagnose_rates(sequence, progress)
+        by_balance = diagnose_by_balance(sequence, progress)
         if out is not None:
             from massprops.diagnose.files import write_contents
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_rates
+from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_by_balance
 from massprops.sequence import read_sequence
 
 pytestmark = pytest.mark.bench
@@ -23,7 +23,7 @@ RACQUET_K1 = -2.597
 
 
 def _found(folder: Path) -> tuple[BalanceDiagnosis, list[str]]:
-    found = diagnose_rates(read_sequence(folder))
+    found = diagnose_by_balance(read_sequence(folder))
     return found, [e["name"] for e in found.document["effects"]]
 
 
