@@ -127,9 +127,7 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment) -> Rec
     return along(record, path, q)
 
 
-def _as_rates(
-    times: np.ndarray, local: LocalFit, around: Surroundings, stamp: np.ndarray, speed: float
-) -> Record:
+def _as_rates(times: np.ndarray, local: LocalFit, around: Surroundings, stamp: np.ndarray, speed: float) -> Record:
     """A record of attitudes as rates by local polynomials, whose rows carry the attitudes' errors too: those times the
     momentum. Neighbours share most of their samples, so each counts as its part of a polynomial's four coefficients."""
     fine = np.flatnonzero(np.isfinite(local.w).all(axis=1))

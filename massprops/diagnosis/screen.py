@@ -111,7 +111,9 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
     count, believed = 3 * len(record.times), record.noise_rows
     # rows left out beside an event count as noise: leaving them out is no merit
     square = len(left) * mean_square + (count - len(left)) * max(1.0, mean_square)
-    score = -0.5 * (count + believed) * np.log((square + believed) / (count + believed)) - 0.5 * unknowns * np.log(count)
+    score = -0.5 * (count + believed) * np.log((square + believed) / (count + believed)) - 0.5 * unknowns * np.log(
+        count
+    )
     return Screened(
         terms=terms, score=float(score), left=float(np.sqrt(mean_square)),
         start=Start(inertia=inertia_of(shape), left=float(np.sqrt(mean_square))),
