@@ -11,6 +11,9 @@ from massprops.core.shown import Shown, number
 NORMAL_90 = 1.6449
 """Standard deviations of a 90 % interval of a normal distribution."""
 
+Halves = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Of each half of the record, coordinates (5,) of the inertia and their covariance (5, 5)."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -54,7 +57,11 @@ class Estimate(Shown):
         innovation: mean squared innovation or residual in units of its stated covariance, near 1 when the noise is right.
         gated: measurements rejected as outliers; used: measurements used.
         cpu_us_per_step: CPU time per epoch [us].
-        truth_errors: errors against truth where a caller with truth filled them in, never by the estimator.
+        reliable: its sigmas can be believed, as `judgement` finds; because: one line when not.
+        residuals: (n, c) of a batch method, signed, in units of their sigma, NaN where there are none.
+        memory_counted: the covariance already counts errors that stay alike from epoch to epoch.
+        halves: of a batch method, the inertia by each half of the record: coordinates (5,) along
+            `momentum.DIRECTIONS` at trace 1, and their covariance (5, 5).
     """
 
     name: str
@@ -86,6 +93,11 @@ class Estimate(Shown):
     used: int = 0
     cpu_us_per_step: float | None = None
     warnings: tuple[str, ...] = ()
+    reliable: bool = False
+    because: str = ""
+    residuals: np.ndarray | None = None
+    memory_counted: bool = False
+    halves: Halves | None = None
 
     @property
     def sigma_k(self) -> np.ndarray | None:
