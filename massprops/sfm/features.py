@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from massprops.core.processes import muffled
 from massprops.errors import InputError
 from massprops.run.job import Progress, silent
 from massprops.sfm.footage import FootageRecord, FrameRecord
@@ -52,7 +53,8 @@ def read_mask(footage: FootageRecord, name: str, size: tuple[int, int]) -> np.nd
     path = footage.mask(name)
     if not path.is_file():
         return None
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    with muffled():
+        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if mask is None:
         raise InputError(f"{path}: not a readable mask; write an 8-bit PNG with black where there is no object")
     if mask.shape != (size[1], size[0]):
