@@ -76,8 +76,8 @@ def reconstruct(
     Args:
         source: video, folder of images, or sequence folder; several: placements of one object, turned over between.
             Or frames in memory: (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
-        out: run folder; the same call continues an interrupted run.
-        motion: auto, tumbling (body moves, camera still) or static (camera moves).
+        out: run folder; the same command continues an interrupted run.
+        motion: how it was filmed: auto, tumbling (body moves, camera still) or static (camera moves).
         masks: silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.
         object: a pixel of the object as "X,Y" of the first image used, or "FILE:X,Y"; may be several.
         box: a rectangle in which the object lies, "X0,Y0,X1,Y1" of the first image used, or "FILE:X0,Y0,X1,Y1".
@@ -85,7 +85,7 @@ def reconstruct(
         frames: most frames used per camera.
         max_size: longer side to which images are reduced [px].
         focal: focal length of the source images, when known [px].
-        mapper: incremental or global.
+        mapper: way to place the images: incremental or global.
         sparse: existing COLMAP model to use in place of our own.
         dense_views: most reference views of the dense stereo; 0: chosen.
         density: constant density [kg/m^3]; not given: 1000, as water, and said so.
@@ -370,7 +370,7 @@ def export(
 
     Args:
         source: run folder, mesh file in metres, or a `trimesh.Trimesh` in metres.
-        to: filter, urdf, mjcf, sdf, basilisk, csv or json.
+        to: format: filter, urdf, mjcf, sdf, basilisk, csv or json.
         out: file to write; default: in the run, or beside the mesh file, by its name. A mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.
@@ -426,7 +426,7 @@ def simulate(
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
 
     Args:
-        scenario: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
+        scenario: what to show: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
         out: sequence folder to write.
         frames: number of images.
         size: width and height [px].
@@ -435,7 +435,7 @@ def simulate(
         phase: angle at the body between camera and Sun [deg].
         distortion: radial distortion of the lens, k1 and k2 as OpenCV's.
         noise: 1-sigma of the darkest pixels [grey levels].
-        background: black or still.
+        background: behind the body: black or still.
         stereo: second camera, this far to the right [m].
         range: range sensor with this noise [m].
         hidden_mass: mass that the mesh does not show, its share and place; moves the motion only.
