@@ -29,6 +29,11 @@ def child_environment(**more: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(entries), "PYTHONSAFEPATH": "1", **more}
 
 
+def processors() -> int:
+    """Processors that this process may use; on macOS, which does not say, those of the machine."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def die_with_parent() -> None:
     """Asks the kernel to end this process with its parent (Linux), so that a killed run leaves nothing at work."""
     if sys.platform == "linux":

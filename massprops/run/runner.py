@@ -27,7 +27,7 @@ from massprops.core.files import (
     write_whole,
 )
 from massprops.core.outputs import BASES, OWN, Outputs
-from massprops.core.processes import child_environment, python_module
+from massprops.core.processes import child_environment, processors, python_module
 from massprops.errors import InputError
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
@@ -297,7 +297,7 @@ class _Chain:
 
     @property
     def _threads(self) -> int:
-        return self.options.threads or len(os.sched_getaffinity(0))
+        return self.options.threads or processors()
 
     def _converse(self, name: str, number: int, request: Path, output: Any) -> tuple[Any, dict[str, Any], Any]:
         """Starts a stage's process and listens to it until it ends: the process, its last word, what it used."""

@@ -17,7 +17,7 @@ import yaml
 
 from massprops.run.reconstruct import Run, reconstruct
 from massprops.sequence.truth import read_truth
-from massprops.simulate import simulate
+from massprops.simulation import simulate
 
 
 @pytest.fixture(scope="module")
