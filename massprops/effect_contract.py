@@ -37,7 +37,8 @@ class Parameter:
         size: what is common, in that unit; scales the search.
         limit: largest plausible magnitude; None for no limit. least: smallest plausible value; None for none.
         kind: `number`; `time` for the moment of an event [s since the first timestamp]; `span` for the length of the
-            record [s], which is given, not found; `pace` for a number that means nothing while the effect has no size.
+            record [s] and `duration` for that of an event [s], which are given, not found; `pace` for a number that
+            means nothing while the effect has no size.
         form: 0 always found; 1 only where the simpler form of the effect leaves something over.
     """
 

@@ -34,7 +34,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from massprops.effect_contract import KNOWN_NEEDS, Parameter, changes_motion, faults, first_line
+from massprops.effect_contract import GIVEN, KNOWN_NEEDS, Parameter, changes_motion, faults, first_line
 from massprops.errors import InputError
 
 _added: dict[str, ModuleType] = {}
@@ -117,7 +117,7 @@ def searched(effect: ModuleType, form: int = 0) -> list[bool]:
     change: the moment stays where the search over epochs put it.
     """
     swings = form > 0 and hasattr(effect, "swing")
-    return [q.kind != "span" and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
+    return [q.kind not in GIVEN and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
 
 
 def places_of(effect: ModuleType, kind: str) -> list[int]:
@@ -136,6 +136,6 @@ def forms(effect: ModuleType) -> int:
 
 
 __all__ = [
-    "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "is_users", "paced", "places_of",
+    "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "is_users", "paced", "places_of",
     "refused", "remove", "searched",
 ]  # fmt: skip

@@ -33,11 +33,12 @@ MOST_WORKERS = 1024
 
 @dataclass(frozen=True)
 class Outcome:
-    """A campaign's folder, its document (`table.json`), and the versions that its rows were made with."""
+    """A campaign's folder, its document (`table.json`), the versions that its rows were made with, and the rows."""
 
     folder: Path
     document: dict[str, Any]
     versions: list[dict[str, str]]
+    points: list[Point]
 
 
 def backend_of(plan: Plan, scheduler: str | None, workers: int | None) -> Backend:
@@ -106,7 +107,7 @@ def run_campaign(
                 f"{folder}: {error.strerror}: free some space, then give the same command; finished runs are kept"
             ) from None
         versions = [v for _, _, v, count in store.sessions() if count]
-    return Outcome(folder, result, [v for k, v in enumerate(versions) if v not in versions[:k]])
+    return Outcome(folder, result, [v for k, v in enumerate(versions) if v not in versions[:k]], points)
 
 
 def _own(outputs: Outputs) -> None:
