@@ -188,7 +188,7 @@ def _columns(effect: ModuleType) -> str:
         wanted = (EPOCHS, 3, len(names))
         if not isinstance(parts, dict) or not parts or not set(parts) <= {"torque", "momentum", "internal"}:
             return "momentum_columns() must give a dictionary with torque, momentum or internal"
-        if any(np.shape(v) != wanted for v in parts.values()):
+        if not all(_is_columns(v, len(names)) for v in parts.values()):
             return f"momentum_columns() must give arrays of {wanted} for {EPOCHS} times"
     if callable(getattr(effect, "starts", None)):
         try:
@@ -198,6 +198,13 @@ def _columns(effect: ModuleType) -> str:
         if any(len(row) != len(effect.PARAMETERS) for row in rows):
             return f"starts() must give vectors of the {len(effect.PARAMETERS)} parameters"
     return ""
+
+
+def _is_columns(values: Any, count: int) -> bool:
+    """An array (n, 3, k), or a list of arrays (n, 3), k of them or several times as many."""
+    if isinstance(values, list):
+        return len(values) > 0 and len(values) % count == 0 and all(np.shape(v) == (EPOCHS, 3) for v in values)
+    return np.shape(values) == (EPOCHS, 3, count)
 
 
 def superposes(effect: ModuleType) -> bool:
