@@ -17,6 +17,7 @@ D = defaults(diagnose)
 def command(
     source: Annotated[Path, argument(diagnose, "source", "SEQ_OR_RUN")],
     out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
+    effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect,
     force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print diagnosis.json on stdout and nothing else.")
@@ -33,9 +34,10 @@ def command(
 
     from massprops.core.files import plain
     from massprops.diagnosis.search import diagnose
+    from massprops.effect_file import with_effects
     from massprops_cli.progress import StageProgress
 
-    with StageProgress(quiet) as watch:
+    with with_effects(effect or []), StageProgress(quiet) as watch:
         found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force)
     document = found.document
     for warning in document["warnings"]:

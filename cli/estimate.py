@@ -20,6 +20,7 @@ def command(
     method: Annotated[list[str] | None, option(estimate, "method")] = D.method,
     prior: Annotated[Path | None, option(estimate, "prior", metavar="FILTER_YAML")] = D.prior,
     model: Annotated[Path | None, option(estimate, "model", metavar="MODEL_YAML")] = D.model,
+    effect: Annotated[list[Path] | None, option(estimate, "effect", metavar="FILE")] = D.effect,
     force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print estimates.json on stdout and nothing else.")
@@ -35,6 +36,7 @@ def command(
     import json
 
     from massprops.core.files import plain
+    from massprops.effect_file import with_effects
     from massprops.estimators.documents import document as document_of
     from massprops.estimators.estimate import estimate_all, write_outcome
     from massprops.report.estimates import check_place
@@ -43,7 +45,7 @@ def command(
     given = (source, *(p for p in (prior, model) if p is not None))
     if out is not None:
         check_place(out, given, force)
-    with StageProgress(quiet) as watch:
+    with with_effects(effect or []), StageProgress(quiet) as watch:
         outcome = estimate_all(
             source,
             method or ["all"],

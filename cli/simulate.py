@@ -30,6 +30,7 @@ def command(
     range_sigma: Annotated[float | None, option(simulate, "range", "--range", metavar="SIGMA")] = D.range,
     hidden_mass: Annotated[str | None, option(simulate, "hidden_mass", metavar="SHARE:X,Y,Z")] = D.hidden_mass,
     effects: Annotated[list[str] | None, option(simulate, "effects", metavar="NAME[:SIZE]")] = D.effects,
+    effect: Annotated[list[Path] | None, option(simulate, "effect", metavar="FILE")] = D.effect,
     model: Annotated[Path | None, option(simulate, "model", metavar="MODEL_YAML")] = D.model,
     features: Annotated[int | None, option(simulate, "features")] = D.features,
     sigma: Annotated[float | None, option(simulate, "sigma")] = D.sigma,
@@ -52,6 +53,7 @@ def command(
     """
     import json
 
+    from massprops.effect_file import with_effects
     from massprops.simulation import simulate
     from massprops.simulation.simulate import is_tracks
     from massprops_cli.progress import StageProgress
@@ -66,7 +68,7 @@ def command(
     of_tracks = {k: v for k, v in asked.items() if v is not None}
     if of_tracks and not is_tracks(scenario):
         raise InputError("--features, --sigma, --outliers, --attitude and --rates are for the scenario 'tracks'")
-    with StageProgress(quiet) as watch:
+    with with_effects(effect or []), StageProgress(quiet) as watch:
         folder = simulate(
             scenario,
             out,
