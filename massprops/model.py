@@ -158,6 +158,9 @@ def load_model(path: str | Path) -> Model:
                 raise InputError(f"{path}: effect {entry.name}: {no_key(key, wanted, 'parameter')}")
         values = []
         for q in wanted.values():
+            if q.kind == "duration" and q.name not in entry.parameters:
+                values.append(0.0)
+                continue
             try:
                 values.append(
                     Number("", q.unit, -LARGEST_PARAMETER, LARGEST_PARAMETER).check(entry.parameters.get(q.name))

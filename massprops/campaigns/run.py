@@ -7,13 +7,14 @@ import csv
 import io
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from massprops.campaigns.cluster import Cluster
-from massprops.campaigns.configuration import Chunk, Plan, check_size
+from massprops.campaigns.configuration import Chunk, Plan, check_size, extends
 from massprops.campaigns.engine import Backend, Watch, missing, rows_of, run_plan, task_of
 from massprops.campaigns.kinds import load_kind
 from massprops.campaigns.local import Local
@@ -33,11 +34,12 @@ MOST_WORKERS = 1024
 
 @dataclass(frozen=True)
 class Outcome:
-    """A campaign's folder, its document (`table.json`), and the versions that its rows were made with."""
+    """A campaign's folder, its document (`table.json`), the versions that its rows were made with, and the rows."""
 
     folder: Path
     document: dict[str, Any]
     versions: list[dict[str, str]]
+    points: list[Point]
 
 
 def backend_of(plan: Plan, scheduler: str | None, workers: int | None) -> Backend:
@@ -68,7 +70,7 @@ def run_campaign(
 
     Args:
         plan: what to run.
-        out: the campaign's folder; one that was begun with the same configuration is continued.
+        out: the campaign's folder; one that was begun with the same configuration, or with fewer runs, is continued.
         scheduler: address of a Dask scheduler; None runs on this machine.
         workers: processes on this machine; None takes one per core.
         yes: consent to more than a million runs.
@@ -85,7 +87,7 @@ def run_campaign(
     given = [Path(plan.where)]
     with claim(folder, OWNER, NAMES, given, force) as outputs, contextlib.ExitStack() as stack:
         _own(outputs)
-        store = stack.enter_context(Store(folder, plan.document(), plan.digest))
+        store = stack.enter_context(Store(folder, plan.document(), plan.digest, partial(extends, plan)))
         if next(missing(plan, store), None) is not None:
             backend = backend_of(plan, scheduler, workers)
             try:
@@ -106,7 +108,7 @@ def run_campaign(
                 f"{folder}: {error.strerror}: free some space, then give the same command; finished runs are kept"
             ) from None
         versions = [v for _, _, v, count in store.sessions() if count]
-    return Outcome(folder, result, [v for k, v in enumerate(versions) if v not in versions[:k]])
+    return Outcome(folder, result, [v for k, v in enumerate(versions) if v not in versions[:k]], points)
 
 
 def _own(outputs: Outputs) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from massprops.consistency.trust import enter_confidence
 from massprops.core.files import json_text
 from massprops.core.outputs import Outputs, claim, deliver, verify
+from massprops.core.shown import Shown, number
 from massprops.errors import InputError, NotPossible
 
 Progress = Callable[[int, int, str], None]
@@ -23,8 +24,8 @@ MOST_POINTS = 300
 """Epochs of the residuals kept for the page."""
 
 
-@dataclass(frozen=True)
-class CrossCheck:
+@dataclass(frozen=True, repr=False)
+class CrossCheck(Shown):
     """The document of `crosscheck.json` with the estimates behind it.
 
     Attributes:
@@ -43,6 +44,25 @@ class CrossCheck:
     def verdict(self) -> str:
         """`consistent`, `inconsistent` or `unobservable`."""
         return str(self.document["verdict"])
+
+    @property
+    def reason(self) -> str:
+        """One sentence."""
+        return str(self.document["reason"])
+
+    @property
+    def p_value(self) -> float | None:
+        """How often shape and motion of one body differ as much as here; None where they could not be compared."""
+        value = self.document["p_value"]
+        return None if value is None else float(value)
+
+    def report(self) -> Path:
+        """The run's page."""
+        return self.folder / "report.html"
+
+    def facts(self) -> dict[str, str]:
+        """Verdict, its probability and reason."""
+        return {"verdict": self.verdict, "p": number(self.p_value), "reason": self.reason}
 
 
 def silent(done: int, total: int, what: str = "") -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.surroundings import Sky, Surroundings
-from massprops.effects import effects, places_of
+from massprops.effects import is_users, places_of
 
 LARGEST_TURN = 0.08
 """Rotation [rad] in a step of the fourth-order Runge-Kutta method: below 1e-6 rad of error a revolution."""
@@ -182,7 +182,9 @@ def event_times(acting: Acting, p: Any) -> list[tuple[float, int | None]]:
     do."""
     found: list[tuple[Any, int | None]] = []
     for k, (effect, place, _) in enumerate(acting):
-        found += [(p[place][i], k) for i in places_of(effect, "time")]
+        begins = [p[place][i] for i in places_of(effect, "time")]
+        lasts = [p[place][i] for i in places_of(effect, "duration")]
+        found += [(t, k) for t in begins] + [(t + d, k) for t in begins for d in lasts if np.real(d) > 0]
         if hasattr(effect, "corners"):
             found += [(t, None) for t in effect.corners(p[place])]
     return [(float(np.real(t)), k) for t, k in found]
@@ -242,8 +244,7 @@ def trajectory(
 
 
 def _in_catalogue(acting: Acting) -> bool:
-    every = effects()
-    return all(every.get(effect.NAME) is effect for effect in acting.effects)
+    return not any(is_users(effect) for effect in acting.effects)
 
 
 def _marched(*given: Any) -> np.ndarray:

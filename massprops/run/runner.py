@@ -26,6 +26,7 @@ from massprops.core.files import (
     write_json,
     write_whole,
 )
+from massprops.core.log import log
 from massprops.core.outputs import BASES, OWN, Outputs
 from massprops.core.processes import child_environment, processors, python_module
 from massprops.errors import InputError
@@ -120,6 +121,8 @@ class _Chain:
                 continue
             if not outcome.exit_code and self._current(name):
                 outcome.stages[name] = self.before[name]
+                remove_folder(self._parts(name).parent)
+                log.info("stage %s: kept, its inputs are as they were", name)
             elif not self._make(name, number):
                 self._forget_refused()
                 return outcome
@@ -170,6 +173,7 @@ class _Chain:
             if not code:
                 replace_folder(out, work / name)
                 self.outputs.record_tree(f"work/{name}", COMMAND, self.keys[name], entry.pop("sha256"))
+                remove_folder(self._parts(name).parent)
             elif not outcome.exit_code:
                 self._drop(name)
         except OSError as error:
@@ -213,6 +217,7 @@ class _Chain:
     def _drop(self, name: str) -> None:
         """Takes away what an earlier run left of a stage."""
         self.before.pop(name, None)
+        self._parts(name)
         if f"work/{name}" in self.outputs.trees:
             self.outputs.record_tree(f"work/{name}", COMMAND, "", None)
         remove_folder(self.run / "work" / name)
@@ -239,10 +244,10 @@ class _Chain:
 
     def _run_stage(self, name: str, number: int, out: Path) -> tuple[dict[str, Any], int, str]:
         """One stage in a child process, which writes into `out`: its entry for `run.yaml`, exit code, reason."""
-        log = self.run / "work" / f"{name}.log"
+        written = self.run / "work" / f"{name}.log"
         try:
             request = self._write_request(name, out)
-            output = log.open("wb")
+            output = written.open("wb")
         except OSError as error:
             return {"status": "failed"}, 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
         begun = time.monotonic()
@@ -257,11 +262,25 @@ class _Chain:
             "facts": plain(said.get("facts", {})),
             "warnings": list(said.get("warnings", [])),
         }
+        log.info(
+            "stage %s: %s", name, ", ".join(f"{k} {entry[k]}" for k in ("seconds", "cpu_seconds", "peak_memory_mb"))
+        )
+        log.debug("stage %s: %s", name, entry["facts"])
         if "facts" in said:
             entry["sha256"] = hash_tree(out)
             return entry, 0, ""
         entry["status"] = "failed"
-        return entry, *_what_failed(name, said, child.returncode, log)
+        if "exit_code" in said and not said.get("again"):  # as it would be the next time
+            remove_folder(self._parts(name).parent)
+        return entry, *_what_failed(name, said, child.returncode, written)
+
+    def _parts(self, name: str) -> Path:
+        """Where a stage keeps what it has finished of its work, until it is done; what it kept under another key goes."""
+        place = self.run / "work" / f"{name}.parts"
+        for former in place.glob("*"):
+            if former.name != self.keys[name]:
+                remove_folder(former)
+        return place / self.keys[name]
 
     def _write_request(self, name: str, out: Path) -> Path:
         remove_folder(out)
@@ -277,6 +296,7 @@ class _Chain:
             "threads": self._threads,
             "key": self.keys[name] + ("-stopped" if self.outcome.exit_code else ""),
             "force": self.force,
+            "parts": self._parts(name),
         }
         write_json(request, content)
         return request

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from massprops.core.parts import Parts
 from massprops.errors import NotPossible
 from massprops.run.job import Progress, silent
 from massprops.sfm import pairs as pairing
@@ -58,6 +59,7 @@ class SfmOptions:
         exhaustive_below: unordered images up to this number are matched all with all.
         faint: features of the last way.
         unlimited: features kept per image where a pattern repeats: what is unique may be faint beside it.
+        parts: keeps the features of each image as soon as they are found.
     """
 
     mapper: str = "incremental"
@@ -73,6 +75,7 @@ class SfmOptions:
     refine: RefineOptions = field(default_factory=RefineOptions)
     seed: int = 0
     threads: int = 2
+    parts: Parts | None = None
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ def attempt(
     """
     work.mkdir(parents=True, exist_ok=True)
     wanted = options.faint if faint else options.features
-    features, warnings = extract_all(footage, wanted, masked, options.threads, progress)
+    features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
     enough = sum(len(k) >= 30 for k, _ in features.values())
     if enough < 3:
         raise NotPossible(
@@ -151,9 +154,8 @@ def attempt(
         )
     repeats = repeating(_some(features)) > REPEATS
     if repeats and wanted.most < options.unlimited:
-        features, warnings = extract_all(
-            footage, replace(wanted, most=options.unlimited), masked, options.threads, progress
-        )
+        wanted = replace(wanted, most=options.unlimited)
+        features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
     special = faint or repeats
     mapping = mapping_options(footage, options, masked)
     if special:

@@ -76,7 +76,7 @@ def sized(
     base = pixels(problem, clean, view)
     parameters = effects()[name].PARAMETERS
     span = float(problem.times[-1])
-    draws = rng.standard_normal(len(parameters))
+    draws = np.array([0.0 if q.kind == "duration" else rng.standard_normal() for q in parameters])
     draws = np.where([q.least is not None for q in parameters], 0.5 + np.abs(draws), draws)
     way = np.array([q.size for q in parameters]) * draws
     when = span * rng.uniform(0.3, 0.7)
@@ -88,6 +88,8 @@ def sized(
                 values.append(when)
             elif q.kind == "span":
                 values.append(span)
+            elif q.kind == "duration":
+                values.append(0.0)
             elif q.kind == "pace":
                 # a rate, not a size: near the body's own, where friction is strongest
                 values.append(float(np.linalg.norm(state.w0)) * (0.3 + v / q.size))

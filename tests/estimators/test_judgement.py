@@ -14,8 +14,8 @@ from massprops.estimators.estimate import estimate_all
 from massprops.estimators.judgement import against, judged, memory_of
 from massprops.estimators.problem import Problem, problem_of
 from massprops.estimators.result import Estimate
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 RATES = {"features": 0, "rate_sigma": 3e-4, "range_sigma_m": 0.0, "frames": 120, "rate_deg": 6.0}
 ATTITUDE = {"features": 0, "attitude_sigma": 2e-3, "range_sigma_m": 0.0, "frames": 120, "rate_deg": 6.0}

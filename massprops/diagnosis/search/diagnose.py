@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,7 +68,7 @@ def diagnose(
 ) -> Diagnosis | BalanceDiagnosis:
     """Where model and data disagree, and which effect the model lacks.
 
-    Body rates alone go by the balance of momentum (`massprops.diagnosis`), everything else by the search over starts.
+    Body rates alone, and attitudes alone, go by the balance of momentum (`massprops.diagnosis`), everything else by the search over starts.
 
     Args:
         source: sequence folder, run folder, or a `Sequence`.
@@ -79,7 +79,7 @@ def diagnose(
         InputError: an unreadable sequence, or a body file that contradicts itself.
         NotPossible: nothing in the sequence shows how the body moves.
     """
-    from massprops.diagnosis.diagnose import contents_of, decides, diagnose_rates
+    from massprops.diagnosis.diagnose import decides, diagnose_by_balance
     from massprops.diagnosis.search.noise import with_track_noise
     from massprops.estimators.problem import problem_of
     from massprops.sequence.read import read_sequence
@@ -93,11 +93,9 @@ def diagnose(
     if out is not None:  # before the work is done
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
     if decides(sequence):
-        by_balance = diagnose_rates(sequence, progress)
+        by_balance = diagnose_by_balance(sequence, progress)
         if out is not None:
-            from massprops.diagnosis.search.files import write_contents
-
-            write_contents(Path(out), contents_of(by_balance), given, force)
+            write_found(Path(out), by_balance, given, force)
         return by_balance
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
@@ -105,10 +103,20 @@ def diagnose(
     if run is not None and found.case.first.body_frame == "attitude0":
         found = replace(found, surface=_surface(run))
     if out is not None:
-        from massprops.diagnosis.search.files import write_diagnosis
-
-        write_diagnosis(Path(out), found, given, force)
+        write_found(Path(out), found, given, force)
     return found
+
+
+def write_found(
+    out: Path, found: Diagnosis | BalanceDiagnosis, inputs: Iterable[Path] = (), force: bool = False
+) -> Path:
+    """The files of a diagnosis, all of them or none; see `files.write_diagnosis`."""
+    from massprops.diagnosis.diagnose import contents_of
+    from massprops.diagnosis.search.files import write_contents, write_diagnosis
+
+    if isinstance(found, Diagnosis):
+        return write_diagnosis(out, found, inputs, force)
+    return write_contents(out, contents_of(found), inputs, force)
 
 
 def _surface(run: Path) -> np.ndarray | None:
