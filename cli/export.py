@@ -16,7 +16,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="File to write; default: in the run, by its name.")
     ] = None,
-    density: Annotated[float, typer.Option(help="For a mesh file [kg/m^3].")] = 1000.0,
+    density: Annotated[
+        float | None, typer.Option(help="For a mesh file [kg/m^3]; not given: 1000, as water, and said so.")
+    ] = None,
     mass: Annotated[float | None, typer.Option(help="Measured mass [kg]; the inertia is scaled to it.")] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")

@@ -13,7 +13,9 @@ from massprops_cli.terminal import say, warn
 def command(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Closed mesh: STL, OBJ, PLY, GLB or OFF.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")],
-    density: Annotated[float, typer.Option(help="Constant density [kg/m^3].")] = 1000.0,
+    density: Annotated[
+        float | None, typer.Option(help="Constant density [kg/m^3]; not given: 1000, as water, and said so.")
+    ] = None,
     scale: Annotated[float, typer.Option(help="Metres per unit of the file; 0.001 for millimetres.")] = 1.0,
     scale_sigma: Annotated[float, typer.Option(help="Relative 1-sigma of the scale.")] = 0.0,
     force: Annotated[

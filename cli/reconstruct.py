@@ -52,7 +52,9 @@ def command(
     mapper: Annotated[str, typer.Option(help="incremental or global.")] = "incremental",
     sparse: Annotated[Path | None, typer.Option(help="Existing COLMAP model to use in place of our own.")] = None,
     dense_views: Annotated[int, typer.Option(help="Most reference views of the dense stereo; 0: chosen.")] = 0,
-    density: Annotated[float, typer.Option(help="Constant density [kg/m^3].")] = 1000.0,
+    density: Annotated[
+        float | None, typer.Option(help="Constant density [kg/m^3]; not given: 1000, as water, and said so.")
+    ] = None,
     scale: Annotated[
         float | None,
         typer.Option(help="Metres per model unit; a model unit is the object's greatest length, so: its length [m]."),

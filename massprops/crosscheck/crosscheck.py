@@ -11,7 +11,7 @@ import numpy as np
 
 from massprops.core.files import json_text
 from massprops.core.outputs import Outputs, claim, deliver, verify
-from massprops.crosscheck.trust import enter_confidence
+from massprops.crosscheck.trust import enter_verdict
 from massprops.errors import InputError, NotPossible
 
 Progress = Callable[[int, int, str], None]
@@ -94,7 +94,7 @@ def crosscheck(
         key = (outputs.files.get("crosscheck.json") or {"key": None})["key"]  # of the stage, whose place this takes
         deliver(folder, OWNER, {"crosscheck.json": json_text(result.document)}, key, force=force, derived=True)
         with claim(folder, OWNER) as held:
-            enter_confidence(held, result.document)
+            enter_verdict(held, result.document)
         if report:
             from massprops.report import write_report
 
