@@ -56,7 +56,12 @@ def mass(
     surface = {"watertight": True, "area": float(solid.area), "observed_fraction": 1.0}
     known = {"source": "given", "metres_per_unit": scale, "relative_sigma": scale_sigma}
     content = document(
-        properties, _intervals(properties, scale_sigma), known, surface, list(notes), "axes and origin of the mesh file",
+        properties,
+        _intervals(properties, scale_sigma),
+        known,
+        surface,
+        list(notes),
+        "axes and origin of the mesh file",
         assumed,
     )
     content["images"] = {"given": 0, "used": 0, "registered": 0}

@@ -82,6 +82,8 @@ def test_fused_intervals_hold_and_a_well_measured_mesh_stays_within_its_own() ->
     widths = np.mean([row["widths"] for row in rows], axis=0)
     print(f"  mean half width of the moments: mesh {100 * widths[0]:.1f} %, fused {100 * widths[1]:.1f} %")
     well = [row for row in rows if row["observed"] > 0.85]
-    print(f"  moved out of the mesh's own interval: {sum(not r['within mesh'].all() for r in well)} of {len(well)} measured well")
+    print(
+        f"  moved out of the mesh's own interval: {sum(not r['within mesh'].all() for r in well)} of {len(well)} measured well"
+    )
     assert np.mean([row["fused held"] for row in rows], axis=0).min() >= 0.9
     assert all(row["within mesh"].all() for row in well)

@@ -121,7 +121,14 @@ def make_body(seed: int, low_sun: bool) -> Body:
     bend = FOCAL_SIGMA * rng.standard_normal((3, 3))
     ours.vertices = np.asarray(ours.vertices) @ (np.eye(3) + 0.5 * (bend + bend.T))
     side, draws = mesh_side(ours, observed, length, pixel, rng)
-    return Body(true, side, draws, motion_of(true, side, length, rng), float(ours.area_faces[observed].sum() / ours.area), length)
+    return Body(
+        true,
+        side,
+        draws,
+        motion_of(true, side, length, rng),
+        float(ours.area_faces[observed].sum() / ours.area),
+        length,
+    )
 
 
 def mesh_side(
