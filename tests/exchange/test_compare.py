@@ -298,7 +298,7 @@ def test_mesh_and_motion_together_are_scored_beside_the_mesh(tmp_path: Path) -> 
     for name in ("volume", "I1", "I2", "I3", "I_xx", "I_yy"):
         assert rows[name]["relative_error"] == pytest.approx(0.1, abs=2e-3), name
     for name in ("center_of_mass_x", "I_xy", "axis_1", "k1"):
-        assert rows[name]["ours"] == pytest.approx(found.row(name)["ours"] * (1.1 if name == "I_xy" else 1), abs=1e-6)
+        assert rows[name]["ours"] == pytest.approx(found.row(name)["ours"] * (1.1 if name == "I_xy" else 1), abs=1e-4)
     assert rows["volume"]["holds"] is True and rows["k1"]["holds"] is False and rows["I1"]["holds"] is None
     crosscheck["mesh"]["k1"] -= 0.1  # type: ignore[operator]
     (run / "crosscheck.json").write_text(json.dumps(crosscheck))
