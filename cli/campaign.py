@@ -33,7 +33,7 @@ def command(
     """
     import json
 
-    from massprops.campaign.configuration import read_configuration
+    from massprops.campaigns.configuration import read_configuration
     from massprops.errors import InputError, NotPossible
     from massprops_cli.campaign_progress import RunProgress, alone
 
@@ -43,8 +43,8 @@ def command(
         return
     if out is None:
         raise InputError("-o: give the campaign's folder, or --only SEED to make single runs again")
-    from massprops.campaign.run import run_campaign
-    from massprops.campaign.text import text_of
+    from massprops.campaigns.run import run_campaign
+    from massprops.campaigns.text import text_of
 
     with RunProgress(quiet) as watch:
         outcome = run_campaign(plan, out, scheduler, workers, yes, watch, force)

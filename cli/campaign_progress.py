@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from massprops_cli.terminal import say
 
 if TYPE_CHECKING:
-    from massprops.campaign.configuration import Plan
-    from massprops.campaign.engine import Progress
+    from massprops.campaigns.configuration import Plan
+    from massprops.campaigns.engine import Progress
 
 SAY_S = 10.0
 """Without a terminal, one line so often."""
@@ -73,8 +73,8 @@ def alone(
     """Makes the runs of one seed again and prints their rows."""
     import json
 
-    from massprops.campaign.run import run_alone
-    from massprops.campaign.text import cell_text
+    from massprops.campaigns.run import run_alone
+    from massprops.campaigns.text import cell_text
 
     points = run_alone(plan, seed, out, scheduler, workers)
     if json_output:

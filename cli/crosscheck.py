@@ -29,7 +29,7 @@ def command(
 
     Example: massprops crosscheck runs/demo
     """
-    from massprops.crosscheck import crosscheck
+    from massprops.consistency import crosscheck
     from massprops_cli.progress import StageProgress
 
     with StageProgress(quiet) as watch:

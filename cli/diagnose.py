@@ -29,7 +29,7 @@ def command(
     """
     import json
 
-    from massprops.diagnose import diagnose
+    from massprops.diagnosis.search import diagnose
     from massprops_cli.progress import StageProgress
 
     with StageProgress(quiet) as watch:

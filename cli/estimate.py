@@ -77,16 +77,19 @@ def estimate_table(document: dict[str, Any]) -> str:
         return f"{entry[key]:.5f}" + (f" ±{sigma:.1g}" if sigma is not None else "")
 
     yes = {True: "yes", False: "no"}
-    lines = [f"  {'method':<20}{'k1':>19}{'k2':>19}{'rate [deg/s]':>14}  converged  observable{'us/step':>10}"]
+    lines = [
+        f"  {'method':<20}{'k1':>19}{'k2':>19}{'rate [deg/s]':>14}  converged  observable  reliable{'us/step':>10}"
+    ]
     for e in document["estimators"]:
         rate = f"{57.29577951308232 * e['rate']['speed_rad_s']:.4f}" if e["rate"] else "-"
         cpu = f"{e['cpu_us_per_step']:.0f}" if e["cpu_us_per_step"] is not None else "-"
         lines.append(
             f"  {e['name']:<20}{value(e, 'k1'):>19}{value(e, 'k2'):>19}{rate:>14}  {yes[e['converged']]:<11}"
-            f"{yes[e['observable']]:<10}{cpu:>10}"
+            f"{yes[e['observable']]:<12}{yes[bool(e.get('reliable'))]:<8}{cpu:>10}"
         )
-        if e["reason"]:
-            lines.append(f"  {'':<20}{e['reason']}")
+        why = e.get("because") or e["reason"]
+        if why:
+            lines.append(f"  {'':<20}{why}")
     for s in document["skipped"]:
         lines.append(f"  {s['name']:<20}skipped: {s['reason']}")
     prior = document["prior"]

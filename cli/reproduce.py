@@ -37,14 +37,14 @@ def command(
     """
     import json
 
-    from massprops.campaign.papers import SPEED, load_paper
-    from massprops.campaign.reproduce import reproduce_plan, reproduced, speed_of
+    from massprops.campaigns.papers import SPEED, load_paper
+    from massprops.campaigns.reproduce import reproduce_plan, reproduced, speed_of
 
     if case == SPEED and hasattr(load_paper(paper), SPEED):
         found = speed_of(paper)
         say(json.dumps(found) if json_output else "\n".join(f"{k}: {v}" for k, v in found.items()))
         return
-    from massprops.campaign.text import text_of
+    from massprops.campaigns.text import text_of
     from massprops_cli.campaign_progress import RunProgress, alone
 
     plan = reproduce_plan(paper, case, runs, seed)

@@ -74,8 +74,8 @@ def command(
     """
     import json
 
-    from massprops.simulate import simulate
-    from massprops.simulate.simulate import is_tracks
+    from massprops.simulation import simulate
+    from massprops.simulation.simulate import is_tracks
     from massprops_cli.progress import StageProgress
 
     asked = {

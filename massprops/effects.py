@@ -43,7 +43,7 @@ class Parameter:
         size: what is common, in that unit; scales the search.
         limit: largest plausible magnitude; None for no limit. least: smallest plausible value; None for none.
         kind: `number`; `time` for the moment of an event [s since the first timestamp]; `span` for the length of the
-            record [s], which is given, not found; `pace` for a number that means nothing while the effect has no size.
+            record [s] and `duration` for that of an event [s], which are given, not found; `pace` for a number that means nothing while the effect has no size.
         form: 0 always found; 1 only where the simpler form of the effect leaves something over.
     """
 
@@ -54,6 +54,10 @@ class Parameter:
     kind: str = "number"
     least: float | None = None
     form: int = 0
+
+
+GIVEN = ("span", "duration")
+"""Kinds of parameters that a search over starts takes as they are."""
 
 
 @cache
@@ -76,7 +80,7 @@ def searched(effect: ModuleType, form: int = 0) -> list[bool]:
     change: the moment stays where the search over epochs put it.
     """
     swings = form > 0 and hasattr(effect, "swing")
-    return [q.kind != "span" and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
+    return [q.kind not in GIVEN and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
 
 
 def places_of(effect: ModuleType, kind: str) -> list[int]:

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,11 +33,14 @@ class Model:
     Attributes:
         modules: the effects, those of the motion first; values: their parameters, one array each.
         inertia: (3, 3) in body axes, mean moment 1, or None when it is to be found.
+        rate, attitude: (3,) [rad/s] and (4,) body to inertial axes at the first epoch, or None: where a fit begins.
     """
 
     modules: tuple[ModuleType, ...] = ()
     values: tuple[np.ndarray, ...] = ()
     inertia: np.ndarray | None = None
+    rate: np.ndarray | None = None
+    attitude: np.ndarray | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,7 +81,7 @@ class Model:
             share = np.divide(d, value, where=grown, out=np.zeros(len(value)))
             out.append(np.where(grown, value * np.exp(np.clip(share, -MOST_GROWN, MOST_GROWN)), value + d))
             at[kind] += len(value)
-        return Model(self.modules, tuple(out), self.inertia)
+        return replace(self, values=tuple(out))
 
 
 def model_of(sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = None) -> Model:
@@ -155,6 +158,9 @@ def load_model(path: str | Path) -> Model:
                 raise InputError(f"{path}: effect {entry.name}: {no_key(key, wanted, 'parameter')}")
         values = []
         for q in wanted.values():
+            if q.kind == "duration" and q.name not in entry.parameters:
+                values.append(0.0)
+                continue
             try:
                 values.append(
                     Number("", q.unit, -LARGEST_PARAMETER, LARGEST_PARAMETER).check(entry.parameters.get(q.name))
@@ -167,7 +173,13 @@ def load_model(path: str | Path) -> Model:
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):
             raise InputError(f"{path}: principal moments {moments.tolist()} break the triangle inequality")
-    return model_of(sizes, inertia)
+    attitude = document.attitude
+    if attitude is not None:
+        size = float(np.linalg.norm(attitude))
+        if not 0.99 < size < 1.01:
+            raise InputError(f"{path}: attitude must be a unit quaternion; its length is {size:.3g}")
+        attitude = attitude / size
+    return replace(model_of(sizes, inertia), rate=document.angular_velocity_rad_s, attitude=attitude)
 
 
 def _places(modules: list[ModuleType]) -> tuple[slice, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -74,6 +75,17 @@ def load_open3d() -> ModuleType:
     except (ImportError, OSError) as error:
         raise InputError(f"open3d cannot be loaded: {error}; {advice(str(error))}") from None
     return open3d
+
+
+WITHOUT_PYCOLMAP = (
+    "pycolmap is needed to reconstruct: type 'pip install pycolmap'; on Linux on arm64, for which there is no wheel, "
+    "build COLMAP and its Python package from source"
+)
+
+
+def has_pycolmap() -> bool:
+    """Whether pycolmap is installed; the look-up loads nothing."""
+    return find_spec("pycolmap") is not None
 
 
 PACKAGES = {

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.processes import muffled
 from massprops.errors import InputError
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".hif"}
@@ -87,7 +88,7 @@ class _Header:
         register_heif_opener()
         Image.MAX_IMAGE_PIXELS = None
         try:
-            with Image.open(path, formats=FORMATS) as image:
+            with muffled(), Image.open(path, formats=FORMATS) as image:
                 self.format = image.format or ""
                 # of a TIFF, Pillow gives the size as shown
                 tags = getattr(image, "tag_v2", {})
@@ -185,7 +186,8 @@ def load(path: Path, longest: int | None = None) -> np.ndarray:
         image = _by_pillow(path)
     else:
         data = np.fromfile(path, np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        with muffled():
+            image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         # OpenCV's TIFF reader turns the image whether asked to or not
         if image is not None and header.format != "TIFF":
             image = turn(image, header.orientation)
@@ -198,7 +200,7 @@ def _by_pillow(path: Path) -> np.ndarray | None:
     from PIL import Image
 
     try:
-        with Image.open(path, formats=FORMATS) as image:
+        with muffled(), Image.open(path, formats=FORMATS) as image:
             return np.ascontiguousarray(np.asarray(image.convert("RGB"))[..., ::-1])
     # as for the header
     except Exception:

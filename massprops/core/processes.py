@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 
@@ -26,10 +29,50 @@ def child_environment(**more: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(entries), "PYTHONSAFEPATH": "1", **more}
 
 
+def processors() -> int:
+    """Processors that this process may use; on macOS, which does not say, those of the machine."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def die_with_parent() -> None:
     """Asks the kernel to end this process with its parent (Linux), so that a killed run leaves nothing at work."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
+_muffling = threading.Lock()
+_muffled: list[int] = []
+"""The real standard error, once for each thread that keeps native code from it."""
+
+
+@contextlib.contextmanager
+def muffled() -> Iterator[None]:
+    """Keeps what native code prints away from standard error, of the whole process while it lasts.
+
+    libjpeg, libpng and OpenCV print lines of their own about damaged files; what is wrong is told by us, in one line.
+    """
+    with _muffling:
+        _muffled.append(_muffled[0] if _muffled else _turned_away(2))
+    try:
+        yield
+    finally:
+        with _muffling:
+            real = _muffled.pop()
+            if not _muffled and real >= 0:
+                os.dup2(real, 2)
+                os.close(real)
+
+
+def _turned_away(handle: int) -> int:
+    """Leads a file handle nowhere; a copy of what it was, or -1 where it was closed."""
+    try:
+        real = os.dup(handle)
+    except OSError:
+        return -1
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, handle)
+    os.close(nowhere)
+    return real
 
 
 def limit_memory() -> None:

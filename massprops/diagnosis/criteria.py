@@ -25,3 +25,11 @@ BLOCKS = 20
 """Parts in time of a record; every fourth is held out in turn."""
 FEWEST_HELD = 60
 """Rows below which nothing is held out."""
+SHAPE_SD = 1.5
+"""Prior of the logarithms of second moments: bodies up to 20 times as long as thick lie within two of it."""
+SCALE_SD = 0.005
+"""Prior of a gyroscope's scale and misalignment: between data sheets of raw ones (1 to 3 %) and calibrated ones (0.1 %)."""
+WIDE = 10.0
+"""Prior of momenta at the start over those of the mean moment: no word at all."""
+AXIS_SD = 0.3
+"""Prior of a wheel's axis about the one that the balance across it shows [rad]."""

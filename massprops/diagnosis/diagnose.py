@@ -10,8 +10,8 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.document import document_of_selection, model_of_selection
-from massprops.diagnosis.free_flight import check_free_flight
-from massprops.diagnosis.record import Record, record_of_rates
+from massprops.diagnosis.free_flight import Lever, check_free_flight
+from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import Selection, rigid_body_alone, select
 from massprops.sequence.data import Sequence
 
@@ -31,11 +31,17 @@ class BalanceDiagnosis:
 
 
 def decides(sequence: Sequence) -> bool:
-    """Whether the balance of momentum decides by itself: body rates of a short record, and nothing else measured."""
-    others = (sequence.tracks, sequence.attitude, sequence.range)
-    if sequence.rates is None or not len(sequence.rates.w) or any(x is not None for x in others):
+    """Whether the balance of momentum decides by itself: body rates of a short record, or attitudes, and nothing else
+    measured."""
+    measured = [x for x in (sequence.tracks, sequence.attitude, sequence.range, sequence.rates) if x is not None]
+    if len(measured) != 1:
         return False
-    return _turn(sequence.rates.timestamp_ns * 1e-9, sequence.rates.w) < criteria.MOST_TURN
+    if sequence.rates is not None and len(sequence.rates.w):
+        return _turn(sequence.rates.timestamp_ns * 1e-9, sequence.rates.w) < criteria.MOST_TURN
+    if sequence.attitude is not None and len(sequence.attitude.q) >= FEWEST_ROWS:
+        record = record_of_attitudes(sequence.attitude, sequence.environment)
+        return _turn(record.path.t, record.path.w) < criteria.MOST_TURN
+    return False
 
 
 def _turn(times: np.ndarray, w: np.ndarray) -> float:
@@ -44,24 +50,22 @@ def _turn(times: np.ndarray, w: np.ndarray) -> float:
     return float(np.sum(np.diff(times) * 0.5 * (speed[1:] + speed[:-1])))
 
 
-def diagnose_rates(
+def diagnose_by_balance(
     sequence: Sequence, progress: Callable[[str, int, int], None] = lambda what, done, total: None
 ) -> BalanceDiagnosis:
-    """What a record of body rates lacks beside a free rigid body.
+    """What a record of body rates or of attitudes lacks beside a free rigid body.
 
     `body.yaml` has no say: an inertia that is wrong would be paid for by an effect.
 
     Raises:
-        NotPossible: too few rates, or too far apart, or the accelerometer says that this is no free flight.
+        NotPossible: too few measurements, or too far apart, or the accelerometer says that this is no free flight.
     """
-    assert sequence.rates is not None
     warnings = list(sequence.warnings)
-    record = record_of_rates(sequence.rates)
-    lever = check_free_flight(sequence, record)
-    turn = _turn(record.times, record.rows.measured)
+    record, lever = _record(sequence)
+    turn = _turn(record.path.t, record.path.w)
     blind = turn < criteria.LEAST_TURN
     found = rigid_body_alone(record) if blind else select(record, progress)
-    if sequence.rates.sigma is None:
+    if sequence.rates is not None and sequence.rates.sigma is None:
         warnings.append(f"imu0 states no noise: {_noise(found):.3g} rad/s estimated, which no smooth torque can follow")
     document = document_of_selection(found, warnings)
     if blind:
@@ -69,6 +73,14 @@ def diagnose_rates(
     if lever is not None:
         document["lever"] = {"sensor_from_centre_of_mass_m": lever.r, "sigma": lever.sigma, "left_m_s2": lever.left}
     return BalanceDiagnosis(document=document, model=model_of_selection(found), record=record, selection=found)
+
+
+def _record(sequence: Sequence) -> tuple[Record, Lever | None]:
+    if sequence.rates is None:
+        assert sequence.attitude is not None
+        return record_of_attitudes(sequence.attitude, sequence.environment), None
+    record = record_of_rates(sequence.rates)
+    return record, check_free_flight(sequence, record)
 
 
 def _blind(turn: float) -> str:
@@ -102,10 +114,11 @@ def residual_table(d: BalanceDiagnosis) -> str:
     """Residuals before and after by measurement, and the latent torque of the rigid body alone."""
     lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
     s = d.selection
+    kind = "rate" if d.record.rows.rates else "attitude"
     before = s.base.residual
     after = (s.named[0].alone if s.named else s.base).residual
     for t, b, a in zip(d.record.stamp, before, after, strict=True):
-        lines += [f"{t},rate,,,{name},{b[k]:.4f},{a[k]:.4f}" for k, name in enumerate("xyz")]
+        lines += [f"{t},{kind},,,{name},{b[k]:.4f},{a[k]:.4f}" for k, name in enumerate("xyz")]
     if s.verdict == "unexplained":
         for t, v in zip(d.record.stamp, s.unknown.torque[d.record.rows.at], strict=True):
             lines += [f"{t},torque [rad s^-2],,,{name},{v[k]:.6g}," for k, name in enumerate("xyz")]

@@ -12,9 +12,11 @@ from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.selection import Candidate, Selection, rms, significance
 
 INTERVALS = 12
+CLEAR = 2
+"""Points of the path beside an event: over one of them it is spread."""
 SHAPES = 9
 """Corners by which `model.yaml` holds a wheel's history (`internal_rotor.SHAPES`)."""
-AXES = "body axes are the gyroscope's"
+AXES = {True: "body axes are the gyroscope's", False: "body axes are those of attitude0"}
 
 
 def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
@@ -37,7 +39,7 @@ def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
         },
         "latent": latent(s),
         "corrected": _corrected(s.base, after.best if after else s.base),
-        "axes": AXES,
+        "axes": AXES[s.base.record.rows.rates],
         "model": "model.yaml",
         "warnings": warnings,
     }
@@ -46,7 +48,7 @@ def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
 def reason(s: Selection) -> str:
     """The verdict in a sentence."""
     if s.verdict == "none":
-        return f"a free rigid body explains the rates: {rms(s.base.residual):.2f} of the noise is left"
+        return f"a free rigid body explains the measurements: {rms(s.base.residual):.2f} of the noise is left"
     if s.verdict == "named":
         return _sentence(s.named[0])
     if s.verdict == "ambiguous":
@@ -100,6 +102,8 @@ def _effect(c: Candidate, s: Selection) -> dict[str, Any]:
         "units": {q.name: q.unit for q in module.PARAMETERS},
     }
     fit = c.best
+    if hasattr(module, "jump"):
+        out["rate_change_rad_s"] = rate_change(fit).tolist()
     if fit.axis is not None and fit.history is not None and fit.history_sd is not None:
         at = fit.record.rows.at
         out["axis"] = fit.axis.tolist()
@@ -109,6 +113,14 @@ def _effect(c: Candidate, s: Selection) -> dict[str, Any]:
             "sigma": fit.history_sd[at].tolist(),
         }
     return out
+
+
+def rate_change(fit: HypothesisFit) -> np.ndarray:
+    """(3,) rate after an event less the rate before it, body axes [rad/s]: it does not lean on the inertia."""
+    held, t = dict(fit.hypothesis.terms[0].held), fit.record.path.t
+    ends = np.searchsorted(t, [held["time"], held["time"] + held.get("duration", 0.0)])
+    before, after = max(int(ends[0]) - CLEAR, 0), min(int(ends[1]) + CLEAR, len(t) - 1)
+    return np.asarray(fit.rate[after] - fit.rate[before])
 
 
 def _shown(value: dict[str, float], sigma: dict[str, float]) -> dict[str, float | None]:
@@ -123,7 +135,8 @@ def parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, float]]:
     if fit.hypothesis.wheel:
         return _wheel_parameters(fit)
     term = fit.hypothesis.terms[0]
-    value = {q.name: 0.0 for q in effects()[term.name].PARAMETERS} | dict(term.held)
+    value = {q.name: 0.0 for q in effects()[term.name].PARAMETERS}
+    value |= {k: v for k, v in term.held if k in value}
     sigma = dict.fromkeys(value, 0.0)
     spread = np.sqrt(np.maximum(np.diag(fit.covariance[term.name]), 0.0))
     for name, v, sd in zip(term.unknowns, fit.values[term.name], spread, strict=True):

@@ -3,11 +3,15 @@
 An effect whose torque is linear in its parameters needs nothing more than its `torque`: its columns are the torques of
 unit parameters. Others have the hook
 
-- `momentum_columns(t, R, w, held)`: `torque` (n, 3, k) or `internal` (n, 3, k) in body axes, or `momentum` (n, 3, k)
-  in inertial axes, by name, for unknowns that enter linearly with the parameters in `held` as they are; R (n, 3, 3)
+- `momentum_columns(t, R, w, held)`: `torque` (n, 3, k) or `internal` (n, 3, k) in body axes, or `momentum` (n, 3, k) or
+  a list of k columns (n, 3) in inertial axes, by name, for unknowns that enter linearly with the parameters in `held` as they are; R (n, 3, 3)
   body to inertial, w (n, 3) body rates;
 - `MOMENTUM_UNKNOWNS`: names of the parameters that the columns belong to;
-- `momentum_scan(t, w)`: the values of `held` to try: a time, a time constant.
+- `momentum_scan(t, w)`: the values of `held` to try: a time, a time constant;
+- `momentum_variants(held, gap)`: others worth a fit once one is found, gap the time between measurements [s];
+- `momentum_steps(held, gap)`: by name, the step with which a value that was scanned is moved to its best.
+
+With `parts` in `held` the unknowns come once for each part, and a parameter is their sum.
 """
 
 from __future__ import annotations
@@ -46,8 +50,18 @@ class Term:
         named = getattr(self.effect, "MOMENTUM_UNKNOWNS", None)
         return tuple(named) if named else tuple(q.name for q in self.effect.PARAMETERS)
 
+    @property
+    def parts(self) -> int:
+        """How many times the unknowns come."""
+        return int(dict(self.held).get("parts", 1))
 
-def screened() -> list[ModuleType]:
+    def values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (k,) and their covariance (k, k) from all unknowns (k parts,): their sums over the parts."""
+        add = np.tile(np.eye(len(self.unknowns)), self.parts)
+        return add @ unknowns, add @ covariance @ add.T
+
+
+def in_balance() -> list[ModuleType]:
     """The effects of the catalogue that the balance can hold."""
     return [m for m in effects().values() if changes_motion(m) and (hasattr(m, "momentum_columns") or is_linear(m))]
 
@@ -61,7 +75,23 @@ def scan(effect: ModuleType, t: np.ndarray, w: np.ndarray) -> list[Term]:
     """The effect at every value of what is scanned; t (m,) times [s] and w (m, 3) rates of the measurements."""
     if not hasattr(effect, "momentum_scan"):
         return [Term(effect=effect)]
-    return [Term(effect=effect, held=tuple(sorted(held.items()))) for held in effect.momentum_scan(t, w)]
+    return [term_of(effect, held) for held in effect.momentum_scan(t, w)]
+
+
+def term_of(effect: ModuleType, held: dict[str, float]) -> Term:
+    return Term(effect=effect, held=tuple(sorted(held.items())))
+
+
+def variants(term: Term, gap: float) -> list[Term]:
+    """Other values of what is scanned that are worth a fit beside these; gap: between measurements [s]."""
+    offered = getattr(term.effect, "momentum_variants", None)
+    return [] if offered is None else [term_of(term.effect, held) for held in offered(dict(term.held), gap)]
+
+
+def steps(term: Term, gap: float) -> dict[str, float]:
+    """By name, the step with which a value that was scanned is moved to its best; empty where it stays."""
+    offered = getattr(term.effect, "momentum_steps", None)
+    return {} if offered is None else dict(offered(dict(term.held), gap))
 
 
 def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, sky: Any = None) -> Forcing:
@@ -76,7 +106,7 @@ def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarr
         parts = effect.momentum_columns(path.t, path.R, rate, dict(term.held))
         if "torque" in parts:
             return torque_forcing(path, parts["torque"])
-        return Forcing(momentum=parts.get("momentum"), internal=parts.get("internal"))
+        return Forcing(**{k: np.stack(v, axis=2) if isinstance(v, list) else v for k, v in parts.items()})
     sky = Sky((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) if sky is None else sky
     n, six = len(path.t), six_of(inertia)
     q = tuple(path.q.T)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprops.diagnosis.conserved_start import Start
+from massprops.diagnosis.criteria import AXIS_SD, SCALE_SD, SHAPE_SD, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.evidence import Block, Posterior, block_gain, reduced, solve
 from massprops.diagnosis.latent_torque import factor, hats, matern, three_axes
@@ -25,6 +26,7 @@ from massprops.diagnosis.momentum_balance import (
     torque_forcing,
 )
 from massprops.diagnosis.record import Record, along, attitudes_of
+from massprops.errors import NotPossible
 
 PASSES = 12
 SETTLED = 0.2
@@ -37,13 +39,6 @@ TORQUE_LENGTH = 0.05
 odd flights .25 and .1 found wheels a fifth smaller than .04 did, and .04 had the higher evidence or the same."""
 WHEEL_KNOTS = 60
 """Most of a wheel's history, and no more than half the rows: its heavy-tailed steps let go of those not asked for."""
-SHAPE_SD = 1.5
-"""Prior of the logarithms of second moments: bodies up to 20 times as long as thick lie within two of it."""
-SCALE_SD = 0.005
-"""Prior of a gyroscope's scale and misalignment: between data sheets of raw ones (1 to 3 %) and calibrated ones (0.1 %)."""
-WIDE = 10.0
-"""Prior of momenta at the start over those of the mean moment: no word at all."""
-AXIS_SD = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +110,11 @@ class _Guess:
 
 
 def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes: int = PASSES) -> HypothesisFit:
-    """The hypothesis at its most likely, from a start that it stays near."""
+    """The hypothesis at its most likely, from a start that it stays near.
+
+    Raises:
+        NotPossible: the start leads nowhere.
+    """
     path = record.path
     axis, history = (start.axis, start.history) if hypothesis.wheel else (None, None)
     inside = np.zeros_like(path.w) if axis is None or history is None else history[:, None] * axis
@@ -127,13 +126,17 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     found: HypothesisFit | None = None
     for _ in range(passes):
         before = found
-        found, guess = _pass(record, hypothesis, guess)
+        try:
+            found, guess = _pass(record, hypothesis, guess)
+        except np.linalg.LinAlgError:  # astray: the pass before is as far as it goes
+            break
         if not record.rows.rates:
             record = found.record
         still = before is not None and np.abs(found.shape - before.shape).max() < 0.02
         if still and before is not None and abs(found.evidence - before.evidence) < SETTLED:
             break
-    assert found is not None
+    if found is None:
+        raise NotPossible("the motion leads the fit astray: the record may hold more than one body's motion")
     return found
 
 
@@ -178,15 +181,15 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     found = HypothesisFit(
         hypothesis=hypothesis, record=record, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
         evidence=post.evidence - float(np.sum(np.log(np.repeat(rows.sigma, 3)))), noise=post.noise, posterior=post,
-        values={t.name: post.mean[t.name] for t in hypothesis.terms},
-        covariance={t.name: post.covariance[t.name] for t in hypothesis.terms},
+        values={t.name: t.values(post.mean[t.name], post.covariance[t.name])[0] for t in hypothesis.terms},
+        covariance={t.name: t.values(post.mean[t.name], post.covariance[t.name])[1] for t in hypothesis.terms},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
         blocks=tuple(blocks), y=y,
     )  # fmt: skip
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
     for term in hypothesis.terms:
-        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape))
+        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape), record.sky)
         if forcing.internal is not None:
             inside = inside + forcing.internal @ post.mean[term.name]
     if not rows.rates:
@@ -214,7 +217,7 @@ def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balan
         out.append(("wheel", balance.forced(history), balance.columns(history), steps, "sparse"))
         out.append(("wheel axis", balance.forced(turned), balance.columns(turned), AXIS_SD, "fixed"))
     for term in hypothesis.terms:
-        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape))
+        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape), record.sky)
         out.append((term.name, balance.forced(forcing), balance.columns(forcing), _size(forcing, speed), "common"))
     if hypothesis.latent:
         forcing = torque_forcing(path, _torque_shapes(record))
@@ -256,7 +259,7 @@ def term_gain(fit: HypothesisFit, term: Term) -> float:
         path=record.path, shape=fit.shape, momentum=guess_momentum, rate=fit.rate, rows=record.rows
     )  # fmt: skip
     sigma = np.repeat(record.rows.sigma, 3) * np.resize(fit.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
-    columns = balance.columns(forcing_of(term, record.path, fit.rate, fit.inertia))
+    columns = balance.columns(forcing_of(term, record.path, fit.rate, fit.inertia, record.sky))
     over = (np.repeat(record.rows.sigma, 3) / sigma)[:, None]
     fixed = np.concatenate([b.columns for b in fit.blocks], axis=1) * over
     sd = np.concatenate([fit.posterior.sd[b.name] for b in fit.blocks])

@@ -22,6 +22,8 @@ from massprops.dynamics.quaternion import (
 LARGEST_STEP = np.radians(3.0)
 """Rotation between two points of the path: the trapezoid's error per turn is then below 0.02 %."""
 MOST_POINTS = 6000
+LEAST_POINTS = 240
+"""Of a path: an event is placed to a fraction of a step, and a short record of attitudes has few epochs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +63,7 @@ class MotionPath:
 def path_points(t: np.ndarray, w: np.ndarray) -> np.ndarray:
     """(n,) times that hold every one of t (m,) and leave steps of at most `LARGEST_STEP`; w (m, 3) body rates [rad/s]."""
     turn = np.diff(t) * np.linalg.norm(0.5 * (w[1:] + w[:-1]), axis=1)
-    parts = np.maximum(np.ceil(turn / LARGEST_STEP), 1).astype(int)
+    parts = np.maximum(np.ceil(turn / LARGEST_STEP), np.ceil(LEAST_POINTS / len(turn))).astype(int)
     while parts.sum() > MOST_POINTS and parts.max() > 1:
         parts = np.maximum(parts // 2, 1)
     inner = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(t[:-1], t[1:], parts, strict=True)]

@@ -66,7 +66,7 @@ def _gap(d: BalanceDiagnosis) -> str:
     return (
         "<p>Root-mean-square residuals in units of the noise.</p>"
         + table(rows, ("data", "before", "after", "noise floor"))
-        + plot(series, "time [s]", "rates, rms / σ")
+        + plot(series, "time [s]", "residual, rms / σ")
     )
 
 

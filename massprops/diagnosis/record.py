@@ -8,13 +8,16 @@ import numpy as np
 
 from massprops.diagnosis.momentum_balance import Rows
 from massprops.diagnosis.motion_path import MotionPath, path_from_attitudes, path_from_rates
-from massprops.dynamics.surroundings import Surroundings
+from massprops.dynamics.surroundings import Sky, Surroundings
 from massprops.errors import NotPossible
+from massprops.estimators.rates import LocalFit, from_attitude
 from massprops.sequence.data import AttitudeSeries, Environment, RateSeries
 
 MOST_ROWS = 300
 """Longer records are taken as means over so many equal stretches: what changes faster is noise to a rigid body."""
 FEWEST_ROWS = 12
+COEFFICIENTS = 4
+"""Of the local cubic behind each rate of a record of attitudes (`estimators.rates`)."""
 LARGEST_TURN = 0.7
 """Turn [rad] between two rows up to which a cubic follows the rate of a tumble to a thousandth."""
 STATED_ROWS = 100.0
@@ -29,6 +32,8 @@ class Record:
         path: the measured motion; rows: what was measured along it; times: (m,) of the rows [s].
         noise_rows: as how many rows the noise in `rows` counts. speed: typical rate [rad/s].
         around: what acts from outside, or None where nothing ties the axes to it. stamp: (m,) [ns].
+        reach: how far in time a row looks about itself [s]; screen: the same record as rates, where its rows are
+            attitudes, or None.
     """
 
     path: MotionPath
@@ -38,6 +43,18 @@ class Record:
     speed: float
     around: Surroundings | None
     stamp: np.ndarray
+    reach: float = 0.0
+    screen: Record | None = None
+
+    @property
+    def stated(self) -> bool:
+        """Whether the noise of the rows is stated, not estimated."""
+        return self.noise_rows > 1.0
+
+    @property
+    def sky(self) -> Sky | None:
+        """What acts from outside along the path, inertial axes."""
+        return None if self.around is None else self.around.sky(self.path.t)
 
 
 def record_of_rates(series: RateSeries) -> Record:
@@ -84,7 +101,6 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment) -> Rec
     """
     from massprops.dynamics.quaternion import multiply
     from massprops.estimators.chaser_path import chaser_path
-    from massprops.estimators.rates import from_attitude
 
     stamp, q, sigma = series.timestamp_ns, series.q, series.sigma
     step = max(1, len(stamp) // MOST_ROWS)
@@ -101,12 +117,30 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment) -> Rec
     # the attitudes themselves, not smoothed: smoothing bends the path where something happens at once
     path = path_from_attitudes(times, q, w)
     at = np.asarray(np.searchsorted(path.t, times))
+    around = Surroundings(environment)
+    speed = float(np.median(np.linalg.norm(w, axis=1)))
     record = Record(
         path=path, rows=Rows(at=at, measured=np.zeros((len(at), 3)), sigma=sigma, rates=False), times=times,
-        noise_rows=STATED_ROWS, speed=float(np.median(np.linalg.norm(w, axis=1))), around=Surroundings(environment),
-        stamp=stamp,
+        noise_rows=STATED_ROWS, speed=speed, around=around, stamp=stamp,
+        screen=_as_rates(times, local, around, stamp, speed),
     )  # fmt: skip
     return along(record, path, q)
+
+
+def _as_rates(times: np.ndarray, local: LocalFit, around: Surroundings, stamp: np.ndarray, speed: float) -> Record:
+    """A record of attitudes as rates by local polynomials, whose rows carry the attitudes' errors too: those times the
+    momentum. Neighbours share most of their samples, so each counts as its part of a polynomial's four coefficients."""
+    fine = np.flatnonzero(np.isfinite(local.w).all(axis=1))
+    t, q, w = times[fine], local.q[fine], local.w[fine]
+    spread = np.einsum("nii->ni", local.covariance[fine])
+    square = spread[:, 3:].mean(axis=1) + np.sum(w**2, axis=1) * spread[:, :3].mean(axis=1)
+    sigma = np.sqrt(square * max(1.0, local.window / COEFFICIENTS))
+    path = path_from_attitudes(t, q, w)
+    rows = Rows(at=np.asarray(np.searchsorted(path.t, t)), measured=w, sigma=sigma, rates=True)
+    return Record(
+        path=path, rows=rows, times=t, noise_rows=STATED_ROWS, speed=speed, around=around, stamp=stamp[fine],
+        reach=0.5 * local.window * float(np.median(np.diff(times))),
+    )  # fmt: skip
 
 
 def along(record: Record, path: MotionPath, q: np.ndarray) -> Record:

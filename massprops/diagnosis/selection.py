@@ -10,13 +10,18 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start, conserved, conserved_across
-from massprops.diagnosis.effect_columns import Term, forcing_of, scan, screened
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis, term_gain
+from massprops.diagnosis.effect_columns import Term, in_balance, scan, steps, term_of, variants
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
+from massprops.diagnosis.screen import screened
 
 Watch = Callable[[str, int, int], None]
-SCANNED = 2
-"""Values of what is scanned that are fitted for each effect."""
+SCANNED = 3
+"""Values of what is scanned, the most likely after a few passes, that are fitted for each effect to the end."""
+SHORTLISTED = 12
+"""Values of what is scanned, the best in the screen, that are fitted for a few passes: near an event polynomials say
+little of its time."""
+BALL = Start(inertia=np.eye(3), left=1.0)
 BESIDE_UNKNOWN = 4
 """Effects, the best by themselves, that are fitted beside a latent torque as well."""
 
@@ -73,6 +78,8 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     watch("rigid body", 0, 1)
     plain = conserved(record.path, at)
     base = _best(record, Hypothesis(latent=False), [plain, Start(inertia=np.eye(3), left=1.0)])
+    if record.stated and within_noise(base):
+        return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
     unknown = _best(record, Hypothesis(), [plain, Start(inertia=base.inertia, left=1.0)])
     usable, skipped = _usable(record)
     tried = []
@@ -89,8 +96,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
             continue
         watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
         h = one.alone.hypothesis
-        start = Start(inertia=one.alone.inertia, left=1.0, axis=one.alone.axis, history=one.alone.history)
-        tried[k] = Candidate(alone=one.alone, beside=_admissible(record, h, start, latent=True))
+        tried[k] = Candidate(alone=one.alone, beside=_admissible(record, h, _again(one.alone), latent=True))
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknown, tried)
     return Selection(
@@ -111,7 +117,7 @@ def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> Hypoth
 def _usable(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
     known = set() if record.around is None else set(record.around.known)
     usable, skipped = [], {}
-    for effect in screened():
+    for effect in in_balance():
         missing = [n for n in effect.NEEDS if n not in known]
         if missing:
             skipped[effect.NAME] = f"needs {', '.join(missing)}"
@@ -122,19 +128,61 @@ def _usable(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
 
 def _alone(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
     """The best fit of one effect by itself, over what is scanned; None where its parameters have the wrong sign."""
-    terms = scan(effect, record.times, record.path.w[record.rows.at])
-    starts = [
-        conserved(record.path, record.rows.at, forcing_of(t, record.path, record.path.w, np.eye(3))) for t in terms
-    ]
-    gains = [term_gain(base, t) for t in terms]
-    chosen = list(dict.fromkeys([*np.argsort(gains)[::-1][:SCANNED], int(np.argmin([s.left for s in starts]))]))
-    fits = []
-    for k in chosen:
-        for start in (starts[k], Start(inertia=base.inertia, left=1.0)):
-            found = _admissible(record, Hypothesis(terms=(terms[k],), latent=False), start, latent=False)
-            if found is not None:
-                fits.append(found)
-    return max(fits, key=lambda f: f.evidence, default=None)
+    view, gap = record.screen or record, float(np.median(np.diff(record.times)))
+    tried = [screened(view, (t,), BALL) for t in scan(effect, record.times, record.path.w[record.rows.at])]
+    best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
+    begun = [(s.terms[0], s.start) for s in best]
+    begun += [(t, BALL) for s in best for t in variants(s.terms[0], gap) or s.terms]
+    if len(begun) > SCANNED:
+        begun = _by_short_fits(record, begun)
+    begun += [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
+    found = [_admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
+    fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
+    # more than one: a scan stands at different moments of the same event
+    return max((moved_to_best(record, f, gap) for f in fits[:SCANNED]), key=lambda f: f.evidence, default=None)
+
+
+def _by_short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[tuple[Term, Start]]:
+    """Those that a few passes on the measurements themselves leave the most likely, with where they came to."""
+    fits = [fit_hypothesis(record, Hypothesis(terms=(t,), latent=False), s, passes=3) for t, s in begun]
+    fits = sorted(fits, key=lambda f: -f.evidence)[:SCANNED]
+    return [(f.hypothesis.terms[0], _again(f)) for f in fits]
+
+
+def moved_to_best(record: Record, found: HypothesisFit, gap: float) -> HypothesisFit:
+    """What was scanned of a fit's effect moved to its best by Nelder and Mead's method.
+
+    Args:
+        gap: between measurements [s].
+    """
+    from scipy.optimize import minimize
+
+    term = found.hypothesis.terms[0]
+    size = steps(term, gap)
+    if not size:
+        return found
+    names, held = list(size), dict(term.held)
+    best = found
+
+    def cost(x: np.ndarray) -> float:
+        nonlocal best
+        values = held | {n: held[n] + v * size[n] for n, v in zip(names, x, strict=True)}
+        if min(values.values()) < 0.0:
+            return 1e12
+        h = Hypothesis(terms=(term_of(term.effect, values),), latent=found.hypothesis.latent)
+        fit = fit_hypothesis(found.record, h, _again(found), passes=3)
+        best = fit if fit.evidence > best.evidence else best
+        return -fit.evidence
+
+    minimize(cost, np.zeros(len(names)), method="Nelder-Mead",
+             options={"maxfev": 25 * len(names), "xatol": 0.02, "fatol": 0.1,
+                      "initial_simplex": np.concatenate([np.zeros((1, len(names))), np.eye(len(names))])})  # fmt: skip
+    return fit_hypothesis(best.record, best.hypothesis, _again(best))
+
+
+def _again(fit: HypothesisFit) -> Start:
+    """Where another fit from a fit's solution begins."""
+    return Start(inertia=fit.inertia, left=1.0, axis=fit.axis, history=fit.history)
 
 
 def _admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bool) -> HypothesisFit | None:
@@ -163,8 +211,7 @@ def _wheel(record: Record) -> Candidate:
     """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all."""
     start = conserved_across(record.path, record.rows.at)
     beside = fit_hypothesis(record, Hypothesis(wheel=True), start)
-    again = Start(inertia=beside.inertia, left=1.0, axis=beside.axis, history=beside.history)
-    return Candidate(alone=fit_hypothesis(record, Hypothesis(wheel=True, latent=False), again), beside=beside)
+    return Candidate(alone=fit_hypothesis(record, Hypothesis(wheel=True, latent=False), _again(beside)), beside=beside)
 
 
 def _verdict(base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate]) -> tuple[str, list[Candidate]]:
@@ -179,6 +226,11 @@ def _verdict(base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate]
     alone = max(near, key=lambda c: c.alone.evidence)
     near = [alone, *(c for c in near if c is not alone and c.alone.evidence > alone.alone.evidence - criteria.ALIKE)]
     return ("named" if len(near) == 1 else "ambiguous"), near
+
+
+def within_noise(base: HypothesisFit) -> bool:
+    """Whether a free rigid body leaves no more than the stated noise."""
+    return rms(base.residual) < 1.0 + criteria.SHOWN / np.sqrt(2.0 * base.residual.size)
 
 
 def may_be_named(c: Candidate, base: HypothesisFit, unknown: HypothesisFit) -> bool:

@@ -22,7 +22,7 @@ class LimitsFile:
 class CampaignFile:
     """A campaign: a grid or a random draw of seeded runs."""
 
-    kind: Annotated[str, Text("kind of run, a name of `massprops.campaign.kinds`")]
+    kind: Annotated[str, Text("kind of run, a name of `massprops.campaigns.kinds`")]
     name: Annotated[str, Text("for people")] | None = None
     runs: Annotated[int, Number("seeds for each point of the grid", "", 1, 10**12, whole=True)] | None = None
     seed: Annotated[int, Number("the first seed", "", 0, LARGEST_SEED, whole=True)] = 0

@@ -34,8 +34,8 @@ those below. Further columns are not read. A unit that is not known is refused; 
 
 def page() -> str:
     """`docs/files.md`."""
-    from massprops.simulate.scenario import Scenario
-    from massprops.simulate.track_scenario import TrackScenario
+    from massprops.simulation.scenario import Scenario
+    from massprops.simulation.track_scenario import TrackScenario
 
     parts = [HEAD, *(f"- `{unit}`: {', '.join(f'`{u}`' for u in known)}" for unit, known in CONVERTED.items())]
     parts += ["\n## Tables of a sequence", *map(_table, TABLES)]

@@ -23,10 +23,17 @@ class EffectFile:
 
 @document(others="ignored")
 class ModelFile:
-    """`model.yaml`: the effects that act, and the inertia."""
+    """`model.yaml`: the effects that act, the inertia, and the state in which the record begins."""
 
     format: Annotated[str, Text("kind and version of the file", (FORMAT,))]
     effects: Annotated[tuple[EffectFile, ...], Nested("list of effects", many=True)] | None = None
     inertia: (
         Annotated[np.ndarray, Array("in body axes, mean moment 1; `null` when it is to be found", "", (3, 3))] | None
+    ) = None
+    angular_velocity_rad_s: (
+        Annotated[np.ndarray, Array("at the first epoch, body axes", "rad/s", (3,), -1e4, 1e4)] | None
+    ) = None
+    attitude: (
+        Annotated[np.ndarray, Array("at the first epoch, body to inertial axes, scalar first", "", (4,), -2.0, 2.0)]
+        | None
     ) = None

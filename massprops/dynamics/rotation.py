@@ -182,7 +182,9 @@ def event_times(acting: Acting, p: Any) -> list[tuple[float, int | None]]:
     do."""
     found: list[tuple[Any, int | None]] = []
     for k, (effect, place, _) in enumerate(acting):
-        found += [(p[place][i], k) for i in places_of(effect, "time")]
+        begins = [p[place][i] for i in places_of(effect, "time")]
+        lasts = [p[place][i] for i in places_of(effect, "duration")]
+        found += [(t, k) for t in begins] + [(t + d, k) for t in begins for d in lasts if np.real(d) > 0]
         if hasattr(effect, "corners"):
             found += [(t, None) for t in effect.corners(p[place])]
     return [(float(np.real(t)), k) for t, k in found]

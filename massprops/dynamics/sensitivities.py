@@ -25,7 +25,7 @@ from massprops.dynamics.rotation import (
     start_state,
 )
 from massprops.dynamics.surroundings import Surroundings
-from massprops.effects import places_of
+from massprops.effects import GIVEN, places_of
 
 LARGEST_TURN = 0.4
 """Rotation [rad] in a step: derivatives to about 1e-4 of their size after ten revolutions."""
@@ -57,7 +57,7 @@ def sensitivities(
     moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
     flat_six, flat_p = list(six), list(np.asarray(p, float))
     kinds = {place.start + i: q.kind for e, place, _ in acting for i, q in enumerate(e.PARAMETERS)}
-    fixed = {i for i, kind in kinds.items() if kind in ("time", "span")}
+    fixed = {i for i, kind in kinds.items() if kind in ("time", *GIVEN)}
     nodes = _nodes(path.steps, fastest(w0))
     first, last = nodes[:-1], nodes[1:]
     begin = path.steps.ends[nodes]
@@ -179,7 +179,8 @@ def _across(
     S = by_state @ S
     S[:, 6 + d + place.start : 6 + d + place.stop] += own
     for i in moments:
-        S[:, 6 + d + place.start + i] = by_state @ leaves - begins
+        # an event that lasts has an end, which moves with its time
+        S[:, 6 + d + place.start + i] += by_state @ leaves - begins
     return S
 
 

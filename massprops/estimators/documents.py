@@ -47,6 +47,8 @@ def entry(found: Estimate, cpu_seconds: float | None = None) -> dict[str, Any]:
         "name": found.name,
         "converged": bool(found.converged),
         "observable": bool(found.observable),
+        "reliable": bool(found.reliable),
+        "because": found.because,
         "reason": found.reason,
         "k1": found.k1,
         "k2": found.k2,

@@ -9,8 +9,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from massprops.core.outputs import verify
 from massprops.documents.loading import shown
 from massprops.errors import InputError, MasspropsError, NotPossible
@@ -60,15 +58,15 @@ class Outcome:
 
     @property
     def sound(self) -> list[Estimate]:
-        """Those that converged on observable ratios."""
-        return [e for e in self.estimates if e.converged and e.observable]
+        """Those that converged on observable ratios and can be believed."""
+        return [e for e in self.estimates if e.converged and e.observable and e.reliable]
 
     @property
     def reason(self) -> str:
         """Why there is no sound estimate; empty when there is one."""
         if self.sound:
             return ""
-        said = [f"{e.name}: {e.reason or 'did not converge'}" for e in self.estimates]
+        said = [f"{e.name}: {e.because or e.reason or 'did not converge'}" for e in self.estimates]
         said += [f"{name}: {why}" for name, why in self.skipped.items()]
         return "no estimator gives the inertia ratios from this data; " + "; ".join(said)
 
@@ -98,7 +96,7 @@ def estimate(
 
     Raises:
         InputError: unknown method, unreadable sequence or prior.
-        NotPossible: a method asked for by name needs what the sequence lacks.
+        NotPossible: every method asked for by name needs what the sequence lacks.
 
     Example:
         >>> [(e.name, e.k1, e.k2) for e in massprops.estimate("runs/demo")]  # doctest: +SKIP
@@ -154,23 +152,24 @@ def run_methods(
         prior: what is believed of the body beforehand; judged by the data first, and left out when they contradict it.
         progress: told of each method.
         model: what `massprops.dynamics.model.load_model` gave, or None.
-        named: the user named the methods: one that cannot run is an error.
+        named: the user named the methods: it is an error if none of them can run.
 
     Raises:
-        NotPossible: a named method lacks what it needs.
+        NotPossible: every named method lacks what it needs.
     """
+    from massprops.estimators.judgement import against
     from massprops.estimators.needs import unmet
 
     skipped, able = {}, []
     for method in chosen:
         lack = unmet(method, problem)
-        if lack and named:
-            raise NotPossible(f"{method.NAME} {lack}")
         if lack:
             skipped[method.NAME] = lack
         else:
             able.append(method)
     if not able:
+        if named:
+            raise NotPossible("; ".join(f"{name} {lack}" for name, lack in skipped.items()))
         return Outcome(problem, skipped=skipped, warnings=problem.warnings)
     bench = _Bench(problem, model)
     warnings = list(problem.warnings)
@@ -207,6 +206,9 @@ def run_methods(
             found = replace(found, cpu_us_per_step=1e6 * cpu[method.NAME] / len(problem.times))
         estimates.append(found)
     progress(total, total, "")
+    reference = next((e for e in estimates if e.name == REFERENCE), None)
+    if reference is not None:
+        estimates = [e if e is reference else against(e, reference) for e in estimates]
     return Outcome(problem, estimates, skipped, cpu, verdict, tuple(dict.fromkeys(warnings)))
 
 
@@ -267,6 +269,7 @@ class _Bench:
         """
         import inspect
 
+        from massprops.estimators.judgement import judged
         from massprops.estimators.result import Prior
 
         if isinstance(start, _NoStart) and getattr(method, "NEEDS_START", True):
@@ -274,7 +277,7 @@ class _Bench:
         takes_model = "model" in inspect.signature(method.estimate).parameters
         extra = {"model": self.model} if self.model is not None and takes_model else {}
         try:
-            return checked(method.estimate(self.problem, prior or Prior(), start, **extra))
+            return judged(method.estimate(self.problem, prior or Prior(), start, **extra), self.problem)
         except MasspropsError as error:
             raise NotPossible(str(error)) from None
         except BREAKS as error:
@@ -285,26 +288,6 @@ class _Bench:
 class _NoStart:
     reason: str
     warnings: tuple[str, ...] = ()
-
-
-def checked(found: Estimate) -> Estimate:
-    """An estimate that claims no more than it has: numbers that are not finite, or no body's, make it unconverged."""
-    from massprops.estimators.result import ratios
-
-    if not found.observable:
-        return replace(found, k1=None, k2=None, k_covariance=None, principal_axes=None, axes_covariance=None)
-    if not found.converged:
-        return found
-    values = [v for v in (found.k1, found.k2, found.inertia, found.k_covariance, found.w) if v is not None]
-    if found.k1 is None or found.k2 is None or not all(np.isfinite(np.asarray(v, float)).all() for v in values):
-        return replace(found, converged=False, reason=found.reason or "its result is not finite")
-    if found.inertia is not None:
-        moments = np.linalg.eigvalsh(found.inertia)
-        if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
-            return replace(found, converged=False, reason=found.reason or "its inertia breaks the triangle inequality")
-        if found.principal_axes is None:
-            found = replace(found, principal_axes=ratios(found.inertia)[1])
-    return found
 
 
 def _read_prior(prior: str | Path | Prior | None) -> FilterPrior | None:

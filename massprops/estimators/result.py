@@ -6,6 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from massprops.core.shown import Shown, number
+
+NORMAL_90 = 1.6449
+"""Standard deviations of a 90 % interval of a normal distribution."""
+
+Halves = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Of each half of the record, coordinates (5,) of the inertia and their covariance (5, 5)."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -29,8 +37,8 @@ class Prior:
     attitude: bool = False
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, repr=False)
+class Estimate(Shown):
     """Motion and inertia ratios from one estimator; n epochs, m features.
 
     Attributes:
@@ -49,7 +57,11 @@ class Estimate:
         innovation: mean squared innovation or residual in units of its stated covariance, near 1 when the noise is right.
         gated: measurements rejected as outliers; used: measurements used.
         cpu_us_per_step: CPU time per epoch [us].
-        truth_errors: errors against truth where a caller with truth filled them in, never by the estimator.
+        reliable: its sigmas can be believed, as `judgement` finds; because: one line when not.
+        residuals: (n, c) of a batch method, signed, in units of their sigma, NaN where there are none.
+        memory_counted: the covariance already counts errors that stay alike from epoch to epoch.
+        halves: of a batch method, the inertia by each half of the record: coordinates (5,) along
+            `momentum.DIRECTIONS` at trace 1, and their covariance (5, 5).
     """
 
     name: str
@@ -81,11 +93,33 @@ class Estimate:
     used: int = 0
     cpu_us_per_step: float | None = None
     warnings: tuple[str, ...] = ()
+    reliable: bool = False
+    because: str = ""
+    residuals: np.ndarray | None = None
+    memory_counted: bool = False
+    halves: Halves | None = None
 
     @property
     def sigma_k(self) -> np.ndarray | None:
         """(2,) 1-sigma of k1 and k2."""
         return None if self.k_covariance is None else np.sqrt(np.diag(self.k_covariance))
+
+    @property
+    def interval(self) -> dict[str, np.ndarray]:
+        """90 % intervals of `k1` and `k2`, each (2,); empty where they are not observable."""
+        if self.sigma_k is None or self.k1 is None or self.k2 is None:
+            return {}
+        reach = NORMAL_90 * self.sigma_k
+        return {
+            name: np.array([k - r, k + r]) for name, k, r in zip(("k1", "k2"), (self.k1, self.k2), reach, strict=True)
+        }
+
+    def facts(self) -> dict[str, str]:
+        """Name, ratios, and what is wrong with them."""
+        bounds = self.interval
+        shown = {"method": self.name}
+        shown |= {name: number(getattr(self, name), bounds.get(name)) for name in ("k1", "k2")}
+        return shown | ({"but": self.reason} if self.reason else {})
 
 
 def ratios(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

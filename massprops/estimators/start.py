@@ -41,6 +41,7 @@ class Start:
         index: (k,) which of the problem's epochs these are. velocities: (k, 3) along the path, or None.
         cpu_s: CPU time that it took [s].
         poses: attitudes as each epoch alone shows them, None from body rates.
+        block: (k,) stretches that each have a momentum of their own, because the attitude drifts; None for one.
         early: a start from the first part of the data only, for the filters (`unscented.setup.early_start`), or None.
     """
 
@@ -63,6 +64,7 @@ class Start:
     velocities: np.ndarray | None = None
     cpu_s: float = 0.0
     poses: Poses | None = None
+    block: np.ndarray | None = None
     early: Start | None = None
 
 
@@ -191,7 +193,7 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
     times, w = problem.times[rows], problem.rates[rows]
     fit = rates.from_rates(times, w, problem.sigma_rate)
     block = _blocks(times, fit)
-    found = momentum_inertia(fit.q, fit.w, _within(fit.covariance, block), block, fit.window)
+    found = momentum_inertia(fit.q, fit.w, within(fit.covariance, block), block, fit.window)
     return Start(
         times,
         fit.q,
@@ -209,6 +211,7 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
         True,
         int((~fit.good).sum()),
         rows,
+        block=block,
     )
 
 
@@ -269,7 +272,7 @@ def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:
     return np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
 
 
-def _within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:
+def within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:
     """The turn's covariance counted from the middle of each block, since each has a momentum of its own."""
     out = covariance.copy()
     for b in np.unique(block):
@@ -299,5 +302,6 @@ def _complete(start: Start) -> Start:
         velocities=None if start.velocities is None else start.velocities[ok],
         covariance=start.covariance[ok],
         index=None if start.index is None else start.index[ok],
+        block=None if start.block is None else start.block[ok],
         warnings=(*start.warnings, f"{int((~ok).sum())} lone epochs left out of the first guess"),
     )

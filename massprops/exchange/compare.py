@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.shown import Shown, number
 from massprops.exchange.mesh_files import in_metres, read_solid
 
 if TYPE_CHECKING:
@@ -24,8 +25,8 @@ LEAST_MEASURED = 0.2
 """Share of measured faces below which the alignment takes the filled ones too."""
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """A body against its CAD, in the CAD's axes and metres.
 
     Attributes:
@@ -55,6 +56,11 @@ class Comparison:
     def row(self, quantity: str) -> dict[str, Any]:
         """The row of one quantity."""
         return next(r for r in self.rows if r["quantity"] == quantity)
+
+    def facts(self) -> dict[str, str]:
+        """Errors of the mass properties and the surface's distance."""
+        shown = {r["quantity"]: r["error_text"] for r in self.rows}
+        return shown | {"median distance": number(self.distances["ours"]["median"], unit="m")}
 
     def document(self) -> dict[str, Any]:
         """`compare.json`."""

@@ -85,4 +85,5 @@ def read_document(path: Path) -> dict[str, Any]:
     axes = found.principal_axes
     if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6):
         raise InputError(f"{path}: principal_axes are not unit vectors at right angles: make the run again")
-    return content
+    # what holds for any body of one density, where the file leaves it out
+    return {**content, "density": found.density or found.mass / found.volume}

@@ -95,7 +95,7 @@ def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
             "--scale"
         )
     spread = np.linalg.svd(vertices - middle, compute_uv=False)
-    if spread[2] <= FLAT * spread[0]:
+    if len(vertices) < 4 or spread[2] <= FLAT * spread[0]:
         raise InputError("mesh is flat: it encloses no volume; give a solid")
 
 

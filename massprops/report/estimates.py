@@ -129,6 +129,7 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
             number(np.degrees(e["rate"]["speed_rad_s"]), 4) if e["rate"] else "–",
             "yes" if e["converged"] else "no",
             "yes" if e["observable"] else "no",
+            "yes" if e.get("reliable") else "no",
             number(e["innovation"], 3),
             number(e["cpu_us_per_step"], 3),
         ]
@@ -140,9 +141,20 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
                 number(_deg(error.get("rate_rms_rad_s")), 2),
                 number(error.get("axes_error_deg"), 2),
             ]
-        note = f'<span class="below">{text(e["reason"])}</span>' if e["reason"] else ""
+        why = e.get("because") or e["reason"]
+        note = f'<span class="below">{text(why)}</span>' if why else ""
         rows.append([Safe(text(row[0]) + note), *row[1:]])
-    head = ["method", "k1 (± 1σ)", "k2 (± 1σ)", "rate [°/s]", "converged", "observable", "innovation", "µs a step"]
+    head = [
+        "method",
+        "k1 (± 1σ)",
+        "k2 (± 1σ)",
+        "rate [°/s]",
+        "converged",
+        "observable",
+        "reliable",
+        "innovation",
+        "µs a step",
+    ]
     if truth is not None:
         head += ["k1 error", "k2 error", "attitude rms [°]", "rate rms [°/s]", "axes off [°]"]
     parts.append(table(rows, head))
@@ -179,8 +191,8 @@ def _with_sigma(value: float | None, sigma: float | None) -> str:
 def _method(e: Estimate, problem: Problem, error: Errors | None) -> str:
     """Plots of one estimator: errors with 3-sigma bounds where truth exists, else states with theirs."""
     parts = [f'<div class="warning">{text(line)}</div>' for line in e.warnings]
-    if e.reason:
-        parts.append(f'<div class="warning">{text(e.reason)}</div>')
+    if e.because or e.reason:
+        parts.append(f'<div class="warning">{text(e.because or e.reason)}</div>')
     facts = [f"{e.used} measurements used, {e.gated} left out as outliers"] if e.used else []
     facts += [f"residuals {number(e.innovation, 3)} of their stated variance"] if e.innovation is not None else []
     if facts:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from massprops.native import advice
+from massprops.core.processes import processors
+from massprops.native import WITHOUT_PYCOLMAP, advice, has_pycolmap
 
 LIBRARIES = {
     "numpy": "import numpy",
@@ -40,7 +40,7 @@ def examine() -> list[Finding]:
     """Every finding; each native library is tried in a process of its own, since a broken one can crash."""
     found = [
         Finding("python", sys.version_info >= (3, 11), sys.version.split()[0]),
-        Finding("processors", True, f"{len(os.sched_getaffinity(0))} usable"),
+        Finding("processors", True, f"{processors()} usable"),
     ]
     from massprops.run.runner import versions
 
@@ -53,13 +53,7 @@ def examine() -> list[Finding]:
             found.append(Finding(name, True, known.get(name, "")))
         else:
             last = (done.stderr.strip().splitlines() or [f"died with code {done.returncode}"])[-1]
-            found.append(
-                Finding(
-                    name,
-                    False,
-                    f"{last}; {advice(last) if '.so' in last else 'type: pip install --force-reinstall massprops'}",
-                )
-            )
+            found.append(Finding(name, False, f"{last}; {_advice(name, last)}"))
     free = shutil.disk_usage(Path.cwd()).free / 1e9
     found.append(
         Finding(
@@ -72,6 +66,12 @@ def examine() -> list[Finding]:
             Finding("free memory", memory > 2, f"{memory:.1f} GB" + ("" if memory > 2 else "; a run needs 2 GB"))
         )
     return found
+
+
+def _advice(name: str, message: str) -> str:
+    if name == "pycolmap" and not has_pycolmap():
+        return WITHOUT_PYCOLMAP
+    return advice(message) if ".so" in message else "type: pip install --force-reinstall massprops"
 
 
 def _memory_gb() -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from massprops.errors import InputError
 from massprops.run.files import hash_input, readable
 from massprops.run.reconstruct import Run
 from massprops.run.runner import versions
+
+if TYPE_CHECKING:
+    import trimesh
 
 COMMAND = "mass"
 NAMES = ("run.yaml", "mesh.ply", "mesh.glb", "massprops.json")
@@ -39,32 +42,8 @@ def mass(
     Raises:
         InputError: not a closed body, a value out of range, or a folder that holds something else.
     """
-    from massprops.exchange.mesh_files import read_solid
-    from massprops.mass.document import document
-    from massprops.mass.properties import ASSUMED_DENSITY, mass_properties
-
-    if not (np.isfinite(scale) and scale > 0):
-        raise InputError(f"--scale {scale}: metres per unit of the file is a number above 0")
-    if not 0 <= scale_sigma < 0.5:
-        raise InputError(f"--scale-sigma {scale_sigma}: give a relative sigma from 0 to 0.5")
     mesh = readable(Path(mesh))
-    solid, notes = read_solid(mesh)
-    solid = solid.copy()
-    solid.apply_scale(scale)
-    assumed, density = density is None, ASSUMED_DENSITY if density is None else density
-    properties = mass_properties(solid, density)
-    surface = {"watertight": True, "area": float(solid.area), "observed_fraction": 1.0}
-    known = {"source": "given", "metres_per_unit": scale, "relative_sigma": scale_sigma}
-    content = document(
-        properties,
-        _intervals(properties, scale_sigma),
-        known,
-        surface,
-        list(notes),
-        "axes and origin of the mesh file",
-        assumed,
-    )
-    content["images"] = {"given": 0, "used": 0, "registered": 0}
+    solid, content = measure(mesh, density, scale, scale_sigma)
     run = readable(Path(out)).resolve()
     with claim(run, COMMAND, NAMES, [mesh], force) as outputs:
         outputs.check("report", ("report.json", "report.html"), [mesh], force)
@@ -74,11 +53,36 @@ def mass(
             _publish(outputs, mesh, solid, content, {"density": density, "scale": scale}, force)
         except OSError as error:
             raise InputError(f"{run}: cannot be written ({error.strerror}): choose another place with -o") from None
-    return Run(run, warnings=list(notes))
+    return Run(run, warnings=list(content["warnings"]))
+
+
+def measure(
+    mesh: str | Path, density: float | None = None, scale: float = 1.0, scale_sigma: float = 0.0
+) -> tuple[trimesh.Trimesh, dict[str, Any]]:
+    """The body of a mesh file in metres, and its `massprops.json`; arguments and errors as `mass`."""
+    from massprops.exchange.mesh_files import read_solid
+    from massprops.mass.document import document
+    from massprops.mass.properties import ASSUMED_DENSITY, mass_properties
+
+    if not (np.isfinite(scale) and scale > 0):
+        raise InputError(f"--scale {scale}: metres per unit of the file is a number above 0")
+    if not 0 <= scale_sigma < 0.5:
+        raise InputError(f"--scale-sigma {scale_sigma}: give a relative sigma from 0 to 0.5")
+    solid, notes = read_solid(readable(Path(mesh)))
+    solid = solid.copy()
+    solid.apply_scale(scale)
+    properties = mass_properties(solid, ASSUMED_DENSITY if density is None else density)
+    surface = {"watertight": True, "area": float(solid.area), "observed_fraction": 1.0}
+    known = {"source": "given", "metres_per_unit": scale, "relative_sigma": scale_sigma}
+    frame = "axes and origin of the mesh file"
+    bounds = _intervals(properties, scale_sigma)
+    content = document(properties, bounds, known, surface, list(notes), frame, density_assumed=density is None)
+    content["images"] = {"given": 0, "used": 0, "registered": 0}
+    return solid, content
 
 
 def _publish(
-    outputs: Outputs, mesh: Path, solid: Any, content: dict[str, Any], options: dict[str, float], force: bool
+    outputs: Outputs, mesh: Path, solid: Any, content: dict[str, Any], options: dict[str, float | None], force: bool
 ) -> None:
     """The run folder of a finished mesh, into a folder that the caller holds."""
     import yaml

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from massprops.capture.choice import check_early, parse
 from massprops.core.outputs import claim, verify
 from massprops.errors import InputError
+from massprops.mass.measured import Measured
+from massprops.native import WITHOUT_PYCOLMAP, has_pycolmap
 from massprops.run.files import hash_input, readable
 from massprops.run.job import ReconstructOptions
 from massprops.run.runner import Watch, run_stages
@@ -21,9 +23,9 @@ if TYPE_CHECKING:
     import trimesh
 
 
-@dataclass(frozen=True)
-class Run:
-    """A finished or stopped run.
+@dataclass(frozen=True, repr=False)
+class Run(Measured):
+    """A finished or stopped run; volume, inertia and the rest are attributes, see `massprops.mass.measured.Measured`.
 
     Attributes:
         folder: the run folder.
@@ -40,7 +42,7 @@ class Run:
     stages: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
-    def properties(self) -> dict[str, Any]:
+    def properties(self) -> dict[str, Any]:  # type: ignore[override]
         """`massprops.json`.
 
         Raises:
@@ -51,6 +53,23 @@ class Run:
             raise InputError(f"{self.folder}: no massprops.json in this run: {self.reason or 'finish it first'}")
         verify(self.folder, path.name)
         return json.loads(path.read_text())
+
+    @property
+    def verdict(self) -> str | None:
+        """Of the cross-check: `consistent`, `inconsistent` or `unobservable`; None where it was not made."""
+        path = self.folder / "crosscheck.json"
+        return str(json.loads(path.read_text())["verdict"]) if path.is_file() else None
+
+    def report(self) -> Path:
+        """The page of this run, `report.html`."""
+        return self.folder / "report.html"
+
+    def facts(self) -> dict[str, str]:
+        """Volume, mass and moments; where there are none, why."""
+        if not (self.folder / "massprops.json").is_file():
+            return {"stopped": self.reason or "not finished", "folder": str(self.folder)}
+        verdict = {"shape against motion": self.verdict} if self.verdict else {}
+        return {**super().facts(), **verdict, "folder": str(self.folder)}
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
@@ -177,6 +196,8 @@ def reconstruct(
         >>> run.properties["volume"], run.properties["interval_90"]["volume"]  # doctest: +SKIP
     """
     chosen = checked_options(source, options)
+    if not has_pycolmap():
+        raise InputError(WITHOUT_PYCOLMAP)
     run = readable(Path(out)).resolve()
     origin = Path(chosen.source)
     for place in (origin, *map(Path, chosen.more)):

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from massprops.core.parts import Arrays, Parts
+from massprops.core.processes import muffled
 from massprops.errors import InputError
 from massprops.run.job import Progress, silent
 from massprops.sfm.footage import FootageRecord, FrameRecord
@@ -52,7 +54,8 @@ def read_mask(footage: FootageRecord, name: str, size: tuple[int, int]) -> np.nd
     path = footage.mask(name)
     if not path.is_file():
         return None
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    with muffled():
+        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if mask is None:
         raise InputError(f"{path}: not a readable mask; write an 8-bit PNG with black where there is no object")
     if mask.shape != (size[1], size[0]):
@@ -110,14 +113,16 @@ def extract_all(
     masked: bool,
     threads: int,
     progress: Progress = silent,
+    parts: Parts | None = None,
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
     """Features of every frame, by name, and warnings; places are those of the frames turned as their camera's are.
 
     With `masked`, a frame without a silhouette is used whole before black sky and left out otherwise, where a still
-    background would hold the solver.
+    background would hold the solver. `parts` keeps each frame's as soon as they are found.
     """
     warnings: list[str] = []
     unmasked: list[str] = []
+    parts = parts or Parts()
 
     def one(frame: FrameRecord) -> tuple[str, np.ndarray, np.ndarray] | None:
         gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -132,8 +137,13 @@ def extract_all(
                     return None
             else:
                 region = object_region(mask, options.margin)
-        keypoints, descriptors = extract(gray, region, options)
-        return frame.name, turn_keypoints(keypoints, footage.size(frame), frame.turn), descriptors
+
+        def found_in_it() -> Arrays:
+            keypoints, descriptors = extract(gray, region, options)
+            return {"keypoints": keypoints, "descriptors": descriptors}
+
+        part = parts.made(f"features {frame.name} {masked}", found_in_it)
+        return frame.name, turn_keypoints(part["keypoints"], footage.size(frame), frame.turn), part["descriptors"]
 
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     cv2.setNumThreads(1)  # one thread an image, and the same features every time

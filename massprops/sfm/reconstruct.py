@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from massprops.core.parts import Parts
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Progress, silent
 from massprops.sfm import pairs as pairing
@@ -22,6 +23,7 @@ from massprops.sfm.mapping import MappingOptions, map_images, match, quiet, retr
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
 from massprops.sfm.refine import Refined, RefineOptions, adjust, refine, remove_outliers
+from massprops.sfm.sound import flat_remarks, require_sound, take_out
 from massprops.sfm.steady import largest_jump
 from massprops.sfm.surface_tracks import Image, with_surface
 from massprops.sfm.turned import turn_image, upright
@@ -40,6 +42,7 @@ class SfmOptions:
         loops: further images each image is matched with when they see the same side.
         loop_angle_deg: widest angle between the directions of such a pair.
         exhaustive_below: unordered images up to this number are matched all with all.
+        parts: keeps the features of each image as soon as they are found.
     """
 
     mapper: str = "incremental"
@@ -52,6 +55,7 @@ class SfmOptions:
     refine: RefineOptions = field(default_factory=RefineOptions)
     seed: int = 0
     threads: int = 2
+    parts: Parts | None = None
 
 
 @dataclass(frozen=True)
@@ -125,14 +129,41 @@ def reconstruct(
             "degrees between neighbours), sharper or better lit"
         )
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in models)
-    database, options_map = found
-    model = _close_loops(models[0], database, footage, options, options_map, work, progress)
+    database, mapping = found
+    given = mapping.fixed_intrinsics or bool(mapping.constant)
+    require_sound(take_out(models[0], given)[2], _moving(footage))
+    model = _close_loops(models[0], database, footage, options, mapping, work, progress)
+    return finish(model, footage, mapping, options, sizes, warnings, progress)
+
+
+def finish(
+    model: pycolmap.Reconstruction,
+    footage: FootageRecord,
+    mapping: MappingOptions,
+    options: SfmOptions,
+    sizes: tuple[tuple[int, int], ...],
+    warnings: list[str],
+    progress: Progress = silent,
+) -> SfmResult:
+    """The last adjustment of a mapped model, and what is said of it.
+
+    Args:
+        model: is changed.
+        sizes: (images, points) of every model found, this one's first.
+        warnings: so far.
+
+    Raises:
+        NotPossible: the model fixes no shape; the message names what of the footage is the cause.
+    """
     progress(0, 1, "adjustment")
-    free = not options_map.fixed_intrinsics
-    settings = replace(options.refine, constant=options_map.constant)
+    free, masked, used = not mapping.fixed_intrinsics, mapping.masked, len(footage.frames)
+    given = mapping.fixed_intrinsics or bool(mapping.constant)
+    settings = replace(options.refine, constant=mapping.constant, given_focal=given, moving=_moving(footage))
     test = free and _may_distort(footage)
     refined = refine(model, settings, free, test, options.threads, masked, options.seed)
     accuracy = refined.precision
+    if free and not mapping.constant:
+        warnings += flat_remarks(to_points(model, to_views(model)[1]), accuracy.focal_relative)
     if masked:
         image = _pictures(footage, to_views(model)[0])
         accuracy = with_surface(
@@ -145,10 +176,9 @@ def reconstruct(
     points = to_points(model, ids)
     progress(1, 1, "adjustment")
     turned = spread_deg(views, points)
-    if turned < 5:
-        what = "body turns" if footage.motion == "tumbling" else "camera moves around the object"
+    if not turned >= 5:
         raise NotPossible(
-            f"the {what} by {turned:.1f} degrees only, which fixes no shape; give footage that shows more sides"
+            f"{_moving(footage)} by {turned:.1f} degrees only, which fixes no shape; give footage that shows more sides"
         )
     if len(views) < sizes[0][0]:
         warnings.append(
@@ -156,6 +186,10 @@ def reconstruct(
         )
     warnings += _remarks(sizes, len(views), used, turned)
     return SfmResult(model, views, points, sizes, accuracy, cameras, tuple(warnings))
+
+
+def _moving(footage: FootageRecord) -> str:
+    return "the body turns" if footage.motion == "tumbling" else "the camera moves around the object"
 
 
 def _solved(
@@ -230,7 +264,7 @@ def _attempt(
         seed=options.seed,
         threads=options.threads,
     )
-    features, warnings = extract_all(footage, options.features, masked, options.threads, progress)
+    features, warnings = extract_all(footage, options.features, masked, options.threads, progress, options.parts)
     counts = np.array([len(k) for k, _ in features.values()])
     if np.sum(counts >= 30) < 3:
         raise NotPossible(
@@ -279,7 +313,11 @@ def _mapped(
 def _steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
     """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
     trial = pycolmap.Reconstruction(model)
-    loss = remove_outliers(trial, RefineOptions(), 2.0)
+    given = mapping.fixed_intrinsics or bool(mapping.constant)
+    try:
+        loss = remove_outliers(trial, RefineOptions(given_focal=given), 2.0)
+    except NotPossible:
+        return False
     adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
     views, _ = to_views(trial)
     first = footage.frames[0].name.split("/", 1)[0]

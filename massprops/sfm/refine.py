@@ -18,6 +18,7 @@ from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.lens import LensChoice, choose_lenses, set_models
 from massprops.sfm.points import residuals
 from massprops.sfm.precision import Precision, precision
+from massprops.sfm.sound import require_sound, take_out
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class RefineOptions:
         visible_px: movement of the outermost features from which on a distortion of one object's images is kept; of
             images full of features, half a standard deviation of their residuals is enough.
         constant: numbers of cameras whose focal length was given.
+        given_focal: a focal length was given, which may be any.
+        moving: what has to move, for a message.
     """
 
     rounds: int = 2
@@ -59,6 +62,8 @@ class RefineOptions:
     significance: float = 5.0
     visible_px: float = 0.3
     constant: frozenset[int] = frozenset()
+    given_focal: bool = False
+    moving: str = "the camera moves around the object"
 
 
 FOCAL_INFLATION = 2.5
@@ -112,10 +117,17 @@ def robust_sigma(distance: np.ndarray) -> float:
 def remove_outliers(model: pycolmap.Reconstruction, options: RefineOptions, least_cut_px: float | None = None) -> float:
     """Removes observations and tracks that do not fit; gives the scale for the next adjustment's loss [px].
 
+    What cannot be computed with goes first (`massprops.sfm.sound`).
+
     The bound follows the residuals themselves. Tracks of shadow edges,
     which crawl over a turning body, are short, and leave by length or by their residuals.
+
+    Raises:
+        NotPossible: too little is left.
     """
-    sigma = _residual_sigma(model)
+    views, points, found = take_out(model, options.given_focal)
+    require_sound(found, options.moving)
+    sigma = robust_sigma(np.linalg.norm(residuals(views, points.observed(found.observations)), axis=1))
     bound = float(np.clip(options.cut * sigma, least_cut_px or options.least_cut_px, 4.0))
     manager = pycolmap.ObservationManager(model)
     manager.filter_all_points3D(bound, options.least_angle_deg)
@@ -156,6 +168,9 @@ def refine(
         test_distortion: whether the lens is unknown.
         small: the features are on one object, which may fill little of the images.
         seed: of the observations held out.
+
+    Raises:
+        NotPossible: the images do not hold together.
     """
 
     def again(free_distortion: bool, iterations: int = 40) -> None:
@@ -182,10 +197,12 @@ def refine(
             loss = remove_outliers(model, options)
     again(_bent(lenses))
     _drop_weak(model, options)
+    require_sound(take_out(model, options.given_focal)[2], options.moving)
     model.update_point_3d_errors()
     terms = {c: lens.radial_terms for c, lens in lenses.items()}
     refined = Refined(_raw_precision(model, free_focal, terms, loss, options.constant), lenses)
     if _drop_loose(model, to_views(model)[1], refined.precision.attitude, options):
+        require_sound(take_out(model, options.given_focal)[2], options.moving)
         model.update_point_3d_errors()
         refined = replace(refined, precision=_raw_precision(model, free_focal, terms, loss, options.constant))
     return replace(refined, precision=_honest(refined.precision))

@@ -10,10 +10,10 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import InputError, NotPossible
-from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.model_folder import find_model
 from massprops.sfm.points import SparsePoints
+from massprops.sfm.sound import take_out
 from massprops.views import Views
 
 
@@ -34,13 +34,19 @@ def import_sparse(
         model = pycolmap.Reconstruction(place)
     except Exception as error:
         raise InputError(f"{place}: not a readable COLMAP model ({error}); export it again") from error
-    views, ids = to_views(model)
-    points = to_points(model, ids)
+    views, points, found = take_out(model, given_focal=True, given_poses=True)
+    points = points.observed(found.observations)
     frame_of = _frame_names(footage, views.names)
-    kept = [i for i, name in enumerate(views.names) if name in frame_of]
+    in_footage = [name in frame_of for name in views.names]
+    kept = [i for i, (named, held) in enumerate(zip(in_footage, found.views, strict=True)) if named and held]
+    if sum(in_footage) < 3:
+        raise NotPossible(
+            f"{place}: only {sum(in_footage)} of its {len(views)} images are in the footage; use the image names of the footage"
+        )
     if len(kept) < 3:
         raise NotPossible(
-            f"{place}: only {len(kept)} of its {len(views)} images are in the footage; use the image names of the footage"
+            f"{place}: only {len(kept)} of its {len(views)} images have a pose and a focal length that are numbers, "
+            "and lie as far away as the others; export a model whose bundle adjustment converged"
         )
     stamps = {f.name: f.timestamp_ns for f in footage.frames}
     sizes = {f.name: footage.size(f) for f in footage.frames}
@@ -76,11 +82,16 @@ def import_sparse(
         obs_uv=uv[sorting],
     )
     warnings = []
-    if len(kept) < len(views):
+    if not all(in_footage):
         warnings.append(
-            f"{len(views) - len(kept)} images of the imported model are not in the footage and were left out"
+            f"{in_footage.count(False)} images of the imported model are not in the footage and were left out"
         )
-    missing = len(footage.frames) - len(kept)
+    if len(kept) < sum(in_footage):
+        warnings.append(
+            f"{sum(in_footage) - len(kept)} images of the imported model were left out: their pose or focal length is "
+            "no number or at infinity"
+        )
+    missing = len(footage.frames) - sum(in_footage)
     if missing:
         warnings.append(f"{missing} frames of the footage are not in the imported model and were left out")
     return model, out, sparse, warnings

@@ -14,9 +14,9 @@ from massprops.mass.integrals import greatest_length
 from massprops.mass.properties import mass_properties
 from massprops.run.reconstruct import Run, reconstruct
 from massprops.sequence.truth import Truth, read_truth
-from massprops.simulate import simulate
-from massprops.simulate.motion import tumbling, with_hidden_mass
-from massprops.simulate.scenario import load_scenario
+from massprops.simulation import simulate
+from massprops.simulation.motion import tumbling, with_hidden_mass
+from massprops.simulation.scenario import load_scenario
 
 MOST = int(os.environ.get("MASSPROPS_BENCH_RUNS", "20"))
 """Runs of each kind (half as many of the bodies that are partly seen)."""

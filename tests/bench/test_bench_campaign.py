@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from massprops.campaign.configuration import plan_of
-from massprops.campaign.kinds import load_kind
-from massprops.campaign.reproduce import reproduce_plan
-from massprops.campaign.run import run_campaign
-from massprops.campaign.store import Store
-from massprops.campaign.table import cost, points_of
+from massprops.campaigns.configuration import plan_of
+from massprops.campaigns.kinds import load_kind
+from massprops.campaigns.reproduce import reproduce_plan
+from massprops.campaigns.run import run_campaign
+from massprops.campaigns.store import Store
+from massprops.campaigns.table import cost, points_of
 
 pytestmark = pytest.mark.bench
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bench_footage import MOST, chosen, place, run_on
 
-from massprops.crosscheck import crosscheck
+from massprops.consistency import crosscheck
 from massprops.dynamics.quaternion import conjugate, multiply, normalise, rotation_matrix
 from massprops.mass.ratio_space import turn_between
 from massprops.run.reconstruct import Run

@@ -13,8 +13,8 @@ MEASURED = """
 import time
 begun = time.process_time()
 from massprops.estimators.estimate import _all_methods, estimate_all
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 names = [name for name in _all_methods() if name != "ukf-gp"]
 loaded = time.process_time()
 short = simulate_tracks(TrackScenario(frames=60, attitude_sigma=0.005, seed=1)).sequence

@@ -1,7 +1,7 @@
 """Fusion of mesh and motion on bodies with truth, without images; `make bench`.
 
 The bodies are those of `tests/crosscheck/footage_bodies.py`: a real shape, measured where a tumbling shows it lit and closed
-by a membrane elsewhere. Seeds 0 to 14 served to set `massprops.crosscheck.fusion.SIZE_OF_ITS_OWN`.
+by a membrane elsewhere. Seeds 0 to 14 served to set `massprops.consistency.fusion.SIZE_OF_ITS_OWN`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "crosscheck"))
 
 from footage_bodies import Body, make_body
 
-from massprops.crosscheck.fusion import agreement, fuse
-from massprops.crosscheck.verdict import SIGNIFICANT
+from massprops.consistency.fusion import agreement, fuse
+from massprops.consistency.verdict import SIGNIFICANT
 from massprops.mass.recommended import recommend, relative_width
 
 FIRST = 100

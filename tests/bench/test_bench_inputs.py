@@ -19,7 +19,7 @@ from massprops.dynamics.quaternion import rotation_matrix
 from massprops.run.reconstruct import Run, reconstruct
 from massprops.sequence import read_sequence
 from massprops.sequence.truth import Truth, read_truth
-from massprops.simulate import simulate
+from massprops.simulation import simulate
 
 pytestmark = pytest.mark.bench
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_rates
+from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_by_balance
 from massprops.sequence import read_sequence
 
 pytestmark = pytest.mark.bench
@@ -23,7 +23,7 @@ RACQUET_K1 = -2.597
 
 
 def _found(folder: Path) -> tuple[BalanceDiagnosis, list[str]]:
-    found = diagnose_rates(read_sequence(folder))
+    found = diagnose_by_balance(read_sequence(folder))
     return found, [e["name"] for e in found.document["effects"]]
 
 
@@ -94,3 +94,28 @@ def test_drag_of_racquets(real_data: Path) -> None:
     assert named >= 7
     if close < 7:
         pytest.xfail(f"k1 within .05 in {close} of {len(folders)}, 7 wanted")
+
+
+def test_bounces_of_a_tossed_cube(real_data: Path) -> None:
+    right, free = 0, 0
+    folders = sorted((real_data / "tosses").iterdir())
+    for folder in folders:
+        found, names = _found(folder)
+        truth = yaml.safe_load((folder / "truth" / "truth.yaml").read_text())
+        verdict = found.document["verdict"]
+        if truth["effect"] == "none":
+            free += verdict == "none"
+            print(f"\n{folder.name}: {verdict} {names}", end="")
+            continue
+        line = f"\n{folder.name}: {verdict} {names}"
+        if verdict == "named" and names == ["impulse"]:
+            effect = found.document["effects"][0]
+            begins, lasts = effect["parameters"]["time"], effect["parameters"]["duration"]
+            size = float(np.linalg.norm(effect["rate_change_rad_s"]))
+            # the truth's times are those of the frames on either side
+            at = begins < truth["time_s"][1] and begins + lasts > truth["time_s"][0]
+            right += at and abs(size / truth["jump_rad_s"] - 1.0) < 0.1
+            line += f", {begins:.4f} to {begins + lasts:.4f} s of {truth['time_s']}, jump {size:.2f} of {truth['jump_rad_s']:.2f}"
+        print(line, end="")
+    print(f"\nbounces right {right} of 4 (wanted: 3), free flights none {free} of 4")
+    assert right >= 3 and free == 4

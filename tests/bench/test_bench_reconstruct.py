@@ -16,7 +16,7 @@ from bench_footage import MOST, body, chosen, place, run_on
 from massprops.exchange.compare import compare
 from massprops.run.reconstruct import Run, reconstruct
 from massprops.sequence.truth import read_truth
-from massprops.simulate import simulate
+from massprops.simulation import simulate
 
 pytestmark = pytest.mark.bench
 

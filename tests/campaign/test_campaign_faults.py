@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from massprops.campaign import run as campaign
-from massprops.campaign.configuration import plan_of
-from massprops.campaign.kinds import load_kind
+from massprops.campaigns import run as campaign
+from massprops.campaigns.configuration import plan_of
+from massprops.campaigns.kinds import load_kind
 from massprops.errors import InputError, NotPossible
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "core"))

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprops.campaign.boxes import box_plot
-from massprops.campaign.configuration import plan_of
-from massprops.campaign.run import rows_csv, run_campaign
-from massprops.campaign.store import Row
-from massprops.campaign.table import Point, columns_of, document, summary
-from massprops.campaign.text import text_of
+from massprops.campaigns.boxes import box_plot
+from massprops.campaigns.configuration import plan_of
+from massprops.campaigns.run import rows_csv, run_campaign
+from massprops.campaigns.store import Row
+from massprops.campaigns.table import Point, columns_of, document, summary
+from massprops.campaigns.text import text_of
 
 
 def test_percentiles_are_those_of_the_runs_that_did_not_fail() -> None:

@@ -19,9 +19,9 @@ import pytest
 import yaml
 
 import massprops
-from massprops.campaign.configuration import plan_of
-from massprops.campaign.run import run_campaign
-from massprops.campaign.store import FILE
+from massprops.campaigns.configuration import plan_of
+from massprops.campaigns.run import run_campaign
+from massprops.campaigns.store import FILE
 from massprops_cli.main import run
 
 pytest.importorskip("distributed")
@@ -163,7 +163,7 @@ def test_workers_without_massprops_and_no_workers_at_all(
 ) -> None:
     (tmp_path / "study.yaml").write_text(yaml.safe_dump({"kind": "drill", "runs": 3}))
     command = ["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--scheduler", cluster.address]
-    monkeypatch.setattr("massprops.campaign.cluster.ANSWER_S", 1.0)
+    monkeypatch.setattr("massprops.campaigns.cluster.ANSWER_S", 1.0)
     assert run(command) == 2
     assert "no workers" in capsys.readouterr().err
     (tmp_path / "none/massprops").mkdir(parents=True)
@@ -196,7 +196,7 @@ def test_a_scheduler_that_does_not_answer(tmp_path: Path, capfd: pytest.CaptureF
 def test_a_port_where_nobody_listens(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("massprops.campaign.cluster.ANSWER_S", 1.0)
+    monkeypatch.setattr("massprops.campaigns.cluster.ANSWER_S", 1.0)
     (tmp_path / "study.yaml").write_text(yaml.safe_dump({"kind": "drill", "runs": 3}))
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))

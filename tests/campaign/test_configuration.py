@@ -11,8 +11,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from massprops.campaign.configuration import check_size, plan_of, read_configuration
-from massprops.campaign.draws import drawn
+from massprops.campaigns.configuration import check_size, plan_of, read_configuration
+from massprops.campaigns.draws import drawn
 from massprops.errors import InputError
 from massprops_cli.main import run
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.campaign.consistency import consistency
+from massprops.campaigns.consistency import consistency
 
 
 def test_right_sigmas_are_inside_and_wrong_ones_named() -> None:

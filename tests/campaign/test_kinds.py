@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprops.campaign.configuration import plan_of
-from massprops.campaign.kinds import diagnose, estimate, reconstruct
-from massprops.campaign.run import run_campaign
-from massprops.campaign.store import Row
-from massprops.campaign.table import Point
+from massprops.campaigns.configuration import plan_of
+from massprops.campaigns.kinds import diagnose, estimate, reconstruct
+from massprops.campaigns.run import run_campaign
+from massprops.campaigns.store import Row
+from massprops.campaigns.table import Point
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
 from massprops.errors import InputError
 from massprops.estimators.methods import methods

@@ -18,13 +18,13 @@ import numpy as np
 import pytest
 import yaml
 
-from massprops.campaign.configuration import plan_of
-from massprops.campaign.engine import Progress, rows_of, run_plan, task_of
-from massprops.campaign.kinds import load_kind
-from massprops.campaign.local import Local
-from massprops.campaign.run import run_alone, run_campaign
-from massprops.campaign.store import FILE, Row, Store
-from massprops.campaign.workers import Workers
+from massprops.campaigns.configuration import plan_of
+from massprops.campaigns.engine import Progress, rows_of, run_plan, task_of
+from massprops.campaigns.kinds import load_kind
+from massprops.campaigns.local import Local
+from massprops.campaigns.run import run_alone, run_campaign
+from massprops.campaigns.store import FILE, Row, Store
+from massprops.campaigns.workers import Workers
 from massprops.errors import InputError
 from massprops_cli.main import run
 

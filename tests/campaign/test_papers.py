@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from massprops.campaign.configuration import plan_of
-from massprops.campaign.kinds import paper as kind
-from massprops.campaign.papers import load_paper, papers
-from massprops.campaign.reproduce import reproduce_plan
-from massprops.campaign.store import Row
-from massprops.campaign.table import Point
+from massprops.campaigns.configuration import plan_of
+from massprops.campaigns.kinds import paper as kind
+from massprops.campaigns.papers import load_paper, papers
+from massprops.campaigns.reproduce import reproduce_plan
+from massprops.campaigns.store import Row
+from massprops.campaigns.table import Point
 from massprops.errors import InputError
 from massprops_cli.main import run
 
@@ -45,8 +45,8 @@ FAKE = SimpleNamespace(
 
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    import massprops.campaign.papers as every
-    import massprops.campaign.reproduce as reproduce
+    import massprops.campaigns.papers as every
+    import massprops.campaigns.reproduce as reproduce
 
     for module in (every, kind, reproduce):
         monkeypatch.setattr(module, "load_paper", lambda name: FAKE)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprops.campaign.papers import smoother
+from massprops.campaigns.papers import smoother
 from massprops.estimators.problem import problem_of
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 
 def test_the_bound_falls_with_the_noise_and_with_more_cameras() -> None:

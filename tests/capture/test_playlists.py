@@ -10,7 +10,7 @@ import pytest
 
 from massprops.capture.video import read_video
 from massprops.errors import InputError
-from massprops.simulate.simulate import write_video
+from massprops.simulation.simulate import write_video
 
 LISTS = {
     "concat": "ffconcat version 1.0\nfile real.mp4\n",

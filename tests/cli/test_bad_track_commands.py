@@ -12,7 +12,7 @@ import pytest
 import yaml
 from whole import assert_one_line, massprops
 
-from massprops.simulate import simulate
+from massprops.simulation import simulate
 
 
 @pytest.fixture(scope="module")

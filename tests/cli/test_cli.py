@@ -103,17 +103,3 @@ def test_open_and_empty_meshes(tmp_path: Path) -> None:
 
 def test_version() -> None:
     assert massprops("--version").stdout.startswith("massprops ")
-
-
-@pytest.mark.parametrize(
-    "verb", ["reconstruct", "estimate", "crosscheck", "diagnose", "compare", "export", "simulate", "mass"]
-)
-def test_every_verb_is_a_function_of_the_package_even_after_its_package_was_imported(verb: str) -> None:
-    import importlib
-
-    import massprops
-
-    assert callable(getattr(massprops, verb))
-    for inner in ("mass.properties", "diagnose.case", "crosscheck.crosscheck", "simulate.tracks"):
-        importlib.import_module(f"massprops.{inner}")
-    assert callable(getattr(massprops, verb))

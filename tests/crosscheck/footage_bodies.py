@@ -16,16 +16,16 @@ import trimesh
 from scipy.sparse import identity
 from scipy.sparse.linalg import spsolve
 
-from massprops.crosscheck.fusion import Draws, Measured, measured, ten_numbers, with_floor, with_own_size
-from massprops.crosscheck.mesh_side import SHAPE_FLOOR, MeshSide
+from massprops.consistency.fusion import Draws, Measured, measured, ten_numbers, with_floor, with_own_size
+from massprops.consistency.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.mass.document import document
 from massprops.mass.integrals import central_inertia, greatest_length, mesh_integrals, offset_response
 from massprops.mass.intervals import intervals, scaled_replicates, valid_bodies
 from massprops.mass.properties import MassProperties, mass_properties, properties_of_integrals
 from massprops.mass.ratio_space import covariance_of_replicates, log_components
-from massprops.simulate.motion import tumbling
-from massprops.simulate.scenario import load_scenario
+from massprops.simulation.motion import tumbling
+from massprops.simulation.scenario import load_scenario
 from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.refine import mean_matrix
 from massprops.surface.spread import BIAS_PIXELS, deform

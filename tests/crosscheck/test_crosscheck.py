@@ -13,11 +13,11 @@ import pytest
 import trimesh
 from estimators.made_sequence import AXES, TRUE_K, make_sequence, simple_method
 
-import massprops
-from massprops.crosscheck.free_rotation import free_rotation_residuals
-from massprops.crosscheck.mesh_side import read_mesh_side
-from massprops.crosscheck.motion_side import Centre, Tumble, centre_of_motion, tumble_of
-from massprops.crosscheck.verdict import decide
+from massprops.consistency.crosscheck import crosscheck
+from massprops.consistency.free_rotation import free_rotation_residuals
+from massprops.consistency.mesh_side import read_mesh_side
+from massprops.consistency.motion_side import Centre, Tumble, centre_of_motion, tumble_of
+from massprops.consistency.verdict import decide
 from massprops.dynamics.quaternion import from_rotation_matrix, from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import InputError
@@ -75,7 +75,7 @@ def make_run(folder: Path, k: np.ndarray, sigma: float = 0.01, axes: np.ndarray 
 
 def test_same_inertia_is_consistent_and_the_page_shows_it(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run", TRUE_K)
-    found = massprops.crosscheck(run)
+    found = crosscheck(run)
     content = json.loads((run / "crosscheck.json").read_text())
     assert found.verdict == content["verdict"] == "consistent" and content["p_value"] > 0.01
     one = content["estimators"][0]
@@ -89,7 +89,7 @@ def test_same_inertia_is_consistent_and_the_page_shows_it(tmp_path: Path) -> Non
 
 def test_another_inertia_is_inconsistent_with_a_hint(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run", TRUE_K + [0.12, -0.1])
-    found = massprops.crosscheck(run)
+    found = crosscheck(run)
     assert found.verdict == "inconsistent" and found.document["p_value"] < 1e-4
     assert "density" in " ".join(found.document["hints"])
     left = found.document["residuals"]
@@ -99,7 +99,7 @@ def test_another_inertia_is_inconsistent_with_a_hint(tmp_path: Path) -> None:
 def test_turned_axes_are_inconsistent_though_the_ratios_agree(tmp_path: Path) -> None:
     turn = rotation_matrix(from_rotation_vector(np.radians(12) * np.array([0.6, 0.0, 0.8])))
     run = make_run(tmp_path / "run", TRUE_K, axes=turn @ AXES)
-    found = massprops.crosscheck(run, report=False)
+    found = crosscheck(run, report=False)
     one = found.document["estimators"][0]
     assert found.verdict == "inconsistent" and one["p_ratios"] > 0.01 and one["p_axes"] < 1e-3
     assert one["axis_misalignment_deg"] == pytest.approx(12, abs=2)
@@ -117,13 +117,13 @@ def test_estimators_never_see_the_body_that_the_mesh_wrote(tmp_path: Path, monke
 
     method.estimate = spy  # type: ignore[attr-defined]
     monkeypatch.setattr(registry, "methods", lambda: {"simple": method})
-    massprops.crosscheck(run, report=False)
+    crosscheck(run, report=False)
     assert seen == [(None, None)]
 
 
 def test_flat_spin_is_unobservable_whatever_an_estimator_says(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run", TRUE_K, spin=(0.0, 0.0, 0.9))
-    found = massprops.crosscheck(run, report=False)
+    found = crosscheck(run, report=False)
     assert found.verdict == "unobservable" and "flat spin" in found.document["reason"]
     assert found.document["p_value"] is None
 
@@ -143,15 +143,15 @@ def test_still_object_is_unobservable_and_exit_0(tmp_path: Path) -> None:
 def test_no_mass_properties_is_one_line_and_exit_2(tmp_path: Path) -> None:
     make_sequence(tmp_path / "run" / "sequence", stereo=False, attitude=True)
     with pytest.raises(InputError, match=r"massprops\.json"):
-        massprops.crosscheck(tmp_path / "run")
+        crosscheck(tmp_path / "run")
     with pytest.raises(InputError, match="no such run"):
-        massprops.crosscheck(tmp_path / "absent")
+        crosscheck(tmp_path / "absent")
 
 
 def test_own_frame_of_a_stereo_sequence_is_tied_by_the_attitudes(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run", TRUE_K)
     stereo = make_sequence(tmp_path / "seq", stereo=True)
-    found = massprops.crosscheck(run, sequence=stereo, report=False)
+    found = crosscheck(run, sequence=stereo, report=False)
     one = found.document["estimators"][0]
     assert one["tied_by"] == "attitude" and one["axis_misalignment_deg"] < 3
     assert found.verdict == "consistent"

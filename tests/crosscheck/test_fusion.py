@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from massprops.crosscheck.fusion import Draws, fuse, inertia_from, measured, ten_numbers
-from massprops.crosscheck.mesh_side import MeshSide
+from massprops.consistency.fusion import Draws, fuse, inertia_from, measured, ten_numbers
+from massprops.consistency.mesh_side import MeshSide
 from massprops.mass.integrals import central_inertia, mesh_integrals, offset_response
 from massprops.mass.properties import inertia_ratios, properties_of_integrals
 from massprops.mass.ratio_space import covariance_of_replicates, log_components

@@ -9,9 +9,9 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from massprops.crosscheck.fusion import agreement, fuse, measured, read_draws
-from massprops.crosscheck.mesh_side import read_mesh_side
-from massprops.crosscheck.replicates import read_replicates
+from massprops.consistency.fusion import agreement, fuse, measured, read_draws
+from massprops.consistency.mesh_side import read_mesh_side
+from massprops.consistency.replicates import read_replicates
 from massprops.mass.document import document
 from massprops.mass.integrals import mesh_integrals, offset_response
 from massprops.mass.properties import mass_properties

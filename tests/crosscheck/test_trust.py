@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from massprops.consistency.trust import enter_verdict
 from massprops.core.files import hash_tree, write_json
 from massprops.core.outputs import Outputs, claim, verify
-from massprops.crosscheck.trust import enter_verdict
 from massprops.mass.confidence import Evidence, confidence, lowered
 
 VERDICTS = {v: {"verdict": v, "reason": "k1 differs"} for v in ("consistent", "inconsistent", "unobservable")}

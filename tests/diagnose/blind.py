@@ -13,8 +13,8 @@ from diagnose.half_turns import off
 from massprops.effects import Parameter, effects
 from massprops.errors import NotPossible
 from massprops.sequence import write_sequence
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 SINGLES = tuple(
     n for n, e in effects().items() if n not in ("range-bias", "baseline-error") and getattr(e, "SEARCHED", True)

@@ -152,7 +152,7 @@ def moved(body: Body, seed: int) -> Motion:
 
 
 def cameras() -> dict[int, Camera]:
-    """Two cameras side by side, as `massprops.simulate.tracks` has them."""
+    """Two cameras side by side, as `massprops.simulation.tracks` has them."""
     intrinsics = np.array([FOCAL_PX, FOCAL_PX, SIZE[0] / 2, SIZE[1] / 2])
     beside = np.eye(4)
     beside[0, 3] = BASELINE_M

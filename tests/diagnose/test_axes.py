@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprops.diagnose.axes import OTHERWISE, otherwise
-from massprops.diagnose.case import case_of
-from massprops.diagnose.refit import refit
+from massprops.diagnosis.search.axes import OTHERWISE, otherwise
+from massprops.diagnosis.search.case import case_of
+from massprops.diagnosis.search.refit import refit
 from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.estimators.batch.linearise import predict, residuals
 from massprops.estimators.batch.state import in_axes
 from massprops.estimators.problem import problem_of
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import pytest
 from diagnose.blind import hide, judge
 
 from massprops.sequence import write_sequence
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 FRAMES = 160
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
-from massprops.diagnose.misfit import mean_square, whiteness
+from massprops.diagnosis.search.misfit import mean_square, whiteness
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
 from massprops.model import load_model
 from massprops.sensing.predict import Seen
 from massprops.sequence import Environment, write_sequence
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 from massprops_cli.main import run
 
 SHORT = TrackScenario(frames=120, features=8, rate_deg=5.0, seed=3)

@@ -26,7 +26,7 @@ from diagnose.mujoco_bodies import (
     recorded,
 )
 
-from massprops.diagnose.diagnose import diagnose_problem
+from massprops.diagnosis.search.diagnose import diagnose_problem
 from massprops.estimators.problem import problem_of
 
 pytest.importorskip("mujoco", reason="test extra 'consumers' is not installed")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnose.body_picture import body_picture, colour_of
-from massprops.diagnose.hidden_mass import hidden_mass
+from massprops.diagnosis.search.body_picture import body_picture, colour_of
+from massprops.diagnosis.search.hidden_mass import hidden_mass
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
 from massprops.sensing.predict import Seen

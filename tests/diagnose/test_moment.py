@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnose.beside import fits_beside
-from massprops.diagnose.case import Case, case_of
-from massprops.diagnose.moment import EVIDENCE, best_moment
-from massprops.diagnose.refit import Added, Scored, refit, with_effects
-from massprops.diagnose.score import score_tests
-from massprops.diagnose.stepwise import stepwise
+from massprops.diagnosis.search.beside import fits_beside
+from massprops.diagnosis.search.case import Case, case_of
+from massprops.diagnosis.search.moment import EVIDENCE, best_moment
+from massprops.diagnosis.search.refit import Added, Scored, refit, with_effects
+from massprops.diagnosis.search.score import score_tests
+from massprops.diagnosis.search.stepwise import stepwise
 from massprops.effects import effects
 from massprops.estimators.problem import problem_of
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 CHANGE = "inertia-change"
 QUIET = lambda what, done, total: None  # noqa: E731

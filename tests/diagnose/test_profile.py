@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnose.beside import fits_beside
-from massprops.diagnose.case import Case, case_of
-from massprops.diagnose.misfit import count
-from massprops.diagnose.profile import profiled
-from massprops.diagnose.refit import Scored, refit, with_effects
+from massprops.diagnosis.search.beside import fits_beside
+from massprops.diagnosis.search.case import Case, case_of
+from massprops.diagnosis.search.misfit import count
+from massprops.diagnosis.search.profile import profiled
+from massprops.diagnosis.search.refit import Scored, refit, with_effects
 from massprops.effects import effects
 from massprops.estimators.problem import problem_of
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 FRICTION = "energy-dissipation"
 QUIET = lambda what, done, total: None  # noqa: E731

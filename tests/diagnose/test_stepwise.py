@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprops.diagnose.assumed import contradicts
-from massprops.diagnose.case import Case, case_of
-from massprops.diagnose.refit import Added, Scored, refit, with_effects
-from massprops.diagnose.stepwise import stepwise
+from massprops.diagnosis.search.assumed import contradicts
+from massprops.diagnosis.search.case import Case, case_of
+from massprops.diagnosis.search.refit import Added, Scored, refit, with_effects
+from massprops.diagnosis.search.stepwise import stepwise
 from massprops.effects import effects
 from massprops.estimators.problem import problem_of
 from massprops.model import model_of
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 QUIET = lambda what, done, total: None  # noqa: E731
 

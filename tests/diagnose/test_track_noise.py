@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnose.noise import track_noise
+from massprops.diagnosis.search.noise import track_noise
 
 
 @pytest.mark.parametrize("turn_deg", [1.0, 6.0])

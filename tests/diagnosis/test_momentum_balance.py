@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from massprops.diagnosis.conserved_start import conserved, conserved_across
-from massprops.diagnosis.effect_columns import Term, forcing_of, is_linear, screened
+from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, is_linear
 from massprops.diagnosis.evidence import Block, block_gain, reduced, solve
 from massprops.diagnosis.free_flight import check_free_flight, lever
 from massprops.diagnosis.held_out import held_out_rms
@@ -63,7 +63,7 @@ def test_the_shape_of_an_inertia_goes_back_and_forth_and_has_its_derivatives() -
     assert moments[0] > 0 and moments[0] + moments[1] >= moments[2] * (1 - 1e-12)
 
 
-@pytest.mark.parametrize("name", [m.NAME for m in screened() if is_linear(m)])
+@pytest.mark.parametrize("name", [m.NAME for m in in_balance() if is_linear(m)])
 def test_a_torque_taken_for_linear_is(name: str) -> None:
     effect = effects()[name]
     q, w, six = (0.5, 0.5, -0.5, 0.5), (0.3, -0.2, 0.6), six_of(INERTIA)
@@ -76,7 +76,7 @@ def test_a_torque_taken_for_linear_is(name: str) -> None:
     assert torque(2.0 * a - 3.0 * b) == pytest.approx(2.0 * torque(a) - 3.0 * torque(b), rel=1e-9, abs=1e-15)
 
 
-@pytest.mark.parametrize("name", [m.NAME for m in screened()])
+@pytest.mark.parametrize("name", [m.NAME for m in in_balance()])
 def test_columns_are_as_many_as_their_unknowns_and_move_the_rates(name: str) -> None:
     effect = effects()[name]
     path = path_from_rates(np.linspace(0, 1, 60), np.tile([1.0, 2.0, -1.0], (60, 1)))
@@ -215,8 +215,8 @@ def test_the_command_names_drag_and_writes_what_it_promises(tmp_path, capsys) ->
 
 
 def test_free_rotation_is_given_no_effect() -> None:
-    from massprops.diagnosis.diagnose import diagnose_rates
+    from massprops.diagnosis.diagnose import diagnose_by_balance
 
-    document = diagnose_rates(Sequence(rates=tumble(rate=80.0))).document
+    document = diagnose_by_balance(Sequence(rates=tumble(rate=80.0))).document
     assert document["verdict"] == "none" and document["effects"] == []
     assert document["gap"]["fitted"]["before"] == pytest.approx(1.0, abs=0.15)

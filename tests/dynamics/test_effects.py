@@ -39,13 +39,13 @@ W0, Q0 = np.array([0.1, 0.12, -0.05]), normalise(np.array([0.3, 0.5, -0.2, 0.7])
 MOTION = [n for n, e in effects().items() if changes_motion(e)]
 
 
-def acting(name: str) -> tuple[Acting, np.ndarray]:
+def acting(name: str, duration: float = 0.0) -> tuple[Acting, np.ndarray]:
     effect = effects()[name]
     rng = np.random.default_rng(3)
     values = []
     for q in effect.PARAMETERS:
         size = {"gravity-gradient-torque": 50.0}.get(name, q.size)
-        values.append({"time": 14.7, "span": 29.5}.get(q.kind, size * rng.uniform(0.3, 1.0)))
+        values.append({"time": 14.7, "span": 29.5, "duration": duration}.get(q.kind, size * rng.uniform(0.3, 1.0)))
     return Acting((effect,), (slice(0, len(values)),)), np.array(values)
 
 
@@ -62,9 +62,9 @@ def test_free_rotation_agrees_with_the_fine_integration() -> None:
     assert np.abs(w - got.w).max() < 1e-7
 
 
-@pytest.mark.parametrize("name", MOTION)
-def test_derivatives_agree_with_differences(name: str) -> None:
-    a, p = acting(name)
+@pytest.mark.parametrize(("name", "duration"), [*((n, 0.0) for n in MOTION), ("impulse", 3.1)])
+def test_derivatives_agree_with_differences(name: str, duration: float) -> None:
+    a, p = acting(name, duration)
     ways = inertia_directions(INERTIA)
     got = trajectory(TIMES, Q0, W0, INERTIA, a, p, AROUND)
     turn, rate = sensitivities(TIMES, got, Q0, W0, INERTIA, ways, a, p, AROUND)

@@ -16,8 +16,8 @@ from massprops.estimators.batch.start import _first_steady, batch_start
 from massprops.estimators.problem import Problem, problem_of
 from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 
 @pytest.fixture(scope="module")

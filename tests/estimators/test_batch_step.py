@@ -15,8 +15,8 @@ from massprops.estimators.batch.measurements import measurements_of
 from massprops.estimators.batch.state import BatchState, inertia_directions, inertia_of, moved
 from massprops.estimators.problem import problem_of
 from massprops.model import Model
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 
 def test_a_turn_of_the_body_axes_moves_no_point_however_far_it_goes() -> None:

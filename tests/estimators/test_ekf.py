@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprops.campaign.papers import _pesce2017_limit as paper_limit
-from massprops.campaign.papers import pesce2017
-from massprops.campaign.papers._pesce2017_run import rows_of, simulate
+from massprops.campaigns.papers import _pesce2017_limit as paper_limit
+from massprops.campaigns.papers import pesce2017
+from massprops.campaigns.papers._pesce2017_run import rows_of, simulate
 from massprops.dynamics.quaternion import from_rotation_vector, normalise, rotation_matrix
 from massprops.estimators import inertia_parameters as shape
 from massprops.estimators.extended import observation
@@ -25,8 +25,8 @@ from massprops.estimators.start import first_guess
 from massprops.estimators.surroundings import Surroundings
 from massprops.sensing.pinhole import Pinhole
 from massprops.sequence.data import Orbit
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 LAYOUTS = [Layout(4, 2), Layout(4, 5), Layout(4, 2, additive=True)]
 

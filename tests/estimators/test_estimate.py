@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 from estimators.made_sequence import AXES, TRUE_K, make_sequence, simple_method
 
-import massprops
 from massprops.errors import InputError, NotPossible
 from massprops.estimators import methods as registry
-from massprops.estimators.estimate import estimate_all
+from massprops.estimators.estimate import estimate, estimate_all
 from massprops.estimators.prior import read_filter, read_prior
 from massprops.mass.ratio_space import inertia_of
 
@@ -47,7 +46,7 @@ def test_writes_all_or_nothing_and_measures_errors_against_truth(
     two_methods: None, tmp_path: Path, attitude: bool
 ) -> None:
     folder = make_sequence(tmp_path / "seq", attitude=attitude)
-    found = massprops.estimate(folder, out=tmp_path / "out")
+    found = estimate(folder, out=tmp_path / "out")
     assert [e.name for e in found] == ["simple"]
     written = sorted(p.name for p in (tmp_path / "out").iterdir() if p.name != ".massprops")
     assert written == ["estimates.json", "report.html", "simple.csv"]
@@ -67,7 +66,7 @@ def test_an_estimate_is_never_written_into_a_run_or_a_sequence(two_methods: None
     folder = make_sequence(tmp_path / "seq")
     before = sorted(folder.rglob("*"))
     with pytest.raises(InputError, match="choose another -o"):
-        massprops.estimate(folder, out=folder)
+        estimate(folder, out=folder)
     assert sorted(folder.rglob("*")) == before
 
 
@@ -75,15 +74,15 @@ def test_another_method_later_leaves_the_first_ones_history(monkeypatch: pytest.
     found = {"simple": simple_method(), "other": simple_method("other")}
     monkeypatch.setattr(registry, "methods", lambda: found)
     folder, out = make_sequence(tmp_path / "<img src=x onerror=alert(1)>"), tmp_path / "out"
-    massprops.estimate(folder, ["simple"], out=out)
+    estimate(folder, ["simple"], out=out)
     history = (out / "simple.csv").read_text()
-    massprops.estimate(folder, ["other"], out=out)
+    estimate(folder, ["other"], out=out)
     content = json.loads((out / "estimates.json").read_text())
     assert sorted(e["name"] for e in content["estimators"]) == ["other", "simple"]
     assert (out / "simple.csv").read_text() == history and (out / "other.csv").is_file()
     page = (out / "report.html").read_text()
     assert "simple.csv" in page and "<img src=x" not in page and "&lt;img src=x" in page
-    massprops.estimate(make_sequence(tmp_path / "two", attitude=True), ["other"], out=out)
+    estimate(make_sequence(tmp_path / "two", attitude=True), ["other"], out=out)
     content = json.loads((out / "estimates.json").read_text())
     assert [e["name"] for e in content["estimators"]] == ["other"], "of other data nothing stays in sight"
     assert not (out / "simple.csv").exists()
@@ -93,9 +92,9 @@ def test_another_method_later_leaves_the_first_ones_history(monkeypatch: pytest.
 def test_named_method_without_its_sensor_is_not_possible(two_methods: None, tmp_path: Path) -> None:
     folder = make_sequence(tmp_path / "seq")
     with pytest.raises(NotPossible, match="ranger needs ranges"):
-        massprops.estimate(folder, ["ranger"])
+        estimate(folder, ["ranger"])
     with pytest.raises(InputError, match="no such estimator; there are simple, ranger and all"):
-        massprops.estimate(folder, ["kalman"])
+        estimate(folder, ["kalman"])
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError, ValueError, IndexError, OverflowError])
@@ -205,8 +204,8 @@ def test_command_line(tmp_path: Path) -> None:
 def test_memory_is_counted_before_tracks_are_laid_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from massprops.estimators.problem import problem_of
     from massprops.sequence import read_sequence
-    from massprops.simulate.track_scenario import TrackScenario
-    from massprops.simulate.tracks import simulate_tracks
+    from massprops.simulation.track_scenario import TrackScenario
+    from massprops.simulation.tracks import simulate_tracks
 
     sequence = read_sequence(make_sequence(tmp_path / "seq", epochs=20))
     monkeypatch.setattr("massprops.memory.machine_bytes", lambda: 10_000)

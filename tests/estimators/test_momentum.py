@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_scene import INERTIA, RATE, scene
 
-from massprops.campaign.papers import feng2018
+from massprops.campaigns.papers import feng2018
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.estimators.methods import momentum_ls

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tumbling import scene
 
-from massprops.campaign.papers import hu2024
+from massprops.campaigns.papers import hu2024
 from massprops.dynamics.quaternion import normalise, rotation_matrix
 from massprops.estimators.methods import principal_axis_ekf
 from massprops.estimators.principal.frame import paper_frame, sign_rule, unique_frame

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tumbling import scene
 
-from massprops.campaign.papers import volpe2017
+from massprops.campaigns.papers import volpe2017
 from massprops.dynamics.quaternion import conjugate, rotate
 from massprops.errors import NotPossible
 from massprops.estimators.inertia_parameters import from_inertia, inertia

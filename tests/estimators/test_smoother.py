@@ -10,8 +10,8 @@ from massprops.estimators.methods import smoother
 from massprops.estimators.problem import problem_of
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
-from massprops.simulate.track_scenario import TrackScenario
-from massprops.simulate.tracks import simulate_tracks
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.tracks import simulate_tracks
 
 SENSORS = {
     "stereo": {},

@@ -293,7 +293,7 @@ def test_a_body_that_turns_a_radian_a_frame() -> None:
 
 @pytest.mark.bench
 def test_speed() -> None:
-    from massprops.campaign.papers.kabir2025_speed import _filter_speed
+    from massprops.campaigns.papers.kabir2025_speed import _filter_speed
 
     found = _filter_speed()
     print(found)

@@ -8,6 +8,7 @@ import os
 import re
 import resource
 import signal
+import tempfile
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -42,13 +43,34 @@ def _limits() -> Iterator[None]:
         signal.signal(signal.SIGPROF, old)
 
 
+@contextlib.contextmanager
+def _native(said: io.StringIO) -> Iterator[None]:
+    """What native code prints on the real standard error is part of what is said."""
+    real = os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(real, 2)
+            os.close(real)
+            file.seek(0)
+            said.write("".join(f"native: {line}\n" for line in file.read().decode(errors="replace").splitlines()))
+
+
 def fault(target: Target, folder: Path, name: str, data: bytes) -> str:
     """What is wrong with how the target takes this input: empty when nothing is, else one line with the place."""
     _write(folder, name, data)
     before = sorted(folder.rglob("*"))
     said = io.StringIO()
     try:
-        with warnings.catch_warnings(), _limits(), contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        with (
+            warnings.catch_warnings(),
+            _limits(),
+            _native(said),
+            contextlib.redirect_stderr(said),
+            contextlib.redirect_stdout(said),
+        ):
             warnings.simplefilter("ignore")
             target.read(folder, name)
     except MasspropsError as error:
@@ -59,7 +81,9 @@ def fault(target: Target, folder: Path, name: str, data: bytes) -> str:
         place = traceback.extract_tb(error.__traceback__)
         own = [f for f in place if "massprops" in f.filename and "/tests/" not in f.filename] or place
         return f"{type(error).__name__} at {Path(own[-1].filename).name}:{own[-1].lineno} ({str(error)[:80]!r})"
-    if re.search(r"Traceback|unexpected \w*(Error|Exception|Interrupt)|bug of massprops|Warning:", said.getvalue()):
+    if re.search(
+        r"Traceback|unexpected \w*(Error|Exception|Interrupt)|bug of massprops|Warning:|native:", said.getvalue()
+    ):
         return f"said {said.getvalue().strip().splitlines()[-1][:200]!r}"
     if sorted(folder.rglob("*")) != before:
         return "files were left behind"

@@ -74,9 +74,9 @@ def _read_sequence(folder: Path, name: str) -> object:
 
 
 def _scenario(folder: Path, name: str) -> object:
-    from massprops.simulate.scenario import load_scenario
-    from massprops.simulate.simulate import is_tracks
-    from massprops.simulate.track_scenario import track_scenario
+    from massprops.simulation.scenario import load_scenario
+    from massprops.simulation.simulate import is_tracks
+    from massprops.simulation.track_scenario import track_scenario
 
     path = folder / name
     if is_tracks(path):
@@ -87,7 +87,7 @@ def _scenario(folder: Path, name: str) -> object:
 
 
 def _campaign(folder: Path, name: str) -> object:
-    from massprops.campaign.configuration import check_size, read_configuration
+    from massprops.campaigns.configuration import check_size, read_configuration
 
     plan = read_configuration(folder / name)
     check_size(plan, False)
@@ -115,8 +115,8 @@ def _mesh(folder: Path, name: str) -> object:
 
 
 def _run(folder: Path, name: str) -> object:
-    from massprops.crosscheck.fusion import read_draws
-    from massprops.crosscheck.mesh_side import read_mesh_side
+    from massprops.consistency.fusion import read_draws
+    from massprops.consistency.mesh_side import read_mesh_side
     from massprops.exchange.body import read_body
     from massprops.exchange.formats import formats
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import massprops
 from massprops.capture.from_shape import overlap, to_stored
 from massprops.capture.given import DOUBT, load_mask, to_original
 from massprops.capture.images import QUARTER_TURNS, turn, turned_back
 from massprops.errors import InputError
 from massprops.run.job import Job, ReconstructOptions
+from massprops.run.masks import masks
 from massprops.run.stages import capture
 from massprops.views import Views, undistort
 
@@ -77,7 +77,7 @@ def run_of(tmp_path: Path, left_out: int = 5, unplaced: int = 6) -> tuple[Path, 
 
 def test_what_masks_writes_is_what_reconstruct_takes_back(tmp_path: Path) -> None:
     source, run = run_of(tmp_path)
-    sheet = massprops.masks(run, tmp_path / "masks")
+    sheet = masks(run, tmp_path / "masks")
     assert len(sheet.images) == 8 and sum(bool(s.left_out) for s in sheet.images) == 2
     for s in sheet.images:
         image, mask = Image.open(source / s.name), Image.open(sheet.folder / s.file)
@@ -108,7 +108,7 @@ def test_what_masks_writes_is_what_reconstruct_takes_back(tmp_path: Path) -> Non
 
 def test_the_page_shows_every_image_and_why_it_was_left_out(tmp_path: Path) -> None:
     _, run = run_of(tmp_path)
-    page = massprops.masks(run, tmp_path / "m").page.read_text()
+    page = masks(run, tmp_path / "m").page.read_text()
     assert page.count("<figure") == 8 and page.count("<img") == 8
     assert "Content-Security-Policy" in page and "window.hit=1<&" not in page and "&lt;script&gt;" in page
     assert "could not be placed" in page and "in another place" in page
@@ -125,7 +125,7 @@ def test_agreement_with_the_mesh(tmp_path: Path) -> None:
     corner = np.array([[60, 30], [219, 30], [219, 149], [60, 149]], float)
     vertices = np.column_stack([(corner - [159.5, 119.5]) / 150.0 * 4, np.zeros(4)])
     np.savez(run / "work" / "surface" / "surface.npz", vertices=vertices, faces=np.array([[0, 1, 2], [0, 2, 3]]))
-    sheet = massprops.masks(run, tmp_path / "m")
+    sheet = masks(run, tmp_path / "m")
     of = {s.name: s.iou for s in sheet.images}
     assert of["Photo 0.jpg"] is not None or len(of) == 8
     upright = [s for s in sheet.images if s.stored in views.names and views.size[views.names.index(s.stored)][0] == 320]
@@ -141,19 +141,19 @@ def test_agreement_with_the_mesh(tmp_path: Path) -> None:
 
 def test_mended_masks_are_not_lost(tmp_path: Path) -> None:
     _, run = run_of(tmp_path)
-    sheet = massprops.masks(run)
+    sheet = masks(run)
     assert sheet.folder == tmp_path / "run-masks"
-    massprops.masks(run)
+    masks(run)
     file = sheet.folder / sheet.images[0].file
     cv2.imwrite(str(file), np.full((480, 640), 255, np.uint8))
     with pytest.raises(InputError, match="was changed since it was written"):
-        massprops.masks(run)
-    massprops.masks(run, force=True)
+        masks(run)
+    masks(run, force=True)
     assert (cv2.imread(str(file), 0) == 0).any()
     with pytest.raises(InputError, match="lies in the run folder"):
-        massprops.masks(run, run / "masks")
+        masks(run, run / "masks")
     with pytest.raises(InputError, match="no silhouettes in this folder"):
-        massprops.masks(tmp_path)
+        masks(tmp_path)
 
 
 def test_doubt_survives_only_where_masks_wrote_it(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from massprops.run.reconstruct import checked_options
 from massprops.run.runner import run_stages
 from massprops.sequence.truth import read_truth
 from massprops.sfm.points import SparsePoints, residuals
-from massprops.simulate import simulate
+from massprops.simulation import simulate
 from massprops.views import Views
 
 SIDEWAYS, COPIES = {2: 6, 5: 8, 9: 3}, (3, 7, 11)

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.momentum import Momentum
+from massprops.dynamics.quaternion import multiply, rotation_matrix
+from massprops.estimators.momentum import DIRECTIONS, Momentum, momentum_inertia
 from massprops.estimators.observability import judge
 from massprops.estimators.problem import Problem
-from massprops.estimators.result import Estimate, Prior, ratios
-from massprops.estimators.start import Start, first_guess
+from massprops.estimators.result import Estimate, Halves, Prior, ratios
+from massprops.estimators.start import Start, chaser_attitude, first_guess, within
 
 NAME = "momentum-ls"
 ORDER = 10
 SENTENCE = (
     "feng2018: attitude and rates by least squares, inertia from conserved angular momentum with errors in the rates."
 )
-NEEDS = "stereo tracks, or attitude0, or imu0"
+NEEDS = ("stereo|attitude|rates",)
 WORST_SQUARE = 4.0
 """Mean squared residual in units of its stated covariance beyond which momentum is not conserved."""
 
@@ -55,8 +55,25 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
     if found is not None:
         # the momentum's own scatter knows nothing of errors that last longer than its windows
         motion = _with_inertia(motion, replace(found, covariance=problem.alike**2 * found.covariance))
+        motion = replace(motion, halves=_halves(problem, start, found.inertia), memory_counted=True)
     spent = start.cpu_s + time.process_time() - begun
     return replace(motion, cpu_us_per_step=spent / max(len(start.times), 1) * 1e6)
+
+
+def _halves(problem: Problem, start: Start, inertia: np.ndarray) -> Halves | None:
+    """The inertia by each half of the record, where each shows it by itself."""
+    chaser = chaser_attitude(problem, start.times)
+    q = start.q if chaser is None else multiply(chaser[0], start.q)
+    middle, out = len(start.times) // 2, []
+    for rows in (slice(0, middle), slice(middle, None)):
+        block = None if start.block is None else start.block[rows]
+        covariance = start.covariance[rows] if block is None else within(start.covariance[rows], block)
+        found = momentum_inertia(q[rows], start.w[rows], covariance, block, start.window, inertia)
+        if found is None or not judge(found).observable:
+            return None
+        covered = problem.alike**2 * max(1.0, found.square) * found.covariance
+        out.append((np.einsum("aij,ij->a", DIRECTIONS, found.inertia), covered))
+    return out[0], out[1]
 
 
 def _with_inertia(motion: Estimate, found: Momentum) -> Estimate:

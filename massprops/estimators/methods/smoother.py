@@ -7,6 +7,7 @@ Levenberg-Marquardt with variational equations; the noise limit (Cramer-Rao) is 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,12 @@ from massprops.dynamics.quaternion import from_rotation_matrix, multiply
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch import one_camera
+from massprops.estimators.batch.halves import halves, residual_rows
 from massprops.estimators.batch.linearise import inertia_directions
 from massprops.estimators.batch.measurements import Measurements, measurements_of
-from massprops.estimators.batch.solve import Belief, Fit, fit
+from massprops.estimators.batch.solve import Belief, Fit, covariance_of, fit
 from massprops.estimators.batch.start import BatchStart, batch_start
-from massprops.estimators.batch.state import ratio_slopes
+from massprops.estimators.batch.state import BatchState, physical, ratio_slopes
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
 from massprops.model import Model
@@ -49,8 +51,6 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
     Raises:
         NotPossible: no attitude to begin with.
     """
-    from dataclasses import replace
-
     begun = time.process_time()
     around = Surroundings(problem.environment)
     first = batch_start(problem, start, around)
@@ -60,7 +60,8 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
         if _turn_in_body(found.predicted.motion.w) < NEARLY_FLAT:
             found, rival = _rivals(problem, m, found, around, Belief())
         covariance = one_camera.clustered_covariance(problem, m, found, around)
-        return result(problem, first, found, around, time.process_time() - begun, rival, covariance)
+        told = result(problem, first, found, around, time.process_time() - begun, rival, covariance)
+        return replace(told, memory_counted=True)
     state, free = first.state, first.free
     if model is not None and model.modules:
         state = replace(state, model=model)
@@ -71,10 +72,30 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
         sigma = 0.05 if prior.k_sigma is None else float(np.max(prior.k_sigma))
         belief = Belief(3.0 * prior.inertia / np.trace(prior.inertia), max(sigma, 1e-6))
     found = fit(problem, m, state, around, free, belief)
+    own = _state_of_model(state, model, problem)
+    if own is not None:
+        # the model's own state is near its minimum; the usual start need not lie in the same valley
+        found = min(found, fit(problem, m, own, around, free, belief), key=_cost)
     rival = None
     if _turn_in_body(found.predicted.motion.w) < NEARLY_FLAT:
         found, rival = _rivals(problem, m, found, around, belief)
-    return result(problem, first, found, around, time.process_time() - begun, rival)
+    told = result(problem, first, found, around, time.process_time() - begun, rival)
+    if told.converged and told.observable:
+        told = replace(told, residuals=residual_rows(problem, m, found), halves=halves(problem, m, found, around))
+    return replace(told, cpu_us_per_step=1e6 * (time.process_time() - begun) / len(problem.times))
+
+
+def _state_of_model(state: BatchState, model: Model | None, problem: Problem) -> BatchState | None:
+    """The state in which `model.yaml` says that the record begins; None where it says nothing."""
+    if model is None or model.rate is None or model.inertia is None:
+        return None
+    q0 = state.q0 if model.attitude is None or not problem.has_attitude else model.attitude
+    inertia = physical(3.0 * model.inertia / np.trace(model.inertia))
+    return replace(state, q0=q0, w0=model.rate, inertia=inertia)
+
+
+def _cost(found: Fit) -> float:
+    return found.cost if np.isfinite(found.cost) else np.inf
 
 
 def _turn_in_body(w: np.ndarray) -> float:
@@ -91,8 +112,6 @@ def _rivals(
 
     Near a flat spin the linear covariance holds at one answer and says nothing of the others.
     """
-    from dataclasses import replace
-
     moments, axes = np.linalg.eigh(found.state.inertia)
     along = int(np.argmax(np.abs(axes.T @ found.state.w0)))
     others = [i for i in range(3) if i != along]
@@ -116,18 +135,6 @@ def _rivals(
             if 2 * (f.cost - best.cost) < RIVAL_CHI2 and off > LARGEST_SIGMA_K:
                 return best, "bodies of quite different inertia explain this motion as well: it is nearly a flat spin"
     return best, None
-
-
-def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
-    """(size, size) covariance of the parameters, zero for those held, inflated by a misfit; what the data do not show
-    gets `weak` times its scale."""
-    scale = found.scale
-    values, vectors = np.linalg.eigh(found.unit)
-    inverse = (vectors / np.maximum(values, 1.0 / weak**4)) @ vectors.T
-    own = inverse / scale[:, None] / scale * max(1.0, found.chi2 / found.freedom)
-    out = np.zeros((len(found.free), len(found.free)))
-    out[np.ix_(found.free, found.free)] = own
-    return out
 
 
 def result(

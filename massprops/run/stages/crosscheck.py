@@ -15,8 +15,8 @@ METHODS = ("smoother", "momentum-ls")
 
 def run(job: Job) -> dict:
     """Writes `crosscheck.json` into the run folder; the page is made after it."""
-    from massprops.crosscheck.crosscheck import crosscheck
-    from massprops.crosscheck.trust import enter_verdict
+    from massprops.consistency.crosscheck import crosscheck
+    from massprops.consistency.trust import enter_verdict
 
     found = crosscheck(job.run, methods=METHODS, write=False, progress=job.progress)
     outputs = Outputs(job.run)

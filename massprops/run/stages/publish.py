@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.consistency.trust import judged
 from massprops.core.files import write_json, write_whole
 from massprops.core.outputs import Outputs
-from massprops.crosscheck.trust import judged
 from massprops.run.job import Job, ReconstructOptions
 
 READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "colour", "sequence")

@@ -1,0 +1,181 @@
+"""Runs on an existing Dask cluster: chunks as tasks, each done by a process of the worker it falls to."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Hashable
+from typing import Any
+
+from massprops.campaigns.versions import difference, versions
+from massprops.campaigns.workers import Workers
+from massprops.errors import InputError, NotPossible
+
+ANSWER_S = 6.0
+"""How long a scheduler may take to answer."""
+
+_workers: list[Workers] = []
+
+
+def do_on_worker(tasks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Chunks of runs, on a Dask worker."""
+    if not _workers:
+        _workers.append(Workers())
+    return _workers[0].do_in_turn(tasks)
+
+
+def _knock(address: str) -> None:
+    """Asks the scheduler who it is, in a thread of its own: what listens there may accept and never answer.
+
+    Raises:
+        InputError: no answer in time, or not a scheduler's.
+    """
+    import asyncio
+
+    from distributed.core import connect
+
+    async def ask() -> Any:
+        comm = await connect(address, timeout=ANSWER_S)
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            return await comm.read()
+        finally:
+            comm.abort()
+
+    answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def run() -> None:
+        try:
+            answers.put(asyncio.run(asyncio.wait_for(ask(), ANSWER_S)))
+        except Exception as error:
+            answers.put(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    try:
+        answer = answers.get(timeout=ANSWER_S + 1.0)
+    except queue.Empty:
+        answer = TimeoutError()
+    if isinstance(answer, OSError):  # TimeoutError is one
+        raise InputError(
+            f"--scheduler {address}: no answer within {ANSWER_S:g} s: is it running, and is the address right?"
+        )
+    if not isinstance(answer, dict) or "workers" not in answer:
+        said = f" ({_line(answer)})" if isinstance(answer, BaseException) else ""
+        raise InputError(f"--scheduler {address}: not a Dask scheduler{said}: give its address as tcp://HOST:8786")
+
+
+class Cluster:
+    """A backend (see `engine`) on the workers of a scheduler."""
+
+    strict = True
+    ahead = 8  # a task's way from here to a worker and back takes longer than a short chunk
+
+    def __init__(self, address: str) -> None:
+        """Connects.
+
+        Raises:
+            InputError: dask.distributed is missing here, no answer, no workers, or workers with other versions.
+        """
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InputError(
+                "--scheduler needs dask.distributed: pip install 'massprops[cluster]', or leave --scheduler out"
+            ) from None
+        import logging
+
+        for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        self.place = address
+        _knock(address)
+        self.client = Client(address, timeout=ANSWER_S, set_as_default=False, name="massprops")
+        try:
+            self._check_workers()
+        except BaseException:
+            self.client.close()
+            raise
+        self.done: queue.SimpleQueue[tuple[Hashable, Any]] = queue.SimpleQueue()
+        self.flying: dict[Hashable, Any] = {}
+        self.session = self.client.id.rsplit("-", 1)[-1]
+
+    def _check_workers(self) -> None:
+        with contextlib.suppress(TimeoutError, OSError):
+            self.client.wait_for_workers(1, timeout=ANSWER_S)
+        threads = self.client.nthreads()
+        if not threads:
+            raise InputError(
+                f"--scheduler {self.place}: it has no workers: start some with `dask worker {self.place} --nthreads 1`"
+            )
+        found = self.client.run(versions, on_error="return")
+        for address, theirs in found.items():
+            if isinstance(theirs, BaseException):
+                raise InputError(
+                    f"worker {address}: massprops cannot be used there ({_line(theirs)}): install the same version"
+                )
+            check_versions(str(address), theirs)
+
+    def slots(self) -> int:
+        """Runs at the same time: the threads of all workers that are there now."""
+        try:
+            return sum(self.client.nthreads().values())
+        except (OSError, TimeoutError, RuntimeError) as error:
+            raise self._lost(error) from None
+
+    def submit(self, key: Hashable, tasks: list[dict[str, Any]]) -> None:
+        """Gives chunks to the scheduler; a worker that dies has its chunks done again elsewhere."""
+        future = self.client.submit(do_on_worker, tasks, key=f"massprops-{self.session}-{key}", pure=False)
+        self.flying[key] = future
+        future.add_done_callback(lambda done: self.done.put((key, done)))
+
+    def wait(self, seconds: float) -> list[tuple[Hashable, list[Any]]]:
+        """What has come, after at most so long: (key, replies or one exception); all come in one message."""
+        try:
+            ended = [self.done.get(timeout=seconds)]
+        except queue.Empty:
+            if self.client.status not in ("running", "connecting"):
+                raise self._lost(self.client.status) from None
+            return []
+        while not self.done.empty():
+            ended.append(self.done.get())
+        good = [(key, future) for key, future in ended if future.status == "finished"]
+        found: list[tuple[Hashable, list[Any]]] = []
+        for key, future in ended:
+            if future.status in ("cancelled", "lost"):
+                raise self._lost(future.status)
+            if future.status == "error":
+                found.append((key, [future.exception()]))
+        try:
+            found += zip([key for key, _ in good], self.client.gather([future for _, future in good]), strict=True)
+        except Exception as error:
+            raise self._lost(error) from None
+        for key, _ in ended:
+            self.flying.pop(key, None)
+        return found
+
+    def _lost(self, why: object) -> NotPossible:
+        return NotPossible(
+            f"the scheduler at {self.place} went away ({_line(why)}): finished runs are kept; the same command continues"
+        )
+
+    def close(self) -> None:
+        """Takes back what is still waiting."""
+        with contextlib.suppress(Exception):
+            if self.flying:
+                self.client.cancel(list(self.flying.values()), asynchronous=False)
+            self.client.close(timeout=2)
+
+
+def check_versions(worker: str, theirs: dict[str, str]) -> None:
+    """Refuses a worker with other versions than here.
+
+    Raises:
+        InputError: they differ.
+    """
+    differs = difference(versions(), theirs)
+    if differs:
+        raise InputError(f"worker {worker}: versions differ ({differs}): install the same on both")
+
+
+def _line(error: object) -> str:
+    return " ".join(str(error).split())[:160] or type(error).__name__

@@ -1,0 +1,232 @@
+"""Reads what a campaign shall run, and lays it out as points of a grid, seeds and chunks."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from massprops.campaigns.draws import check_draw, extremes
+from massprops.campaigns.kinds import kinds, load_kind
+from massprops.campaigns.nearest import unknown
+from massprops.documents.campaign import LARGEST_SEED, CampaignFile
+from massprops.documents.fields import keys, read
+from massprops.documents.loading import shown
+from massprops.errors import InputError
+from massprops.run.files import hash_of, plain
+
+MOST_RUNS = 1_000_000
+RESERVED = tuple(keys(CampaignFile))
+MAYBE_EMPTY = ("seed",)
+"""Keys whose `null` is the default, not a value."""
+EXPONENT = re.compile(r"[+-]?\d+(\.\d*)?[eE][+-]?\d+")
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Runs that one worker does together: some seeds of one point. Fixed by the configuration, not by the workers."""
+
+    point: int
+    parameters: dict[str, Any]
+    seeds: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A campaign laid out.
+
+    Attributes:
+        name: for people.
+        kind: name of the kind of run.
+        fixed: parameters common to all runs; grid: values per axis; draw: distributions per drawn parameter.
+        runs: seeds per point; None takes the kind's own number for the point.
+        seed: the first seed; a point's seeds follow one another.
+        chunk: runs per chunk.
+        time_s, memory_mb: limits of one run, None for none.
+        digest: sha256 of all of the above and of what the kind takes from elsewhere.
+        where: file or command it came from, for messages.
+    """
+
+    name: str
+    kind: str
+    fixed: dict[str, Any]
+    grid: dict[str, list[Any]]
+    draw: dict[str, Any]
+    runs: int | None
+    seed: int
+    chunk: int
+    time_s: float | None
+    memory_mb: float | None
+    digest: str = ""
+    where: str = "configuration"
+
+    @property
+    def points(self) -> int:
+        """Number of combinations of the grid."""
+        return math.prod(len(values) for values in self.grid.values())
+
+    def cells(self) -> Iterator[dict[str, Any]]:
+        """What the grid sets, point after point; the last axis turns fastest."""
+        for values in itertools.product(*self.grid.values()):
+            yield dict(zip(self.grid, values, strict=True))
+
+    def seeds(self, parameters: dict[str, Any]) -> range:
+        """The seeds of a point."""
+        count = self.runs if self.runs is not None else load_kind(self.kind).default_runs(parameters)
+        return range(self.seed, self.seed + count)
+
+    @property
+    def total(self) -> int:
+        """Number of runs."""
+        if self.runs is not None:
+            return self.points * self.runs
+        return sum(len(self.seeds({**self.fixed, **cell})) for cell in self.cells())
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Every chunk in order."""
+        for point, cell in enumerate(self.cells()):
+            parameters = {**self.fixed, **cell}
+            seeds = self.seeds(parameters)
+            for first in range(0, len(seeds), self.chunk):
+                yield Chunk(point, parameters, tuple(seeds[first : first + self.chunk]))
+
+    def document(self) -> dict[str, Any]:
+        """The configuration with every default filled in."""
+        limits = {"time_s": self.time_s, "memory_mb": self.memory_mb}
+        return plain(
+            {
+                "kind": self.kind,
+                "name": self.name,
+                **self.fixed,
+                "grid": self.grid,
+                "draw": self.draw,
+                "runs": self.runs,
+                "seed": self.seed,
+                "chunk": self.chunk,
+                "limits": {k: v for k, v in limits.items() if v is not None},
+            }
+        )
+
+
+def read_configuration(path: str | Path) -> Plan:
+    """The plan of a YAML file; files it names are relative to it.
+
+    Raises:
+        InputError: no such file, not YAML, or see `plan_of`.
+    """
+    from massprops.documents.loading import load_yaml
+
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: give the campaign's YAML file")
+    return plan_of(load_yaml(path), str(path), path.resolve().parent)
+
+
+def plan_of(content: dict[str, Any], where: str = "configuration", folder: Path | None = None) -> Plan:
+    """Checks a configuration and fills in its defaults.
+
+    Args:
+        content: keys of `RESERVED`, and parameters of the kind.
+        where: named in messages.
+        folder: what relative paths in it start from.
+
+    Raises:
+        InputError: an unknown key (with the nearest known one), a value out of range, or nothing to run.
+    """
+    content = _numbers(content)
+    document = _document(content, where)
+    if "kind" not in content:
+        raise InputError(f"{where}: no kind: give one of {', '.join(kinds())}")
+    if content["kind"] not in kinds():
+        raise unknown("kind", content["kind"], kinds(), where)
+    kind = load_kind(content["kind"])
+    grid, draw = dict(document.grid or {}), dict(document.draw or {})
+    fixed = {key: value for key, value in content.items() if key not in RESERVED}
+    fixed, grid = kind.prepared(fixed, grid, folder or Path.cwd(), where)
+    _known_keys(where, kind, fixed, grid, draw)
+    for axis, values in grid.items():
+        if not isinstance(values, list) or not values:
+            raise InputError(f"{where}: grid of {shown(axis)}: give a list of values, not {shown(values)}")
+    for name, spec in draw.items():
+        check_draw(where, name, spec)
+    plan = Plan(
+        name=document.name or content["kind"],
+        kind=content["kind"],
+        fixed=fixed,
+        grid=grid,
+        draw=draw,
+        runs=document.runs,
+        seed=document.seed,
+        chunk=kind.chunk(fixed) if document.chunk is None else document.chunk,
+        time_s=None if document.limits is None else document.limits.time_s,
+        memory_mb=None if document.limits is None else document.limits.memory_mb,
+        where=where,
+    )
+    _check_values(plan, kind)
+    digest = hash_of({"configuration": plan.document(), "basis": kind.basis(plan)})
+    return Plan(**{**plan.__dict__, "digest": digest})
+
+
+def check_size(plan: Plan, yes: bool) -> None:
+    """Asks for consent before a very large campaign.
+
+    Raises:
+        InputError: more than a million runs, and no consent; or seeds beyond the largest.
+    """
+    longest = plan.runs if plan.runs is not None else max(len(plan.seeds({**plan.fixed, **c})) for c in plan.cells())
+    if plan.total > MOST_RUNS and not yes:
+        raise InputError(
+            f"{plan.where}: {plan.total} runs ({plan.points} points of the grid): give --yes if that is meant, "
+            f"else shorten the grid or the runs"
+        )
+    if plan.seed + longest - 1 > LARGEST_SEED:
+        raise InputError(f"{plan.where}: seeds up to {plan.seed + longest - 1}: the largest is {LARGEST_SEED}")
+
+
+def _known_keys(
+    where: str, kind: ModuleType, fixed: dict[str, Any], grid: dict[str, Any], draw: dict[str, Any]
+) -> None:
+    known = kind.parameters(fixed, grid)
+    for part, content, names in (("key", fixed, [*RESERVED, *known]), ("grid", grid, known), ("draw", draw, known)):
+        for key in content:
+            if key not in names:
+                what = "key" if part == "key" else f"parameter under {part}"
+                raise unknown(what, key, names, where)
+    for first, second in ((fixed, grid), (fixed, draw), (grid, draw)):
+        twice = sorted(set(first) & set(second))
+        if twice:
+            raise InputError(f"{where}: {twice[0]} is set twice: keep it in one of key, grid and draw")
+
+
+def _check_values(plan: Plan, kind: ModuleType) -> None:
+    """Every value of every axis once, in an otherwise common point; not the whole product."""
+    first = {name: values[0] for name, values in plan.grid.items()}
+    for name, spec in plan.draw.items():
+        first[name] = extremes(spec)[0]
+    axes = {**plan.grid, **{name: extremes(spec) for name, spec in plan.draw.items()}}
+    kind.check({**plan.fixed, **first}, plan.where)
+    for axis, values in axes.items():
+        for value in values[1:]:
+            kind.check({**plan.fixed, **first, axis: value}, plan.where)
+
+
+def _document(content: dict[str, Any], where: str) -> CampaignFile:
+    """The keys of every campaign; those of its kind stand beside them and are checked by the kind."""
+    own = {k: v for k, v in content.items() if k in RESERVED and not (k in MAYBE_EMPTY and v is None)}
+    if own.get("name") is not None:
+        own["name"] = str(own["name"])
+    return read(CampaignFile, {"kind": "", **own}, where)
+
+
+def _numbers(value: Any) -> Any:
+    """Texts such as 1e-3, which YAML does not take for numbers, as numbers."""
+    if isinstance(value, dict):
+        return {str(k): _numbers(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_numbers(v) for v in value]
+    return float(value) if isinstance(value, str) and EXPONENT.fullmatch(value) else value

@@ -1,0 +1,51 @@
+"""The papers, one file each, found by its name; and `smoother`, which is held against the Cramer-Rao bound.
+
+A file has `PAPER`, `CASES` (case -> one sentence), `RUNS` (case -> default number of runs), `configuration(case)` (the
+whole set-up as plain JSON), `runs(configuration, seeds) -> rows` (one flat row per seed, in order; a failed run is a row
+with `error`; the row of a seed does not depend on the other seeds) and `table(case, rows)` (`title`, `columns`, `rows`,
+`notes`: ours beside the paper's). Optional: `CHUNK` (runs worked on together), `BOXES` (case -> columns to draw),
+`speed()` (a benchmark as a flat dict). Adding a file adds the paper.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from massprops.campaigns.nearest import unknown
+
+SPEED = "speed"
+"""Name of the benchmark that a paper's file may have, asked for like a case."""
+
+
+def papers() -> list[str]:
+    """Names of the papers that come with the package."""
+    return sorted(p.stem for p in Path(__file__).parent.glob("*.py") if _is_paper(p))
+
+
+def _is_paper(path: Path) -> bool:
+    """A paper's file is named for author and year; files with an underscore in their names are parts of one."""
+    return "_" not in path.stem
+
+
+def load_paper(name: str) -> ModuleType:
+    """The file of one paper.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in papers():
+        raise unknown("paper", name, papers())
+    return import_module(f"{__name__}.{name}")
+
+
+def checked_case(paper: ModuleType, case: str) -> str:
+    """The case, when the paper has it.
+
+    Raises:
+        InputError: it has not.
+    """
+    if case not in paper.CASES:
+        raise unknown(f"case of {paper.PAPER}", case, list(paper.CASES))
+    return case

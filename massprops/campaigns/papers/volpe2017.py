@@ -1,0 +1,375 @@
+"""volpe2017, tables 1-2: pose, velocity, shape and inertia ratios from one camera and ranges over one orbit.
+
+The paper's formulas, noises, time step and initial values are lost from its text. Kept: a circular orbit of 7000 km,
+a closed and inclined relative orbit, 12 points always seen, the camera pointed at the target, body axes parallel to
+the camera at the start so that the attitude there is known, velocity guessed as zero, all points guessed at the depth
+of the guessed position, one orbital period, pixels rounded to whole ones. One second between images: the paper sees
+its velocity converge in a few seconds. No process noise but for a millionth of the rate over the orbit: the period of
+the tumbling is known that well, and what an update bends is of that size. Chosen here: everything else in
+`configuration`. The inertia is carried up to scale: the paper's sixth element is the scale, which nothing shows, and
+hides that the other five are shown.
+
+Body axes are the camera's at the first epoch, exactly; how far images can carry that on limits the rate in body axes
+(Cramer-Rao gain 1345 with 1 s between images, 602 with 5 s), not the one in inertial axes (3610, 1616).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from massprops.campaigns.consistency import consistency
+from massprops.dynamics.kernels import differential_gravity, euler_acceleration, quaternion_rate, to_body
+from massprops.dynamics.quaternion import (
+    angle_between,
+    conjugate,
+    from_rotation_matrix,
+    from_rotation_vector,
+    multiply,
+    normalise,
+    rotate,
+    rotation_matrix,
+    rotation_vector,
+)
+from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.inertia_parameters import from_inertia
+from massprops.estimators.inertia_parameters import inertia as tensor_of
+from massprops.estimators.ranging.filter import BASE, RangeStart, range_filtered, ratios_over
+from massprops.estimators.ranging.first_frames import fit_first
+from massprops.estimators.result import ratios
+from massprops.sequence.data import Environment, Orbit
+
+PAPER = "volpe2017"
+CASES = {
+    "orbit": "tables 1-2: errors at the start and after one orbit; the first frames are fitted as a batch",
+    "plain": "the same with the filter alone from the first frame on, as the paper has it",
+}
+RUNS = {"orbit": 100, "plain": 100}
+CHUNK = 10
+SEED = 2017
+LONGEST_STEP_S = 1.25
+"""Of the truth's integration: 0.03 rad of turning, 1e-9 rad of error."""
+MU = 3.986004418e14
+
+
+def configuration(case: str) -> dict[str, Any]:
+    """The whole set-up as plain data."""
+    x, y, z = 1.0, 0.8, 1.2
+    box = [[a * x, b * y, c * z] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]
+    return {
+        "case": case,
+        "orbit_radius_m": 7.0e6,
+        "step_s": 1.0,
+        "relative_orbit_m": [30.0, 60.0, 40.0],
+        "points_m": [*box, [0.2, 2.4, 0.3], [-0.2, 2.4, -0.3], [0.1, -2.4, 0.4], [0.0, 0.3, 1.9]],
+        "inertia_kg_m2": [30.0, 45.0, 55.0],
+        "w0_deg_s": [0.6, -0.9, 0.5],
+        "focal_px": 1000.0,
+        "sigma_px": 0.5,
+        "sigma_range_m": 0.01,
+        "start_sigma_position_m": 5.0,
+        "start_sigma_rate_deg_s": 0.3,
+        "start_sigma_inertia_kg_m2": 3.0,
+        "start_sigma_depth_m": 1.5,
+        "turn_noise_rad2_s3": 1e-19,
+        "batch_windows": [4, 7, 12, 20, 35, 60, 100, 200, 300, 450, 700, 1000] if case == "orbit" else [],
+    }
+
+
+def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
+    """One row per seed."""
+    truth = _truth(configuration)
+    rows = []
+    for seed in seeds:
+        try:
+            rows.append({"seed": seed, **_run(configuration, truth, seed)})
+        except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
+            rows.append({"seed": seed, "error": f"{type(error).__name__}: {error}"})
+    return rows
+
+
+def _environment(c: dict[str, Any]) -> Environment:
+    return Environment("inertial", Orbit(MU, c["orbit_radius_m"], 0.0, 0.0))
+
+
+def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Motion over one orbit by small Runge-Kutta steps; inertial axes: chaser's radial, along-track, normal at first."""
+    n_mean = np.sqrt(MU / c["orbit_radius_m"] ** 3)
+    count = int(np.floor(2 * np.pi / n_mean / c["step_s"]))
+    times = np.arange(count + 1) * c["step_s"]
+    around = Surroundings(_environment(c))
+    a, b, normal = c["relative_orbit_m"]
+    # a closed relative orbit in the local frame: x = a cos, y = -2 a sin (b gives its amplitude), z = normal sin
+    r = np.array([a, 0.0, normal * 0.6])
+    local = np.array([0.0, -b * n_mean, normal * 0.8 * n_mean])
+    v = local + np.cross([0.0, 0.0, n_mean], r)
+    camera = _pointing(r)
+    inertia = np.diag(c["inertia_kg_m2"])
+    # body axes parallel to the camera's at the first epoch, and principal
+    y = np.concatenate([camera, np.radians(c["w0_deg_s"]), r, v])
+    six = (*np.diag(inertia), 0.0, 0.0, 0.0)
+
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        l = np.array(around.position(t))
+        place = l + y[7:10]
+        far = np.linalg.norm(place)
+        p = np.array(to_body(*y[:4], *place)) / far
+        torque = 3.0 * MU / far**3 * np.cross(p, inertia @ p)
+        return np.concatenate(
+            [
+                quaternion_rate(*y[:7]),
+                euler_acceleration(*six, *y[4:7], *torque),
+                y[10:],
+                differential_gravity(MU, *l, *y[7:10]),
+            ]
+        )
+
+    out, inner = [y], int(np.ceil(c["step_s"] / LONGEST_STEP_S))
+    h = c["step_s"] / inner
+    for t in times[:-1]:
+        for i in range(inner):
+            u = float(t + i * h)
+            k1 = slope(u, y)
+            k2 = slope(u + h / 2, y + h / 2 * k1)
+            k3 = slope(u + h / 2, y + h / 2 * k2)
+            k4 = slope(u + h, y + h * k3)
+            y = y + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+            y[:4] = normalise(y[:4])
+        out.append(y)
+    path = np.array(out)
+    # the camera follows the target with the least turn from one epoch to the next
+    cameras = [camera]
+    for r in path[1:, 7:10]:
+        cameras.append(_pointing(r, cameras[-1]))
+    return {
+        "times": times,
+        "q": path[:, :4],
+        "w": path[:, 4:7],
+        "r": path[:, 7:10],
+        "v": path[:, 10:],
+        "camera": np.array(cameras),
+    }
+
+
+def _pointing(r: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+    """Attitude (4,), camera to inertial, with the optical axis along r."""
+    z = r / np.linalg.norm(r)
+    if before is None:
+        x = np.cross([0.0, 1.0, 0.0], z)
+        x /= np.linalg.norm(x)
+        return from_rotation_matrix(np.stack([x, np.cross(z, x), z], axis=-1))
+    old = rotate(before, np.array([0.0, 0.0, 1.0]))
+    axis = np.cross(old, z)
+    sine = min(1.0, float(np.linalg.norm(axis)))
+    turn = axis * (np.arcsin(sine) / max(sine, 1e-15))
+    return normalise(multiply(from_rotation_vector(turn), before))
+
+
+def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str, Any]:
+    rng = np.random.default_rng([SEED, seed])
+    points = np.array(c["points_m"])
+    C = rotation_matrix(truth["camera"])
+    X = truth["r"][:, None] + np.einsum("nij,mj->nmi", rotation_matrix(truth["q"]), points)
+    Y = np.einsum("nji,nmj->nmi", C, X)
+    uv = c["focal_px"] * Y[..., :2] / Y[..., 2:]
+    uv = np.round(uv + c["sigma_px"] * rng.standard_normal(uv.shape))
+    sigma_px = float(np.sqrt(c["sigma_px"] ** 2 + 1.0 / 12.0))
+    ranges = np.linalg.norm(truth["r"], axis=1) + c["sigma_range_m"] * rng.standard_normal(len(C))
+    start = _start(c, truth, uv[0], rng)
+    lens = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0])
+    environment, camera = _environment(c), truth["camera"]
+    begin, at = start, 0
+    if c["batch_windows"]:
+        *windows, n = c["batch_windows"]
+        fit = fit_first(
+            start,
+            truth["times"][:n],
+            lens,
+            uv[:n],
+            sigma_px,
+            ranges[:n],
+            c["sigma_range_m"],
+            environment,
+            camera[:n],
+            tuple(windows),
+            two_sided=True,
+        )
+        begin, at = fit.last, n - 1
+    uv[: at + 1], ranges[: at + 1] = (np.nan, np.nan) if at else (uv[: at + 1], ranges[: at + 1])
+    run = range_filtered(
+        begin,
+        truth["times"][at:],
+        lens,
+        uv[at:],
+        sigma_px,
+        ranges[at:],
+        c["sigma_range_m"],
+        environment,
+        c["turn_noise_rad2_s3"],
+        0.0,
+        camera[at:],
+        gate=1e9,
+    )
+    truth = {k: v if k == "times" else v[[0, *range(at, len(v))]] for k, v in truth.items()}
+    return _scores(c, truth, points, start, run)
+
+
+def _start(c: dict[str, Any], truth: dict[str, np.ndarray], uv: np.ndarray, rng: np.random.Generator) -> RangeStart:
+    """The paper's initial guess, with a covariance that knows how its errors hang together."""
+    sigma_r, sigma_w = c["start_sigma_position_m"], np.radians(c["start_sigma_rate_deg_s"])
+    r = truth["r"][0] + sigma_r * rng.standard_normal(3)
+    w = truth["w"][0] + sigma_w * rng.standard_normal(3)
+    noise = c["start_sigma_inertia_kg_m2"] * rng.standard_normal((3, 3))
+    tensor = np.diag(c["inertia_kg_m2"]) + np.tril(noise) + np.tril(noise, -1).T
+    camera, q = truth["camera"][0], truth["q"][0]
+    ray = np.concatenate([uv / c["focal_px"], np.ones((len(uv), 1))], axis=1)
+    depth = float(np.linalg.norm(r))
+    X = rotate(camera, ray * depth)
+    R = rotation_matrix(q)
+    f = (X - r) @ R
+    m = len(f)
+    P = np.zeros((BASE + 3 * m, BASE + 3 * m))
+    P[:3, :3] = 1e-10 * np.eye(3)
+    P[3:6, 3:6] = sigma_w**2 * np.eye(3)
+    P[6:11, 6:11] = _inertia_spread(tensor, c["start_sigma_inertia_kg_m2"])
+    n_mean = np.sqrt(MU / c["orbit_radius_m"] ** 3)
+    P[14:17, 14:17] = (2 * n_mean * depth) ** 2 * np.eye(3)
+    # a point lies on its ray: depth |r| + error, so f = R^T (ray depth - r) moves with the error of r
+    mean_ray = r / depth
+    blocks = [R.T @ (np.outer(rotate(camera, a), mean_ray) - np.eye(3)) for a in ray]
+    J = np.concatenate([np.eye(3), *blocks])
+    at = np.r_[11:14, BASE : BASE + 3 * m]
+    P[np.ix_(at, at)] += sigma_r**2 * J @ J.T
+    for i in range(m):
+        along = R.T @ rotate(camera, ray[i])
+        s = slice(BASE + 3 * i, BASE + 3 * i + 3)
+        lateral = (depth / c["focal_px"]) ** 2
+        P[s, s] += c["start_sigma_depth_m"] ** 2 * np.outer(along, along) + lateral * np.eye(3)
+    return RangeStart(q, w, tensor, r, np.zeros(3), f, P)
+
+
+def _inertia_spread(tensor: np.ndarray, sigma: float) -> np.ndarray:
+    """(5, 5) covariance of the parameters when each of the six elements has `sigma`."""
+    base = from_inertia(tensor)
+    columns = []
+    for i in range(3):
+        for j in range(i + 1):
+            e = np.zeros((3, 3))
+            e[i, j] = e[j, i] = 1e-5
+            columns.append((from_inertia(tensor + e) - base) / 1e-5 * sigma)
+    J = np.stack(columns, axis=-1)
+    return J @ J.T
+
+
+def _scores(c: dict[str, Any], truth: dict[str, np.ndarray], points: np.ndarray, start: RangeStart, run: Any) -> dict:
+    k_true = ratios(np.diag(c["inertia_kg_m2"]))[0]
+    k, k_cov = ratios_over(run.s, run.block)
+    k0 = ratios(start.tensor)[0]
+    row: dict[str, Any] = {
+        "position start": np.linalg.norm(start.r - truth["r"][0]),
+        "velocity start": np.linalg.norm(start.v - truth["v"][0]),
+        "rate start": np.degrees(np.linalg.norm(start.w - truth["w"][0])),
+        "body rate start": np.degrees(np.linalg.norm(start.w - truth["w"][0])),
+        "points start": np.sqrt(np.mean(np.sum((start.f - points) ** 2, axis=1))),
+        "k1 start": abs(k0[0] - k_true[0]),
+        "k2 start": abs(k0[1] - k_true[1]),
+        "axes start": _axes_error(start.tensor),
+        "position end": np.linalg.norm(run.r[-1] - truth["r"][-1]),
+        "velocity end": np.linalg.norm(run.v[-1] - truth["v"][-1]),
+        "attitude end": np.degrees(angle_between(run.q[-1], truth["q"][-1])),
+        "rate end": np.degrees(np.linalg.norm(rotate(run.q[-1], run.w[-1]) - rotate(truth["q"][-1], truth["w"][-1]))),
+        "body rate end": np.degrees(np.linalg.norm(run.w[-1] - truth["w"][-1])),
+        "points end": np.sqrt(np.mean(np.sum((run.f - points) ** 2, axis=1))),
+        "k1 end": abs(k[-1, 0] - k_true[0]),
+        "k2 end": abs(k[-1, 1] - k_true[1]),
+        "axes end": _axes_error(tensor_of(run.s[-1])),
+        "innovation": run.innovation,
+    }
+    error = np.concatenate(
+        [
+            rotation_vector(multiply(conjugate(run.q), truth["q"][1:])),
+            truth["w"][1:] - run.w,
+            from_inertia(np.diag(c["inertia_kg_m2"])) - run.s,
+            truth["r"][1:] - run.r,
+            truth["v"][1:] - run.v,
+        ],
+        axis=1,
+    )
+    for name, part in PARTS.items():
+        row[f"nees {name}"] = _square(error[-1, part], run.block[-1, part, part])
+    row["nees k"] = _square(k[-1] - k_true, k_cov[-1])
+    return {name: float(value) for name, value in row.items()}
+
+
+def _square(e: np.ndarray, P: np.ndarray) -> float:
+    """e^T P^-1 e, scaled first."""
+    scale = np.sqrt(np.diag(P))
+    return float(e / scale @ np.linalg.solve(P / np.outer(scale, scale), e / scale))
+
+
+def _axes_error(tensor: np.ndarray) -> float:
+    """Largest angle [deg] of the principal axes from the true ones, the body's."""
+    V = np.linalg.eigh(tensor)[1]
+    return float(np.degrees(np.arccos(np.clip(np.abs(np.diag(V)), 0, 1)).max()))
+
+
+PARTS = {
+    "attitude": slice(0, 3),
+    "rate": slice(3, 6),
+    "inertia": slice(6, 11),
+    "position": slice(11, 14),
+    "velocity": slice(14, 17),
+    "all of them": slice(0, 17),
+}
+QUANTITIES = (
+    ("points", "feature points, rms [m]", "one order"),
+    ("rate", "angular velocity, inertial axes [deg/s]", "three orders"),
+    ("body rate", "angular velocity, body axes [deg/s]", "three orders"),
+    ("position", "position [m]", "two orders"),
+    ("velocity", "velocity [m/s]", "three orders"),
+    ("k1", "k1", "did not improve"),
+    ("k2", "k2", "did not improve"),
+    ("axes", "principal axes [deg]", "did not improve"),
+)
+
+
+def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Start, end and their ratio, ours beside what the paper says of its own."""
+    good = [r for r in rows if "error" not in r]
+    columns = ["quantity", "paper", "start 50 %", "end 50 %", "end 90 %", "end 100 %", "ours, start rms / end rms"]
+    out = []
+    for key, text, paper in QUANTITIES:
+        start = np.array([r[f"{key} start"] for r in good])
+        end = np.array([r[f"{key} end"] for r in good])
+        gain = np.sqrt(np.mean(start**2)) / np.sqrt(np.mean(end**2))
+        out.append(
+            [
+                text,
+                paper,
+                f"{np.median(start):.3g}",
+                *(f"{np.percentile(end, p):.3g}" for p in (50, 90, 100)),
+                f"{gain:.3g}",
+            ]
+        )
+    attitude = np.array([r["attitude end"] for r in good])
+    out.append(
+        [
+            "attitude [deg]",
+            "known at the start",
+            "0",
+            *(f"{np.percentile(attitude, p):.3g}" for p in (50, 90, 100)),
+            "-",
+        ]
+    )
+    notes = [f"{len(rows)} runs, {len(rows) - len(good)} failed", *(__doc__ or "").split("\n\n")[1:]]
+    for name, part in {**PARTS, "k": slice(0, 2)}.items():
+        values = np.array([r[f"nees {name}"] for r in good])
+        notes.append(consistency(f"{name} at the end", values, part.stop - part.start))
+    notes.append(f"mean squared normalised innovation {np.mean([r['innovation'] for r in good]):.3f}")
+    return {
+        "title": "volpe2017 tables 1-2: one camera and ranges over one orbit",
+        "columns": columns,
+        "rows": out,
+        "notes": notes,
+    }

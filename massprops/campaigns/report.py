@@ -1,0 +1,111 @@
+"""The one-file report of a campaign."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from massprops.campaigns.boxes import box_plot
+from massprops.campaigns.configuration import Plan
+from massprops.campaigns.kinds import load_kind
+from massprops.campaigns.store import Store
+from massprops.campaigns.table import PERCENTILES, Point, columns_of, cost
+from massprops.campaigns.text import cell_text
+from massprops.core.files import write_whole
+from massprops.report.html import number, table, text
+from massprops.report.page import document as page
+
+MOST_POINTS, MOST_COLUMNS, MOST_FAILURES = 60, 24, 100
+
+
+def write_report(folder: Path, plan: Plan, points: list[Point], result: dict[str, Any], store: Store) -> Path:
+    """Writes `report.html`: result, box plots, percentiles, failures, cost and configuration."""
+    sections = [
+        ("result", "Result", _result(result)),
+        ("boxes", "Box plots", _boxes(plan, points)),
+        ("percentiles", "Percentiles", _percentiles(result)),
+        ("failures", "Failures", _failures(points)),
+        ("cost", "Cost", _cost(points, store)),
+        ("configuration", "Configuration", f"<pre>{text(json.dumps(result['configuration'], indent=2))}</pre>"),
+    ]
+    body = "".join(f'<section id="{i}"><h2>{t}</h2>{b}</section>' for i, t, b in sections if b)
+    links = "".join(f'<a href="#{i}">{t}</a>' for i, t, b in sections if b)
+    path = folder / "report.html"
+    write_whole(path, page(f"massprops · campaign {plan.name}", body, links, plan.where))
+    return path
+
+
+def _result(result: dict[str, Any]) -> str:
+    done, failed = result["done"], result["failed"]
+    tiles = [("runs", f"{done} of {result['runs']}"), ("failed", str(failed)), ("points", str(len(result["points"])))]
+    parts = ['<div class="tiles">']
+    parts += [f'<div class="tile"><span>{name}</span><div class="big">{value}</div></div>' for name, value in tiles]
+    parts.append("</div>")
+    if done < result["runs"]:
+        parts.append('<div class="warning">This campaign is not finished: the same command continues it.</div>')
+    for own in result["tables"]:
+        rows = [[cell_text(c) for c in row] for row in own["rows"]]
+        parts.append(f"<h3>{text(own['title'])}</h3>{table(rows, own['columns'])}")
+        parts += [f'<p class="soft">{text(note)}</p>' for note in own.get("notes", ())]
+    return "".join(parts)
+
+
+def _boxes(plan: Plan, points: list[Point]) -> str:
+    wanted = load_kind(plan.kind).boxes(plan)
+    names = columns_of(points)
+    names = [n for n in names if wanted is None or n in wanted][:MOST_COLUMNS]
+    plots = []
+    for name in names:
+        plot = box_plot([(p.label, p.values(name)) for p in points[:MOST_POINTS]], name)
+        if plot:
+            plots.append(f"<div><h3>{text(name)}</h3>{plot}</div>")
+    if not plots:
+        return ""
+    said = "Box: 25 to 75 %, line: median, whiskers: 5 and 95 %, dots: runs outside them. Failed runs are left out."
+    return f'<p class="soft">{said}</p><div class="two">{"".join(plots)}</div>'
+
+
+def _percentiles(result: dict[str, Any]) -> str:
+    points = result["points"]
+    names = list(dict.fromkeys(name for p in points for name in p["columns"]))[:MOST_COLUMNS]
+    head = ("", "runs", "failed", "mean", *(f"{p} %" if p < 100 else "max" for p in PERCENTILES))
+    parts = []
+    for name in names:
+        rows = []
+        for point in points[:MOST_POINTS]:
+            s = point["columns"][name]
+            label = Point(0, point["parameters"], {}).label
+            marks = [number(s[f"p{p}"], 4) for p in PERCENTILES]
+            rows.append((label, s["n"], point["failed"], number(s["mean"], 4), *marks))
+        parts.append(f"<h3>{text(name)}</h3>{table(rows, head)}")
+    if len(points) > MOST_POINTS:
+        parts.append(f'<p class="soft">The first {MOST_POINTS} of {len(points)} points; all are in table.json.</p>')
+    return "".join(parts)
+
+
+def _failures(points: list[Point]) -> str:
+    failed = [(p.label, r.seed, r.error) for p in points for r in p.rows if r.error is not None]
+    if not failed:
+        return ""
+    more = f'<p class="soft">The first {MOST_FAILURES} of {len(failed)}.</p>' if len(failed) > MOST_FAILURES else ""
+    said = '<p class="soft">Any run can be made again alone: massprops campaign CONFIG --only SEED</p>'
+    return said + table(failed[:MOST_FAILURES], ("point", "seed", "error"), numeric=(1,)) + more
+
+
+def _cost(points: list[Point], store: Store) -> str:
+    spent, hosts = cost(points), {r.worker.rsplit(":", 1)[0] for p in points for r in p.rows}
+    rows = [
+        ("processor time", f"{number(spent['cpu_s'], 4)} s, {number(1e3 * spent['cpu_s_per_run'], 3)} ms a run"),
+        ("computers", str(len(hosts))),
+    ]
+    parts = [table(rows, numeric=())]
+    sessions = list(store.sessions())
+    lines = [
+        (begun, place, ", ".join(f"{k} {v}" for k, v in versions.items()), count)
+        for begun, place, versions, count in sessions
+    ]
+    if len({line[2] for line in lines if line[3]}) > 1:
+        parts.append('<div class="warning">The runs were made with more than one version of the code.</div>')
+    parts.append(table(lines, ("begun", "where", "versions", "runs"), numeric=(3,)))
+    return "".join(parts)

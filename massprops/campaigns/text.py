@@ -1,0 +1,72 @@
+"""Tables for the terminal."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from massprops.campaigns.table import PERCENTILES
+
+MOST_POINTS, WIDTH = 60, 120
+
+
+def text_of(document: dict[str, Any]) -> str:
+    """The tables of a campaign: its kind's own, then percentiles of every column, then what failed."""
+    parts = [own_table(table) for table in document["tables"]]
+    if not parts:
+        parts = [_percentiles(document)]
+    if document["failures"]:
+        said = ", ".join(f"{count} × {error}" for error, count in document["failures"].items())
+        parts.append(f"failed: {document['failed']} of {document['done']} runs: {said}")
+    return "\n\n".join(part for part in parts if part)
+
+
+def own_table(table: dict[str, Any]) -> str:
+    """`title`, `columns`, `rows`, `notes` as text."""
+    rows = [[cell_text(c) for c in row] for row in table["rows"]]
+    lines = [str(table["title"]), *aligned([str(c) for c in table["columns"]], rows)]
+    for note in table.get("notes", ()):
+        lines += textwrap.wrap(str(note), WIDTH, initial_indent="  ", subsequent_indent="    ")
+    return "\n".join(lines)
+
+
+def cell_text(cell: Any) -> str:
+    """A table's cell for people."""
+    if cell is None:
+        return "–"
+    if isinstance(cell, float):
+        return f"{cell:.4g}"
+    return str(cell)
+
+
+def aligned(head: list[str], rows: list[list[str]]) -> list[str]:
+    """Columns in line, the first to the left, the others to the right."""
+    rows = [row + [""] * (len(head) - len(row)) for row in rows]
+    wide = [max(len(line[k]) for line in [head, *rows]) for k in range(len(head))]
+    return [
+        "  " + "  ".join(c.ljust(w) if k == 0 else c.rjust(w) for k, (c, w) in enumerate(zip(line, wide, strict=False)))
+        for line in [head, *rows]
+    ]
+
+
+def _percentiles(document: dict[str, Any]) -> str:
+    names = list(dict.fromkeys(name for p in document["points"] for name in p["columns"]))
+    head = ["", "runs", "failed", "mean", *(f"{p} %" if p < 100 else "max" for p in PERCENTILES)]
+    shown, blocks = document["points"][:MOST_POINTS], []
+    for name in names:
+        rows = []
+        for point in shown:
+            s = point["columns"][name]
+            cells = [s["mean"], *(s[f"p{p}"] for p in PERCENTILES)]
+            rows.append([label(point["parameters"]), str(s["n"]), str(point["failed"]), *map(cell_text, cells)])
+        blocks.append("\n".join([name, *aligned(head, rows)]))
+    if len(document["points"]) > MOST_POINTS:
+        blocks.append(f"the first {MOST_POINTS} of {len(document['points'])} points; all are in table.json")
+    return "\n\n".join(blocks)
+
+
+def label(cell: dict[str, Any]) -> str:
+    """A point of the grid in few words."""
+    from massprops.campaigns.table import Point
+
+    return Point(0, cell, cell).label

@@ -1,0 +1,63 @@
+"""The inertia that is assumed: whether a fit contradicts it, and uneven density as what that says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+
+from massprops.diagnosis.search.beside import Watch
+from massprops.diagnosis.search.case import Case
+from massprops.diagnosis.search.moment import EVIDENCE
+from massprops.diagnosis.search.refit import POLISH, Added, Scored, near, refit, with_effects
+from massprops.estimators.batch.solve import believed
+
+DENSITY = "nonuniform-density"
+"""The effect that a contradicted inertia points at."""
+CHANCE = 1e-4
+"""Probability by chance of a departure of the inertia from what is assumed that contradicts it."""
+
+
+def contradicts(case: Case, s: Scored) -> bool:
+    """Whether a fit had to leave the inertia that is assumed: five numbers, as its size is given."""
+    from scipy.stats import chi2
+
+    if case.belief.inertia is None:
+        return False
+    value, _ = believed(s.fit.state, case.belief)
+    return float(value @ value) > float(chi2.isf(CHANCE, 5))
+
+
+def believing(case: Case, s: Scored) -> Scored:
+    """The fit `s`, or one from the assumed inertia if that explains more: where an effect and the inertia can stand for each
+    other, the search for the nearest to what is assumed is long."""
+    if case.belief.inertia is None or not contradicts(case, s):
+        return s
+    firm = replace(case, belief=replace(case.belief, sigma=1e-2 * case.belief.sigma))
+    held = refit(firm, replace(s.fit.state, inertia=case.belief.inertia), s.added, most=40)
+    other = refit(case, held.fit.state, s.added, idle=POLISH)
+    return other if other.bic < s.bic else s
+
+
+def with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
+    """The model with its inertia set free, where it explains the motion only by leaving the assumed one."""
+    free = [m for m in usable if m.NAME == DENSITY and m.NAME not in s.names]
+    if not free or case.belief.inertia is None or not contradicts(case, s):
+        return None
+    added = (*s.added, Added(free[0]))
+    found = refit(case, with_effects(replace(s.fit.state, inertia=case.belief.inertia), added, {}), added)
+    return found if s.bic - found.bic > EVIDENCE and not found.implausible else None
+
+
+def beside_each(case: Case, singles: list[Scored], usable: list[ModuleType], watch: Watch) -> list[Scored]:
+    """Uneven density beside each effect: fitted first and alone it bends to what the other does, and rests there."""
+    density = [Added(m) for m in usable if m.NAME == DENSITY]
+    out: list[Scored] = []
+    for k, s in enumerate(singles):
+        if density and DENSITY not in s.names:
+            watch(f"uneven density beside {s.names[0]}", k, len(singles))
+            added = (*s.added, *density)
+            least = min((p.fit.cost for p in out), default=np.inf)
+            out.append(refit(case, with_effects(s.fit.state, added, {}), added, against=near(least)))
+    return sorted(out, key=lambda s: s.bic)

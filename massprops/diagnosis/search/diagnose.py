@@ -1,0 +1,440 @@
+"""`massprops diagnose`: fit the base model, find where it fails, name what is missing, add it, show the gap shrink."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from massprops.core.outputs import Outputs, verify
+from massprops.errors import InputError, NotPossible
+from massprops.estimators.result import ratios
+
+if TYPE_CHECKING:
+    from massprops.diagnosis.diagnose import BalanceDiagnosis
+    from massprops.diagnosis.search.case import Case
+    from massprops.diagnosis.search.refit import Scored
+    from massprops.diagnosis.search.select import Selection
+    from massprops.estimators.problem import Problem
+    from massprops.sequence.data import Sequence
+
+ASTRAY = 8.0
+"""Residual over the noise at which the first guess may have gone astray."""
+AGREE = 0.01
+"""Relative difference of the residuals at which two guesses led to the same."""
+OTHER_PATH = 0.1
+"""Fall of BIC per measurement with which the base model shows the path by itself."""
+BETTER_PATH = 0.5
+"""Share of the excess mean square that another path must explain to be worth a selection of its own."""
+PREDICTS = 1.1
+"""Residual held out up to which nothing better is looked for."""
+DOUBTS = (8.0, 40.0)
+"""Times the stated noise that further guesses allow for."""
+
+NAMES = ("residual.csv", "model.yaml", "diagnosis.json", "report.html")
+"""Files of a diagnosis."""
+
+Watch = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found.
+
+    Attributes:
+        document: the content of `diagnosis.json`; model: of `model.yaml`.
+        case, selection: the work behind it; torque: the recovered torque, when unexplained; history: momentum and energy.
+        surface: (s, 3) points of a run's mesh from its centre of mass, where the body axes are the mesh's, or None.
+    """
+
+    document: dict[str, Any]
+    model: dict[str, Any]
+    case: Case
+    selection: Selection
+    torque: dict[str, Any] | None
+    history: dict[str, Any] | None
+    surface: np.ndarray | None = None
+
+
+def diagnose(
+    source: str | Path | Sequence,
+    out: str | Path | None = None,
+    progress: Watch = lambda what, done, total: None,
+    force: bool = False,
+) -> Diagnosis | BalanceDiagnosis:
+    """Where model and data disagree, and which effect the model lacks.
+
+    Body rates alone, and attitudes alone, go by the balance of momentum (`massprops.diagnosis`), everything else by the search over starts.
+
+    Args:
+        source: sequence folder, run folder, or a `Sequence`.
+        out: folder for `diagnosis.json`, `model.yaml`, `residual.csv` and `report.html`.
+        progress: told of each step.
+
+    Raises:
+        InputError: an unreadable sequence, or a body file that contradicts itself.
+        NotPossible: nothing in the sequence shows how the body moves.
+    """
+    from massprops.diagnosis.diagnose import decides, diagnose_by_balance
+    from massprops.diagnosis.search.noise import with_track_noise
+    from massprops.estimators.problem import problem_of
+    from massprops.sequence.read import read_sequence
+
+    given = [Path(source)] if isinstance(source, str | Path) else []
+    for folder in given:
+        verify(folder, "sequence/", "mesh.ply", "massprops.json")
+    sequence = read_sequence(source) if isinstance(source, str | Path) else source
+    if out is not None and Path(out).is_file():
+        raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
+    if out is not None:  # before the work is done
+        Outputs(Path(out)).check("diagnose", NAMES, given, force)
+    if decides(sequence):
+        by_balance = diagnose_by_balance(sequence, progress)
+        if out is not None:
+            write_found(Path(out), by_balance, given, force)
+        return by_balance
+    run = None if sequence.folder is None else sequence.folder.parent
+    problem = with_track_noise(sequence, problem_of(sequence))
+    found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
+    if run is not None and found.case.first.body_frame == "attitude0":
+        found = replace(found, surface=_surface(run))
+    if out is not None:
+        write_found(Path(out), found, given, force)
+    return found
+
+
+def write_found(
+    out: Path, found: Diagnosis | BalanceDiagnosis, inputs: Iterable[Path] = (), force: bool = False
+) -> Path:
+    """The files of a diagnosis, all of them or none; see `files.write_diagnosis`."""
+    from massprops.diagnosis.diagnose import contents_of
+    from massprops.diagnosis.search.files import write_contents, write_diagnosis
+
+    if isinstance(found, Diagnosis):
+        return write_diagnosis(out, found, inputs, force)
+    return write_contents(out, contents_of(found), inputs, force)
+
+
+def _surface(run: Path) -> np.ndarray | None:
+    """(s, 3) corners of a run's mesh from its centre of mass; None where there is no run."""
+    if not (run / "mesh.ply").is_file() or not (run / "massprops.json").is_file():
+        return None
+    import json
+
+    import trimesh
+
+    corners = np.asarray(trimesh.load(run / "mesh.ply", process=False).vertices, float)  # type: ignore[union-attr]
+    return corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
+
+
+def diagnose_problem(
+    problem: Problem, progress: Watch = lambda what, done, total: None, own_attitudes: bool = True
+) -> Diagnosis:
+    """`diagnose` on measurements in memory.
+
+    Args:
+        own_attitudes: attitude0 does not come from the same pictures as the tracks, as it does in a run.
+    """
+    from massprops.diagnosis.search.axes import otherwise
+    from massprops.diagnosis.search.case import case_of
+    from massprops.diagnosis.search.refit import refit
+    from massprops.diagnosis.search.select import Selection
+    from massprops.diagnosis.search.strays import mended
+    from massprops.diagnosis.search.unexplained import recovered_torque
+    from massprops.diagnosis.search.worth import explained
+
+    # many fits are to come: the free body goes by the compiled kernel, too
+    importlib.import_module("massprops.dynamics.march")
+    progress("first guess", 0, 1)
+    case, base = _begin(case_of, refit, problem, progress, own_attitudes)
+    case, base = mended(case, base)
+    blind = _blind(case, base)
+    if blind:
+        selection = Selection(base, best=base)
+    else:
+        if not explained(base):
+            progress("base model, the axes otherwise", 0, 1)
+            base = otherwise(case, base)
+        case, selection = _on_some_path(case, base, progress)
+    base = selection.base
+    torque = None
+    if selection.verdict == "unexplained":
+        progress("torque without a model", 0, 1)
+        torque = recovered_torque(case, base)
+    history = _history(case, selection)
+    document = _document(case, selection, torque, history)
+    if blind:
+        document["reason"] = blind
+    best = selection.best if selection.best is not None else base
+    return Diagnosis(document, _model(case, base, best), case, selection, torque, history)
+
+
+def _begin(
+    case_of: Callable, refit: Callable, problem: Problem, progress: Watch, own_attitudes: bool
+) -> tuple[Case, Scored]:
+    """The base model from the first guess that leads somewhere: sensors that are wrong together look like outliers to it.
+
+    Raises:
+        NotPossible: no guess shows an attitude.
+    """
+    best: tuple[Case, Scored] | None = None
+    refused: NotPossible | None = None
+    for doubt in (1.0, *DOUBTS):
+        try:
+            case = case_of(problem, doubt, own_attitudes)
+        except NotPossible as error:
+            refused = refused or error
+            continue
+        progress("base model", 0, 1)
+        base = refit(case, case.first.state, (), most=40)
+        again = best is not None and abs(base.fitted - best[1].fitted) < AGREE * base.fitted
+        if best is None or base.fitted < best[1].fitted:
+            best = case, base
+        if again or best[1].fitted < ASTRAY or not case.first.observed.any():
+            break
+    if best is None:
+        raise refused or NotPossible("nothing in the sequence shows how the body moves")
+    return best
+
+
+def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Selection]:
+    """The selection of effects on the path of free fall beside the chaser, or on a straight one where that explains more:
+    then one of the two is held in its place, or the record was made so."""
+    from massprops.diagnosis.search.moment import EVIDENCE
+    from massprops.diagnosis.search.refit import refit
+    from massprops.diagnosis.search.stepwise import lean
+    from massprops.diagnosis.search.worth import explained
+    from massprops.dynamics.surroundings import Surroundings
+
+    if not case.around.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
+        return case, _selected(case, base, progress)
+    said = "the path is straight, not that of free fall beside the chaser: one of the two is held, it seems"
+    other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))
+    other_base = refit(other, base.fit.state, (), most=40)
+    much = case.fitted.count
+    if other_base.bic < base.bic - OTHER_PATH * much or explained(other_base):
+        (case, base), (other, other_base) = (other, other_base), (case, base)
+    found = _selected_unless(other, case, base, progress)
+    if found is None:
+        (case, base), (other, other_base) = (other, other_base), (case, base)
+        found = _selected(case, base, progress)
+    best = found.best or base
+    begun = replace(best.fit.state, points=other_base.fit.state.points)
+    # an effect that stood for the wrong path is idle on the right one
+    same = lean(other, refit(other, begun, best.added, against=best.fit.cost))
+    if explained(best) and not best.held > PREDICTS:
+        if explained(same) and same.bic < best.bic - EVIDENCE:
+            return other, replace(found, base=other_base, best=same)
+        return case, found
+    left, there = best.fitted**2 - 1.0, same.fitted**2 - 1.0
+    if there > (1.0 - BETTER_PATH) * left:
+        return case, found
+    again = _selected(other, other_base, progress)
+    return (other, again) if (again.best or other_base).bic < best.bic else (case, found)
+
+
+def _selected(case: Case, base: Scored, progress: Watch) -> Selection:
+    found = _selected_unless(None, case, base, progress)
+    assert found is not None
+    return found
+
+
+def _selected_unless(other: Case | None, case: Case, base: Scored, progress: Watch) -> Selection | None:
+    """The selection of effects; None where one alone explains more in the `other` case."""
+    from massprops.diagnosis.search.select import select
+
+    violated = False
+    if case.belief.inertia is not None:
+        base, violated = _judged(case, base, case.belief.inertia)
+    return select(case, base, progress, violated, other)
+
+
+def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:
+    """The base model with its inertia held at what is assumed, when the data contradict that assumption: as it is where
+    that leads astray."""
+    from massprops.diagnosis.search.assumed import contradicts
+    from massprops.diagnosis.search.refit import refit
+
+    if not contradicts(case, base):
+        return base, False
+    firm = replace(case, belief=replace(case.belief, sigma=1e-3 * case.belief.sigma))
+    state = replace(base.fit.state, inertia=assumed)
+    held = refit(firm, state, (), most=40)
+    if held.fitted > ASTRAY * base.fitted:
+        return base, True
+    return replace(held, bic=base.bic), True
+
+
+def _blind(case: Case, base: Scored) -> str:
+    """Why this record can show no missing effect at all; empty when it can."""
+    turned = case.speed * case.span
+    if turned < MOST_HIDDEN_TURN:
+        return (
+            f"not observable: the body turns by {np.degrees(turned):.0f} deg only, too little to tell free rotation, or "
+            "what is missing from it, from anything else"
+        )
+    return ""
+
+
+MOST_HIDDEN_TURN = 0.5
+"""Turn over the whole record [rad] below which free rotation and its inertia cannot be told from anything else."""
+
+
+def _history(case: Case, selection: Selection) -> dict[str, Any] | None:
+    from massprops.diagnosis.search.history import momentum_and_energy
+
+    best = selection.best or selection.base
+    motion = best.fit.predicted
+    return momentum_and_energy(case.problem.times, motion.q, motion.motion.w, best.fit.state.inertia)
+
+
+def _document(
+    case: Case, s: Selection, torque: dict[str, Any] | None, history: dict[str, Any] | None
+) -> dict[str, Any]:
+    from massprops.diagnosis.search.assumed import DENSITY
+    from massprops.diagnosis.search.where import worst_places
+
+    base, best = s.base, s.best or s.base
+    named = best if s.verdict in ("named", "ambiguous") else None
+    effects = [] if named is None else _entries(named, s)
+    if s.verdict == "ambiguous":
+        for rival in s.rivals:
+            effects += [e for e in _entries(rival, s) if e["name"] not in {x["name"] for x in effects}]
+    candidates = [_entry(x, s) for x in sorted(s.tried, key=lambda x: x.bic)]
+    after = named or (best if s.verdict == "unexplained" else base)
+    document = {
+        "format": "massprops-diagnosis/1",
+        "verdict": s.verdict,
+        "reason": _reason(case, s),
+        "effects": effects,
+        "candidates": candidates,
+        "skipped": s.skipped,
+        "where": worst_places(case.problem, case.fitted, base.fit.residuals, base.fit.state.points),
+        "gap": {
+            "fitted": {"before": base.fitted, "after": after.fitted},
+            "held_out": {"before": base.held, "after": after.held},
+            "noise_floor": 1.0,
+        },
+        "whiteness": {"before": base.white, "after": after.white},
+        "corrected": _corrected(base, after),
+        "axes": AXES[case.first.body_frame],
+        "model": "model.yaml",
+        "warnings": list(case.warnings),
+    }
+    if torque is not None:
+        document["torque"] = {k: v for k, v in torque.items() if k not in ("times", "torque")}
+    if history is not None:
+        document["momentum"] = {k: v for k, v in history.items() if np.ndim(v) == 0}
+    if named is not None and DENSITY in named.names and case.belief.inertia is not None:
+        from massprops.diagnosis.search.hidden_mass import hidden_mass
+
+        document["hidden_mass"] = hidden_mass(case.belief.inertia, whole_inertia(named))
+    return document
+
+
+AXES = {
+    "attitude0": "body axes are those of attitude0",
+    "body.yaml": "body axes are those of body.yaml, but for half turns about its principal axes, which no motion shows",
+    "own": "body axes are cam0's at the first epoch that shows the body, or the gyroscope's: attitude0 or body.yaml would fix them",
+}
+"""What parameters in body axes refer to."""
+
+
+def whole_inertia(s: Scored) -> np.ndarray:
+    """(3, 3) inertia at the start of the record with what effects change of it, mean moment 1."""
+    from massprops.dynamics.rotation import inertia_at_start
+
+    state = s.fit.state
+    inertia = inertia_at_start(state.inertia, state.model.acting, state.model.flat(True))
+    return 3.0 * inertia / np.trace(inertia)
+
+
+def _corrected(base: Scored, after: Scored) -> dict[str, Any]:
+    """Ratios, rate and axes with and without the effects."""
+    (k_base, axes_base), (k_after, axes_after) = ratios(whole_inertia(base)), ratios(whole_inertia(after))
+    cosine = np.clip(np.abs(np.sum(axes_base * axes_after, axis=0)), 0, 1)
+    return {
+        "k1": {"before": float(k_base[0]), "after": float(k_after[0])},
+        "k2": {"before": float(k_base[1]), "after": float(k_after[1])},
+        "rate_rad_s": {"before": base.fit.state.w0.tolist(), "after": after.fit.state.w0.tolist()},
+        "axes_moved_deg": np.degrees(np.arccos(cosine)).tolist(),
+    }
+
+
+def _entries(model: Scored, s: Selection) -> list[dict[str, Any]]:
+    """One entry for each effect of a model, with what that effect alone is worth."""
+    out = []
+    for a in model.added:
+        without = [x for x in s.tried if set(x.names) == set(model.names) - {a.name}]
+        rest = min(without, key=lambda x: x.bic) if without else s.base
+        entry = _entry(model, s, rest)
+        values, sigma = model.fit.state.model.value(a.name), model.sigma[a.name]
+        names = [q.name for q in a.effect.PARAMETERS]
+        entry["name"] = a.name
+        entry["sentence"] = a.effect.SENTENCE
+        entry["parameters"] = {n: float(v) for n, v in zip(names, values, strict=True)}
+        entry["sigma"] = {n: float(v) for n, v in zip(names, sigma, strict=True)}
+        entry["units"] = {q.name: q.unit for q in a.effect.PARAMETERS}
+        out.append(entry)
+    return out
+
+
+def _entry(model: Scored, s: Selection, without: Scored | None = None) -> dict[str, Any]:
+    base = without or s.base
+    parameters, sigma = {}, {}
+    for a in model.added:
+        for q, v, e in zip(a.effect.PARAMETERS, model.fit.state.model.value(a.name), model.sigma[a.name], strict=True):
+            key = q.name if len(model.added) == 1 else f"{a.name}.{q.name}"
+            parameters[key], sigma[key] = float(v), float(e)
+    return {
+        "name": " + ".join(model.names),
+        "parameters": parameters,
+        "sigma": sigma,
+        "delta_bic": float(base.bic - model.bic),
+        "held_out_gain": float(base.held - model.held),
+        "fitted": model.fitted,
+        "held_out": model.held,
+        "whiteness": model.white,
+        "implausible": model.implausible or None,
+    }
+
+
+def _reason(case: Case, s: Selection) -> str:
+    base, best = s.base, s.best or s.base
+    if s.verdict == "none":
+        return (
+            f"the base model explains the data: residuals are {base.fitted:.2f} of the stated noise, without structure"
+        )
+    if s.verdict == "named":
+        return "; ".join(a.effect.SENTENCE for a in best.added)
+    if s.verdict == "ambiguous":
+        every = [" + ".join(x.names) for x in (best, *s.rivals)]
+        return f"this data cannot tell apart: {', '.join(every)}. {_separates(case, every)}"
+    held = f", and {best.held:.2f} on data held out" if np.isfinite(best.held) else ""
+    left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}{held}"
+    return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{left}"
+
+
+def _separates(case: Case, names: list[str]) -> str:
+    text = " ".join(names)
+    if "range" not in case.there and ("baseline-error" in text or "focal-length-error" in text):
+        return "A range sensor would separate them."
+    if "magnetic" in text or "eddy" in text or "solar" in text:
+        return "A longer record, over which Sun and field change their direction in the body, would separate them."
+    return "A longer record or a second sensor (range, body rates) would separate them."
+
+
+def _model(case: Case, base: Scored, best: Scored) -> dict[str, Any]:
+    from massprops.model import document_of
+
+    state = best.fit.state
+    document = document_of(replace(state.model, inertia=whole_inertia(best)), best.sigma)
+    document["inertia_note"] = "body axes, mean moment 1, with the effects at the start of the record"
+    document["angular_velocity_rad_s"] = state.w0.tolist()
+    document["attitude"] = state.q0.tolist()
+    document["corrected"] = _corrected(base, best)
+    return document

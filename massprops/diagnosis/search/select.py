@@ -1,0 +1,293 @@
+"""Forward selection of effects, with a backward check; which cannot be told apart, and whether it is enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from types import ModuleType
+
+import numpy as np
+
+from massprops.diagnosis.search.assumed import DENSITY, beside_each
+from massprops.diagnosis.search.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_beside
+from massprops.diagnosis.search.case import Case
+from massprops.diagnosis.search.misfit import count, mean_square
+from massprops.diagnosis.search.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
+from massprops.diagnosis.search.profile import profiled
+from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnosis.search.score import score_tests
+from massprops.diagnosis.search.stepwise import stepwise
+from massprops.diagnosis.search.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
+from massprops.effects import effects, forms, places_of
+from massprops.estimators.batch.linearise import residuals
+from massprops.estimators.batch.measurements import measurements_of
+from massprops.model import lacks
+
+CLOSE = 6.0
+"""Difference of BIC below which two explanations cannot be told apart."""
+FIRST_SHARE = 0.35
+"""Share of the excess mean square that an effect's simple form may leave over to be thought of as the leading one."""
+AS_GOOD = 0.5
+"""Share of the best gain of BIC at which an effect's longer forms come before pairs of effects."""
+BEAM = 2
+FITS_OF_A_FORM = 4
+MOST_SCORES = 26
+JOINS = 1.05
+"""Held-out residual over the noise beyond which the held-out data are asked to join the fit."""
+SPOILS = 1e-6
+"""Probability by chance of the rise of chi-square with which the held-out data spoil a fit: far less than where the fitted
+data leave nothing else open, as the motion is not linear in its parameters."""
+SMALL = 1500
+"""Scalar measurements up to which every start is fitted for a few iterations rather than scored."""
+NEARLY = 0.03
+"""Share of the excess mean square that may be left over when an effect is named although structure remains."""
+
+
+@dataclass
+class Selection:
+    """The course of a selection.
+
+    Attributes:
+        base: the base model; tried: every model fitted with effects; best: the model chosen, or the base.
+        rivals: models that explain as much as the best; skipped: effect to why it was not tried.
+        verdict: none, named, ambiguous or unexplained.
+    """
+
+    base: Scored
+    tried: list[Scored] = field(default_factory=list)
+    best: Scored | None = None
+    rivals: list[Scored] = field(default_factory=list)
+    skipped: dict[str, str] = field(default_factory=dict)
+    verdict: str = "none"
+
+
+def select(
+    case: Case,
+    base: Scored,
+    watch: Watch = lambda what, done, total: None,
+    violated: bool = False,
+    other: Case | None = None,
+) -> Selection | None:
+    """Which effects the base model lacks; None where one of them alone explains more in the `other` case than any in this.
+
+    Args:
+        base: the fitted base model; violated: the assumed inertia is contradicted although the residuals are small.
+        watch: told of each step.
+    """
+    out = Selection(base, best=base)
+    usable: list[ModuleType] = []
+    for name, module in effects().items():
+        if not getattr(module, "SEARCHED", True):
+            continue
+        missing = lacks(module, set(case.there))
+        if missing:
+            out.skipped[name] = missing
+        else:
+            usable.append(module)
+    if explained(base) and not base.held > PREDICTS and not violated:
+        return out
+    first = fits_beside(case, base, usable, FEWEST_FITS, watch, "one effect")
+    if violated and not any(DENSITY in s.names for s in first):
+        # what the contradiction itself says, however steep the scores of others from so wrong a model
+        density = [m for m in usable if m.NAME == DENSITY]
+        first = sorted([*first, *fits_beside(case, base, density, 1, watch, "one effect")], key=lambda s: s.bic)
+    if first and not explained(first[0]) and first[0].fit.iterations >= MOST_ITERATIONS:
+        # what leads is seen through to its end before another effect is asked to help
+        first[0] = refit(case, first[0].fit.state, first[0].added, most=3 * MOST_ITERATIONS)
+    if other is not None and _explains_more(other, base, first):
+        return None
+    out.tried += first
+    longer: list[Scored] = []
+    good = [s for s in first if may_be(s, base)]
+    done = [s for s in good if settled(s)]
+    near, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
+
+    def lengthen(modules: list[ModuleType]) -> list[Scored]:
+        """Longer forms of some effects; those that explain the data."""
+        found: list[Scored] = []
+        for module in modules:
+            found += _longer_forms(case, base, module, first, watch)
+            if any(explained(s) and may_be(s, base) for s in found):
+                break
+        longer.extend(found)
+        out.tried.extend(found)
+        good[:] = sorted([*good, *(s for s in found if may_be(s, base))], key=lambda s: s.bic)
+        return [s for s in good if settled(s)]
+
+    done = done or lengthen(near)
+    if not done and good:
+        pairs = beside_each(case, first, usable, watch) if violated else []
+        better = [p for p in pairs if may_be(p, base) and all_needed(p, [*first, *longer])]
+        done = [p for p in better if settled(p)]
+        for k, s in enumerate([] if done else _beam(good)):
+            rest = [m for m in usable if m.NAME not in s.names]
+            what = f"two effects, with {s.names[0]} ({k + 1})"
+            least = min((p.fit.cost for p in pairs), default=np.inf)
+            pairs += fits_beside(case, s, rest, FITS_OF_A_PAIR, watch, what, against=least)
+            better = [p for p in pairs if may_be(p, base) and all_needed(p, [*first, *longer])]
+            done = [p for p in better if settled(p)]
+            if done:
+                break
+        out.tried += pairs
+        good = sorted([*good, *better], key=lambda s: s.bic)
+    if good:
+        steps = stepwise(case, ([s for s in good if explained(s)] or good)[0], usable, watch)
+        out.tried += steps
+        good = sorted([*good, *(s for s in steps if may_be(s, base))], key=lambda s: s.bic)
+    if not any(explained(s) for s in good):
+        if explained(base) and not violated:
+            return out
+        lengthen(far)
+    done = [s for s in good if explained(s)] or [s for s in good if fits(s)][:1]
+    while done and not _constant(case, done[0]):
+        done = done[1:]
+    if done:
+        chosen, out.rivals = _decided(case, done)
+        out.best = _to_the_end(case, chosen)
+        out.verdict = "ambiguous" if out.rivals else "named"
+        return out
+    if good:
+        out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
+        left = good[0].fitted ** 2 - 1.0
+        nearly = left < NEARLY * (base.fitted**2 - 1.0) and not good[0].held > STRAYS and not good[0].implausible
+        if nearly and _constant(case, good[0]):
+            out.best = _to_the_end(case, good[0])
+            out.rivals = _rivals_of(good)
+            out.verdict = "ambiguous" if out.rivals else "named"
+            return out
+    out.verdict = "unexplained"
+    return out
+
+
+def _to_the_end(case: Case, s: Scored) -> Scored:
+    """The model chosen, searched until nothing is gained: its parameters are what is told."""
+    return profiled(case, refit(case, s.fit.state, s.added, most=4 * MOST_ITERATIONS, idle=0.1 * POLISH))
+
+
+def _on_all(case: Case, s: Scored) -> Scored:
+    """The model fitted to the held-out data as well: a right model whose parameters the fitted data leave open predicts
+    badly, but explains all."""
+    keep = np.zeros_like(case.first.observed)
+    for m in (case.fitted, case.held):
+        keep[m.seen.epoch, m.seen.camera, m.seen.feature] = True
+    every = measurements_of(case.problem, None, keep, case.first.channels)
+    return refit(replace(case, fitted=every), s.fit.state, s.added)
+
+
+def _constant(case: Case, s: Scored) -> bool:
+    """Whether the held-out data join a model's fit without spoiling it (Chow 1960): a right model whose parameters the
+    fitted data leave open predicts badly, but stays right.
+
+    The fit moves by what the held-out data know: chi-square of the fitted data rises by a sum of squares, each weighted
+    with the share of all that is known of one direction which the held-out data bring (Satterthwaite's approximation).
+    """
+    from scipy.stats import chi2
+
+    if explained(s) and not s.held > JOINS or not np.isfinite(s.held):
+        return True
+    whole = _on_all(case, s)
+    now = mean_square(residuals(case.problem, case.fitted, whole.fit.predicted))
+    rise = count(s.fit.residuals) * (now - s.fitted**2) / max(1.0, s.fitted**2)
+    scale = whole.fit.scale
+    ours = s.fit.information / scale[:, None] / scale
+    share = 1.0 - np.linalg.eigvals(np.linalg.pinv(whole.fit.unit, hermitian=True) @ ours).real
+    points = np.full(s.fit.parameters - len(ours), 1.0 - count(s.fit.residuals) / count(whole.fit.residuals))
+    share = np.clip(np.concatenate([share, points]), 1e-3, 1.0)
+    mean, spread = share.sum(), (share**2).sum()
+    return bool(rise * mean / spread < chi2.isf(SPOILS, mean**2 / spread) and (fits(whole) or not fits(s)))
+
+
+def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
+    """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data."""
+    models = distinct(done)
+    close = [s for s in models if s.bic - models[0].bic < EVIDENCE and len(s.added) == len(models[0].added)]
+    if len(close) == 1:
+        return close[0], []
+    worth = {s.names: _on_all(case, s).bic for s in close}
+    close.sort(key=lambda s: worth[s.names])
+    return close[0], [s for s in close[1:] if worth[s.names] - worth[close[0].names] < CLOSE]
+
+
+def _rivals_of(models: list[Scored]) -> list[Scored]:
+    """Other explanations as good as the first: not the same with something idle besides."""
+    best = models[0]
+    return [
+        s
+        for s in distinct(models)
+        if s.bic - best.bic < CLOSE and not set(s.names) >= set(best.names) and not set(s.names) <= set(best.names)
+    ]
+
+
+def _explains_more(other: Case, base: Scored, first: list[Scored]) -> bool:
+    """Whether an effect alone explains more in another case than the best does here."""
+    good = [s for s in first if may_be(s, base)]
+    if not good or settled(good[0]):
+        return False
+    against = good[0].fit.cost
+    tried = (refit(other, s.fit.state, s.added, against=against) for s in distinct(good))
+    return any(t.bic < good[0].bic - EVIDENCE for t in tried)
+
+
+def _beam(good: list[Scored]) -> list[Scored]:
+    """The models that a second effect is tried beside: the best, and the best of those without a moment, as an effect that
+    begins at any time can follow much that it is not."""
+    models = distinct(good)
+    smooth = [s for s in models if not any(places_of(a.effect, "time") for a in s.added)]
+    first = models[:BEAM]
+    return first + [s for s in smooth[:1] if s not in first]
+
+
+def _nearness(
+    case: Case, first: list[Scored], base: Scored, modules: list[ModuleType]
+) -> tuple[list[ModuleType], list[ModuleType]]:
+    """The effects whose simple form explains about as much as any other's, and the rest that may be worth more.
+
+    A jump of the tracks that leaves most of the misfit in its simple form is not worth the search over its moment. A
+    small record is cheap: there all are near.
+    """
+    if case.fitted.count <= SMALL or not first:
+        return modules, []
+    most = base.bic - min(s.bic for s in first)
+    best = {m.NAME: min((s for s in first if s.names == (m.NAME,)), key=lambda s: s.bic, default=None) for m in modules}
+    near, far = [], []
+    for m in modules:
+        s = best[m.NAME]
+        much = s is not None and s.fitted**2 - 1.0 < FIRST_SHARE * (base.fitted**2 - 1.0)
+        if s is not None and much and base.bic - s.bic > AS_GOOD * most:
+            near.append(m)
+        elif much or not moves_at_once(m):
+            far.append(m)
+    return near, far
+
+
+def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Scored], watch: Watch) -> list[Scored]:
+    """Fits of an effect's longer forms, from its simple form and from its own starts with the best score."""
+    out = []
+    if moves_at_once(module):
+        # before more is let in: the simple form at the moment that suits it best
+        out = [best_moment(case, s) for s in singles if s.names == (module.NAME,)]
+        singles = out
+        if any(explained(s) for s in out):
+            return out
+    for form in range(1, forms(module)):
+        added = (Added(module, form),)
+        states = [between_epochs(case, s.fit.state, added[0]) for s in singles if s.names == (module.NAME,)]
+        if hasattr(module, "longer_starts"):
+            offered = [np.array(v, float) for v in module.longer_starts(case.span, case.speed)]
+            watch(f"{module.NAME}, form {form + 1}", 0, 1)
+            if case.fitted.count <= SMALL:
+                # a wrong base model leaves a wrong inertia: begin with a ball as well
+                balls = (base.fit.state, replace(base.fit.state, inertia=np.eye(3)))
+                begun = [with_effects(b, added, {module.NAME: v}) for b in balls for v in offered]
+                short = sorted((refit(case, state, added, most=6) for state in begun), key=lambda s: s.bic)
+                states += [s.fit.state for s in short[:FITS_OF_A_FORM]]
+            else:
+                offered = offered[:: max(1, len(offered) // MOST_SCORES)]
+                tests = sorted(score_tests(case, base, [(added[0], v) for v in offered]), key=lambda t: -t.gain)
+                states += [
+                    with_effects(base.fit.state, added, {module.NAME: t.start}) for t in tests[: FITS_OF_A_FORM // 2]
+                ]
+        small = case.fitted.count <= SMALL
+        least = np.inf if small else near(min((s.fit.cost for s in singles), default=np.inf))
+        fits = [refit(case, state, added, most=40 if small else 20, against=least) for state in states]
+        out += [s if explained(s) else best_moment(case, s) for s in fits]
+    return out

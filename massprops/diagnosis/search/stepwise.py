@@ -1,0 +1,142 @@
+"""Forward steps from a model, each with a backward check, and exchanges of one effect for another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+
+from massprops.diagnosis.search.assumed import DENSITY, believing, with_mass
+from massprops.diagnosis.search.beside import FITS_OF_A_PAIR, Watch, fits_beside
+from massprops.diagnosis.search.case import Case
+from massprops.diagnosis.search.misfit import count
+from massprops.diagnosis.search.moment import EVIDENCE, best_moment
+from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnosis.search.worth import WORSE, explained, worth
+from massprops.effects import paced, searched
+
+MOST_EFFECTS = 2
+"""Effects at once that are sought; a third stands beside them only until one of the three is idle."""
+EXCHANGES = 2
+"""Effects that are fitted in place of each of two."""
+
+
+def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) -> list[Scored]:
+    """Models on the way from `start` to one beside which no effect is worth its parameters, and what comes near that.
+
+    Each step adds the effect that explains most of what is left, then takes away the one that became idle: what was
+    chosen first, to stand for two effects, gives way when both are there. At the end each of two is exchanged for others.
+    """
+    found = [believing(case, best_moment(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False))]
+
+    def follow(s: Scored) -> None:
+        if s is not found[-1]:
+            found.append(s)
+
+    follow(lean(case, found[-1]))
+    while (better := _grown(case, found[-1], usable, watch)) is not None:
+        found.append(better)
+    for a in found[-1].added:
+        plain = _simpler(case, found[-1], a) if a.form else None
+        if plain is not None and plain.bic < found[-1].bic and _may_follow(plain, found[-1]):
+            found.append(plain)
+    if len(found) > 1:
+        follow(best_moment(case, found[-1], far=False))
+        follow(_best_pace(case, found[-1], watch))
+    at = found[-1]
+    if len(at.added) > MOST_EFFECTS:
+        fewer = min((_without(case, at, a, against=near(at.fit.cost)) for a in at.added), key=worth)
+        if worth(fewer) < worth(at) and _may_follow(fewer, at):
+            found.append(fewer)
+    if explained(found[-1]) and len(found[-1].added) > 1:
+        found += _exchanged(case, found[-1], usable, watch)
+    return found
+
+
+def lean(case: Case, at: Scored) -> Scored:
+    """The model without an effect that is idle beside the others: chosen beside a poor fit of another, which then found its
+    place."""
+    for a in at.added if len(at.added) > 1 else ():
+        price = EVIDENCE + np.log(count(at.fit.residuals)) * sum(searched(a.effect, a.form))
+        fewer = _without(case, at, a) if _needed(at, a) < price else None
+        if fewer is not None and worth(fewer) <= worth(at) and _may_follow(fewer, at):
+            return fewer
+    return at
+
+
+def _needed(s: Scored, a: Added) -> float:
+    """By how much chi-square would rise without an effect, to second order (Wald's test)."""
+    own, at = np.zeros(len(s.fit.free), bool), 17
+    for module in s.fit.state.model.modules:
+        for i, q in enumerate(module.PARAMETERS):
+            own[at + i] = module is a.effect and q.kind == "number"
+        at += len(module.PARAMETERS)
+    values = np.concatenate([np.zeros(17), *s.fit.state.model.values])[s.fit.free]
+    own = own[s.fit.free]
+    H, v = s.fit.unit, (values * s.fit.scale)[own]
+    across = H[np.ix_(own, ~own)]
+    left = H[np.ix_(own, own)] - across @ np.linalg.pinv(H[np.ix_(~own, ~own)], hermitian=True) @ across.T
+    return float(v @ left @ v)
+
+
+def _grown(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
+    """The next model with one effect more, or with another: mass that a contradicted inertia asks for comes first."""
+    mass = with_mass(case, at, usable) if len(at.added) <= MOST_EFFECTS else None
+    return mass or _step(case, at, usable, watch)
+
+
+def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
+    """The model with another effect, or with that in place of one of its own; None where neither is worth it."""
+    what = f"beside {' + '.join(at.names)}"
+    larger = fits_beside(case, at, _rest(at, usable), FITS_OF_A_PAIR, watch, what, pays=True, against=at.fit.cost)
+    if not larger or not worth(larger[0]) < worth(at):
+        return None
+    fewer = [_without(case, larger[0], a, against=near(at.fit.cost)) for a in at.added]
+    options = fewer if len(at.added) >= MOST_EFFECTS else [larger[0], *fewer]
+    better = [s for s in options if _may_follow(s, at) and worth(s) < worth(at)]
+    return min(better, key=worth) if better else None
+
+
+def _best_pace(case: Case, at: Scored, watch: Watch) -> Scored:
+    """The model, or one with the pace of an effect sought anew: from slow to fast the valley of the misfit is so long and
+    bent that a search begun beside a poor fit of another effect rests far from its lowest place."""
+    for a in at.added:
+        if paced(a.effect):
+            rest = _without(case, at, a, most=0)
+            tried = fits_beside(case, rest, [a.effect], 1, watch, f"pace of {a.name}", against=at.fit.cost)
+            at = min([at, *(s for s in tried if _may_follow(s, at))], key=lambda s: s.bic)
+    return at
+
+
+def _exchanged(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> list[Scored]:
+    """Models with another effect in place of one, sought from the motion that both found together, best first."""
+    out: list[Scored] = []
+    for a in at.added:
+        rest = _without(case, at, a, most=0)
+        what = f"in place of {a.name}"
+        out += fits_beside(case, rest, _rest(at, usable), EXCHANGES, watch, what, against=at.fit.cost)
+    return sorted((s for s in out if _may_follow(s, at)), key=lambda s: s.bic)
+
+
+def _may_follow(s: Scored, at: Scored) -> bool:
+    return not s.implausible and not s.held > at.held + WORSE
+
+
+def _rest(at: Scored, usable: list[ModuleType]) -> list[ModuleType]:
+    """Effects that a score test can add: not what only a contradicted inertia speaks for."""
+    return [m for m in usable if m.NAME not in at.names and m.NAME != DENSITY]
+
+
+def _simpler(case: Case, s: Scored, a: Added) -> Scored:
+    """The model with one effect in its simplest form: the longer was wanted while another effect was not there."""
+    added = tuple(replace(b, form=0) if b is a else b for b in s.added)
+    kept = [
+        v if q.form == 0 else 0.0 for q, v in zip(a.effect.PARAMETERS, s.fit.state.model.value(a.name), strict=True)
+    ]
+    return refit(case, with_effects(s.fit.state, added, {a.name: np.array(kept)}), added)
+
+
+def _without(case: Case, s: Scored, idle: Added, most: int = MOST_ITERATIONS, against: float = np.inf) -> Scored:
+    added = tuple(a for a in s.added if a is not idle)
+    return refit(case, with_effects(s.fit.state, added, {}), added, most, against=against)

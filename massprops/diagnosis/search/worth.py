@@ -1,0 +1,63 @@
+"""What a fitted model is worth: whether it explains the data, may be, and needs each of its effects."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.diagnosis.search.misfit import WHITE
+from massprops.diagnosis.search.moment import EVIDENCE
+from massprops.diagnosis.search.refit import Scored
+
+STRAYS = 1.5
+"""Held-out residual over the noise at which a model that fits does not predict."""
+PREDICTS = 1.12
+"""Held-out residual over the noise up to which nothing better is looked for."""
+HINT = 2.0
+"""Score of the correlation between neighbours that hints at structure where a model predicts badly."""
+WORSE = 0.01
+"""Rise of the held-out residual over the noise with which an effect is still believed."""
+ENOUGH = 1.02
+"""Root-mean-square residual at which nothing is left to explain, whatever its correlation."""
+NOISY = 1.3
+"""Root-mean-square residual that can still be noise stated too low, when neighbours are not alike."""
+
+
+def explained(s: Scored) -> bool:
+    """Nothing but noise is left."""
+    return fits(s) and not s.held >= STRAYS
+
+
+def fits(s: Scored) -> bool:
+    return bool(s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY))
+
+
+def settled(s: Scored) -> bool:
+    """Explained, and not so that a structure in what is left and a poor prediction both speak for something more."""
+    return explained(s) and not (s.held > PREDICTS and s.white > HINT)
+
+
+def may_be(s: Scored, base: Scored) -> bool:
+    predicts = not np.isfinite(s.held) or s.held < base.held + WORSE
+    return bool(not s.implausible and np.isfinite(s.bic) and base.bic - s.bic > EVIDENCE and predicts)
+
+
+def all_needed(pair: Scored, singles: list[Scored]) -> bool:
+    """Backward check: neither effect of a pair is idle beside the other, nor spoils what the other predicts."""
+    return all(
+        s.bic - pair.bic > EVIDENCE and not pair.held > s.held + WORSE
+        for s in singles
+        if set(s.names) < set(pair.names)
+    )
+
+
+def distinct(models: list[Scored]) -> list[Scored]:
+    """The best model of each set of names."""
+    seen: dict[frozenset[str], Scored] = {}
+    for s in sorted(models, key=lambda s: s.bic):
+        seen.setdefault(frozenset(s.names), s)
+    return list(seen.values())
+
+
+def worth(s: Scored) -> float:
+    """BIC with the evidence that each effect must bring besides; lower is better."""
+    return s.bic + EVIDENCE * len(s.added)

@@ -1,0 +1,119 @@
+"""What a user asks of a measured body, by short names: `volume`, `inertia`, `interval`, `mesh`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from massprops.core.shown import Shown, number
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class Measured(Shown):
+    """The values of a `massprops.json` as attributes. Where the document recommends values, these are given.
+
+    Lengths are in metres and masses in kilograms when `metric` is True, else in model units.
+    """
+
+    @property
+    def properties(self) -> dict[str, Any]:
+        """The whole `massprops.json`."""
+        raise NotImplementedError
+
+    @property
+    def metric(self) -> bool:
+        """Whether the scale is known: lengths in metres."""
+        return bool(self.properties["units"]["length"] == "m")
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return float(self._value("volume"))
+
+    @property
+    def mass(self) -> float:
+        """Density times volume [kg]."""
+        return float(self._value("mass"))
+
+    @property
+    def density(self) -> float:
+        """[kg/m^3]; that of water where nobody gave one, see `density_assumed`."""
+        return float(self.properties["density"])
+
+    @property
+    def density_assumed(self) -> bool:
+        """Whether nobody gave the density."""
+        return bool(self.properties.get("density_assumed", False))
+
+    @property
+    def center_of_mass(self) -> np.ndarray:
+        """(3,) in the mesh's axes [m]."""
+        return self._array("center_of_mass")
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """(3, 3) about the centre of mass in the mesh's axes, tensor signs [kg m^2]."""
+        return self._array("inertia")
+
+    @property
+    def principal_moments(self) -> np.ndarray:
+        """(3,) ascending [kg m^2]."""
+        return self._array("principal_moments")
+
+    @property
+    def principal_axes(self) -> np.ndarray:
+        """(3, 3) unit columns in the mesh's axes, right-handed."""
+        return self._array("principal_axes")
+
+    @property
+    def k1(self) -> float:
+        """ln(I1/I2), free of scale and density."""
+        return float(self._ratio("k1"))
+
+    @property
+    def k2(self) -> float:
+        """ln(I2/I3), free of scale and density."""
+        return float(self._ratio("k2"))
+
+    @property
+    def interval(self) -> dict[str, np.ndarray]:
+        """90 % intervals by name: (2,) of a number, (3, 2) of three; empty for a finished mesh of exact scale."""
+        import numpy as np
+
+        bounds = self._value("interval_90") or {}
+        return {name: np.array(pair, float) for name, pair in bounds.items() if pair is not None}
+
+    @property
+    def confidence(self) -> str:
+        """`high`, `medium` or `low`; empty where nothing had to be judged, as for a finished mesh."""
+        return str((self.properties.get("confidence") or {}).get("level", ""))
+
+    def facts(self) -> dict[str, str]:
+        """Volume, mass, moments with their intervals, and the confidence."""
+        length, mass = ("m", "kg") if self.metric else ("unit", "model mass")
+        bounds = self.interval
+        moments = bounds.get("principal_moments", [None] * 3)
+        assumed = " (density assumed, as water)" if self.density_assumed else ""
+        shown = {
+            "volume": number(self.volume, bounds.get("volume"), f"{length}^3"),
+            "mass": number(self.mass, bounds.get("mass"), mass) + assumed,
+        }
+        for i, moment in enumerate(self.principal_moments):
+            shown[f"I{i + 1}"] = number(moment, moments[i], f"{mass} {length}^2")
+        if self.confidence:
+            shown["confidence"] = self.confidence
+        return shown
+
+    def _value(self, name: str) -> Any:
+        recommended = self.properties.get("recommended") or {}
+        return recommended[name] if name in recommended else self.properties.get(name)
+
+    def _array(self, name: str) -> np.ndarray:
+        import numpy as np
+
+        return np.array(self._value(name), float)
+
+    def _ratio(self, name: str) -> float:
+        recommended = self.properties.get("recommended") or {}
+        return float(recommended.get(name, self.properties["inertia_ratios"][name]))

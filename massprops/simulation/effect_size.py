@@ -1,0 +1,117 @@
+"""Effects in a simulation of tracks: which were asked for, and how large they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprops.dynamics.surroundings import Surroundings
+from massprops.effects import effects
+from massprops.errors import InputError
+from massprops.estimators.batch.linearise import Predicted, predict
+from massprops.estimators.batch.measurements import Measurements
+from massprops.estimators.batch.state import BatchState
+from massprops.estimators.problem import Problem
+from massprops.model import lacks, model_of
+from massprops.simulation.track_scenario import TrackScenario
+from massprops.simulation.track_view import pixels
+
+
+def asked_for(
+    s: TrackScenario, problem: Problem, around: Surroundings
+) -> tuple[dict[str, np.ndarray | None], dict[str, float]]:
+    """The effects asked for: parameters where they are given, pixels where they are to be drawn."""
+    known = effects()
+    there = there_of(problem, around, s.range_sigma_m > 0, s.assumed)
+    sizes: dict[str, np.ndarray | None] = {}
+    moves: dict[str, float] = {}
+    for text in s.effects:
+        name, _, size = text.partition(":")
+        if name not in known:
+            raise InputError(f"effect {name!r} is not known; there are {', '.join(known)}")
+        missing = lacks(known[name], there)
+        if missing:
+            raise InputError(f"effect {name} {missing}, which this scenario has not")
+        sizes[name], moves[name] = None, 6.0
+        try:
+            if "=" in size:
+                given = {k.strip(): float(v) for k, v in (part.split("=") for part in size.split(","))}
+                names = [q.name for q in known[name].PARAMETERS]
+                if set(given) - set(names):
+                    raise InputError(f"effect {text}: parameters of {name} are {', '.join(names)}")
+                sizes[name] = np.array([given.get(n, 0.0) for n in names])
+            elif size:
+                moves[name] = float(size)
+        except ValueError:
+            raise InputError(f"effect {text}: give NAME:PIXELS or NAME:parameter=value,...") from None
+        if not 0 < moves[name] <= 1000:
+            raise InputError(f"effect {text}: give pixels above 0, at most 1000")
+    return sizes, moves
+
+
+def there_of(problem: Problem, around: Surroundings, ranged: bool, assumed: bool) -> set[str]:
+    """What of an effect's needs is there."""
+    there = set(around.known)
+    tracks = problem.uv.shape[2] > 0
+    there |= {"tracks"} if tracks else set()
+    there |= {"camera"} if tracks or problem.has_attitude else set()
+    there |= {"stereo"} if tracks and len(problem.cameras) == 2 else set()
+    there |= {"range"} if ranged else set()
+    there |= {"assumed inertia"} if assumed else set()
+    return there
+
+
+def sized(
+    name: str,
+    target: float,
+    problem: Problem,
+    state: BatchState,
+    around: Surroundings,
+    view: Measurements,
+    clean: Predicted,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Parameters in a drawn direction, as large as moves the tracks by `target` px rms from their clean places."""
+    base = pixels(problem, clean, view)
+    parameters = effects()[name].PARAMETERS
+    span = float(problem.times[-1])
+    draws = np.array([0.0 if q.kind == "duration" else rng.standard_normal() for q in parameters])
+    draws = np.where([q.least is not None for q in parameters], 0.5 + np.abs(draws), draws)
+    way = np.array([q.size for q in parameters]) * draws
+    when = span * rng.uniform(0.3, 0.7)
+
+    def at(scale: float) -> np.ndarray:
+        values = []
+        for q, v in zip(parameters, way, strict=True):
+            if q.kind == "time":
+                values.append(when)
+            elif q.kind == "span":
+                values.append(span)
+            elif q.kind == "duration":
+                values.append(0.0)
+            elif q.kind == "pace":
+                # a rate, not a size: near the body's own, where friction is strongest
+                values.append(float(np.linalg.norm(state.w0)) * (0.3 + v / q.size))
+            else:
+                values.append(0.0 if q.form else scale * v)
+        return np.array(values)
+
+    def rms(scale: float) -> float:
+        try:
+            moved = predict(problem, replace(state, model=model_of({name: at(scale)})), around)
+            off = pixels(problem, moved, view) - base
+            return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        except (OverflowError, ZeroDivisionError, ValueError):
+            return np.inf
+
+    if not len(base) or rms(10.0) < 1e-6 * target:
+        # nothing of it shows in the tracks: three times what is common, whichever sign was drawn
+        return at(3.0 / max(float(np.max(np.abs(draws))), 1e-9))
+    low, high = 0.0, 1e-3
+    while rms(high) < target and high < 1e7:
+        low, high = high, high * 4
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if rms(middle) < target else (low, middle)
+    return at(high)

@@ -1,0 +1,280 @@
+"""`massprops simulate`: a sequence folder with images and truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import massprops
+from massprops.core.files import hash_of
+from massprops.core.outputs import OWN, Outputs, claim
+from massprops.errors import InputError
+from massprops.sequence import Camera, Environment, RangeSeries, Sequence, write_sequence
+from massprops.simulation.scenario import Scenario, load_scenario
+
+
+def simulate(
+    scenario: str | Path,
+    out: str | Path,
+    video: bool = False,
+    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    force: bool = False,
+    **changes: Any,
+) -> Path:
+    """Renders a scenario into a sequence folder.
+
+    Args:
+        scenario: name, YAML file, or mesh file.
+        out: folder; made, or refused when it holds something else than an earlier simulation. The sequence appears in
+            it whole when it is done.
+        video: also write `cam0/video.mp4`.
+        progress: told of each frame.
+        force: other files in the folder may be replaced; the scenario's own may not.
+        changes: fields of `Scenario`.
+
+    Returns:
+        the folder.
+
+    Raises:
+        InputError: an unknown scenario, a value out of range, a mesh that is no closed body, or no place to write.
+    """
+    from massprops.exchange.mesh_files import read_solid
+    from massprops.mass.integrals import greatest_length
+    from massprops.mass.properties import mass_properties
+    from massprops.simulation.motion import tumbling, walk_round, with_hidden_mass
+    from massprops.simulation.render import Renderer, lens_of
+
+    if is_tracks(scenario):
+        from massprops.simulation.track_scenario import track_scenario
+        from massprops.simulation.tracks import write_tracks
+
+        if video:
+            raise InputError(f"{scenario}: a scenario of tracks has no images, so no video: leave --video out")
+        given = _tracks_file(scenario)
+        given.update({TRACK_NAMES.get(k, k): v for k, v in changes.items() if v is not None})
+        read = [Path(p) for p in (scenario, given.get("model")) if p is not None]
+        folder = write_tracks(track_scenario(given, str(scenario)), out, read, force)
+        progress(1, 1, "tracks")
+        return folder
+    acting = tuple(changes.pop("effects", None) or ())
+    model_file = changes.pop("model", None)
+    chosen = load_scenario(scenario, **changes)
+    mesh, _ = read_solid(chosen.mesh)
+    mesh = mesh.copy()
+    mesh.apply_translation(-mass_properties(mesh, 1.0).center_of_mass)
+    body = mass_properties(mesh, chosen.density)
+    length = greatest_length(np.asarray(mesh.vertices))[0]
+    inertia, centre = body.inertia, np.zeros(3)
+    if chosen.hidden_mass is not None:
+        inertia, centre = with_hidden_mass(body.inertia, body.mass, chosen.hidden_mass)
+    path = (tumbling if chosen.motion == "tumbling" else walk_round)(chosen, inertia, length, centre)
+    model = None
+    if acting or model_file is not None:
+        path, model = _under_effects(chosen, path, acting, model_file, length, body.mass)
+    if video and any(v % 2 for v in chosen.size):
+        raise InputError(f"size {chosen.size[0]}x{chosen.size[1]}: H.264 needs even numbers; give such a --size")
+    lens = lens_of(chosen)
+    read = [Path(p) for p in (scenario, chosen.mesh, model_file) if p is not None]
+    with new_sequence(Path(out), (chosen, acting, model), read, force) as folder:
+        renderer = Renderer(mesh, chosen, lens)
+        rng = np.random.default_rng([chosen.seed, 3])
+        baselines = [0.0] + ([chosen.stereo_m] if chosen.stereo_m > 0 else [])
+        seen = np.zeros(len(mesh.faces), int)
+        images: dict[int, list[tuple[int, Path]]] = {k: [] for k in range(len(baselines))}
+        for k in range(len(baselines)):
+            (folder / f"cam{k}" / "data").mkdir(parents=True)
+        for i, stamp in enumerate(path.timestamp_ns.tolist()):
+            for k, baseline in enumerate(baselines):
+                image, lit = renderer.frame(path.q[i], path.position[i] - [baseline, 0, 0], path.sun[i], rng)
+                if k == 0:
+                    seen[lit] += 1
+                images[k].append((stamp, _save(folder / f"cam{k}" / "data" / f"{stamp:019d}.png", image)))
+            progress(i + 1, chosen.frames, "frames")
+        cameras = {k: _camera(chosen, lens, baseline, tuple(images[k])) for k, baseline in enumerate(baselines)}
+        sequence = Sequence(cameras=cameras, range=_ranges(chosen, path, rng), environment=Environment())
+        truth = _truth(chosen, body, path, length, float(mesh.area_faces[seen >= 3].sum() / mesh.area))
+        if model is not None:
+            from massprops.model import document_of
+
+            truth["effects"] = {e["name"]: e["parameters"] for e in document_of(model)["effects"]}
+        write_sequence(folder, sequence, truth)
+        mesh.export(folder / "truth" / "mesh.ply")
+        if video:
+            write_video(folder / "cam0" / "video.mp4", [p for _, p in images[0]], chosen.rate_hz)
+    return Path(out)
+
+
+TRACK_NAMES = {"stereo_m": "baseline_m"}
+"""Options of rendering that mean the same for tracks under another name."""
+
+
+def is_tracks(scenario: str | Path) -> bool:
+    """Whether a scenario asks for tracks only: the name `tracks`, or a YAML file with `kind: tracks`."""
+    return str(scenario) == "tracks" or _tracks_file(scenario).get("kind") == "tracks"
+
+
+def _tracks_file(scenario: str | Path) -> dict[str, Any]:
+    from massprops.documents.loading import load_yaml
+
+    path = Path(scenario)
+    return load_yaml(path) if path.suffix.lower() in (".yaml", ".yml") and path.is_file() else {}
+
+
+def _under_effects(
+    scenario: Scenario, path: Any, acting: tuple[str, ...], model_file: Any, length: float, mass: float
+) -> tuple[Any, Any]:
+    """The path as effects make it, and the model of them."""
+    from dataclasses import replace
+
+    from massprops.dynamics.quaternion import rotation_matrix
+    from massprops.dynamics.surroundings import Surroundings
+    from massprops.estimators.batch.state import BatchState
+    from massprops.model import Model
+    from massprops.simulation.effects import effects_model, moved_by
+
+    if scenario.motion != "tumbling":
+        raise InputError("effects act on a tumbling body: choose a scenario with motion: tumbling")
+    rng = np.random.default_rng([scenario.seed, 15])
+    points = rng.standard_normal((12, 3))
+    points *= 0.4 * length / np.linalg.norm(points, axis=1, keepdims=True)
+    still = path.centre_in_camera[0]
+    whole = 3.0 * path.inertia / np.trace(path.inertia)
+    state = BatchState(path.q[0], path.w[0], still, np.zeros(3), whole, Model(), points)
+    times = (path.timestamp_ns - path.timestamp_ns[0]) * 1e-9
+    around = Surroundings(Environment())
+    model = effects_model(acting, model_file, times, state, scenario.focal * scenario.size[0], around, scenario.seed)
+    q, w, r = moved_by(times, state, model, around)
+    sun = np.einsum("nij,nj->ni", rotation_matrix(path.q), path.sun)
+    sun_body = np.einsum("nji,nj->ni", rotation_matrix(q), sun)
+    return replace(path, q=q, w=w, position=r - rotation_matrix(q) @ path.centre, sun=sun_body), model
+
+
+OWNER = "simulate"
+PARTS = (
+    *("cam0/", "cam1/", "range0/", "tracks0/", "imu0/", "attitude0/", "truth/"),
+    *("body.yaml", "environment.yaml"),
+)
+"""What a simulated sequence is made of."""
+
+
+@contextmanager
+def new_sequence(out: Path, what: object, inputs: Iterable[Path], force: bool = False) -> Iterator[Path]:
+    """A folder to write a sequence into; when the block is done, it takes the place of an earlier simulation in `out`.
+
+    Args:
+        out: the sequence folder.
+        what: scenario, as far as it decides the content.
+        inputs: files that the simulation reads.
+        force: other files in `out` may be replaced.
+
+    Raises:
+        InputError: `out` holds something else, or cannot be written.
+    """
+    given = list(inputs)
+    refuse_others(out, force)
+    with claim(out, OWNER, PARTS, given, force) as outputs:
+        try:
+            new = outputs.staging()
+            yield new
+            outputs.publish(OWNER, hash_of([massprops.__version__, repr(what)]), given, force, keep_old=False)
+        except OSError as error:
+            raise InputError(f"{out}: cannot be written ({error.strerror}): choose another place with -o") from None
+
+
+def refuse_others(folder: Path, force: bool = False) -> None:
+    """Only an earlier simulation is written over."""
+    if (folder / "run.yaml").exists():
+        raise InputError(f"{folder}: holds a run: choose another -o")
+    if force or not folder.is_dir() or any(e["by"] == OWNER for e in Outputs(folder).files.values()):
+        return
+    if any(entry.name != OWN for entry in folder.iterdir()):
+        raise InputError(
+            f"{folder}: holds files that are no simulation's: choose another -o, or --force to replace them"
+        )
+
+
+def _save(path: Path, image: np.ndarray) -> Path:
+    import cv2
+
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 3]):
+        raise OSError(28, "an image could not be written", str(path))
+    return path
+
+
+def _camera(scenario: Scenario, lens: Any, baseline: float, images: tuple[tuple[int, Path], ...]) -> Camera:
+    pose = np.eye(4)
+    pose[0, 3] = baseline
+    return Camera(
+        resolution=scenario.size,
+        intrinsics=np.array([lens.K[0, 0], lens.K[1, 1], lens.K[0, 2], lens.K[1, 2]]),
+        distortion=lens.distortion,
+        T_BS=pose,
+        rate_hz=scenario.rate_hz,
+        images=images,
+    )
+
+
+def _ranges(scenario: Scenario, path: Any, rng: np.random.Generator) -> RangeSeries | None:
+    if scenario.range_sigma_m <= 0:
+        return None
+    distance = np.linalg.norm(path.centre_in_camera, axis=1)
+    return RangeSeries(
+        path.timestamp_ns,
+        distance + scenario.range_sigma_m * rng.standard_normal(len(distance)),
+        scenario.range_sigma_m,
+    )
+
+
+def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float) -> dict[str, Any]:
+    motion = np.linalg.eigvalsh(path.inertia)
+    sun = path.sun[0]
+    return {
+        "timestamp_ns": path.timestamp_ns,
+        "position": path.position,
+        "q": path.q,
+        "w": path.w,
+        "mesh": "mesh.ply",
+        "density": body.density,
+        "volume": body.volume,
+        "mass": body.mass,
+        "centre_of_mass_m": [0.0, 0.0, 0.0],
+        "inertia": body.inertia.tolist(),
+        "principal_moments": body.principal_moments.tolist(),
+        "principal_axes": body.principal_axes.tolist(),
+        "k1": body.k1,
+        "k2": body.k2,
+        "motion_centre_of_mass_m": path.centre.tolist(),
+        "motion_inertia": path.inertia.tolist(),
+        "motion_k1": float(np.log(motion[0] / motion[1])),
+        "motion_k2": float(np.log(motion[1] / motion[2])),
+        "greatest_length_m": length,
+        "seen_lit_share": seen,
+        "sun_body_first_frame": sun.tolist(),
+        "seed": scenario.seed,
+        "motion": scenario.motion,
+    }
+
+
+def write_video(path: Path, images: list[Path], rate_hz: float, crf: int = 15) -> None:
+    """H.264 of grey images through PyAV."""
+    from fractions import Fraction
+
+    import av
+    import cv2
+
+    with av.open(str(path), "w") as container:
+        rate = Fraction(rate_hz).limit_denominator(1000)
+        first: np.ndarray = cv2.imdecode(np.fromfile(images[0], np.uint8), cv2.IMREAD_GRAYSCALE)  # type: ignore[assignment]
+        stream = container.add_stream("libx264", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = first.shape[1], first.shape[0], "yuv420p"
+        stream.options = {"crf": str(crf), "preset": "slow"}
+        for file in images:
+            grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(grey, format="gray")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)

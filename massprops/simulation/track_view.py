@@ -1,0 +1,109 @@
+"""What the cameras of a simulation of tracks see of the body's points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprops.errors import NotPossible
+from massprops.estimators.batch.linearise import Predicted, body_points
+from massprops.estimators.batch.measurements import Measurements
+from massprops.estimators.problem import Problem
+from massprops.sensing.pinhole import pinhole_of
+from massprops.sensing.predict import Seen, image, in_chaser
+from massprops.sequence.data import Camera, Environment
+from massprops.simulation.track_scenario import TrackScenario
+
+ROWS_SOUGHT = 5
+"""Times that the row of a point is sought where rows are taken at times of their own."""
+
+
+def cameras_of(s: TrackScenario) -> dict[int, Camera]:
+    """One camera or two, none without features."""
+    if not s.features:
+        return {}
+    intrinsics = np.array([s.focal_px, s.focal_px, s.size[0] / 2, s.size[1] / 2])
+    first = Camera(s.size, intrinsics, sigma_px=max(s.sigma_px, 1e-6), rate_hz=s.rate_hz)
+    if s.baseline_m <= 0:
+        return {0: first}
+    pose = np.eye(4)
+    pose[0, 3] = s.baseline_m
+    return {0: first, 1: Camera(s.size, intrinsics, T_BS=pose, sigma_px=first.sigma_px, rate_hz=s.rate_hz)}
+
+
+def blank_problem(
+    s: TrackScenario,
+    times: np.ndarray,
+    cameras: dict[int, Camera] | None = None,
+    environment: Environment | None = None,
+) -> Problem:
+    """A problem of the scenario's shape without measurements."""
+    cameras = cameras_of(s) if cameras is None else cameras
+    environment = Environment() if environment is None else environment
+    n, c = len(times), len(cameras)
+    return Problem(
+        np.round(times * 1e9).astype(np.int64),
+        times,
+        tuple(pinhole_of(cameras[k], cameras[0]) for k in cameras),
+        np.full((n, c, s.features, 2), np.nan),
+        np.full(c, max(s.sigma_px, 1e-6)),
+        np.arange(s.features),
+        np.full(n, np.nan),
+        1.0,
+        np.full((n, 3), np.nan),
+        1.0,
+        np.full((n, 4), np.nan),
+        np.full(n, np.nan),
+        None,
+        environment,
+    )
+
+
+def visible(s: TrackScenario, problem: Problem, at: Predicted, rng: np.random.Generator) -> Measurements:
+    """Which features are seen when: those that face the camera, and stay inside the picture.
+
+    Raises:
+        NotPossible: hardly any is ever seen.
+    """
+    n, c, m = problem.uv.shape[:3]
+    i, k, j = (a.reshape(-1) for a in np.meshgrid(np.arange(n), np.arange(c), np.arange(m), indexing="ij"))
+    every = Measurements(
+        Seen(i, k, j, np.zeros(len(i))), np.zeros((len(i), 2)), np.ones(len(i)), *(np.zeros(0, int) for _ in range(3))
+    )
+    if not len(i):
+        return every
+    points, sensed, p = body_points(at, every), at.state.model.sensed, at.state.model.flat(False)
+    for _ in range(ROWS_SOUGHT if sensed.having("delay") else 1):
+        X, body, _ = in_chaser(every.seen, at.motion, points, sensed, p)
+        uv = image(problem.cameras, k, X, sensed, p)
+        # a row is taken at the time of the row in which the point appears
+        every = replace(every, seen=replace(every.seen, row=np.clip(uv[:, 1] / s.size[1] - 0.5, -1.0, 1.0)))
+    keep = (uv >= 0).all(axis=1) & (uv[:, 0] < s.size[0]) & (uv[:, 1] < s.size[1]) & (X[:, 2] > 0.1)
+    if s.hide_back:
+        outward = X - at.motion.r[i]
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        sight = X / np.linalg.norm(X, axis=1, keepdims=True)
+        keep &= np.sum(outward * sight, axis=1) < 0.15
+    if keep.sum() < 0.02 * len(keep):
+        raise NotPossible("the body is hardly ever in view: bring it nearer, or slow its drift")
+    return Measurements(
+        Seen(i[keep], k[keep], j[keep], every.seen.row[keep]),
+        uv[keep],
+        np.ones(int(keep.sum())),
+        *(np.zeros(0, int) for _ in range(3)),
+    )
+
+
+def pixels(problem: Problem, at: Predicted, seen: Measurements) -> np.ndarray:
+    """(o, 2) where the points of these observations are seen, without noise."""
+    if not len(seen.uv):
+        return seen.uv
+    sensed, p = at.state.model.sensed, at.state.model.flat(False)
+    return image(
+        problem.cameras,
+        seen.seen.camera,
+        in_chaser(seen.seen, at.motion, body_points(at, seen), sensed, p)[0],
+        sensed,
+        p,
+    )

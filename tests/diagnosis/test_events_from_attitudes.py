@@ -1,0 +1,91 @@
+"""Knocks and contacts in a record of attitudes: their time, their length, what they do to the rate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from massprops.diagnosis.conserved_start import Start
+from massprops.diagnosis.diagnose import decides, diagnose_by_balance
+from massprops.diagnosis.document import rate_change
+from massprops.diagnosis.effect_columns import Term, forcing_of
+from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.motion_path import path_from_rates
+from massprops.diagnosis.record import record_of_attitudes
+from massprops.diagnosis.screen import screened
+from massprops.diagnosis.selection import moved_to_best, rms
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
+from massprops.effects import effects
+from massprops.sequence.data import AttitudeSeries, Environment, Sequence
+
+INERTIA = np.diag([0.8, 1.0, 1.2])
+SIGMA = 8e-4
+RATE = 150.0
+BEGINS, LASTS = 0.1153, 0.02
+PUSH = np.array([150.0, -250.0, 100.0])
+BALL = Start(inertia=np.eye(3), left=1.0)
+
+
+def tossed(push: np.ndarray, seconds: float = 0.22) -> tuple[AttitudeSeries, np.ndarray]:
+    """Attitudes of a body that a torque pushes from BEGINS on for LASTS, and the change of its rate."""
+
+    def slope(t, y):
+        q, w = y[:4], y[4:]
+        torque = push * (BEGINS < t < BEGINS + LASTS)
+        turning = 0.5 * multiply(q, np.concatenate([[0.0], w]))
+        return np.concatenate([turning, np.linalg.solve(INERTIA, torque - np.cross(w, INERTIA @ w))])
+
+    times = np.arange(round(seconds * RATE)) / RATE
+    start = np.concatenate([[1.0, 0.0, 0.0, 0.0], [4.0, -2.0, 1.0]])
+    found = solve_ivp(slope, (0.0, times[-1]), start, dense_output=True, rtol=1e-9, atol=1e-10, max_step=0.001)
+    y = found.sol(times).T
+    noise = SIGMA * np.random.default_rng(4).standard_normal((len(times), 3))
+    q = normalise(multiply(normalise(y[:, :4]), from_rotation_vector(noise)))
+    change = found.sol(BEGINS + LASTS)[4:] - found.sol(BEGINS)[4:]
+    return AttitudeSeries(np.round(times * 1e9).astype(np.int64), q, np.full(len(times), SIGMA)), change
+
+
+def test_a_contact_is_found_at_its_time_with_its_length_and_what_it_does() -> None:
+    series, change = tossed(PUSH)
+    record = record_of_attitudes(series, Environment())
+    held = (("duration", 0.013), ("parts", 1), ("time", 0.12))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    found = moved_to_best(record, fit_hypothesis(record, h, BALL), 1 / RATE)
+    settled = dict(found.hypothesis.terms[0].held)
+    assert settled["time"] == pytest.approx(BEGINS, abs=1.5e-3)
+    assert settled["duration"] == pytest.approx(LASTS, abs=3e-3)
+    assert np.linalg.norm(rate_change(found) - change) < 0.05 * np.linalg.norm(change)
+    assert rms(found.residual) < 1.1
+
+
+def test_a_knock_in_parts_adds_what_its_parts_add() -> None:
+    path = path_from_rates(np.linspace(0, 1, 60), np.tile([1.0, 2.0, -1.0], (60, 1)))
+    effect = effects()["impulse"]
+    held = (("duration", 0.3), ("time", 0.4))
+    whole = forcing_of(Term(effect=effect, held=held), path, path.w, np.eye(3))
+    parts = forcing_of(Term(effect=effect, held=(*held, ("parts", 3))), path, path.w, np.eye(3))
+    assert whole.momentum is not None and parts.momentum is not None and parts.count == 9
+    together = parts.momentum.reshape(len(path.t), 3, 3, 3).mean(axis=2)
+    assert together == pytest.approx(whole.momentum, abs=2e-3)
+    assert Term(effect=effect, held=(*held, ("parts", 3))).values(np.arange(9.0), np.eye(9))[0] == pytest.approx(
+        [9, 12, 15]
+    )
+
+
+def test_the_screen_leaves_out_rows_that_look_across_an_event() -> None:
+    series, _ = tossed(PUSH)
+    record = record_of_attitudes(series, Environment())
+    assert record.screen is not None and record.screen.reach > 0
+    right, wrong = (
+        screened(record.screen, (Term(effect=effects()["impulse"], held=(("time", t),)),), BALL) for t in (0.125, 0.04)
+    )
+    assert right is not None and wrong is not None and right.left < 1.5 and right.score > wrong.score + 20
+
+
+def test_attitudes_of_free_flight_within_their_noise_are_given_nothing() -> None:
+    series, _ = tossed(0.0 * PUSH)
+    sequence = Sequence(attitude=series)
+    assert decides(sequence)
+    document = diagnose_by_balance(sequence).document
+    assert document["verdict"] == "none" and "attitude0" in document["axes"]
