@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 VALUES = ("volume", "mass", "center_of_mass", "inertia", "principal_moments", "principal_axes")
 """Keys of a document that the recommended block has too."""
 WELL_MEASURED = 0.85
@@ -70,8 +68,8 @@ def relative_width(values: dict[str, Any]) -> float | None:
     bounds = (values.get("interval_90") or {}).get("principal_moments")
     if not bounds or any(end is None for pair in bounds for end in pair):
         return None
-    ends, moments = np.array(bounds, float), np.array(values["principal_moments"], float)
-    return float(np.mean((ends[:, 1] - ends[:, 0]) / (2 * moments)))
+    halves = [(high - low) / (2 * m) for (low, high), m in zip(bounds, values["principal_moments"], strict=True)]
+    return float(sum(halves) / 3)
 
 
 def _left_interval(document: dict[str, Any], fused: dict[str, Any]) -> str:
