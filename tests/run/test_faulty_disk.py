@@ -148,7 +148,7 @@ in more often. All of the 5000 of a run would take a day."""
 
 @pytest.fixture(scope="module")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from massprops.simulate import simulate
+    from massprops.simulation import simulate
 
     out = tmp_path_factory.mktemp("footage") / "seq"
     return simulate("asteroid", out, frames=30, size=(240, 180), rate_deg=8.0, seed=1) / "cam0" / "data"
