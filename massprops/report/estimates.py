@@ -11,7 +11,7 @@ from massprops.core.files import json_text, plain
 from massprops.core.outputs import Outputs, deliver
 from massprops.errors import InputError
 from massprops.estimators.documents import document, history_csv
-from massprops.estimators.estimate import Outcome
+from massprops.estimators.outcome import Outcome
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
