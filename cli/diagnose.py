@@ -15,6 +15,10 @@ def command(
     out: Annotated[
         Path, typer.Option("-o", "--out", help="Folder for diagnosis.json, model.yaml, residual.csv and report.html.")
     ],
+    effect: Annotated[
+        list[Path] | None,
+        typer.Option("--effect", metavar="FILE", help="An effect file of your own, may be repeated."),
+    ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
     ] = False,
@@ -30,9 +34,10 @@ def command(
     import json
 
     from massprops.diagnosis.search import diagnose
+    from massprops.effect_file import with_effects
     from massprops_cli.progress import StageProgress
 
-    with StageProgress(quiet) as watch:
+    with with_effects(effect or []), StageProgress(quiet) as watch:
         found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force)
     document = found.document
     for warning in document["warnings"]:

@@ -25,6 +25,10 @@ def command(
     model: Annotated[
         Path | None, typer.Option("--model", metavar="MODEL_YAML", help="What 'diagnose' wrote; for the smoother.")
     ] = None,
+    effect: Annotated[
+        list[Path] | None,
+        typer.Option("--effect", metavar="FILE", help="An effect file of your own, may be repeated."),
+    ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
     ] = False,
@@ -39,13 +43,14 @@ def command(
     """
     import json
 
+    from massprops.effect_file import with_effects
     from massprops.estimators.estimate import estimate_all, write_outcome
     from massprops.report.estimates import check_place
     from massprops_cli.progress import StageProgress
 
     given = (source, *(p for p in (prior, model) if p is not None))
     check_place(out, given, force)
-    with StageProgress(quiet) as watch:
+    with with_effects(effect or []), StageProgress(quiet) as watch:
         outcome = estimate_all(
             source,
             method or ["all"],

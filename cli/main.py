@@ -21,6 +21,7 @@ COMMANDS = {
     "estimate": "Motion and inertia ratios from the tracks of a sequence.",
     "crosscheck": "The mesh's inertia against every estimator on the same sequence.",
     "diagnose": "Where simulation and measurement disagree, and which effect is missing.",
+    "effects": "The effects that can act, with parameters, needs and formula.",
     "compare": "A run or mesh against a CAD mesh.",
     "mass": "Mass properties, report and exports from a finished mesh.",
     "export": "Mass properties for a filter or a simulator.",

@@ -44,6 +44,10 @@ def command(
             help="An effect at work, may be repeated. SIZE is how far it moves the tracks [px rms], or parameter=value,…",
         ),
     ] = None,
+    effect: Annotated[
+        list[Path] | None,
+        typer.Option("--effect", metavar="FILE", help="An effect file of your own, may be repeated."),
+    ] = None,
     model: Annotated[
         Path | None, typer.Option("--model", metavar="MODEL_YAML", help="What 'diagnose' wrote: its effects act.")
     ] = None,
@@ -74,6 +78,7 @@ def command(
     """
     import json
 
+    from massprops.effect_file import with_effects
     from massprops.simulation import simulate
     from massprops.simulation.simulate import is_tracks
     from massprops_cli.progress import StageProgress
@@ -88,7 +93,7 @@ def command(
     of_tracks = {k: v for k, v in asked.items() if v is not None}
     if of_tracks and not is_tracks(scenario):
         raise InputError("--features, --sigma, --outliers, --attitude and --rates are for the scenario 'tracks'")
-    with StageProgress(quiet) as watch:
+    with with_effects(effect or []), StageProgress(quiet) as watch:
         folder = simulate(
             scenario,
             out,

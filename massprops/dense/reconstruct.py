@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from massprops.core.parts import Arrays, Parts
 from massprops.dense.fusion import DensePoints, fuse
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
@@ -85,6 +87,7 @@ def dense_points(
     threads: int = 2,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
     pixels: int = MOST_PIXELS,
+    parts: Parts | None = None,
 ):  # type: ignore[no-untyped-def]
     """Dense points of everything that two confirming depth maps agree on.
 
@@ -96,6 +99,7 @@ def dense_points(
         seed: of the random steps.
         threads: processor threads; the result does not depend on them.
         pixels: of the object per view, at most.
+        parts: keep each depth map as soon as it is made.
 
     Returns:
         (DensePoints, facts): facts holds counts and medians.
@@ -103,8 +107,7 @@ def dense_points(
     Raises:
         NotPossible: no view has two partners at a useful angle, or nothing agrees.
     """
-    from massprops.dense.depthmap import depth_map
-
+    parts = parts or Parts()
     choice = select_views(views, xyz, obs_view, obs_point, most_references)
     if len(choice.reference) < 3:
         raise NotPossible(
@@ -151,13 +154,13 @@ def dense_points(
                 if points is not None:
                     mask = _unexplained(mask, uv)
                 sources = np.stack([_padded(cut[s].grey, h, w) for s in group])
-                result = depth_map(
+                asked = (
                     _padded(mine.grey, h, w), _padded(mask, h, w), mine.K, sources,
                     np.stack([cut[s].K for s in group]), R_rel, t_rel, np.column_stack([uv, seen[:, 2]]),
                     tuple(choice.depths[keep[n]]), grey_noise(mine.grey, mine.mask), seed + 7919 * i, pool,
                 )  # fmt: skip
-                depth[n] = _trusted(result, _padded(mine.mask, h, w), mine.K)
-                normal[n], sigma[n] = result.normal, result.sigma
+                part = parts.made(f"depth map {i}", partial(_map, _padded(mine.mask, h, w), mine.K, asked))
+                depth[n], normal[n], sigma[n] = part["depth"], part["normal"], part["sigma"]
                 measured += int(np.count_nonzero(depth[n]))
                 wanted += int(np.count_nonzero(mask > 1))
                 done += 1
@@ -178,6 +181,14 @@ def dense_points(
         "median_views": float(np.median(np.diff(points.view_start))),
     }
     return points, facts
+
+
+def _map(mask: np.ndarray, K: np.ndarray, asked: tuple) -> Arrays:
+    """Depths worth checking, normals and sigmas of one view; `asked` as `depth_map` takes it."""
+    from massprops.dense.depthmap import depth_map
+
+    result = depth_map(*asked)
+    return {"depth": _trusted(result, mask, K), "normal": result.normal, "sigma": result.sigma}
 
 
 def _partners(sight: np.ndarray, whole: np.ndarray) -> list[np.ndarray]:

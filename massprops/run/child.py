@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from massprops.core.files import plain
+from massprops.core.parts import Parts
 from massprops.core.processes import die_with_parent, limit_memory
 from massprops.errors import MasspropsError
 from massprops.run.job import Job, ReconstructOptions
@@ -53,9 +54,12 @@ def main() -> int:
         threads=request["threads"],
         key=request["key"],
         force=request["force"],
+        parts=Parts(Path(request["parts"])),
     )
     try:
         facts = load_stage(request["stage"], request["package"]).run(job)
+        if job.parts.damaged:
+            job.warn(f"{len(job.parts.damaged)} finished parts of {request['stage']} were damaged, and were made again")
         if _disk_full(job.out):  # some native libraries write half a file without a word
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(job.run))
         say({"facts": facts or {}, "warnings": job.notes})
@@ -64,13 +68,14 @@ def main() -> int:
     except OSError as error:
         if error.errno not in NO_PLACE:
             return _unexpected(say, error, job)
-        say({"error": _no_place(error.filename or job.run, str(error.strerror)), "exit_code": 2})
+        say({"error": _no_place(error.filename or job.run, str(error.strerror)), "exit_code": 2, "again": True})
     except MemoryError:
         say(
             {
                 "error": "not enough memory: fewer --frames or a smaller --max-size",
                 "exit_code": 3,
                 "warnings": job.notes,
+                "again": True,
             }
         )
     except Exception as error:
@@ -100,7 +105,7 @@ def _disk_full(folder: Path, probe: int = 1 << 18) -> bool:
 
 def _unexpected(say, error: Exception, job: Job) -> int:  # type: ignore[no-untyped-def]
     if _disk_full(job.out):
-        say({"error": _no_place(job.run, "the disk is full"), "exit_code": 2})
+        say({"error": _no_place(job.run, "the disk is full"), "exit_code": 2, "again": True})
         return 0
     traceback.print_exc()
     say({"error": f"{type(error).__name__}: {error}".splitlines()[0], "unexpected": True, "warnings": job.notes})

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from massprops.core.parts import Parts
+
 
 @dataclass(frozen=True)
 class ReconstructOptions:
@@ -77,6 +79,7 @@ class Job:
         threads: processor threads it may use.
         key: of everything that this stage's result depends on.
         force: files of the run folder that are not massprops' may be replaced.
+        parts: keeps what the stage has finished, if it is killed before it is done.
     """
 
     run: Path
@@ -87,6 +90,7 @@ class Job:
     threads: int = 2
     key: str = ""
     force: bool = False
+    parts: Parts = field(default_factory=Parts)
     notes: list[str] = field(default_factory=list)
 
     def work(self, stage: str) -> Path:

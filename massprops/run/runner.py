@@ -120,6 +120,7 @@ class _Chain:
                 continue
             if not outcome.exit_code and self._current(name):
                 outcome.stages[name] = self.before[name]
+                remove_folder(self._parts(name).parent)
             elif not self._make(name, number):
                 self._forget_refused()
                 return outcome
@@ -170,6 +171,7 @@ class _Chain:
             if not code:
                 replace_folder(out, work / name)
                 self.outputs.record_tree(f"work/{name}", COMMAND, self.keys[name], entry.pop("sha256"))
+                remove_folder(self._parts(name).parent)
             elif not outcome.exit_code:
                 self._drop(name)
         except OSError as error:
@@ -213,6 +215,7 @@ class _Chain:
     def _drop(self, name: str) -> None:
         """Takes away what an earlier run left of a stage."""
         self.before.pop(name, None)
+        self._parts(name)
         if f"work/{name}" in self.outputs.trees:
             self.outputs.record_tree(f"work/{name}", COMMAND, "", None)
         remove_folder(self.run / "work" / name)
@@ -261,7 +264,17 @@ class _Chain:
             entry["sha256"] = hash_tree(out)
             return entry, 0, ""
         entry["status"] = "failed"
+        if "exit_code" in said and not said.get("again"):  # as it would be the next time
+            remove_folder(self._parts(name).parent)
         return entry, *_what_failed(name, said, child.returncode, log)
+
+    def _parts(self, name: str) -> Path:
+        """Where a stage keeps what it has finished of its work, until it is done; what it kept under another key goes."""
+        place = self.run / "work" / f"{name}.parts"
+        for former in place.glob("*"):
+            if former.name != self.keys[name]:
+                remove_folder(former)
+        return place / self.keys[name]
 
     def _write_request(self, name: str, out: Path) -> Path:
         remove_folder(out)
@@ -277,6 +290,7 @@ class _Chain:
             "threads": self._threads,
             "key": self.keys[name] + ("-stopped" if self.outcome.exit_code else ""),
             "force": self.force,
+            "parts": self._parts(name),
         }
         write_json(request, content)
         return request

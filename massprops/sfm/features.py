@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from massprops.core.parts import Arrays, Parts
 from massprops.core.processes import muffled
 from massprops.errors import InputError
 from massprops.run.job import Progress, silent
@@ -112,14 +113,16 @@ def extract_all(
     masked: bool,
     threads: int,
     progress: Progress = silent,
+    parts: Parts | None = None,
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
     """Features of every frame, by name, and warnings; places are those of the frames turned as their camera's are.
 
     With `masked`, a frame without a silhouette is used whole before black sky and left out otherwise, where a still
-    background would hold the solver.
+    background would hold the solver. `parts` keeps each frame's as soon as they are found.
     """
     warnings: list[str] = []
     unmasked: list[str] = []
+    parts = parts or Parts()
 
     def one(frame: FrameRecord) -> tuple[str, np.ndarray, np.ndarray] | None:
         gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -134,8 +137,13 @@ def extract_all(
                     return None
             else:
                 region = object_region(mask, options.margin)
-        keypoints, descriptors = extract(gray, region, options)
-        return frame.name, turn_keypoints(keypoints, footage.size(frame), frame.turn), descriptors
+
+        def found_in_it() -> Arrays:
+            keypoints, descriptors = extract(gray, region, options)
+            return {"keypoints": keypoints, "descriptors": descriptors}
+
+        part = parts.made(f"features {frame.name} {masked}", found_in_it)
+        return frame.name, turn_keypoints(part["keypoints"], footage.size(frame), frame.turn), part["descriptors"]
 
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     cv2.setNumThreads(1)  # one thread an image, and the same features every time

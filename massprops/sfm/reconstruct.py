@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from massprops.core.parts import Parts
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Progress, silent
 from massprops.sfm import pairs as pairing
@@ -41,6 +42,7 @@ class SfmOptions:
         loops: further images each image is matched with when they see the same side.
         loop_angle_deg: widest angle between the directions of such a pair.
         exhaustive_below: unordered images up to this number are matched all with all.
+        parts: keeps the features of each image as soon as they are found.
     """
 
     mapper: str = "incremental"
@@ -53,6 +55,7 @@ class SfmOptions:
     refine: RefineOptions = field(default_factory=RefineOptions)
     seed: int = 0
     threads: int = 2
+    parts: Parts | None = None
 
 
 @dataclass(frozen=True)
@@ -261,7 +264,7 @@ def _attempt(
         seed=options.seed,
         threads=options.threads,
     )
-    features, warnings = extract_all(footage, options.features, masked, options.threads, progress)
+    features, warnings = extract_all(footage, options.features, masked, options.threads, progress, options.parts)
     counts = np.array([len(k) for k, _ in features.values()])
     if np.sum(counts >= 30) < 3:
         raise NotPossible(

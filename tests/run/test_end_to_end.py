@@ -83,14 +83,17 @@ def test_killed_in_the_middle_and_continued_gives_the_same(whole: Run, sequence:
     command += [str(sequence / "cam0" / "data"), "-o", str(tmp_path / "run"), "--scale", scale, "--threads", "2", "-q"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     work = tmp_path / "run" / "work"
-    while not list(work.glob("dense.tmp-*")):
+    while not (maps := [p for p in work.glob("dense.parts/*/*") if p.suffix != ".tmp"]):
         assert process.poll() is None
         time.sleep(0.05)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
+    maps[0].write_bytes(maps[0].read_bytes()[:-1])
     assert (work / "sfm").is_dir() and not (work / "dense").is_dir()
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    assert "1 finished parts of dense were damaged, and were made again" in done.stderr
+    assert not list(work.glob("*.parts"))
     again = json.loads(done.stdout)
     for key in ("volume", "center_of_mass", "inertia", "principal_moments"):
         assert np.allclose(again[key], whole.properties[key], rtol=1e-6, atol=1e-9), key

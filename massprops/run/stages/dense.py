@@ -35,8 +35,9 @@ def run(job: Job) -> dict:
 
     try:
         points, facts = dense_points(
-            views, image, xyz, obs_view, obs_point, job.options.dense_views, job.seed, job.threads, job.progress
-        )
+            views, image, xyz, obs_view, obs_point, job.options.dense_views, job.seed, job.threads, job.progress,
+            parts=job.parts,
+        )  # fmt: skip
     except NotPossible as error:
         if json.loads((job.work("join") / "join.json").read_text()).get("middle") is None:
             raise

@@ -40,7 +40,7 @@ def _solve(job: Job, footage) -> dict:
     work.mkdir(parents=True)
     # with two threads the solver's sums round differently from run to run, and an outlier decided otherwise moves the
     # focal length by a tenth of a percent
-    options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=1)
+    options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=1, parts=job.parts)
     result = reconstruct(footage, work, options, job.progress)
     shutil.rmtree(work)
     cameras = [_camera(footage, c) for c in result.cameras]

@@ -43,7 +43,7 @@ def run(job: Job) -> dict:
 
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written.
     """
-    from massprops.capture.placements import find_placements, given_placements
+    from massprops.capture.placements import by_order, find_placements, given_placements
     from massprops.capture.support import region_of
     from massprops.sfm.points import SparsePoints
     from massprops.views import Views
@@ -58,7 +58,7 @@ def run(job: Job) -> dict:
     divided = given or find_placements(
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
     )
-    label = divided.label
+    label = by_order(divided.label)
     placements, lost = _solved(job, views, sparse, label, pointed)
     if len(placements) > 1 and not given:
         better = _relabelled(job, views, region, label, placements)

@@ -1,0 +1,65 @@
+"""Finished parts of a long piece of work, kept until the whole is done: who is killed on the way goes on from there."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from massprops.core.files import make_folder, write_whole
+
+Arrays = dict[str, np.ndarray]
+DIGEST = 32
+"""Bytes of sha256 before the arrays in a part's file."""
+
+
+class Parts:
+    """The parts of one piece of work.
+
+    Attributes:
+        folder: where they are kept, None for nowhere. Its name says what the parts are made from.
+        damaged: names of parts that were not as they had been written, and are made again.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
+        self.damaged: list[str] = []
+
+    def made(self, name: str, make: Callable[[], Arrays]) -> Arrays:
+        """A part as it was made before, or as it is made now; threads may ask for different ones.
+
+        Args:
+            name: of the part; it may hold anything.
+            make: gives its arrays, and nothing that is not kept.
+        """
+        if self.folder is None:
+            return make()
+        path = self.folder / hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:24]
+        found = self._read(name, path)
+        if found is None:
+            found = make()
+            with contextlib.suppress(OSError):  # what cannot be kept costs time, if anything
+                make_folder(self.folder)
+                write_whole(path, _packed(found))
+        return found
+
+    def _read(self, name: str, path: Path) -> Arrays | None:
+        if not path.is_file() or path.is_symlink():
+            return None
+        content = path.read_bytes()
+        if hashlib.sha256(content[DIGEST:]).digest() != content[:DIGEST]:
+            self.damaged.append(name)
+            return None
+        with np.load(io.BytesIO(content[DIGEST:]), allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in arrays}
+
+
+def _packed(arrays: Arrays) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type]
+    content = file.getvalue()
+    return hashlib.sha256(content).digest() + content

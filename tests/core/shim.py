@@ -1,0 +1,82 @@
+"""Commands on a disk whose n-th change fails, whatever process or library makes it: `shim.c` by LD_PRELOAD."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+COMMAND = [sys.executable, "-c", "from massprops_cli.main import main; main()"]
+
+
+@cache
+def _built(folder: Path) -> Path:
+    library = folder / "shim.so"
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None or sys.platform != "linux":
+        pytest.skip("no C compiler for the library that makes writes fail")
+    source = Path(__file__).with_name("shim.c")
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
+    return library
+
+
+class Faulty:
+    """Runs commands with faults below one folder.
+
+    Attributes:
+        place: a scratch folder; count: changes that the last command made.
+    """
+
+    def __init__(self, place: Path) -> None:
+        self.place, self.count = place, 0
+        place.mkdir(exist_ok=True)
+        self.library, self.counter, self.log = _built(place), place / "count", place / "log"
+
+    def __call__(
+        self, folder: Path, arguments: list[str], at: int = 0, kind: str = "kill"
+    ) -> subprocess.CompletedProcess[str]:
+        """`massprops ARGUMENTS` with the `at`-th change below `folder` failing as `kind`; 0 for none."""
+        self.counter.write_bytes(bytes(8))
+        self.log.write_bytes(b"")
+        environment = {
+            **os.environ,
+            "LD_PRELOAD": str(self.library),
+            "SHIM_FOLDER": str(folder.resolve()),
+            "SHIM_COUNTER": str(self.counter),
+            "SHIM_AT": str(at),
+            "SHIM_KIND": kind,
+            "SHIM_LOG": str(self.log),
+        }
+        done = subprocess.run(
+            [*COMMAND, *arguments],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            env=environment,
+            start_new_session=True,
+            check=False,
+        )
+        self.count = int.from_bytes(self.counter.read_bytes(), sys.byteorder)
+        return done
+
+    def cut_power(self, folder: Path) -> list[str]:
+        """Takes the data of every file that the last command did not bring to the disk, as a power cut may.
+
+        The names stay: a file system may write a rename before the data of the file that is renamed.
+
+        Returns:
+            the files that are empty now.
+        """
+        loose: set[int] = set()
+        for line in self.log.read_text().splitlines():
+            what, inode = line.split()
+            (loose.add if what == "w" else loose.discard)(int(inode))
+        lost = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.stat().st_ino in loose]
+        for path in lost:
+            os.truncate(path, 0)
+        return [str(p.relative_to(folder)) for p in lost]

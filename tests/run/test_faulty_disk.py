@@ -1,0 +1,201 @@
+"""Whole commands, each process and library of them, on a disk that fails: the same command afterwards gives the same bytes.
+
+The changes of the disk are counted by a library that is loaded before all others (`tests/core/shim.c`), in every
+process of the command. A power cut takes, besides, the data of every file that was not brought to the disk.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sqlite3
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from massprops.run.stages import ORDER
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "core"))
+from faults import quick_disk, tree
+from shim import Faulty
+
+KINDS = ("ENOSPC", "EIO", "kill", "power")
+TIMES = re.compile(r"\d[\d.]*(?: ?µs| ?us| ?ms| ?s| ?MB)\b")
+
+Results = Callable[[Path], dict[str, Any]]
+
+
+def of_campaign(out: Path) -> dict[str, Any]:
+    """What a campaign came to, with its rows but for the time they took."""
+    base = sqlite3.connect(out / "runs.sqlite")
+    rows = base.execute("SELECT point, seed, data, error FROM runs ORDER BY point, seed").fetchall()
+    base.close()
+    return {"rows": rows, **{n: (out / n).read_bytes() for n in ("table.json", "runs.csv", "campaign.yaml")}}
+
+
+def of_diagnosis(out: Path) -> dict[str, Any]:
+    return {n: TIMES.sub("", b.decode()) for n, b in tree(out).items() if not n.startswith(".massprops")}
+
+
+def of_run(out: Path) -> dict[str, Any]:
+    """Everything in a run folder but logs, requests, times, and the hashes of the two files that tell times."""
+    found: dict[str, Any] = {
+        n: b for n, b in tree(out).items() if not n.endswith((".log", ".request.json", "outputs.json"))
+    }
+    manifest = yaml.load(found.pop("run.yaml"), Loader=yaml.CSafeLoader)
+    for entry in manifest["stages"].values():
+        for key in ("seconds", "cpu_seconds", "peak_memory_mb"):
+            entry.pop(key)
+        if "facts" in entry:
+            entry["facts"] = re.sub(r"cpu_us\w*': [\d.]+", "", str(entry["facts"]))
+    found["run.yaml"] = manifest
+    crosscheck = json.loads(found.pop("crosscheck.json", b"{}"))
+    for entry in crosscheck.get("estimators", []):
+        entry.pop("cpu_us_per_step", None)
+    found["crosscheck.json"] = crosscheck
+    found["report.html"] = "report.html" in found  # it tells the times, too
+    return found
+
+
+def one_fault(
+    faulty: Faulty,
+    out: Path,
+    command: list[str],
+    n: int,
+    kind: str,
+    whole: dict[str, Any],
+    results: Results,
+    code: int = 0,
+) -> None:
+    """The command with its n-th change failing, then as it is."""
+    done = faulty(out, command, n, "kill" if kind == "power" else kind)
+    where = f"change {n}, {kind}"
+    if kind == "power":
+        faulty.cut_power(out)
+    if done.returncode >= 0:  # a failure is told in one line after the warnings, or was made good
+        assert done.returncode in (0, 2, 3), (where, done.stderr)
+        assert "Traceback" not in done.stderr and "unexpected" not in done.stderr, (where, done.stderr)
+        told = [line for line in done.stderr.splitlines() if line.startswith("massprops: ")]
+        assert len(told) == (done.returncode != 0), (where, done.stderr)
+    again = faulty(out, command)
+    assert again.returncode == code, (where, done.stderr, again.stderr)
+    found = results(out)
+    assert sorted(found) == sorted(whole), where
+    for name in whole:
+        assert found[name] == whole[name], (where, name, done.stderr, again.stderr)
+
+
+@pytest.fixture
+def faulty(tmp_path: Path) -> Faulty:
+    return Faulty(tmp_path / "shim")
+
+
+def sweep(
+    place: Path, faulty: Faulty, command: list[str], results: Results, chosen: list[tuple[int, str]] | None
+) -> int:
+    """A command that begins in an empty folder, with each chosen change failing; None: every one in every way."""
+    whole_out, out = place / "whole", place / "out"
+    done = faulty(whole_out, [*command, "-o", str(whole_out)])
+    assert done.returncode == 0, done.stderr
+    count, whole = faulty.count, results(whole_out)
+    for n, kind in chosen or [(n, kind) for n in range(1, count + 1) for kind in KINDS]:
+        one_fault(faulty, out, [*command, "-o", str(out)], n, kind, whole, results)
+        shutil.rmtree(out)
+    return count
+
+
+def study(folder: Path) -> list[str]:
+    path = folder / "study.yaml"
+    path.write_text(yaml.safe_dump({"kind": "drill", "runs": 4, "chunk": 2, "fails": 0.3}))
+    return ["campaign", str(path), "-q", "--workers", "1"]
+
+
+def test_a_campaign(tmp_path: Path, faulty: Faulty) -> None:
+    """Four of some hundred changes; `make bench` takes every one."""
+    with quick_disk(tmp_path) as place:
+        chosen = [(12, "power"), (34, "ENOSPC"), (55, "kill"), (80, "EIO")]
+        assert sweep(place, faulty, study(tmp_path), of_campaign, chosen) > 80
+
+
+@pytest.mark.bench
+def test_a_campaign_at_every_change(tmp_path: Path, faulty: Faulty) -> None:
+    with quick_disk(tmp_path) as place:
+        print(f"campaign: {sweep(place, faulty, study(tmp_path), of_campaign, None)} changes, {len(KINDS)} ways each")
+
+
+@pytest.mark.bench
+def test_a_diagnosis_at_every_change(tmp_path: Path, faulty: Faulty) -> None:
+    from massprops.sequence import write_sequence
+    from massprops.simulate.track_scenario import TrackScenario
+    from massprops.simulate.tracks import simulate_tracks
+
+    write_sequence(tmp_path / "seq", simulate_tracks(TrackScenario(frames=40, features=6, seed=3)).sequence)
+    with quick_disk(tmp_path) as place:
+        command = ["diagnose", str(tmp_path / "seq"), "-q"]
+        print(f"diagnose: {sweep(place, faulty, command, of_diagnosis, None)} changes, {len(KINDS)} ways each")
+
+
+SAMPLES = 3
+"""Changes of each stage that fail, in each of the ways; the last ones, with which the runner takes the stage over, come
+in more often. All of the 5000 of a run would take a day."""
+
+
+@pytest.fixture(scope="module")
+def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from massprops.simulate import simulate
+
+    out = tmp_path_factory.mktemp("footage") / "seq"
+    return simulate("asteroid", out, frames=30, size=(240, 180), rate_deg=8.0, seed=1) / "cam0" / "data"
+
+
+def reconstruct(footage: Path, out: Path) -> list[str]:
+    return ["reconstruct", str(footage), "-o", str(out), "-q", "--scale", "1", "--threads", "1"]
+
+
+@pytest.mark.bench
+def test_every_stage_of_a_reconstruction(tmp_path: Path, faulty: Faulty, footage: Path) -> None:
+    """Each stage is made again by itself in a finished run, on a disk that fails."""
+    rng = np.random.default_rng(16)
+    with quick_disk(tmp_path) as place:
+        base, out = place / "base", place / "out"
+        code = faulty(base, reconstruct(footage, base)).returncode
+        assert code in (0, 3), "of thirty small images the confidence is low"
+        base.rename(out)  # keys hold no names of folders, but requests do
+        whole = of_run(out)
+        out.rename(base)
+        for stage in ORDER:
+            shutil.copytree(base, out)
+            shutil.rmtree(out / "work" / stage)
+            faulty(out, reconstruct(footage, out))
+            count = faulty.count
+            assert of_run(out) == whole, stage
+            shutil.rmtree(out)
+            for kind in KINDS:
+                first = rng.integers(1, count + 1, SAMPLES - 1)
+                for n in (*first.tolist(), int(rng.integers(max(1, count - 25), count + 1))):
+                    shutil.copytree(base, out)
+                    shutil.rmtree(out / "work" / stage)
+                    one_fault(faulty, out, reconstruct(footage, out), n, kind, whole, of_run, code)
+                    shutil.rmtree(out)
+            print(f"{stage}: {count} changes, {SAMPLES} of them in {len(KINDS)} ways", flush=True)
+
+
+@pytest.mark.bench
+def test_a_reconstruction_from_the_beginning(tmp_path: Path, faulty: Faulty, footage: Path) -> None:
+    rng = np.random.default_rng(17)
+    with quick_disk(tmp_path) as place:
+        out = place / "out"
+        code = faulty(out, reconstruct(footage, out)).returncode
+        count, whole = faulty.count, of_run(out)
+        shutil.rmtree(out)
+        for kind in KINDS:
+            for n in rng.integers(1, count + 1, SAMPLES).tolist():
+                one_fault(faulty, out, reconstruct(footage, out), n, kind, whole, of_run, code)
+                shutil.rmtree(out)
+        print(f"reconstruct: {count} changes, {SAMPLES} of them in {len(KINDS)} ways", flush=True)
