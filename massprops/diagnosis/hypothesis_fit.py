@@ -129,8 +129,12 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     for _ in range(passes):
         before = found
         try:
-            found, guess = _pass(record, hypothesis, guess)
-        except np.linalg.LinAlgError:  # astray: the pass before is as far as it goes
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                found, guess = _pass(record, hypothesis, guess)
+        except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
+            break
+        if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
+            found = before
             break
         if not record.rows.rates:
             record = found.record
@@ -151,6 +155,8 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     for name, rate, columns, sd, kind in parts:
         del rate
         blocks.append(Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=sd, kind=kind))
+    if not all(np.isfinite(b.columns).all() for b in blocks):
+        raise FloatingPointError("the path that is predicted leaves all bounds")
     y = (rows.measured - balance.constant(guess.start)).reshape(-1) * over
     # the inertia's prior is about a ball, not about the present guess
     y = y + blocks[0].columns[:, :INERTIA] @ guess.shape
