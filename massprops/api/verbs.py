@@ -210,6 +210,7 @@ def estimate(
     method: str | Sequence[str] | None = None,
     prior: Place | Prior | None = None,
     model: Place | None = None,
+    effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
 ) -> Estimates:
@@ -222,6 +223,7 @@ def estimate(
             or all, which is the default.
         prior: what 'export --to filter' wrote.
         model: what 'diagnose' wrote; for the smoother.
+        effect: an effect file of your own, which `model` may name, may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each method.
 
@@ -237,12 +239,14 @@ def estimate(
     """
     from massprops.api.results import Estimates
     from massprops.api.sources import as_path
+    from massprops.effect_file import with_effects
     from massprops.estimators.estimate import estimate_all, write_outcome
 
     given = as_path(source)
     methods = [method] if isinstance(method, str) else list(method or ["all"])
     tell = None if progress is None else lambda done, total, what: progress(what, done, total)
-    outcome = estimate_all(given, methods, prior, model=model, **({} if tell is None else {"progress": tell}))  # type: ignore[arg-type]
+    with with_effects(_places(effect)):
+        outcome = estimate_all(given, methods, prior, model=model, **({} if tell is None else {"progress": tell}))  # type: ignore[arg-type]
     more = [Path(p) for p in (prior, model) if isinstance(p, str | PathLike)]
 
     def write(folder: Path) -> Path:
@@ -290,6 +294,8 @@ def diagnose(
     source: Place | Run | Simulation | Recording,
     out: Place | None = None,
     *,
+    discover: bool = False,
+    effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -298,6 +304,8 @@ def diagnose(
     Args:
         source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
+        discover: look for a law of what is in no catalogue too: `law` in the document, law.py, law.yaml.
+        effect: an effect file of your own, may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each step.
 
@@ -314,10 +322,14 @@ def diagnose(
     from massprops.api.sources import as_path
     from massprops.diagnosis.search.diagnose import diagnose as search
     from massprops.diagnosis.search.diagnose import write_found
+    from massprops.effect_file import with_effects
 
     given = as_path(source)
     inputs = [given] if isinstance(given, Path) else []
-    found = search(given, _path(out), **({} if progress is None else {"progress": progress}), force=force)
+    with with_effects(_places(effect)):
+        found = search(
+            given, _path(out), **({} if progress is None else {"progress": progress}), force=force, discover=discover
+        )
     folder = _path(out)
     return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))
 
@@ -413,6 +425,7 @@ def simulate(
     hidden_mass: tuple[float, float, float, float] | None = None,
     effects: str | Sequence[str] | None = None,
     model: Place | None = None,
+    effect: Place | Sequence[Place] | None = None,
     features: int | None = None,
     sigma: float | None = None,
     outliers: float | None = None,
@@ -442,6 +455,7 @@ def simulate(
         effects: an effect at work, may be several. "NAME:SIZE" moves the tracks by SIZE [px rms], or
             "NAME:parameter=value,...".
         model: what 'diagnose' wrote: its effects act.
+        effect: an effect file of your own, for `effects` and `model` to name, may be several.
         features: feature points, for tracks.
         sigma: 1-sigma of the tracks [px], for tracks.
         outliers: share of wrong tracks, for tracks.
@@ -461,6 +475,7 @@ def simulate(
         (2, 50)
     """
     from massprops.api.results import Kept, Simulation
+    from massprops.effect_file import with_effects
     from massprops.errors import InputError
     from massprops.simulation.simulate import is_tracks
     from massprops.simulation.simulate import simulate as render
@@ -476,28 +491,29 @@ def simulate(
     if of_tracks and not is_tracks(str(scenario)):
         raise InputError("features, sigma, outliers, attitude and rates are for the scenario 'tracks'")
     kept = Kept(_path(out))
-    render(
-        str(scenario),
-        kept.folder,
-        video,
-        **({} if progress is None else {"progress": lambda done, total, what: progress(what, done, total)}),
-        force=force,
-        frames=frames,
-        size=size,
-        rate_deg=rate,
-        fill=fill,
-        sun_phase_deg=phase,
-        distortion=distortion,
-        noise=noise,
-        background=background,
-        stereo_m=stereo,
-        range_sigma_m=range,
-        hidden_mass=hidden_mass,
-        effects=(effects,) if isinstance(effects, str) else tuple(effects or ()) or None,
-        model=model,
-        seed=seed,
-        **of_tracks,
-    )
+    with with_effects(_places(effect)):
+        render(
+            str(scenario),
+            kept.folder,
+            video,
+            **({} if progress is None else {"progress": lambda done, total, what: progress(what, done, total)}),
+            force=force,
+            frames=frames,
+            size=size,
+            rate_deg=rate,
+            fill=fill,
+            sun_phase_deg=phase,
+            distortion=distortion,
+            noise=noise,
+            background=background,
+            stereo_m=stereo,
+            range_sigma_m=range,
+            hidden_mass=hidden_mass,
+            effects=(effects,) if isinstance(effects, str) else tuple(effects or ()) or None,
+            model=model,
+            seed=seed,
+            **of_tracks,
+        )
     return Simulation(kept)
 
 
@@ -638,6 +654,12 @@ def sequence_from_arrays(
         range_sigma=range_sigma,
         out=_path(out),
     )
+
+
+def _places(given: Place | Sequence[Place] | None) -> list[Path]:
+    """One place, or several, as a list."""
+    one = [given] if isinstance(given, str | PathLike) else list(given or ())
+    return [Path(place) for place in one]
 
 
 def _path(place: Place | None) -> Path | None:

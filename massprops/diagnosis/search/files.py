@@ -15,7 +15,13 @@ from massprops.estimators.batch.measurements import Measurements
 from massprops.run.files import key_of_source
 
 
-def write_diagnosis(out: Path, d: Diagnosis, inputs: Iterable[Path] = (), force: bool = False) -> Path:
+def write_diagnosis(
+    out: Path,
+    d: Diagnosis,
+    inputs: Iterable[Path] = (),
+    force: bool = False,
+    more: dict[str, str | bytes] | None = None,
+) -> Path:
     """Writes everything, all of it or nothing.
 
     Args:
@@ -23,6 +29,7 @@ def write_diagnosis(out: Path, d: Diagnosis, inputs: Iterable[Path] = (), force:
         d: what was found.
         inputs: what it was found in.
         force: files in the folder that no `diagnose` wrote may be replaced.
+        more: further files, by name.
 
     Raises:
         InputError: the folder holds somebody's files, or cannot be written.
@@ -37,7 +44,7 @@ def write_diagnosis(out: Path, d: Diagnosis, inputs: Iterable[Path] = (), force:
         "diagnosis.json": json_text(d.document),
         "report.html": page(d),
     }
-    return write_contents(out, contents, inputs, force)
+    return write_contents(out, {**contents, **(more or {})}, inputs, force)
 
 
 def write_contents(out: Path, contents: dict[str, str | bytes], inputs: Iterable[Path], force: bool) -> Path:
