@@ -7,24 +7,20 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops import compare
+from massprops_cli.options import Force, argument, defaults, option
 from massprops_cli.terminal import say, warn
+
+D = defaults(compare)
 
 
 def command(
-    source: Annotated[Path, typer.Argument(metavar="RUN_OR_MESH", help="Run folder, or a mesh file.")],
-    cad: Annotated[Path, typer.Argument(metavar="CAD", help="Closed mesh: STL, OBJ, PLY, GLB or OFF.")],
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="Folder for compare.json and the coloured mesh; a run's report shows them."),
-    ] = None,
-    free_scale: Annotated[
-        bool | None,
-        typer.Option("--free-scale/--fixed-scale", help="Fit the scale too; default: when the run has none."),
-    ] = None,
-    cad_unit: Annotated[str, typer.Option("--cad-unit", help="Unit of the CAD file: m, cm, mm, in, or auto.")] = "auto",
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+    source: Annotated[Path, argument(compare, "source", "RUN_OR_MESH")],
+    cad: Annotated[Path, argument(compare, "cad", "CAD")],
+    out: Annotated[Path | None, option(compare, "out", "-o", "--out")] = D.out,
+    free_scale: Annotated[bool | None, option(compare, "free_scale", "--free-scale/--fixed-scale")] = D.free_scale,
+    cad_unit: Annotated[str, option(compare, "cad_unit")] = D.cad_unit,
+    force: Force = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print compare.json on stdout and nothing else.")] = False,
 ) -> None:
     """Align with a CAD mesh, then measure surface distances and the errors of every mass property.

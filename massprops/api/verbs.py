@@ -76,8 +76,8 @@ def reconstruct(
     Args:
         source: video, folder of images, or sequence folder; several: placements of one object, turned over between.
             Or frames in memory: (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
-        out: run folder; the same call continues an interrupted run.
-        motion: auto, tumbling (body moves, camera still) or static (camera moves).
+        out: run folder; the same command continues an interrupted run.
+        motion: how it was filmed: auto, tumbling (body moves, camera still) or static (camera moves).
         masks: silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.
         object: a pixel of the object as "X,Y" of the first image used, or "FILE:X,Y"; may be several.
         box: a rectangle in which the object lies, "X0,Y0,X1,Y1" of the first image used, or "FILE:X0,Y0,X1,Y1".
@@ -85,7 +85,7 @@ def reconstruct(
         frames: most frames used per camera.
         max_size: longer side to which images are reduced [px].
         focal: focal length of the source images, when known [px].
-        mapper: incremental or global.
+        mapper: way to place the images: incremental or global.
         sparse: existing COLMAP model to use in place of our own.
         dense_views: most reference views of the dense stereo; 0: chosen.
         density: constant density [kg/m^3]; not given: 1000, as water, and said so.
@@ -223,7 +223,7 @@ def estimate(
             or all, which is the default.
         prior: what 'export --to filter' wrote.
         model: what 'diagnose' wrote; for the smoother.
-        effect: an effect file of your own, which `model` may name, may be several.
+        effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each method.
 
@@ -240,13 +240,13 @@ def estimate(
     from massprops.api.results import Estimates
     from massprops.api.sources import as_path
     from massprops.effect_file import with_effects
-    from massprops.estimators.estimate import estimate_all, write_outcome
+    from massprops.estimators.estimate import estimate_all, silent, write_outcome
 
     given = as_path(source)
     methods = [method] if isinstance(method, str) else list(method or ["all"])
     tell = None if progress is None else lambda done, total, what: progress(what, done, total)
-    with with_effects(_places(effect)):
-        outcome = estimate_all(given, methods, prior, model=model, **({} if tell is None else {"progress": tell}))  # type: ignore[arg-type]
+    with with_effects(_paths(effect)):
+        outcome = estimate_all(given, methods, prior, tell or silent, model)  # type: ignore[arg-type]
     more = [Path(p) for p in (prior, model) if isinstance(p, str | PathLike)]
 
     def write(folder: Path) -> Path:
@@ -304,8 +304,8 @@ def diagnose(
     Args:
         source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
-        discover: look for a law of what is in no catalogue too: `law` in the document, law.py, law.yaml.
-        effect: an effect file of your own, may be several.
+        discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
+        effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each step.
 
@@ -326,7 +326,7 @@ def diagnose(
 
     given = as_path(source)
     inputs = [given] if isinstance(given, Path) else []
-    with with_effects(_places(effect)):
+    with with_effects(_paths(effect)):
         found = search(
             given, _path(out), **({} if progress is None else {"progress": progress}), force=force, discover=discover
         )
@@ -382,7 +382,7 @@ def export(
 
     Args:
         source: run folder, mesh file in metres, or a `trimesh.Trimesh` in metres.
-        to: filter, urdf, mjcf, sdf, basilisk, csv or json.
+        to: format: filter, urdf, mjcf, sdf, basilisk, csv or json.
         out: file to write; default: in the run, or beside the mesh file, by its name. A mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.
@@ -424,8 +424,8 @@ def simulate(
     range: float | None = None,
     hidden_mass: tuple[float, float, float, float] | None = None,
     effects: str | Sequence[str] | None = None,
-    model: Place | None = None,
     effect: Place | Sequence[Place] | None = None,
+    model: Place | None = None,
     features: int | None = None,
     sigma: float | None = None,
     outliers: float | None = None,
@@ -439,7 +439,7 @@ def simulate(
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
 
     Args:
-        scenario: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
+        scenario: what to show: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
         out: sequence folder to write.
         frames: number of images.
         size: width and height [px].
@@ -448,14 +448,14 @@ def simulate(
         phase: angle at the body between camera and Sun [deg].
         distortion: radial distortion of the lens, k1 and k2 as OpenCV's.
         noise: 1-sigma of the darkest pixels [grey levels].
-        background: black or still.
+        background: behind the body: black or still.
         stereo: second camera, this far to the right [m].
         range: range sensor with this noise [m].
         hidden_mass: mass that the mesh does not show, its share and place; moves the motion only.
         effects: an effect at work, may be several. "NAME:SIZE" moves the tracks by SIZE [px rms], or
             "NAME:parameter=value,...".
+        effect: an effect file of your own; may be several.
         model: what 'diagnose' wrote: its effects act.
-        effect: an effect file of your own, for `effects` and `model` to name, may be several.
         features: feature points, for tracks.
         sigma: 1-sigma of the tracks [px], for tracks.
         outliers: share of wrong tracks, for tracks.
@@ -491,7 +491,7 @@ def simulate(
     if of_tracks and not is_tracks(str(scenario)):
         raise InputError("features, sigma, outliers, attitude and rates are for the scenario 'tracks'")
     kept = Kept(_path(out))
-    with with_effects(_places(effect)):
+    with with_effects(_paths(effect)):
         render(
             str(scenario),
             kept.folder,
@@ -656,10 +656,9 @@ def sequence_from_arrays(
     )
 
 
-def _places(given: Place | Sequence[Place] | None) -> list[Path]:
-    """One place, or several, as a list."""
-    one = [given] if isinstance(given, str | PathLike) else list(given or ())
-    return [Path(place) for place in one]
+def _paths(places: Place | Sequence[Place] | None) -> list[Path]:
+    given = [places] if isinstance(places, str | PathLike) else places or []
+    return [Path(place) for place in given]
 
 
 def _path(place: Place | None) -> Path | None:

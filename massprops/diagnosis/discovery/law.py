@@ -18,8 +18,9 @@ from massprops.diagnosis.held_out import held_out_rms
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.momentum_balance import Balance, torque_forcing
 from massprops.diagnosis.record import Record
+from massprops.diagnosis.selection import within_noise
 
-LIKELY = 0.5
+LIKELY = 0.75
 """Probability of each of its terms from which a law is stated as one."""
 NEAR = 9
 """Moments tried about a step, from one neighbour to the next."""
@@ -55,6 +56,8 @@ class Law:
             return "a free rigid body explains the record as well"
         if self.evidence < self.unknown.evidence + criteria.BEATS_UNKNOWN:
             return "a torque that nothing is known of explains the record better"
+        if self.alone.record.stated and not within_noise(self.alone):
+            return f"it leaves {_rms(self.alone.residual):.2f} of the stated noise: something else acts too"
         if self.probability.min() < LIKELY:
             return "other terms explain the record nearly as well: it does not tell them apart"
         return ""

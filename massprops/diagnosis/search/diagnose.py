@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +49,7 @@ class Diagnosis:
         document: the content of `diagnosis.json`; model: of `model.yaml`.
         case, selection: the work behind it; torque: the recovered torque, when unexplained; history: momentum and energy.
         surface: (s, 3) points of a run's mesh from its centre of mass, where the body axes are the mesh's, or None.
+        law: files of a law that was discovered, by name.
     """
 
     document: dict[str, Any]
@@ -58,6 +59,7 @@ class Diagnosis:
     torque: dict[str, Any] | None
     history: dict[str, Any] | None
     surface: np.ndarray | None = None
+    law: dict[str, str | bytes] = field(default_factory=dict)
 
 
 def diagnose(
@@ -96,18 +98,20 @@ def diagnose(
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
     if decides(sequence):
         by_balance = diagnose_by_balance(sequence, progress)
-        more = _law(sequence, by_balance.document, progress) if discover else {}
+        if discover:
+            by_balance = replace(by_balance, law=_law(sequence, by_balance.document, progress))
         if out is not None:
-            write_found(Path(out), by_balance, given, force, more)
+            write_found(Path(out), by_balance, given, force)
         return by_balance
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
     if run is not None and found.case.first.body_frame == "attitude0":
         found = replace(found, surface=_surface(run))
-    more = _law(sequence, found.document, progress) if discover else {}
+    if discover:
+        found = replace(found, law=_law(sequence, found.document, progress))
     if out is not None:
-        write_found(Path(out), found, given, force, more)
+        write_found(Path(out), found, given, force)
     return found
 
 
@@ -125,15 +129,14 @@ def write_found(
     found: Diagnosis | BalanceDiagnosis,
     inputs: Iterable[Path] = (),
     force: bool = False,
-    more: dict[str, str | bytes] | None = None,
 ) -> Path:
     """The files of a diagnosis, all of them or none; see `files.write_diagnosis`."""
     from massprops.diagnosis.diagnose import contents_of
     from massprops.diagnosis.search.files import write_contents, write_diagnosis
 
     if isinstance(found, Diagnosis):
-        return write_diagnosis(out, found, inputs, force, more)
-    return write_contents(out, {**contents_of(found), **(more or {})}, inputs, force)
+        return write_diagnosis(out, found, inputs, force)
+    return write_contents(out, contents_of(found), inputs, force)
 
 
 def _surface(run: Path) -> np.ndarray | None:

@@ -20,7 +20,6 @@ def write_diagnosis(
     d: Diagnosis,
     inputs: Iterable[Path] = (),
     force: bool = False,
-    more: dict[str, str | bytes] | None = None,
 ) -> Path:
     """Writes everything, all of it or nothing.
 
@@ -29,7 +28,6 @@ def write_diagnosis(
         d: what was found.
         inputs: what it was found in.
         force: files in the folder that no `diagnose` wrote may be replaced.
-        more: further files, by name.
 
     Raises:
         InputError: the folder holds somebody's files, or cannot be written.
@@ -44,7 +42,7 @@ def write_diagnosis(
         "diagnosis.json": json_text(d.document),
         "report.html": page(d),
     }
-    return write_contents(out, {**contents, **(more or {})}, inputs, force)
+    return write_contents(out, {**contents, **d.law}, inputs, force)
 
 
 def write_contents(out: Path, contents: dict[str, str | bytes], inputs: Iterable[Path], force: bool) -> Path:
