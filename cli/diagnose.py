@@ -7,41 +7,47 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops import diagnose
+from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, warn
+
+D = defaults(diagnose)
 
 
 def command(
-    source: Annotated[Path, typer.Argument(metavar="SEQ_OR_RUN", help="Sequence folder, or a run folder.")],
-    out: Annotated[
-        Path, typer.Option("-o", "--out", help="Folder for diagnosis.json, model.yaml, residual.csv and report.html.")
-    ],
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+    source: Annotated[Path, argument(diagnose, "source", "SEQ_OR_RUN")],
+    out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
+    effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect,
+    force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print diagnosis.json on stdout and nothing else.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Find where a free rigid body's motion and the measurements disagree, and name the missing effect.
+
+    The result is printed; -o keeps it, with the model, the residuals and a report.
 
     Example: massprops diagnose sequences/one -o diagnoses/one
     """
     import json
 
+    from massprops.core.files import plain
     from massprops.diagnosis.search import diagnose
+    from massprops.effect_file import with_effects
     from massprops_cli.progress import StageProgress
 
-    with StageProgress(quiet) as watch:
+    with with_effects(effect or []), StageProgress(quiet) as watch:
         found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force)
     document = found.document
     for warning in document["warnings"]:
         warn(warning)
     if json_output:
-        say((out / "diagnosis.json").read_text() if (out / "diagnosis.json").is_file() else json.dumps(document))
+        say((out / "diagnosis.json").read_text() if out is not None else json.dumps(plain(document)))
     else:
         say(diagnosis_table(document))
-        say(f"report: {out / 'report.html'}")
+        if out is not None:
+            say(f"report: {out / 'report.html'}")
     return 0
 
 

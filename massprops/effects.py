@@ -1,8 +1,11 @@
 """What an effect says about itself, and how the catalogue of effects is found.
 
 An effect is one file in `dynamics/effects/` or `sensing/effects/`, named as the effect with underscores. It holds
-`NAME`, `SENTENCE` (for users), `PARAMETERS`, `NEEDS` (names of surroundings or sensors it cannot do without) and the
-functions by which it changes the motion or a measurement. Adding a file adds the effect.
+`NAME`, `SENTENCE` (for users), `FORMULA` (the same in symbols), `PARAMETERS`, `NEEDS` (names of surroundings or sensors
+it cannot do without) and the functions by which it changes the motion or a measurement. Adding a file adds the effect.
+
+A user's own effect is such a file too: `--effect FILE.py` (`massprops.effect_file`) adds it for one command, an entry
+point of the group `massprops.effects`, whose value is a module, for good.
 
 Functions of the motion, component by component (`massprops.dynamics.kernels`), p a sequence of parameters, `around` a
 `massprops.dynamics.surroundings.Sky`; the first four are compiled as well (`massprops.dynamics.march`):
@@ -26,43 +29,77 @@ Functions of the measurement:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from massprops.effect_contract import GIVEN, KNOWN_NEEDS, Parameter, changes_motion, faults, first_line
+from massprops.errors import InputError
 
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect.
+_added: dict[str, ModuleType] = {}
+"""Effects of the user's own files, by name."""
 
-    Attributes:
-        name: in `model.yaml`.
-        unit: SI.
-        size: what is common, in that unit; scales the search.
-        limit: largest plausible magnitude; None for no limit. least: smallest plausible value; None for none.
-        kind: `number`; `time` for the moment of an event [s since the first timestamp]; `span` for the length of the
-            record [s] and `duration` for that of an event [s], which are given, not found; `pace` for a number that means nothing while the effect has no size.
-        form: 0 always found; 1 only where the simpler form of the effect leaves something over.
+
+def effects() -> dict[str, ModuleType]:
+    """Every effect by its name, those of the motion first: the catalogue's, installed packages', the user's."""
+    every = {**catalogue(), **_packaged()[0], **_added}
+    return dict(sorted(every.items(), key=lambda pair: not changes_motion(pair[1])))
+
+
+def add(effect: ModuleType) -> None:
+    """Makes an effect known to this process.
+
+    Raises:
+        InputError: another effect has its name.
     """
-
-    name: str
-    unit: str
-    size: float
-    limit: float | None = None
-    kind: str = "number"
-    least: float | None = None
-    form: int = 0
+    known = {**catalogue(), **_packaged()[0]}
+    if effect.NAME in known:
+        raise InputError(f"{effect.__file__}: NAME {effect.NAME!r} is an effect of the catalogue; choose another")
+    _added[effect.NAME] = effect
 
 
-GIVEN = ("span", "duration")
-"""Kinds of parameters that a search over starts takes as they are."""
+def remove(name: str) -> None:
+    """Forgets an effect that was added."""
+    _added.pop(name, None)
+
+
+def is_users(effect: ModuleType) -> bool:
+    """Whether an effect is no file of the catalogue."""
+    return catalogue().get(effect.NAME) is not effect
+
+
+def refused() -> dict[str, str]:
+    """Entry points of installed packages that are left out, with what is wrong with them."""
+    return _packaged()[1]
 
 
 @cache
-def effects() -> dict[str, ModuleType]:
-    """Every effect by its name: those of the motion first."""
+def _packaged() -> tuple[dict[str, ModuleType], dict[str, str]]:
+    """Effects of installed packages, entry points of the group `massprops.effects`, and those refused."""
+    from importlib.metadata import entry_points
+
+    found: dict[str, ModuleType] = {}
+    wrong: dict[str, str] = {}
+    for point in entry_points(group="massprops.effects"):
+        try:
+            module = point.load()
+            fault = faults(module)
+        except Exception as error:  # noqa: BLE001  a package's own code
+            wrong[point.name] = f"it cannot be loaded: {first_line(error)}"
+            continue
+        if not fault and (module.NAME in catalogue() or module.NAME in found):
+            fault = f"its NAME {module.NAME!r} is taken"
+        if fault:
+            wrong[point.name] = fault
+        else:
+            found[module.NAME] = module
+    return found, wrong
+
+
+@cache
+def catalogue() -> dict[str, ModuleType]:
+    """The effects that are files of massprops, by name."""
     found: dict[str, ModuleType] = {}
     for room in ("dynamics", "sensing"):
         folder = Path(__file__).parent / room / "effects"
@@ -98,6 +135,7 @@ def forms(effect: ModuleType) -> int:
     return 1 + max(q.form for q in effect.PARAMETERS)
 
 
-def changes_motion(effect: ModuleType) -> bool:
-    """Whether the effect acts on the body rather than on the sensors."""
-    return any(hasattr(effect, f) for f in ("torque", "inertia", "internal", "jump", "swing", "displacement"))
+__all__ = [
+    "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "is_users", "paced", "places_of",
+    "refused", "remove", "searched",
+]  # fmt: skip

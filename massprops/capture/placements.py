@@ -21,6 +21,8 @@ MET = 0.6
 """Least share of each part's images that look from like directions as some image of the other."""
 LEAST_SHARED = 3
 """Features in common with a placement's images, all together, that make an image one of them."""
+NEIGHBOURS = 3
+"""Decided images on each side, in the order of capture, that must show the same placement to decide one between them."""
 LEAST_POINTS = 60
 """Sparse points on the object without which no division is looked for."""
 FEW = 0.25
@@ -80,7 +82,7 @@ def divide(shared: np.ndarray, direction: np.ndarray) -> np.ndarray:
         return label
     for k, part in enumerate(sorted(done, key=lambda p: (-len(p), int(p[0])))):
         label[part] = k
-    return _settled(label, shared)
+    return _linked(_settled(label, shared), shared)
 
 
 def _settled(label: np.ndarray, shared: np.ndarray) -> np.ndarray:
@@ -93,6 +95,41 @@ def _settled(label: np.ndarray, shared: np.ndarray) -> np.ndarray:
             break
         label = new
     return label
+
+
+def _linked(label: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    """Labels (n,), -1 for images that hang together with each other only, and not with most of their placement: nothing
+    but chance has put them there."""
+    from scipy.sparse.csgraph import connected_components
+
+    out = np.full(len(label), -1)
+    for k in range(int(label.max(initial=-1)) + 1):
+        part = np.flatnonzero(label == k)
+        group = connected_components(shared[np.ix_(part, part)] >= LEAST_SHARED, directed=False)[1]
+        core = group == np.bincount(group).argmax()
+        for _ in range(len(part)):
+            more = ~core & (shared[np.ix_(part, part[core])].sum(1) >= LEAST_SHARED)
+            if not more.any():
+                break
+            core |= more
+        out[part[core]] = k
+    return out
+
+
+def by_order(label: np.ndarray) -> np.ndarray:
+    """Labels (n,) in the order of capture, with undecided images (-1) given the placement of their neighbours.
+
+    An object is set down anew a few times, not between any two images: where the `NEIGHBOURS` decided images before and
+    those after all show one placement, so does the image between them.
+    """
+    out = label.copy()
+    decided = np.flatnonzero(label >= 0)
+    for i in np.flatnonzero(label < 0):
+        place = int(np.searchsorted(decided, i))
+        near = label[decided[max(0, place - NEIGHBOURS) : place + NEIGHBOURS]]
+        if len(near) >= NEIGHBOURS and (near == near[0]).all():
+            out[i] = near[0]
+    return out
 
 
 def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:

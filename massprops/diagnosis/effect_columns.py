@@ -26,6 +26,7 @@ from massprops.diagnosis.momentum_balance import Forcing, torque_forcing
 from massprops.diagnosis.motion_path import MotionPath
 from massprops.dynamics.rotation import six_of
 from massprops.dynamics.surroundings import Sky
+from massprops.effect_contract import superposes
 from massprops.effects import changes_motion, effects, places_of
 
 
@@ -68,7 +69,8 @@ def in_balance() -> list[ModuleType]:
 
 def is_linear(effect: ModuleType) -> bool:
     """Whether the effect is a torque whose parameters all enter linearly."""
-    return hasattr(effect, "torque") and not places_of(effect, "time") and not places_of(effect, "pace")
+    simple = hasattr(effect, "torque") and not places_of(effect, "time") and not places_of(effect, "pace")
+    return simple and superposes(effect)
 
 
 def scan(effect: ModuleType, t: np.ndarray, w: np.ndarray) -> list[Term]:

@@ -17,7 +17,7 @@ from numba.core import types as nt
 from massprops.dynamics import compiled, kernels
 from massprops.dynamics.rotation import INSIDE
 from massprops.dynamics.surroundings import Sky
-from massprops.effects import effects
+from massprops.effects import catalogue
 
 _3, _4, _6 = (nt.UniTuple(nt.float64, n) for n in (3, 4, 6))  # type: ignore[attr-defined]
 _P = nt.Array(nt.float64, 1, "C")
@@ -43,9 +43,9 @@ EQUATIONS = {
 
 @cache
 def functions(name: str) -> dict[Callable, object]:
-    """The compiled functions of this name by the plain ones, of every effect that has one."""
+    """The compiled functions of this name by the plain ones, of every effect of the catalogue that has one."""
     found = {}
-    for effect in effects().values():
+    for effect in catalogue().values():
         plain = getattr(effect, name, None)
         if plain is not None:
             names = {k: v for k, v in EQUATIONS.items() if k in plain.__globals__}

@@ -19,7 +19,7 @@ import numpy as np
 from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.surroundings import Sky, Surroundings
-from massprops.effects import effects, places_of
+from massprops.effects import is_users, places_of
 
 LARGEST_TURN = 0.08
 """Rotation [rad] in a step of the fourth-order Runge-Kutta method: below 1e-6 rad of error a revolution."""
@@ -244,8 +244,7 @@ def trajectory(
 
 
 def _in_catalogue(acting: Acting) -> bool:
-    every = effects()
-    return all(every.get(effect.NAME) is effect for effect in acting.effects)
+    return not any(is_users(effect) for effect in acting.effects)
 
 
 def _marched(*given: Any) -> np.ndarray:

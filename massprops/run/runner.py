@@ -26,6 +26,7 @@ from massprops.core.files import (
     write_json,
     write_whole,
 )
+from massprops.core.log import log
 from massprops.core.outputs import BASES, OWN, Outputs
 from massprops.core.processes import child_environment, processors, python_module
 from massprops.errors import InputError
@@ -121,6 +122,7 @@ class _Chain:
             if not outcome.exit_code and self._current(name):
                 outcome.stages[name] = self.before[name]
                 remove_folder(self._parts(name).parent)
+                log.info("stage %s: kept, its inputs are as they were", name)
             elif not self._make(name, number):
                 self._forget_refused()
                 return outcome
@@ -246,10 +248,10 @@ class _Chain:
 
     def _run_stage(self, name: str, number: int, out: Path) -> tuple[dict[str, Any], int, str]:
         """One stage in a child process, which writes into `out`: its entry for `run.yaml`, exit code, reason."""
-        log = self.run / "work" / f"{name}.log"
+        written = self.run / "work" / f"{name}.log"
         try:
             request = self._write_request(name, out)
-            output = log.open("wb")
+            output = written.open("wb")
         except OSError as error:
             return {"status": "failed"}, 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
         begun = time.monotonic()
@@ -264,13 +266,17 @@ class _Chain:
             "facts": plain(said.get("facts", {})),
             "warnings": list(said.get("warnings", [])),
         }
+        log.info(
+            "stage %s: %s", name, ", ".join(f"{k} {entry[k]}" for k in ("seconds", "cpu_seconds", "peak_memory_mb"))
+        )
+        log.debug("stage %s: %s", name, entry["facts"])
         if "facts" in said:
             entry["sha256"] = hash_tree(out)
             return entry, 0, ""
         entry["status"] = "failed"
         if "exit_code" in said and not said.get("again"):  # as it would be the next time
             remove_folder(self._parts(name).parent)
-        return entry, *_what_failed(name, said, child.returncode, log)
+        return entry, *_what_failed(name, said, child.returncode, written)
 
     def _parts(self, name: str) -> Path:
         """Where a stage keeps what it has finished of its work, until it is done; what it kept under another key goes."""

@@ -302,3 +302,16 @@ def test_a_file_that_is_not_there_is_refused_before_any_work(tmp_path: Path) -> 
     for says, call in wrong:
         with pytest.raises(InputError, match=says):
             call()
+
+
+def test_table_points_that_rise_towards_the_foot_are_no_stand() -> None:
+    rng = np.random.default_rng(5)
+    own = box(rng, 8000, np.array([0.1, 0.1, 0.2]), np.array([0, 0, 0.2]))
+    flat, up = rectangle(rng, 20_000, 0.2, 0.2, 0.0)
+    out = np.abs(flat[:, :2]).max(1)
+    slope = out > 0.1
+    xyz = flat[slope] + np.column_stack([np.zeros((slope.sum(), 2)), 0.05 * rng.random(slope.sum()) ** 2])
+    found = find_object(made((ground(rng), GREY), ((xyz, up[slope]), GREY), (own, RED)))
+    assert not found.readings
+    tall = found.split.member[-8000:]
+    assert tall.mean() > 0.9

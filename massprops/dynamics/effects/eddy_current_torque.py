@@ -5,6 +5,7 @@ from massprops.effects import Parameter
 
 NAME = "eddy-current-torque"
 SENTENCE = "Eddy currents in the conducting body brake its rotation across the magnetic field."
+FORMULA = "torque = conductance (w x B) x B"
 PARAMETERS = (Parameter("conductance", "s^-1 T^-2", 1e6, 1e14, least=0.0),)
 NEEDS = ("magnetic field",)
 

@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "energy-dissipation"
 SENTENCE = "Something inside moves with friction (fuel, a damper): energy falls, angular momentum stays."
+FORMULA = "momentum inside = share w_s;  w_s' + w x w_s = coupling (w - w_s)"
 PARAMETERS = (
     Parameter("share", "1", 0.05, 1.0, least=0.0),
     Parameter("coupling", "s^-1", 0.1, 1e3, "pace", least=0.0),

@@ -5,6 +5,7 @@ from massprops.effects import Parameter
 
 NAME = "gravity-gradient-torque"
 SENTENCE = "The planet pulls the near side of the body harder than the far side and turns it."
+FORMULA = "torque = strength 3 mu / r^5 r x (I r)"
 PARAMETERS = (Parameter("strength", "1", 1.0, 3.0, least=0.3),)
 NEEDS = ("orbit",)
 

@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "impulse"
 SENTENCE = "A knock at one moment changes rotation and velocity: a contact, a collision, a pulse."
+FORMULA = "at time, momentum grows by kick and the velocity by velocity"
 PARAMETERS = (
     Parameter("time", "s", 1.0, None, "time"),
     *(Parameter(f"kick_{a}", "rad s^-1", 1e-2, 100.0) for a in "xyz"),

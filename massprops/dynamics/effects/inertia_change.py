@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "inertia-change"
 SENTENCE = "The mass distribution changes at one moment: something deploys, moves inside or lets go."
+FORMULA = "at time, I grows by inertia, the centre of mass moves by centre, the body turns by swing"
 PARAMETERS = (
     Parameter("time", "s", 1.0, None, "time"),
     *(Parameter(f"inertia_{n}", "1", 0.05, 3.0) for n in ("xx", "yy", "zz", "xy", "xz", "yz")),

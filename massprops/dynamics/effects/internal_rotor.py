@@ -5,6 +5,7 @@ from massprops.effects import Parameter
 SHAPES = 9
 NAME = "internal-rotor"
 SENTENCE = "A wheel inside the body carries angular momentum of its own."
+FORMULA = "momentum inside = momentum (1 + sum_k shape_k (hat_k(t / span) - mean of hat_k))"
 PARAMETERS = (
     *(Parameter(f"momentum_{a}", "rad s^-1", 1e-2, 1e5) for a in "xyz"),
     *(Parameter(f"shape_{k}", "1", 0.5, 50.0, form=1) for k in range(1, SHAPES + 1)),

@@ -5,6 +5,7 @@ from massprops.effects import Parameter
 
 NAME = "magnetic-dipole-torque"
 SENTENCE = "A magnetic moment fixed in the body is turned by the field around it."
+FORMULA = "torque = dipole x B"
 PARAMETERS = tuple(Parameter(f"dipole_{a}", "rad s^-2 T^-1", 1.0, 1e9) for a in "xyz")
 NEEDS = ("magnetic field",)
 

@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "nonuniform-density"
 SENTENCE = "The mass is not spread evenly: the inertia differs from that of the shape at constant density."
+FORMULA = "I = I assumed + inertia, without trace"
 PARAMETERS = tuple(Parameter(f"inertia_{n}", "1", 0.05, 3.0) for n in ("xx_yy", "zz", "xy", "xz", "yz"))
 NEEDS = ("assumed inertia",)
 

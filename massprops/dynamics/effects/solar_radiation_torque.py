@@ -5,6 +5,7 @@ from massprops.effects import Parameter
 
 NAME = "solar-radiation-torque"
 SENTENCE = "Sunlight pushes on the body at a centre of pressure that is not its centre of mass."
+FORMULA = "torque = pressure x (-s), s toward the Sun"
 PARAMETERS = tuple(Parameter(f"pressure_{a}", "rad s^-2", 1e-4, 1.0) for a in "xyz")
 NEEDS = ("sun direction",)
 

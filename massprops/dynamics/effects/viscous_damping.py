@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "viscous-damping"
 SENTENCE = "The surroundings brake the rotation in proportion to its rate: a gas, a fluid, a bearing."
+FORMULA = "torque = -damping w"
 PARAMETERS = (Parameter("damping", "s^-1", 1e-3, 10.0, least=0.0),)
 NEEDS = ()
 

@@ -63,6 +63,7 @@ def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str])
             "rival_px": found.rival_px,
             "colour_correlation": found.colour,
             "rival_colour_correlation": found.rival_colour,
+            "colour_correlation_noise": found.colour_noise,
         }
         if found.clear:
             facts["joined"].append(said)

@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "baseline-error"
 SENTENCE = "The two cameras stand farther apart or closer than the calibration says."
+FORMULA = "baseline = (1 + relative) baseline given"
 PARAMETERS = (Parameter("relative", "1", 0.01, 0.5),)
 NEEDS = ("stereo",)
 

@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "chaser-rotation-drift"
 SENTENCE = "The chaser itself turns slowly though it is believed to hold still."
+FORMULA = "cam0 turns by rate t"
 PARAMETERS = tuple(Parameter(f"rate_{a}", "rad s^-1", 1e-4, 1.0) for a in "xyz")
 NEEDS = ("camera",)
 

@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "focal-length-error"
 SENTENCE = "The focal length is not what the calibration says."
+FORMULA = "(x, y) seen = (1 + relative) (x, y)"
 PARAMETERS = (Parameter("relative", "1", 0.01, 0.5),)
 NEEDS = ("tracks",)
 

@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "rolling-shutter"
 SENTENCE = "The rows of a picture are taken one after the other, not at once."
+FORMULA = "time of a row = timestamp + readout row, row from -1/2 to 1/2"
 PARAMETERS = (Parameter("readout", "s", 1e-2, 10.0),)
 NEEDS = ("tracks",)
 

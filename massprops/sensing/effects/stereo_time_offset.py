@@ -4,6 +4,7 @@ from massprops.effects import Parameter
 
 NAME = "stereo-time-offset"
 SENTENCE = "The second camera takes its pictures earlier or later than the first."
+FORMULA = "time of cam1 = timestamp + offset"
 PARAMETERS = (Parameter("offset", "s", 1e-2, 10.0),)
 NEEDS = ("stereo",)
 

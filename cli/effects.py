@@ -1,0 +1,66 @@
+"""`massprops effects`: the catalogue of what can act on a body or its sensors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from massprops_cli.terminal import say, warn
+
+
+def command(
+    effect: Annotated[
+        list[Path] | None,
+        typer.Option("--effect", metavar="FILE", help="An effect file of your own, checked and listed too."),
+    ] = None,
+    json_output: Annotated[bool, typer.Option("--json", help="Print the list as JSON and nothing else.")] = False,
+) -> int:
+    """List every effect: its formula, its parameters with their units, what it needs.
+
+    An effect is a Python file with NAME, SENTENCE, FORMULA, PARAMETERS, NEEDS and the functions by which it acts;
+    'simulate', 'estimate' and 'diagnose' take one with --effect.
+
+    Example: massprops effects --effect my_effect.py
+    """
+    import json
+
+    from massprops.effect_file import with_effects
+    from massprops.effects import effects, refused
+
+    with with_effects(effect or []):
+        listed = [entry(module) for module in effects().values()]
+    for name, why in refused().items():
+        warn(f"effect {name} of an installed package is left out: {why}")
+    if json_output:
+        say(json.dumps(listed))
+    else:
+        say("\n".join(_lines(e) for e in listed))
+    return 0
+
+
+def entry(effect: Any) -> dict[str, Any]:
+    """What an effect's file says of it."""
+    from massprops.effects import changes_motion
+
+    return {
+        "name": effect.NAME,
+        "acts_on": "motion" if changes_motion(effect) else "sensors",
+        "sentence": effect.SENTENCE,
+        "formula": getattr(effect, "FORMULA", ""),
+        "parameters": [{"name": q.name, "unit": q.unit, "kind": q.kind} for q in effect.PARAMETERS],
+        "needs": list(effect.NEEDS),
+        "file": effect.__file__,
+    }
+
+
+def _lines(e: dict[str, Any]) -> str:
+    """A few lines for the terminal."""
+    rows = [f"{e['name']}  ({e['acts_on']})", f"  {e['sentence']}"]
+    if e["formula"]:
+        rows.append(f"  {e['formula']}")
+    rows.append("  " + ", ".join(f"{q['name']} [{q['unit']}]" for q in e["parameters"]))
+    if e["needs"]:
+        rows.append(f"  needs {', '.join(e['needs'])}")
+    return "\n".join(rows)
