@@ -7,25 +7,23 @@ from typing import Annotated
 
 import typer
 
+from massprops import campaign
+from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, warn
+
+D = defaults(campaign)
 
 
 def command(
-    configuration: Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file: kind, parameters, grid, runs.")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Campaign folder; the same command continues a stopped one.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, as tcp://HOST:8786; default: this machine.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes on this machine; default: one per core.")] = None,
+    configuration: Annotated[Path, argument(campaign, "configuration", "CONFIG")],
+    out: Annotated[Path | None, option(campaign, "out", "-o", "--out")] = D.out,
+    scheduler: Annotated[str | None, option(campaign, "scheduler", metavar="ADDRESS")] = D.scheduler,
+    workers: Annotated[int | None, option(campaign, "workers")] = D.workers,
     only: Annotated[int | None, typer.Option(metavar="SEED", help="Make the runs of one seed again, alone.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Consent to more than a million runs.")] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+    yes: Annotated[bool, option(campaign, "yes", "--yes")] = D.yes,
+    force: Force = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print table.json on stdout and nothing else.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a grid or a random draw of seeded runs into a store that survives, then a table and a report.
 

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from massprops.core.text import clock
 from massprops_cli.terminal import say
 
 if TYPE_CHECKING:
@@ -56,15 +57,6 @@ def progress_line(now: Progress) -> str:
         parts.append(f"{clock(now.left_s)} left")
     parts.append(f"{now.slots} workers" if now.slots != 1 else "1 worker")
     return ", ".join(parts)
-
-
-def clock(seconds: float) -> str:
-    """A duration for people."""
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    if seconds < 3600:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"
 
 
 def alone(

@@ -8,22 +8,22 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops import crosscheck
+from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, warn
+
+D = defaults(crosscheck)
 
 
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of 'massprops reconstruct'.")],
-    sequence: Annotated[
-        Path | None, typer.Option("--sequence", metavar="SEQ", help="Another sequence of the same footage.")
-    ] = None,
-    method: Annotated[list[str] | None, typer.Option("--method", help="Estimator, may be repeated; or all.")] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+    run: Annotated[Path, argument(crosscheck, "run", "RUN")],
+    sequence: Annotated[Path | None, option(crosscheck, "sequence", metavar="SEQ")] = D.sequence,
+    method: Annotated[list[str] | None, option(crosscheck, "method")] = D.method,
+    force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print crosscheck.json on stdout and nothing else.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Do mesh and motion agree on the inertia ratios and principal axes?
 

@@ -7,49 +7,44 @@ from typing import Annotated, Any
 
 import typer
 
+from massprops import estimate
+from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, tell, warn
+
+D = defaults(estimate)
 
 
 def command(
-    source: Annotated[Path, typer.Argument(metavar="SEQ_OR_RUN", help="Sequence folder, or a run folder.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for estimates.json, CSVs and report.html.")],
-    method: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--method", help="Estimator, may be repeated: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, …, or all."
-        ),
-    ] = None,
-    prior: Annotated[
-        Path | None, typer.Option("--prior", metavar="FILTER_YAML", help="What 'export --to filter' wrote.")
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option("--model", metavar="MODEL_YAML", help="What 'diagnose' wrote; for the smoother.")
-    ] = None,
-    effect: Annotated[
-        list[Path] | None,
-        typer.Option("--effect", metavar="FILE", help="An effect file of your own, may be repeated."),
-    ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+    source: Annotated[Path, argument(estimate, "source", "SEQ_OR_RUN")],
+    out: Annotated[Path | None, option(estimate, "out", "-o", "--out")] = D.out,
+    method: Annotated[list[str] | None, option(estimate, "method")] = D.method,
+    prior: Annotated[Path | None, option(estimate, "prior", metavar="FILTER_YAML")] = D.prior,
+    model: Annotated[Path | None, option(estimate, "model", metavar="MODEL_YAML")] = D.model,
+    effect: Annotated[list[Path] | None, option(estimate, "effect", metavar="FILE")] = D.effect,
+    force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print estimates.json on stdout and nothing else.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Run the online estimators on a sequence's tracks, and the smoother that they are measured against.
+
+    The result is printed; -o keeps it, with the histories and a report.
 
     Example: massprops estimate runs/demo --method smoother -o estimates/demo
     """
     import json
 
+    from massprops.core.files import plain
     from massprops.effect_file import with_effects
+    from massprops.estimators.documents import document as document_of
     from massprops.estimators.estimate import estimate_all, write_outcome
     from massprops.report.estimates import check_place
     from massprops_cli.progress import StageProgress
 
     given = (source, *(p for p in (prior, model) if p is not None))
-    check_place(out, given, force)
+    if out is not None:
+        check_place(out, given, force)
     with with_effects(effect or []), StageProgress(quiet) as watch:
         outcome = estimate_all(
             source,
@@ -58,8 +53,11 @@ def command(
             lambda done, total, what: watch(what or "done", min(done, total - 1), total, 0, 0, ""),
             model,
         )
-    write_outcome(outcome, out, source, given[1:], force)
-    document = json.loads((out / "estimates.json").read_text())
+    if out is not None:
+        write_outcome(outcome, out, source, given[1:], force)
+        document = json.loads((out / "estimates.json").read_text())
+    else:
+        document = plain(document_of(outcome, str(source)))
     for warning in document["warnings"]:
         warn(warning)
     if document["reason"]:
@@ -68,7 +66,8 @@ def command(
         say(json.dumps(document))
     else:
         say(estimate_table(document))
-        say(f"report: {out / 'report.html'}")
+        if out is not None:
+            say(f"report: {out / 'report.html'}")
     return 3 if document["reason"] else 0
 
 

@@ -7,20 +7,20 @@ from typing import Annotated
 
 import typer
 
+from massprops import export
+from massprops_cli.options import Force, argument, defaults, given, option
 from massprops_cli.terminal import say, warn
+
+D = defaults(export)
 
 
 def command(
-    source: Annotated[Path, typer.Argument(metavar="RUN_OR_MESH", help="Run folder, or a mesh file in metres.")],
-    to: Annotated[str, typer.Option("--to", help="filter, urdf, mjcf, sdf, basilisk, csv or json.")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="File to write; default: in the run, by its name.")
-    ] = None,
-    density: Annotated[float, typer.Option(help="For a mesh file [kg/m^3].")] = 1000.0,
-    mass: Annotated[float | None, typer.Option(help="Measured mass [kg]; the inertia is scaled to it.")] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+    source: Annotated[Path, argument(export, "source", "RUN_OR_MESH")],
+    to: Annotated[str, option(export, "to")],
+    out: Annotated[Path | None, option(export, "out", "-o", "--out")] = D.out,
+    density: Annotated[float | None, option(export, "density")] = D.density,
+    mass: Annotated[float | None, option(export, "mass")] = D.mass,
+    force: Force = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print the written path as JSON.")] = False,
 ) -> None:
     """Write mass properties for a filter or a simulator.
@@ -31,5 +31,5 @@ def command(
 
     from massprops.exchange.export import export
 
-    path = export(source, to, out, density, mass, warn, force)
+    path = export(source, to, out, mass=mass, warn=warn, force=force, **given(density=density))
     say(json.dumps({"file": str(path), "format": to}) if json_output else f"{to}: {path}")

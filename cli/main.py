@@ -14,6 +14,7 @@ import typer
 import typer.core
 
 from massprops.errors import InputError, MasspropsError
+from massprops_cli.log import start_log, verbosity
 from massprops_cli.terminal import tell
 
 COMMANDS = {
@@ -31,8 +32,11 @@ COMMANDS = {
     "masks": "A run's silhouettes over its images, to mend and give back.",
     "view": "The report in the browser.",
     "doctor": "What is installed, what is missing, and what to type.",
+    "completion": "A script that lets your shell complete commands and options.",
 }
 
+
+HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
 USAGE = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 """What typer raises for a command line it cannot read, whichever click it carries."""
@@ -52,13 +56,24 @@ class Lazy(typer.core.TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in COMMANDS or not _exists(cmd_name):
             return None
-        if ctx.resilient_parsing or getattr(ctx, "_listing", False):
-            return None
         return load(cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(no_command(args[0]))
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, COMMANDS[name]) for name in self.list_commands(ctx)])
+
+
+def no_command(name: str) -> str:
+    """What to say to a command that there is none of, with the nearest that there is."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, COMMANDS, 2, 0.6)
+    return f"No such command '{name}'" + (f": did you mean {' or '.join(near)}?" if near else ".")
 
 
 def _exists(name: str) -> bool:
@@ -71,7 +86,7 @@ def load(name: str) -> Any:
     """The click command of one file."""
     function = import_module(f"massprops_cli.{name}").command
     single = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    single.command(name)(function)
+    single.command(name, context_settings=HELP_NAMES)(function)
     command = typer.main.get_command(single)
     command.name = name
     return command
@@ -84,9 +99,10 @@ def app() -> Any:
         add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
-        no_args_is_help=True,
+        context_settings=HELP_NAMES,
         help="Mass properties of an object from a video of it, and from the way it moves.",
-        epilog="Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42",
+        epilog="Every command: -h shows its options; -v says what is done, -vv also what the libraries say. "
+        "Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42",
     )
 
     @group.callback(invoke_without_command=True)
@@ -116,6 +132,8 @@ def main() -> None:
     sys.exit(run(sys.argv[1:]))
 
 
+COMPLETE = "_MASSPROPS_COMPLETE"
+"""Set by the script of `massprops completion`."""
 QUIET = {
     # small matrices throughout: a second BLAS thread only spins; large stages set their own threads
     "OPENBLAS_NUM_THREADS": "1",
@@ -129,7 +147,9 @@ QUIET = {
 
 def run(arguments: list[str]) -> int:
     """Runs one command line; never a traceback, and no word of a library's."""
-    with _libraries_silent():
+    level, arguments = verbosity(arguments)
+    start_log(level)
+    with contextlib.nullcontext() if level > 1 else _libraries_silent():
         return _run(arguments)
 
 
@@ -156,6 +176,10 @@ def _run(arguments: list[str]) -> int:
     try:
         for argument in arguments:
             _check_text(argument)
+        if os.environ.get(COMPLETE):
+            from typer.completion import completion_init
+
+            completion_init()
         status = app().main(args=arguments, prog_name="massprops", standalone_mode=False)
         if status == 130:  # typer's own word for an interrupt
             raise KeyboardInterrupt

@@ -7,17 +7,17 @@ from typing import Annotated
 
 import typer
 
+from massprops import masks
+from massprops_cli.options import argument, defaults, option
 from massprops_cli.terminal import say
+
+D = defaults(masks)
 
 
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder for the masks and the page; default: RUN-masks.")
-    ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace masks that were mended there, and files of others.")
-    ] = False,
+    run: Annotated[Path, argument(masks, "run", "RUN")],
+    out: Annotated[Path | None, option(masks, "out", "-o", "--out")] = D.out,
+    force: Annotated[bool, option(masks, "force", "--force")] = D.force,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print the list of images on stdout and nothing else.")

@@ -7,18 +7,20 @@ from typing import Annotated
 
 import typer
 
+from massprops import mass_properties
+from massprops_cli.options import Force, argument, defaults, given, option
 from massprops_cli.terminal import say, warn
+
+D = defaults(mass_properties)
 
 
 def command(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Closed mesh: STL, OBJ, PLY, GLB or OFF.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")],
-    density: Annotated[float, typer.Option(help="Constant density [kg/m^3].")] = 1000.0,
-    scale: Annotated[float, typer.Option(help="Metres per unit of the file; 0.001 for millimetres.")] = 1.0,
-    scale_sigma: Annotated[float, typer.Option(help="Relative 1-sigma of the scale.")] = 0.0,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files and results that this command did not write; never MESH.")
-    ] = False,
+    mesh: Annotated[Path, argument(mass_properties, "mesh", "MESH")],
+    out: Annotated[Path, option(mass_properties, "out", "-o", "--out")],
+    density: Annotated[float | None, option(mass_properties, "density")] = D.density,
+    scale: Annotated[float, option(mass_properties, "scale")] = D.scale,
+    scale_sigma: Annotated[float, option(mass_properties, "scale_sigma")] = D.scale_sigma,
+    force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
     ] = False,
@@ -32,7 +34,7 @@ def command(
     from massprops.run.from_mesh import mass
     from massprops_cli.table import mass_table
 
-    run = mass(mesh, out, density, scale, scale_sigma, force)
+    run = mass(mesh, out, scale=scale, scale_sigma=scale_sigma, force=force, **given(density=density))
     for warning in run.warnings:
         warn(warning)
     say(json.dumps(run.properties) if json_output else mass_table(run.properties))

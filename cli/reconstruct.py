@@ -7,76 +7,41 @@ from typing import Annotated
 
 import typer
 
+from massprops import reconstruct
+from massprops_cli.options import Force, Quiet, argument, defaults, given, option
 from massprops_cli.terminal import say, tell, warn
+
+D = defaults(reconstruct)
 
 
 def command(
-    source: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="INPUT...",
-            help="Video, folder of images, or sequence folder; several: placements of one object, turned over between.",
-        ),
-    ],
-    out: Annotated[
-        Path, typer.Option("-o", "--out", help="Run folder; the same command continues an interrupted run.")
-    ],
-    motion: Annotated[
-        str, typer.Option(help="auto, tumbling (body moves, camera still) or static (camera moves).")
-    ] = "auto",
-    masks: Annotated[
-        Path | None, typer.Option(help="Silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.")
-    ] = None,
-    object_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--object",
-            metavar="[FILE:]X,Y",
-            help="A pixel of the object, in the first image used or in FILE; may be repeated.",
-        ),
-    ] = None,
-    box: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--box",
-            metavar="[FILE:]X0,Y0,X1,Y1",
-            help="A rectangle in which the object lies, in the first image used or FILE.",
-        ),
-    ] = None,
-    keep_support: Annotated[
-        bool, typer.Option("--keep-support", help="A stand, foam or mat below the object belongs to it.")
-    ] = False,
-    frames: Annotated[int, typer.Option(help="Most frames used per camera.")] = 120,
-    max_size: Annotated[int, typer.Option(help="Longer side to which images are reduced [px].")] = 1280,
-    focal: Annotated[float | None, typer.Option(help="Focal length of the source images, when known [px].")] = None,
-    mapper: Annotated[str, typer.Option(help="incremental or global.")] = "incremental",
-    sparse: Annotated[Path | None, typer.Option(help="Existing COLMAP model to use in place of our own.")] = None,
-    dense_views: Annotated[int, typer.Option(help="Most reference views of the dense stereo; 0: chosen.")] = 0,
-    density: Annotated[float, typer.Option(help="Constant density [kg/m^3].")] = 1000.0,
-    scale: Annotated[
-        float | None,
-        typer.Option(help="Metres per model unit; a model unit is the object's greatest length, so: its length [m]."),
-    ] = None,
-    scale_sigma: Annotated[float, typer.Option(help="Relative 1-sigma of a given length.")] = 0.0,
+    source: Annotated[list[Path], argument(reconstruct, "source", "INPUT...")],
+    out: Annotated[Path, option(reconstruct, "out", "-o", "--out")],
+    motion: Annotated[str, option(reconstruct, "motion")] = D.motion,
+    masks: Annotated[Path | None, option(reconstruct, "masks")] = D.masks,
+    object_: Annotated[list[str] | None, option(reconstruct, "object", "--object", metavar="[FILE:]X,Y")] = D.object,
+    box: Annotated[list[str] | None, option(reconstruct, "box", metavar="[FILE:]X0,Y0,X1,Y1")] = D.box,
+    keep_support: Annotated[bool, option(reconstruct, "keep_support", "--keep-support")] = D.keep_support,
+    frames: Annotated[int, option(reconstruct, "frames")] = D.frames,
+    max_size: Annotated[int, option(reconstruct, "max_size")] = D.max_size,
+    focal: Annotated[float | None, option(reconstruct, "focal")] = D.focal,
+    mapper: Annotated[str, option(reconstruct, "mapper")] = D.mapper,
+    sparse: Annotated[Path | None, option(reconstruct, "sparse")] = D.sparse,
+    dense_views: Annotated[int, option(reconstruct, "dense_views")] = D.dense_views,
+    density: Annotated[float | None, option(reconstruct, "density")] = D.density,
+    scale: Annotated[float | None, option(reconstruct, "scale")] = D.scale,
+    scale_sigma: Annotated[float, option(reconstruct, "scale_sigma")] = D.scale_sigma,
     distance: Annotated[
-        tuple[str, str, float] | None,
-        typer.Option(
-            metavar="A B METRES", help="Distance between two points, each 'x,y,z' in model units or a picked name."
-        ),
-    ] = None,
-    marker: Annotated[
-        str | None,
-        typer.Option(help="ArUco DICTIONARY:SIDE_METRES or ChArUco DICTIONARY:COLSxROWS:SQUARE_METRES in view."),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of every random draw.")] = 0,
-    threads: Annotated[int, typer.Option(help="Processor threads; 0: all.")] = 0,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+        tuple[str, str, float] | None, option(reconstruct, "distance", metavar="A B METRES")
+    ] = D.distance,
+    marker: Annotated[str | None, option(reconstruct, "marker")] = D.marker,
+    seed: Annotated[int, option(reconstruct, "seed")] = D.seed,
+    threads: Annotated[int, option(reconstruct, "threads")] = D.threads,
+    force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
 
@@ -93,7 +58,7 @@ def command(
     from massprops_cli.progress import StageProgress
     from massprops_cli.table import mass_table
 
-    with StageProgress(quiet) as watch:
+    with StageProgress(quiet, out) as watch:
         run = reconstruct(
             source,
             out,
@@ -110,7 +75,7 @@ def command(
             mapper=mapper,
             sparse=str(sparse) if sparse else None,
             dense_views=dense_views,
-            density=density,
+            **given(density=density),
             scale=scale,
             scale_sigma=scale_sigma,
             distance=distance,

@@ -7,29 +7,25 @@ from typing import Annotated
 
 import typer
 
+from massprops import reproduce
+from massprops_cli.options import Quiet, argument, defaults, option
 from massprops_cli.terminal import say
+
+D = defaults(reproduce)
 
 
 def command(
-    paper: Annotated[str, typer.Argument(metavar="PAPER", help="For example pesce2017; a wrong name lists them all.")],
-    case: Annotated[
-        str | None, typer.Argument(metavar="[CASE]", help="One case; default: all, one after another.")
-    ] = None,
-    runs: Annotated[
-        int | None, typer.Option(help="Runs per case; default: the paper's number where it is feasible.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="The first run's seed.")] = 0,
-    only: Annotated[int | None, typer.Option(metavar="SEED", help="Make the run of one seed again, alone.")] = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Campaign folder to keep; needed to continue a stopped one.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, as tcp://HOST:8786; default: this machine.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes on this machine; default: one per core.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Consent to more than a million runs.")] = False,
+    paper: Annotated[str, argument(reproduce, "paper", "PAPER")],
+    case: Annotated[str | None, argument(reproduce, "case", "[CASE]")] = D.case,
+    out: Annotated[Path | None, option(reproduce, "out", "-o", "--out")] = D.out,
+    runs: Annotated[int | None, option(reproduce, "runs")] = D.runs,
+    seed: Annotated[int, option(reproduce, "seed")] = D.seed,
+    only: Annotated[int | None, typer.Option(metavar="SEED", help="Make the runs of one seed again, alone.")] = None,
+    scheduler: Annotated[str | None, option(reproduce, "scheduler", metavar="ADDRESS")] = D.scheduler,
+    workers: Annotated[int | None, option(reproduce, "workers")] = D.workers,
+    yes: Annotated[bool, option(reproduce, "yes", "--yes")] = D.yes,
     json_output: Annotated[bool, typer.Option("--json", help="Print the result on stdout and nothing else.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a paper's cases and print its tables, ours beside the paper's.
 

@@ -7,68 +7,43 @@ from typing import Annotated
 
 import typer
 
+from massprops import simulate
 from massprops.errors import InputError
+from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say
+
+D = defaults(simulate)
 
 
 def command(
-    scenario: Annotated[
-        str,
-        typer.Argument(metavar="SCENARIO", help="spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file."),
-    ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Sequence folder to write.")],
-    frames: Annotated[int | None, typer.Option(help="Number of images.")] = None,
-    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT [px].")] = None,
-    rate: Annotated[float | None, typer.Option(help="Rotation of the body per image [deg].")] = None,
-    fill: Annotated[float | None, typer.Option(help="Greatest length of the body over the image's height.")] = None,
-    phase: Annotated[float | None, typer.Option(help="Angle at the body between camera and Sun [deg].")] = None,
-    distortion: Annotated[
-        str | None, typer.Option(metavar="K1,K2", help="Radial distortion of the lens, as OpenCV's.")
-    ] = None,
-    noise: Annotated[float | None, typer.Option(help="1-sigma of the darkest pixels [grey levels].")] = None,
-    background: Annotated[str | None, typer.Option(help="black or still.")] = None,
-    stereo: Annotated[
-        float | None, typer.Option(metavar="BASELINE", help="Second camera, this far to the right [m].")
-    ] = None,
-    range_sigma: Annotated[
-        float | None, typer.Option("--range", metavar="SIGMA", help="Range sensor with this noise [m].")
-    ] = None,
-    hidden_mass: Annotated[
-        str | None, typer.Option(metavar="SHARE:X,Y,Z", help="Mass that the mesh does not show; moves the motion only.")
-    ] = None,
-    effects: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--effects",
-            metavar="NAME[:SIZE]",
-            help="An effect at work, may be repeated. SIZE is how far it moves the tracks [px rms], or parameter=value,…",
-        ),
-    ] = None,
-    effect: Annotated[
-        list[Path] | None,
-        typer.Option("--effect", metavar="FILE", help="An effect file of your own, may be repeated."),
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option("--model", metavar="MODEL_YAML", help="What 'diagnose' wrote: its effects act.")
-    ] = None,
-    features: Annotated[int | None, typer.Option(help="Feature points, for tracks.")] = None,
-    sigma: Annotated[float | None, typer.Option(help="1-sigma of the tracks [px], for tracks.")] = None,
-    outliers: Annotated[float | None, typer.Option(help="Share of wrong tracks, for tracks.")] = None,
-    attitude_sigma: Annotated[
-        float | None, typer.Option("--attitude", metavar="SIGMA", help="An attitude history too [rad], for tracks.")
-    ] = None,
-    rate_sigma: Annotated[
-        float | None, typer.Option("--rates", metavar="SIGMA", help="Body rates too [rad/s], for tracks.")
-    ] = None,
-    video: Annotated[bool, typer.Option("--video", help="Also write cam0/video.mp4 (H.264).")] = False,
-    seed: Annotated[int, typer.Option(help="Of motion, Sun, texture and noise.")] = 0,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")
-    ] = False,
+    scenario: Annotated[str, argument(simulate, "scenario", "SCENARIO")],
+    out: Annotated[Path, option(simulate, "out", "-o", "--out")],
+    frames: Annotated[int | None, option(simulate, "frames")] = D.frames,
+    size: Annotated[str | None, option(simulate, "size", metavar="WIDTHxHEIGHT")] = D.size,
+    rate: Annotated[float | None, option(simulate, "rate")] = D.rate,
+    fill: Annotated[float | None, option(simulate, "fill")] = D.fill,
+    phase: Annotated[float | None, option(simulate, "phase")] = D.phase,
+    distortion: Annotated[str | None, option(simulate, "distortion", metavar="K1,K2")] = D.distortion,
+    noise: Annotated[float | None, option(simulate, "noise")] = D.noise,
+    background: Annotated[str | None, option(simulate, "background")] = D.background,
+    stereo: Annotated[float | None, option(simulate, "stereo", metavar="BASELINE")] = D.stereo,
+    range_sigma: Annotated[float | None, option(simulate, "range", "--range", metavar="SIGMA")] = D.range,
+    hidden_mass: Annotated[str | None, option(simulate, "hidden_mass", metavar="SHARE:X,Y,Z")] = D.hidden_mass,
+    effects: Annotated[list[str] | None, option(simulate, "effects", metavar="NAME[:SIZE]")] = D.effects,
+    effect: Annotated[list[Path] | None, option(simulate, "effect", metavar="FILE")] = D.effect,
+    model: Annotated[Path | None, option(simulate, "model", metavar="MODEL_YAML")] = D.model,
+    features: Annotated[int | None, option(simulate, "features")] = D.features,
+    sigma: Annotated[float | None, option(simulate, "sigma")] = D.sigma,
+    outliers: Annotated[float | None, option(simulate, "outliers")] = D.outliers,
+    attitude_sigma: Annotated[float | None, option(simulate, "attitude", "--attitude", metavar="SIGMA")] = D.attitude,
+    rate_sigma: Annotated[float | None, option(simulate, "rates", "--rates", metavar="SIGMA")] = D.rates,
+    video: Annotated[bool, option(simulate, "video", "--video")] = D.video,
+    seed: Annotated[int, option(simulate, "seed")] = D.seed,
+    force: Force = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="Print the folder as JSON on stdout and nothing else.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
 

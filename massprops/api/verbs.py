@@ -76,8 +76,8 @@ def reconstruct(
     Args:
         source: video, folder of images, or sequence folder; several: placements of one object, turned over between.
             Or frames in memory: (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
-        out: run folder; the same call continues an interrupted run.
-        motion: auto, tumbling (body moves, camera still) or static (camera moves).
+        out: run folder; the same command continues an interrupted run.
+        motion: how it was filmed: auto, tumbling (body moves, camera still) or static (camera moves).
         masks: silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.
         object: a pixel of the object as "X,Y" of the first image used, or "FILE:X,Y"; may be several.
         box: a rectangle in which the object lies, "X0,Y0,X1,Y1" of the first image used, or "FILE:X0,Y0,X1,Y1".
@@ -85,7 +85,7 @@ def reconstruct(
         frames: most frames used per camera.
         max_size: longer side to which images are reduced [px].
         focal: focal length of the source images, when known [px].
-        mapper: incremental or global.
+        mapper: way to place the images: incremental or global.
         sparse: existing COLMAP model to use in place of our own.
         dense_views: most reference views of the dense stereo; 0: chosen.
         density: constant density [kg/m^3]; not given: 1000, as water, and said so.
@@ -210,6 +210,7 @@ def estimate(
     method: str | Sequence[str] | None = None,
     prior: Place | Prior | None = None,
     model: Place | None = None,
+    effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
 ) -> Estimates:
@@ -222,6 +223,7 @@ def estimate(
             or all, which is the default.
         prior: what 'export --to filter' wrote.
         model: what 'diagnose' wrote; for the smoother.
+        effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each method.
 
@@ -237,12 +239,14 @@ def estimate(
     """
     from massprops.api.results import Estimates
     from massprops.api.sources import as_path
-    from massprops.estimators.estimate import estimate_all, write_outcome
+    from massprops.effect_file import with_effects
+    from massprops.estimators.estimate import estimate_all, silent, write_outcome
 
     given = as_path(source)
     methods = [method] if isinstance(method, str) else list(method or ["all"])
     tell = None if progress is None else lambda done, total, what: progress(what, done, total)
-    outcome = estimate_all(given, methods, prior, model=model, **({} if tell is None else {"progress": tell}))  # type: ignore[arg-type]
+    with with_effects(_paths(effect)):
+        outcome = estimate_all(given, methods, prior, tell or silent, model)  # type: ignore[arg-type]
     more = [Path(p) for p in (prior, model) if isinstance(p, str | PathLike)]
 
     def write(folder: Path) -> Path:
@@ -290,6 +294,8 @@ def diagnose(
     source: Place | Run | Simulation | Recording,
     out: Place | None = None,
     *,
+    discover: bool = False,
+    effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -298,6 +304,8 @@ def diagnose(
     Args:
         source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
+        discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
+        effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each step.
 
@@ -314,10 +322,14 @@ def diagnose(
     from massprops.api.sources import as_path
     from massprops.diagnosis.search.diagnose import diagnose as search
     from massprops.diagnosis.search.diagnose import write_found
+    from massprops.effect_file import with_effects
 
     given = as_path(source)
     inputs = [given] if isinstance(given, Path) else []
-    found = search(given, _path(out), **({} if progress is None else {"progress": progress}), force=force)
+    with with_effects(_paths(effect)):
+        found = search(
+            given, _path(out), **({} if progress is None else {"progress": progress}), force=force, discover=discover
+        )
     folder = _path(out)
     return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))
 
@@ -370,7 +382,7 @@ def export(
 
     Args:
         source: run folder, mesh file in metres, or a `trimesh.Trimesh` in metres.
-        to: filter, urdf, mjcf, sdf, basilisk, csv or json.
+        to: format: filter, urdf, mjcf, sdf, basilisk, csv or json.
         out: file to write; default: in the run, or beside the mesh file, by its name. A mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.
@@ -412,6 +424,7 @@ def simulate(
     range: float | None = None,
     hidden_mass: tuple[float, float, float, float] | None = None,
     effects: str | Sequence[str] | None = None,
+    effect: Place | Sequence[Place] | None = None,
     model: Place | None = None,
     features: int | None = None,
     sigma: float | None = None,
@@ -426,7 +439,7 @@ def simulate(
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
 
     Args:
-        scenario: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
+        scenario: what to show: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
         out: sequence folder to write.
         frames: number of images.
         size: width and height [px].
@@ -435,12 +448,13 @@ def simulate(
         phase: angle at the body between camera and Sun [deg].
         distortion: radial distortion of the lens, k1 and k2 as OpenCV's.
         noise: 1-sigma of the darkest pixels [grey levels].
-        background: black or still.
+        background: behind the body: black or still.
         stereo: second camera, this far to the right [m].
         range: range sensor with this noise [m].
         hidden_mass: mass that the mesh does not show, its share and place; moves the motion only.
         effects: an effect at work, may be several. "NAME:SIZE" moves the tracks by SIZE [px rms], or
             "NAME:parameter=value,...".
+        effect: an effect file of your own; may be several.
         model: what 'diagnose' wrote: its effects act.
         features: feature points, for tracks.
         sigma: 1-sigma of the tracks [px], for tracks.
@@ -461,6 +475,7 @@ def simulate(
         (2, 50)
     """
     from massprops.api.results import Kept, Simulation
+    from massprops.effect_file import with_effects
     from massprops.errors import InputError
     from massprops.simulation.simulate import is_tracks
     from massprops.simulation.simulate import simulate as render
@@ -476,28 +491,29 @@ def simulate(
     if of_tracks and not is_tracks(str(scenario)):
         raise InputError("features, sigma, outliers, attitude and rates are for the scenario 'tracks'")
     kept = Kept(_path(out))
-    render(
-        str(scenario),
-        kept.folder,
-        video,
-        **({} if progress is None else {"progress": lambda done, total, what: progress(what, done, total)}),
-        force=force,
-        frames=frames,
-        size=size,
-        rate_deg=rate,
-        fill=fill,
-        sun_phase_deg=phase,
-        distortion=distortion,
-        noise=noise,
-        background=background,
-        stereo_m=stereo,
-        range_sigma_m=range,
-        hidden_mass=hidden_mass,
-        effects=(effects,) if isinstance(effects, str) else tuple(effects or ()) or None,
-        model=model,
-        seed=seed,
-        **of_tracks,
-    )
+    with with_effects(_paths(effect)):
+        render(
+            str(scenario),
+            kept.folder,
+            video,
+            **({} if progress is None else {"progress": lambda done, total, what: progress(what, done, total)}),
+            force=force,
+            frames=frames,
+            size=size,
+            rate_deg=rate,
+            fill=fill,
+            sun_phase_deg=phase,
+            distortion=distortion,
+            noise=noise,
+            background=background,
+            stereo_m=stereo,
+            range_sigma_m=range,
+            hidden_mass=hidden_mass,
+            effects=(effects,) if isinstance(effects, str) else tuple(effects or ()) or None,
+            model=model,
+            seed=seed,
+            **of_tracks,
+        )
     return Simulation(kept)
 
 
@@ -638,6 +654,11 @@ def sequence_from_arrays(
         range_sigma=range_sigma,
         out=_path(out),
     )
+
+
+def _paths(places: Place | Sequence[Place] | None) -> list[Path]:
+    given = [places] if isinstance(places, str | PathLike) else places or []
+    return [Path(place) for place in given]
 
 
 def _path(place: Place | None) -> Path | None:

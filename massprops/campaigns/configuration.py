@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -168,8 +168,24 @@ def plan_of(content: dict[str, Any], where: str = "configuration", folder: Path 
         where=where,
     )
     _check_values(plan, kind)
-    digest = hash_of({"configuration": plan.document(), "basis": kind.basis(plan)})
-    return Plan(**{**plan.__dict__, "digest": digest})
+    return replace(plan, digest=_digest(plan))
+
+
+def _digest(plan: Plan) -> str:
+    return hash_of({"configuration": plan.document(), "basis": load_kind(plan.kind).basis(plan)})
+
+
+def extends(plan: Plan, runs: Any, digest: str) -> bool:
+    """Whether a plan is the one of that digest with more runs at every point: those of the other are its first ones.
+
+    Args:
+        plan: the larger one.
+        runs: seeds per point of the other.
+        digest: of the other.
+    """
+    if not isinstance(runs, int) or plan.runs is None or not runs < plan.runs:
+        return False
+    return _digest(replace(plan, runs=runs)) == digest
 
 
 def check_size(plan: Plan, yes: bool) -> None:

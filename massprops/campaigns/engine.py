@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
@@ -78,7 +78,7 @@ def task_of(plan: Plan, chunk: Chunk, folder: Path | None, strict: bool = False)
 
 
 def missing(plan: Plan, store: Store) -> Iterator[Chunk]:
-    """The chunks that are not in the store, whole: a chunk is stored whole or not at all."""
+    """The runs that are not in the store, by chunks: a chunk is stored whole, or in part where the campaign was extended."""
     counts = store.counts()
     point, seeds = -1, set[int]()
     for chunk in plan.chunks():
@@ -87,8 +87,9 @@ def missing(plan: Plan, store: Store) -> Iterator[Chunk]:
             continue
         if chunk.point != point:
             point, seeds = chunk.point, store.seeds(chunk.point)
-        if not seeds.issuperset(chunk.seeds):
-            yield chunk
+        rest = tuple(seed for seed in chunk.seeds if seed not in seeds)
+        if rest:
+            yield replace(chunk, seeds=rest)
 
 
 def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Watch | None = None) -> None:

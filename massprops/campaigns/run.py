@@ -7,13 +7,14 @@ import csv
 import io
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from massprops.campaigns.cluster import Cluster
-from massprops.campaigns.configuration import Chunk, Plan, check_size
+from massprops.campaigns.configuration import Chunk, Plan, check_size, extends
 from massprops.campaigns.engine import Backend, Watch, missing, rows_of, run_plan, task_of
 from massprops.campaigns.kinds import load_kind
 from massprops.campaigns.local import Local
@@ -69,7 +70,7 @@ def run_campaign(
 
     Args:
         plan: what to run.
-        out: the campaign's folder; one that was begun with the same configuration is continued.
+        out: the campaign's folder; one that was begun with the same configuration, or with fewer runs, is continued.
         scheduler: address of a Dask scheduler; None runs on this machine.
         workers: processes on this machine; None takes one per core.
         yes: consent to more than a million runs.
@@ -86,7 +87,7 @@ def run_campaign(
     given = [Path(plan.where)]
     with claim(folder, OWNER, NAMES, given, force) as outputs, contextlib.ExitStack() as stack:
         _own(outputs)
-        store = stack.enter_context(Store(folder, plan.document(), plan.digest))
+        store = stack.enter_context(Store(folder, plan.document(), plan.digest, partial(extends, plan)))
         if next(missing(plan, store), None) is not None:
             backend = backend_of(plan, scheduler, workers)
             try:

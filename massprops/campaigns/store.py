@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +20,8 @@ from massprops.errors import InputError, NotPossible
 
 FORMAT = "massprops-campaign/1"
 FILE = "runs.sqlite"
+EXTENDED = "extended to "
+"""Key of the hash of a configuration with more runs, which took the campaign over; the number follows."""
 SYNCHRONISE_S = 1.0
 TABLES = """
 CREATE TABLE IF NOT EXISTS campaign (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -63,8 +65,19 @@ class Row:
 class Store:
     """Rows of one campaign on disk; use as a context manager."""
 
-    def __init__(self, folder: Path, configuration: dict[str, Any], digest: str) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        configuration: dict[str, Any],
+        digest: str,
+        extends: Callable[[Any, str], bool] = lambda runs, digest: False,
+    ) -> None:
         """Opens the store, or makes it.
+
+        Args:
+            folder: the campaign's.
+            configuration: as plain data; digest: its hash.
+            extends: whether this configuration is one of so many runs and that hash, with more runs.
 
         Raises:
             InputError: it belongs to another configuration, is no store, or cannot be written.
@@ -85,12 +98,28 @@ class Store:
             raise InputError(
                 f"{self.path}: not a campaign's store, or not writable ({error}): choose another -o"
             ) from None
-        if known and (known.get("format"), known.get("hash")) != (FORMAT, digest):
+        if known and not self._is_ours(known, digest, configuration, extends):
             self.base.close()
             raise InputError(
                 f"{folder}: holds the runs of another configuration (hash {known.get('hash', '?')[:12]}, this one is "
                 f"{digest[:12]}): choose another -o, or give the configuration it was begun with"
             )
+
+    def _is_ours(
+        self, known: dict[str, str], digest: str, configuration: dict[str, Any], extends: Callable[[Any, str], bool]
+    ) -> bool:
+        """Whether the store is of this configuration, or of its beginning; it is then noted as extended."""
+        runs, last = json.loads(known.get("configuration", "{}")).get("runs"), known.get("hash", "")
+        for key in sorted(k for k in known if k.startswith(EXTENDED)):
+            runs, last = int(key.removeprefix(EXTENDED)), known[key]
+        if known.get("format") != FORMAT:
+            return False
+        if last == digest:
+            return True
+        if not extends(runs, last):
+            return False
+        self._transaction("INSERT INTO campaign VALUES (?, ?)", [(f"{EXTENDED}{configuration['runs']:012d}", digest)])
+        return True
 
     def __enter__(self) -> Store:
         return self

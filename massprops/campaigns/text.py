@@ -24,7 +24,7 @@ def text_of(document: dict[str, Any]) -> str:
 def own_table(table: dict[str, Any]) -> str:
     """`title`, `columns`, `rows`, `notes` as text."""
     rows = [[cell_text(c) for c in row] for row in table["rows"]]
-    lines = [str(table["title"]), *aligned([str(c) for c in table["columns"]], rows)]
+    lines = [str(table["title"]), *folded([str(c) for c in table["columns"]], rows)]
     for note in table.get("notes", ()):
         lines += textwrap.wrap(str(note), WIDTH, initial_indent="  ", subsequent_indent="    ")
     return "\n".join(lines)
@@ -47,6 +47,21 @@ def aligned(head: list[str], rows: list[list[str]]) -> list[str]:
         "  " + "  ".join(c.ljust(w) if k == 0 else c.rjust(w) for k, (c, w) in enumerate(zip(line, wide, strict=False)))
         for line in [head, *rows]
     ]
+
+
+def folded(head: list[str], rows: list[list[str]]) -> list[str]:
+    """`aligned`, in several blocks under one another where it is wider than a terminal; each begins with the first column."""
+    rows = [row + [""] * (len(head) - len(row)) for row in rows]
+    wide = [2 + max(len(line[k]) for line in [head, *rows]) for k in range(len(head))]
+    blocks: list[list[int]] = [[0]]
+    for k in range(1, len(head)):
+        if len(blocks[-1]) > 1 and sum(wide[i] for i in blocks[-1]) + wide[k] > WIDTH:
+            blocks.append([0])
+        blocks[-1].append(k)
+    lines = []
+    for block in blocks:
+        lines += ([""] if lines else []) + aligned([head[k] for k in block], [[row[k] for k in block] for row in rows])
+    return lines
 
 
 def _percentiles(document: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from massprops.core.log import log
 from massprops.errors import InputError
 
 hook: Callable[[str, Path], None] | None = None
@@ -96,6 +97,7 @@ def write_whole(path: Path, content: str | bytes, by_way_of: Path | None = None)
             _step("fsync", path)
             os.fsync(file.fileno())
         rename(temporary, path)
+        log.debug("wrote %s, %d bytes", path, len(data))
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,12 +24,14 @@ class BalanceDiagnosis:
 
     Attributes:
         document: the content of `diagnosis.json`; model: of `model.yaml`; record, selection: the work behind them.
+        law: files of a law that was discovered, by name.
     """
 
     document: dict[str, Any]
     model: dict[str, Any]
     record: Record
     selection: Selection
+    law: dict[str, str | bytes] = field(default_factory=dict)
 
 
 def decides(sequence: Sequence) -> bool:
@@ -112,6 +114,7 @@ def contents_of(d: BalanceDiagnosis) -> dict[str, str | bytes]:
         "model.yaml": yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True),
         "diagnosis.json": json_text(d.document),
         "report.html": page(d),
+        **d.law,
     }
 
 

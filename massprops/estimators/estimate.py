@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from massprops.core.log import log
 from massprops.core.outputs import verify
 from massprops.documents.loading import shown
 from massprops.errors import InputError, MasspropsError, NotPossible
@@ -194,6 +195,7 @@ def run_methods(
     estimates, cpu = [], {}
     for number, method in enumerate(able, 1):
         progress(number, total, method.NAME)
+        log.info("method %s", method.NAME)
         begun = time.process_time()
         try:
             found = bench.run(method, belief, start)

@@ -26,6 +26,7 @@ from massprops.core.files import (
     write_json,
     write_whole,
 )
+from massprops.core.log import log
 from massprops.core.outputs import BASES, OWN, Outputs
 from massprops.core.processes import child_environment, processors, python_module
 from massprops.errors import InputError
@@ -107,7 +108,7 @@ class _Chain:
         self.order, self.package, self.force = order, package, force
         self.stages = {name: load_stage(name, package) for name in order}
         self.keys = _keys(self.stages, options, inputs)
-        self.before = _read_manifest(run)
+        self.before, self.told = _read_manifest(run)
         self.outcome = Outcome()
         self.begun = False
         self.outputs = _own_work(run, force)
@@ -121,6 +122,7 @@ class _Chain:
             if not outcome.exit_code and self._current(name):
                 outcome.stages[name] = self.before[name]
                 remove_folder(self._parts(name).parent)
+                log.info("stage %s: kept, its inputs are as they were", name)
             elif not self._make(name, number):
                 self._forget_refused()
                 return outcome
@@ -134,9 +136,13 @@ class _Chain:
                 self._write_manifest()
         if outcome.partial and not outcome.exit_code:
             outcome.exit_code, outcome.reason = 3, outcome.partial
-            if self.begun:
-                self._write_manifest()
+        if self.told != self._conclusion:  # as a command may be killed with every stage done
+            self._write_manifest()
         return outcome
+
+    @property
+    def _conclusion(self) -> dict[str, Any]:
+        return {"exit_code": self.outcome.exit_code, "reason": self.outcome.reason}
 
     def _current(self, name: str) -> bool:
         """Whether a stage need not be run; says so where only damage makes it run again."""
@@ -242,10 +248,10 @@ class _Chain:
 
     def _run_stage(self, name: str, number: int, out: Path) -> tuple[dict[str, Any], int, str]:
         """One stage in a child process, which writes into `out`: its entry for `run.yaml`, exit code, reason."""
-        log = self.run / "work" / f"{name}.log"
+        written = self.run / "work" / f"{name}.log"
         try:
             request = self._write_request(name, out)
-            output = log.open("wb")
+            output = written.open("wb")
         except OSError as error:
             return {"status": "failed"}, 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
         begun = time.monotonic()
@@ -260,13 +266,17 @@ class _Chain:
             "facts": plain(said.get("facts", {})),
             "warnings": list(said.get("warnings", [])),
         }
+        log.info(
+            "stage %s: %s", name, ", ".join(f"{k} {entry[k]}" for k in ("seconds", "cpu_seconds", "peak_memory_mb"))
+        )
+        log.debug("stage %s: %s", name, entry["facts"])
         if "facts" in said:
             entry["sha256"] = hash_tree(out)
             return entry, 0, ""
         entry["status"] = "failed"
         if "exit_code" in said and not said.get("again"):  # as it would be the next time
             remove_folder(self._parts(name).parent)
-        return entry, *_what_failed(name, said, child.returncode, log)
+        return entry, *_what_failed(name, said, child.returncode, written)
 
     def _parts(self, name: str) -> Path:
         """Where a stage keeps what it has finished of its work, until it is done; what it kept under another key goes."""
@@ -350,13 +360,14 @@ class _Chain:
             "inputs": {"source": self.options.source, "sha256": dict(self.inputs)},
             "options": plain(asdict(self.options)),
             "versions": versions(),
-            "outcome": {"exit_code": self.outcome.exit_code, "reason": self.outcome.reason},
+            "outcome": self._conclusion,
             "stages": {name: entry for name, entry in stages.items() if entry},
         }
         try:
             dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
             text = yaml.dump(plain(content), Dumper=dumper, sort_keys=False)
             write_whole(self.run / "run.yaml", text, self.outputs.place)
+            self.told = self._conclusion
         except OSError as error:
             raise _no_manifest(self.run, error) from None
 
@@ -408,19 +419,19 @@ def _no_manifest(run: Path, error: OSError) -> InputError:
     return InputError(f"{run}: run.yaml cannot be written ({error.strerror}): free some space or choose another -o")
 
 
-def _read_manifest(run: Path) -> dict[str, dict[str, Any]]:
-    """The stages' entries of `run.yaml`; what cannot be read counts as not done."""
+def _read_manifest(run: Path) -> tuple[dict[str, dict[str, Any]], Any]:
+    """The stages' entries of `run.yaml` and its outcome; what cannot be read counts as not done."""
     import yaml
 
     path = run / "run.yaml"
     try:
         if path.stat().st_size > LARGEST_MANIFEST:
-            return {}
+            return {}, None
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        stages = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)["stages"]
-        return {str(name): dict(entry) for name, entry in stages.items()}
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+        return {str(name): dict(entry) for name, entry in content["stages"].items()}, content.get("outcome")
     except (OSError, yaml.YAMLError, AttributeError, TypeError, ValueError, KeyError, RecursionError):
-        return {}
+        return {}, None
 
 
 def versions() -> dict[str, str]:

@@ -132,8 +132,8 @@ def test_a_campaign_at_every_change(tmp_path: Path, faulty: Faulty) -> None:
 @pytest.mark.bench
 def test_a_diagnosis_at_every_change(tmp_path: Path, faulty: Faulty) -> None:
     from massprops.sequence import write_sequence
-    from massprops.simulate.track_scenario import TrackScenario
-    from massprops.simulate.tracks import simulate_tracks
+    from massprops.simulation.track_scenario import TrackScenario
+    from massprops.simulation.tracks import simulate_tracks
 
     write_sequence(tmp_path / "seq", simulate_tracks(TrackScenario(frames=40, features=6, seed=3)).sequence)
     with quick_disk(tmp_path) as place:
@@ -148,7 +148,7 @@ in more often. All of the 5000 of a run would take a day."""
 
 @pytest.fixture(scope="module")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from massprops.simulate import simulate
+    from massprops.simulation import simulate
 
     out = tmp_path_factory.mktemp("footage") / "seq"
     return simulate("asteroid", out, frames=30, size=(240, 180), rate_deg=8.0, seed=1) / "cam0" / "data"

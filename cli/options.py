@@ -1,0 +1,44 @@
+"""Options of the commands: names, defaults and help come from the functions of the package, which have the same."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import typer
+
+Force = Annotated[bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")]
+
+
+def defaults(verb: Callable[..., Any]) -> SimpleNamespace:
+    """The default of every option of a function, by its name; of several values None, as the command line has it."""
+    given = {name: p.default for name, p in inspect.signature(verb).parameters.items()}
+    return SimpleNamespace(**{name: None if value == () else value for name, value in given.items()})
+
+
+def option(verb: Callable[..., Any], name: str, *flags: str, **more: Any) -> Any:
+    """The option of the function's parameter `name`, with what its docstring says of it as the help."""
+    return typer.Option(*(flags or (f"--{name.replace('_', '-')}",)), help=help_of(verb, name), **more)
+
+
+def argument(verb: Callable[..., Any], name: str, metavar: str) -> Any:
+    """The argument of the function's parameter `name`."""
+    return typer.Argument(metavar=metavar, help=help_of(verb, name).split(" Or ")[0])
+
+
+def help_of(verb: Callable[..., Any], name: str) -> str:
+    """What the docstring's Args say of a parameter, as a sentence."""
+    args = inspect.getdoc(verb).partition("\nArgs:\n")[2].partition("\n\n")[0]  # type: ignore[union-attr]
+    found = re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", args, re.M)
+    assert found is not None, f"{verb.__name__}: its docstring does not explain {name}"
+    text = " ".join(found[1].split())
+    return text[:1].upper() + text[1:]
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """The options that were given: those that are not None."""
+    return {name: value for name, value in options.items() if value is not None}

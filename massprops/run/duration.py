@@ -1,0 +1,56 @@
+"""How long a run will still take, by the times of the stages of the runs that lie beside it."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+LEAST_S = 0.05
+"""A stage that took less was not computed: it was there from before."""
+LEAST_SPENT_S = 5.0
+"""What must have been spent before the speed of this run is told from it."""
+MOST_RUNS, LARGEST_BYTES = 5, 4_000_000
+
+
+def earlier_times(run: Path) -> list[dict[str, float]]:
+    """Seconds of each stage, in order, of the newest runs that were finished in this folder or beside it."""
+    import yaml
+
+    files = [p for p in run.resolve().parent.glob("*/run.yaml") if p.stat().st_size < LARGEST_BYTES]
+    found = []
+    for path in sorted(files, key=lambda p: -p.stat().st_mtime)[:MOST_RUNS]:
+        try:
+            stages = yaml.load(path.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))["stages"]
+            times = {str(name): float(entry["seconds"]) for name, entry in stages.items() if entry["status"] == "done"}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError):
+            continue
+        if times:
+            found.append(times)
+    return found
+
+
+def left_s(
+    earlier: Sequence[Mapping[str, float]], spent: Mapping[str, float], stage: str, since: float
+) -> float | None:
+    """Seconds that a run still needs, the median of what each earlier run says; None where none says anything.
+
+    An earlier run's remaining stages are taken at this run's speed: the time that this run's stages have taken over
+    what they took there.
+
+    Args:
+        earlier: seconds by stage of earlier runs, in order.
+        spent: seconds of this run's stages that are done.
+        stage: the one at work; since: how long it has been [s].
+    """
+    said = []
+    for times in earlier:
+        if stage not in times:
+            continue
+        names = list(times)
+        here = {n: s for n, s in spent.items() if n in times and s >= LEAST_S}
+        there = sum(times[n] for n in here)
+        speed = sum(here.values()) / there if there >= LEAST_SPENT_S else 1.0
+        rest = names[names.index(stage) + 1 :]
+        said.append(max(speed * times[stage] - since, 0.0) + speed * sum(times[n] for n in rest))
+    return statistics.median(said) if said else None
