@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,7 @@ class Diagnosis:
         document: the content of `diagnosis.json`; model: of `model.yaml`.
         case, selection: the work behind it; torque: the recovered torque, when unexplained; history: momentum and energy.
         surface: (s, 3) points of a run's mesh from its centre of mass, where the body axes are the mesh's, or None.
+        law: files of a law that was discovered, by name.
     """
 
     document: dict[str, Any]
@@ -29,3 +30,4 @@ class Diagnosis:
     torque: dict[str, Any] | None
     history: dict[str, Any] | None
     surface: np.ndarray | None = None
+    law: dict[str, str | bytes] = field(default_factory=dict)
