@@ -294,6 +294,7 @@ def diagnose(
     source: Place | Run | Simulation | Recording,
     out: Place | None = None,
     *,
+    discover: bool = False,
     effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
@@ -303,6 +304,7 @@ def diagnose(
     Args:
         source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
+        discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
         effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each step.
@@ -325,7 +327,9 @@ def diagnose(
     given = as_path(source)
     inputs = [given] if isinstance(given, Path) else []
     with with_effects(_paths(effect)):
-        found = search(given, _path(out), **({} if progress is None else {"progress": progress}), force=force)
+        found = search(
+            given, _path(out), **({} if progress is None else {"progress": progress}), force=force, discover=discover
+        )
     folder = _path(out)
     return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))
 
