@@ -17,8 +17,8 @@ import numpy as np
 import pycolmap
 
 from massprops.core.parts import Parts
+from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.run.job import Progress, silent
 from massprops.sfm import pairs as pairing
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import write_database

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pycolmap
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import InputError, NotPossible
-from massprops.run.job import Progress, silent
 from massprops.sfm.attempt import ENOUGH, Attempt, SfmOptions, attempt, may_distort, steady
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
