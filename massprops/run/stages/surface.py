@@ -46,6 +46,7 @@ def run(job: Job) -> dict:
     from massprops.surface.cloud import Cloud
     from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
+    from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
 
     views = Views.load(job.work("join") / "views.npz")
@@ -55,9 +56,10 @@ def run(job: Job) -> dict:
     # what turns on a support is no free body: other things may stand there
     free = footage["motion"] == "tumbling" and place["support_plane"] is None
     masks = _masks(job, views)
-    if free and _before_black_sky(footage):
-        masks = _with_unlit(job, views, masks, cloud)
-    surface = _surface(job, views, masks, cloud, place, free or bool(footage["masks_given"]))
+    grey = _grey(job, views) if free and _before_black_sky(footage) else []
+    if grey and len(cloud):
+        masks = spare_unlit(views, masks, grey, cloud, job.seed)
+    surface, masks = _surface(job, views, masks, grey, cloud, place, free or bool(footage["masks_given"]))
     lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > NOTHING_LEFT:
         raise NotPossible(
@@ -106,24 +108,30 @@ def _before_black_sky(footage: dict) -> bool:
     return one_camera and footage["background"] == "black" and not footage["masks_given"]
 
 
-def _with_unlit(job: Job, views: Views, masks: list[np.ndarray], cloud: Cloud) -> list[np.ndarray]:
-    """The silhouettes with no evidence behind a rounded body's terminator."""
-    from massprops.surface.unlit import spare_unlit
+def _grey(job: Job, views: Views) -> list[np.ndarray]:
+    """Undistorted images (h, w) of all views."""
     from massprops.views import undistort
 
-    grey = []
-    for i, name in enumerate(views.names):
-        image = read_image(job.work("capture") / "frames" / name, 0)
-        grey.append(undistort(image, views.K[i], views.distortion[i]))
-    return spare_unlit(views, masks, grey, cloud, job.seed)
+    return [
+        undistort(read_image(job.work("capture") / "frames" / name, 0), views.K[i], views.distortion[i])
+        for i, name in enumerate(views.names)
+    ]
 
 
-def _surface(job: Job, views: Views, masks: list[np.ndarray], cloud: Cloud, place: dict, moving: bool) -> Surface:
-    """The closed surface; of outlines alone where the points carry none and the object's place is known."""
+def _surface(
+    job: Job, views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, place: dict, moving: bool
+) -> tuple[Surface, list[np.ndarray]]:
+    """The closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
+
+    Args:
+        grey: images of a body before black sky, else none.
+        place: `join.json`; moving: nothing else is in the cloud.
+    """
     from massprops.surface.cloud import Cloud
     from massprops.surface.outline_cloud import surface_of_outlines
     from massprops.surface.reconstruct import reconstruct_surface
     from massprops.surface.silhouette import shown_as_object
+    from massprops.surface.unlit import spare_unlit
 
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
     beside = None
@@ -131,7 +139,7 @@ def _surface(job: Job, views: Views, masks: list[np.ndarray], cloud: Cloud, plac
         beside = Cloud.load(job.work("join") / "other.npz")
         beside = beside.take(np.flatnonzero(~shown_as_object(beside, views, masks)))
     try:
-        return reconstruct_surface(
+        surface = reconstruct_surface(
             views,
             masks,
             cloud,
@@ -141,11 +149,18 @@ def _surface(job: Job, views: Views, masks: list[np.ndarray], cloud: Cloud, plac
             moving=moving,
             surroundings=beside,
         )
+        return surface, masks
     except NotPossible:
         if place.get("middle") is None:
             raise
-        middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
-        return surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
+    middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
+    surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
+    if grey:
+        # what the Sun lights of this first surface says where the Sun is, and so what is body in the dark
+        spared = spare_unlit(views, masks, grey, surface.cloud, job.seed)
+        if spared is not masks:
+            return surface_of_outlines(views, spared, middle, radius, job.seed, job.progress, support), spared
+    return surface, masks
 
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict:
