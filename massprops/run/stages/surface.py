@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 
+from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
-from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ("capture", "sfm", "silhouettes", "join", "dense")
@@ -65,12 +65,12 @@ def run(job: Job) -> dict:
     tumbling, given = footage["motion"] == "tumbling" and support is None, bool(footage["masks_given"])
     # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
     still = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
+    grey: list[np.ndarray] = []
     if tumbling and footage["background"] == "black" and not given and still:
-        grey = []
         for i, name in enumerate(views.names):
             image = read_image(job.work("capture") / "frames" / name, 0)
             grey.append(undistort(image, views.K[i], views.distortion[i]))
-        masks = spare_unlit(views, masks, grey, cloud, job.seed)
+        masks = spare_unlit(views, masks, grey, cloud, job.seed) if len(cloud) else masks
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
@@ -91,6 +91,12 @@ def run(job: Job) -> dict:
             raise
         middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
         surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
+        if grey:
+            # what the Sun lights of this first surface says where the Sun is, and so what is body in the dark
+            spared = spare_unlit(views, masks, grey, surface.cloud, job.seed)
+            if spared is not masks:
+                masks = spared
+                surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
     lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > NOTHING_LEFT:
         raise NotPossible(
