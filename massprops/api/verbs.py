@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from massprops.exchange.compare import Comparison
     from massprops.run.masks import Sheet
     from massprops.run.reconstruct import Run
+    from massprops.sequence import Environment
     from massprops.sequence import Sequence as Recording
 
     Place = str | PathLike[str]
@@ -600,6 +601,7 @@ def sequence_from_arrays(
     rate_sigma: float | None = None,
     ranges: np.ndarray | None = None,
     range_sigma: float | None = None,
+    environment: Environment | None = None,
     out: Place | None = None,
 ) -> Recording:
     """A sequence for `estimate` and `diagnose` from arrays; n epochs, m points.
@@ -619,6 +621,8 @@ def sequence_from_arrays(
         rate_sigma: its 1-sigma [rad/s].
         ranges: (n,) distance from the camera to the centre of mass [m].
         range_sigma: its 1-sigma [m].
+        environment: orbit, Sun and magnetic field, as `massprops.sequence.Environment`; not given: the camera moves
+            without turning and without acceleration.
         out: a folder to write it into, for the command line; nothing is written when None.
 
     Raises:
@@ -648,6 +652,7 @@ def sequence_from_arrays(
         rate_sigma=rate_sigma,
         ranges=ranges,
         range_sigma=range_sigma,
+        environment=environment,
         out=_path(out),
     )
 
