@@ -42,21 +42,39 @@ def command(
 
 
 def comparison_table(document: dict[str, Any]) -> str:
-    """Quantities, then surface distances, for the terminal."""
+    """Quantities, then surface distances, for the terminal; what the run recommends stands first."""
+    tables = {"mesh": document["rows"], "fused": document.get("fused")}
+    chosen = document.get("recommended", "mesh")
+    lines = []
+    for source in sorted(tables, key=lambda name: name != chosen):
+        if tables[source]:
+            lines += [*_quantities(tables[source], TITLES[source]), ""]
+    return "\n".join(lines + _distances(document))
+
+
+TITLES = {"mesh": "the mesh", "fused": "mesh and motion together"}
+
+
+def _quantities(rows: list[dict[str, Any]], title: str) -> list[str]:
     lines = [f"  {'quantity':<18}{'CAD':>13}{'ours':>13}{'error':>13}  {'unit':<8}{'90 % interval':<24}holds CAD"]
-    for row in document["rows"]:
+    lines.insert(0, f"{title}:")
+    for row in rows:
         bounds, holds = row["interval_90"], {True: "yes", False: "NO", None: ""}[row["holds"]]
         between = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
         lines.append(
             f"  {row['quantity']:<18}{row['cad']:>13.6g}{row['ours']:>13.6g}{row['error_text']:>13}"
             f"  {row['unit']:<8}{between:<24}{holds}".rstrip()
         )
+    return lines
+
+
+def _distances(document: dict[str, Any]) -> list[str]:
     d = document["distances"]
-    lines += ["", f"  {'surface distance [mm]':<24}{'ours to CAD':>13}{'':>11}{'CAD to ours':>13}   (% of the length)"]
+    lines = [f"  {'surface distance [mm]':<24}{'ours to CAD':>13}{'':>11}{'CAD to ours':>13}   (% of the length)"]
     names = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
     for key, name in names.items():
         cells = "".join(f"{1000 * d[s][key]:>13.4g}{100 * d[s][key] / d['length']:>9.3f} %" for s in ("ours", "cad"))
         lines.append(f"  {name:<24}{cells}")
     lines.append(f"  greatest length of the CAD {d['length']:.6g} m; positive: ours lies outside")
     lines.append(f"  scale {'fitted' if document['free_scale'] else 'kept'}: {document['scale']:.6g}")
-    return "\n".join(lines)
+    return lines

@@ -37,8 +37,3 @@ def help_of(verb: Callable[..., Any], name: str) -> str:
     assert found is not None, f"{verb.__name__}: its docstring does not explain {name}"
     text = " ".join(found[1].split())
     return text[:1].upper() + text[1:]
-
-
-def given(**options: Any) -> dict[str, Any]:
-    """The options that were given: those that are not None."""
-    return {name: value for name, value in options.items() if value is not None}

@@ -1,12 +1,15 @@
-"""Mass properties as a table for the terminal."""
+"""Mass properties as a table for the terminal: the recommended values, and whose they are."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from massprops.mass.recommended import as_recommended
+
 
 def mass_table(document: dict[str, Any]) -> str:
     """How far to trust it, then a few lines: value, 90 % interval and unit of every quantity that the run claims."""
+    document = as_recommended(document)
     metric = document["units"]["length"] == "m"
     length, mass = ("m", "kg") if metric else ("unit", "model mass")
     interval = document.get("interval_90", {})
@@ -17,6 +20,9 @@ def mass_table(document: dict[str, Any]) -> str:
 
     trust = document.get("confidence") or {}
     rows = [f"confidence {trust['level']}: {'; '.join(trust['because'])}"] if trust else []
+    block = document.get("recommended") or {}
+    if block.get("source") == "fused":
+        rows.append(f"values: {block['because']}")
     rows.append(f"  {'':<22}{'value':>14}  {'90 % interval':<28}unit")
     rows.append(line("volume", document["volume"], interval.get("volume"), f"{length}^3"))
     rows.append(line("mass", document["mass"], interval.get("mass"), mass))
@@ -32,7 +38,8 @@ def mass_table(document: dict[str, Any]) -> str:
     rows.append(f"  measured surface      {100 * (surface.get('observed_fraction') or 0):13.1f} %")
     if surface.get("inferred_fraction"):
         rows.append(f"  closed at its support {100 * surface['inferred_fraction']:13.1f} %")
-    rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3")
+    assumed = "  (assumed, as water: give --density)" if document.get("density_assumed") else ""
+    rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3{assumed}")
     if metric:
         rows.append(f"  scale from {scale['source']}, one sigma {100 * (scale.get('relative_sigma') or 0):.2g} %")
     else:

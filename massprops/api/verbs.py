@@ -61,7 +61,7 @@ def reconstruct(
     mapper: str = _Options.mapper,
     sparse: Place | None = _Options.sparse,
     dense_views: int = _Options.dense_views,
-    density: float | None = None,
+    density: float | None = _Options.density,
     scale: float | None = _Options.scale,
     scale_sigma: float = _Options.scale_sigma,
     distance: tuple[str, str, float] | None = _Options.distance,
@@ -128,6 +128,7 @@ def reconstruct(
         "mapper": mapper,
         "sparse": None if sparse is None else str(sparse),
         "dense_views": dense_views,
+        "density": density,
         "scale": scale,
         "scale_sigma": scale_sigma,
         "distance": distance,
@@ -135,8 +136,6 @@ def reconstruct(
         "seed": seed,
         "threads": threads,
     }
-    if density is not None:
-        options["density"] = density
     kept = Kept(_path(out))
     watch = None if progress is None else lambda stage, number, count, done, total, what: progress(stage, done, total)
     with footage(source, rate_hz) as given:
@@ -179,11 +178,10 @@ def mass_properties(
     from massprops.api.sources import mesh_file
     from massprops.run import from_mesh
 
-    chosen: dict[str, Any] = {} if density is None else {"density": density}
     with mesh_file(mesh) as file:
         if out is not None:
-            return from_mesh.mass(file, Path(out), scale=scale, scale_sigma=scale_sigma, force=force, **chosen)
-        solid, document = from_mesh.measure(file, scale=scale, scale_sigma=scale_sigma, **chosen)
+            return from_mesh.mass(file, Path(out), density, scale, scale_sigma, force)
+        solid, document = from_mesh.measure(file, density, scale, scale_sigma)
         return Solid(solid, document)
 
 
@@ -295,6 +293,7 @@ def diagnose(
     source: Place | Run | Simulation | Recording,
     out: Place | None = None,
     *,
+    discover: bool = False,
     effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
@@ -304,6 +303,7 @@ def diagnose(
     Args:
         source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
+        discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
         effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each step.
@@ -326,7 +326,9 @@ def diagnose(
     given = as_path(source)
     inputs = [given] if isinstance(given, Path) else []
     with with_effects(_paths(effect)):
-        found = search(given, _path(out), **({} if progress is None else {"progress": progress}), force=force)
+        found = search(
+            given, _path(out), **({} if progress is None else {"progress": progress}), force=force, discover=discover
+        )
     folder = _path(out)
     return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))
 
@@ -400,9 +402,8 @@ def export(
 
     if out is None and not isinstance(as_path(source), Path):
         raise InputError("export of a mesh in memory: give out, the file to write")
-    chosen: dict[str, Any] = {} if density is None else {"density": density}
     with mesh_file(source) as file:
-        return write(file, to, _path(out), mass=mass, force=force, **chosen)
+        return write(file, to, _path(out), density, mass, force=force)
 
 
 def simulate(

@@ -21,9 +21,10 @@ IDLE_S = 600.0
 
 def main() -> int:
     """Answers requests until stdin ends."""
-    from massprops.core.processes import die_with_parent
+    from massprops.core.processes import die_with_parent, limit_memory
 
     die_with_parent()
+    limit_memory()
     from massprops.campaigns.draws import drawn
     from massprops.campaigns.kinds import load_kind
     from massprops.campaigns.versions import versions

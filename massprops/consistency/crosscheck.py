@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.consistency.trust import enter_confidence
+from massprops.consistency.trust import enter_verdict
 from massprops.core.files import json_text
 from massprops.core.outputs import Outputs, claim, deliver, verify
 from massprops.core.shown import Shown, number
@@ -114,7 +114,7 @@ def crosscheck(
         key = (outputs.files.get("crosscheck.json") or {"key": None})["key"]  # of the stage, whose place this takes
         deliver(folder, OWNER, {"crosscheck.json": json_text(result.document)}, key, force=force, derived=True)
         with claim(folder, OWNER) as held:
-            enter_confidence(held, result.document)
+            enter_verdict(held, result.document)
         if report:
             from massprops.report import write_report
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from massprops.consistency.replicates import Replicates, read_replicates
 from massprops.errors import InputError
 from massprops.mass.document import read_document
+from massprops.mass.integrals import central_inertia
 from massprops.mass.ratio_space import (
     covariance_of_intervals,
     covariance_of_replicates,
@@ -36,7 +38,7 @@ class MeshSide:
         stated: whether the mesh states an uncertainty.
         unseen: share of the surface that was filled in.
         factor: final units per unit of the structure from motion.
-        length: greatest length of the body, or about that [final units].
+        length: greatest length of the body [final units]; without replicates that of a ball of its inertia, which is less.
     """
 
     document: dict[str, Any]
@@ -80,9 +82,9 @@ def read_mesh_side(run: Path) -> MeshSide:
         factor = sfm_factor(run)
     except (InputError, ValueError):
         factor = 1.0
-    drawn = _replicates(run)
-    if drawn is not None:
-        centres, inertias = drawn
+    found = read_replicates(run)
+    if found is not None:
+        centres, inertias = _drawn(found)
         covariance = covariance_of_replicates(inertias, inertia, axes) + SHAPE_FLOOR**2 * np.eye(5)
         apart = centres * factor - centre
         centre_covariance = apart.T @ apart / len(apart)
@@ -95,10 +97,10 @@ def read_mesh_side(run: Path) -> MeshSide:
         covariance,
         centre,
         centre_covariance,
-        stated is not None or drawn is not None,
+        stated is not None or found is not None,
         0.0 if seen is None else float(1.0 - seen),
         factor,
-        _length(document),
+        _length(document) if found is None else found.length * factor,
     )
 
 
@@ -112,14 +114,8 @@ def _length(document: dict[str, Any]) -> float:
     return 2.0 * float(np.sqrt(5.0 / 6.0 * trace / mass)) if mass > 0 else 0.0
 
 
-def _replicates(run: Path) -> tuple[np.ndarray, np.ndarray] | None:
+def _drawn(found: Replicates) -> tuple[np.ndarray, np.ndarray]:
     """Centres (r, 3) [units of the structure from motion] and inertias (r, 3, 3) of the mesh's replicates."""
-    from massprops.consistency.replicates import read_replicates
-    from massprops.mass.integrals import central_inertia
-
-    found = read_replicates(run)
-    if found is None:
-        return None
     _, centres, inertias = central_inertia(found.rows, 1.0)
     good = np.linalg.eigvalsh(inertias)[:, 0] > 0
     return centres[good], inertias[good]

@@ -1,4 +1,4 @@
-"""The cross-check's verdict as a reason for less confidence in `massprops.json`."""
+"""What the cross-check's verdict changes in `massprops.json`: the confidence, and which values are recommended."""
 
 from __future__ import annotations
 
@@ -8,22 +8,33 @@ from typing import Any
 from massprops.core.files import write_json
 from massprops.core.outputs import Outputs
 from massprops.mass.confidence import lowered
+from massprops.mass.recommended import recommend
 
 BY = "reconstruct"
-"""The command whose confidence it is."""
+"""The command whose document it is."""
 
 
-def judged(trust: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
-    """The confidence of the reconstruction alone, one level lower where shape and motion contradict."""
-    if verdict.get("verdict") != "inconsistent":
-        return trust
-    return lowered(trust, f"shape and motion contradict each other: {verdict['reason']}")
+def judged(document: dict[str, Any], own: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
+    """`massprops.json` as the cross-check leaves it: less confidence where shape and motion contradict each other, and
+    the values of mesh and motion together where they agree.
+
+    What the reconstruction alone came to is taken from `own`, so the same verdict does not lower it twice.
+
+    Args:
+        document: `massprops.json` as it stands; own: as the mass stage made it; verdict: `crosscheck.json`, or {}.
+    """
+    changed = dict(document)
+    trust = own.get("confidence")
+    if trust is not None:
+        reason = f"shape and motion contradict each other: {verdict.get('reason')}"
+        changed["confidence"] = lowered(trust, reason) if verdict.get("verdict") == "inconsistent" else trust
+    if verdict and own.get("recommended") is not None:
+        changed["recommended"] = recommend(document, verdict)
+    return changed
 
 
-def enter_confidence(outputs: Outputs, verdict: dict[str, Any]) -> dict[str, Any] | None:
-    """Writes the confidence anew: see `judged`.
-
-    What the reconstruction alone came to stands in `work/mass`, so the same verdict does not lower it twice.
+def enter_verdict(outputs: Outputs, verdict: dict[str, Any]) -> dict[str, Any] | None:
+    """Writes `massprops.json` anew: see `judged`.
 
     Args:
         outputs: of a run folder that the caller holds.
@@ -36,13 +47,11 @@ def enter_confidence(outputs: Outputs, verdict: dict[str, Any]) -> dict[str, Any
     entry = outputs.files.get("massprops.json")
     if entry is None or entry["by"] != BY or not own.is_file() or not outputs.intact("work/mass"):
         return None
-    document, trust = json.loads(path.read_text()), json.loads(own.read_text()).get("confidence")
-    if trust is None:
-        return None
-    trust = judged(trust, verdict)
-    if document.get("confidence") != trust:
-        document["confidence"] = trust
-        write_json(outputs.staging() / "massprops.json", document)
+    document = json.loads(path.read_text())
+    changed = judged(document, json.loads(own.read_text()), verdict)
+    if changed != document:
+        write_json(outputs.staging() / "massprops.json", changed)
         rest = [name for name, e in outputs.files.items() if e["by"] == BY and name != "massprops.json"]
         outputs.publish(BY, entry["key"], keep=rest, keep_old=False)
-    return trust
+    found: dict[str, Any] | None = changed.get("confidence")
+    return found

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
-from massprops.documents.fields import Array, Listed, Names, Nested, Number, Text, document
+from massprops.documents.fields import Array, Listed, Names, Nested, Number, Text, YesNo, document
 
 FORMAT = "massprops/1"
 LENGTHS = ("m", "model")
@@ -53,6 +53,33 @@ class ScaleFile:
 
 
 @document(others="ignored")
+class ConfidenceFile:
+    """How far to trust the numbers."""
+
+    level: Annotated[str, Text("in one word", ("high", "medium", "low"))]
+    because: Annotated[tuple, Listed("one sentence each", Text("", longest=10_000))] = ()
+
+
+@document(others="ignored")
+class RecommendedFile:
+    """The values to use, and why: the mesh's, or those of mesh and motion together. Every exporter writes these."""
+
+    source: Annotated[str, Text("`mesh`, or `fused`: mesh and motion together", ("mesh", "fused"))]
+    volume: Annotated[float, Number("volume", "length^3", above=0)]
+    mass: Annotated[float, Number("mass", "mass", above=0)]
+    center_of_mass: Annotated[np.ndarray, Array("in the mesh's axes", "length", (3,))]
+    inertia: Annotated[
+        np.ndarray, Array("about the centre of mass, mesh's axes, tensor signs", "mass length^2", (3, 3))
+    ]
+    principal_moments: Annotated[np.ndarray, Array("ascending", "mass length^2", (3,), 0)]
+    principal_axes: Annotated[np.ndarray, Array("unit columns, right-handed", "", (3, 3), -1.001, 1.001)]
+    k1: Annotated[float, Number("ln(I1/I2)", "", low=-60, high=1e-6)]
+    k2: Annotated[float, Number("ln(I2/I3)", "", low=-60, high=1e-6)]
+    interval_90: Annotated[IntervalsFile, Nested("90 % intervals of these values")] | None = None
+    because: Annotated[str, Text("why these, one sentence", longest=10_000)] = ""
+
+
+@document(others="ignored")
 class MassFile:
     """`massprops.json`: mass, centre of mass and inertia of a run."""
 
@@ -67,6 +94,9 @@ class MassFile:
     inertia_ratios: Annotated[InertiaRatiosFile, Nested("ratios of the moments")]
     volume: Annotated[float, Number("volume of the mesh", "length^3", above=0)]
     density: Annotated[float, Number("constant density", "mass/length^3", above=0)] | None = None
+    density_assumed: Annotated[bool, YesNo("whether nobody gave the density, so that of water stands in")] = False
+    recommended: Annotated[RecommendedFile, Nested("the values to use, and why")] | None = None
+    confidence: Annotated[ConfidenceFile, Nested("how far to trust the numbers")] | None = None
     format: Annotated[str, Text("kind and version of the file", (FORMAT,))] = FORMAT
     interval_90: Annotated[IntervalsFile, Nested("90 % intervals")] | None = None
     scale: Annotated[ScaleFile, Nested("where the scale comes from")] | None = None

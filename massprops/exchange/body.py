@@ -14,6 +14,7 @@ from massprops.errors import InputError
 from massprops.mass.document import document as make_document
 from massprops.mass.document import read_document
 from massprops.mass.properties import is_physical
+from massprops.mass.recommended import as_recommended
 
 if TYPE_CHECKING:
     import trimesh
@@ -49,6 +50,25 @@ class Body:
     run: Path | None = None
     files: tuple[Path, ...] = ()
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of an export must know: the convention, whose values these are, and what was assumed."""
+        block = self.document.get("recommended") or {}
+        return (CONVENTION, *([f"values: {block['because']}"] if block.get("because") else []), *self.assumptions)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """`assumed density ...` where nobody gave the density or the mass, else nothing."""
+        if not (self.metric and self.document.get("density_assumed")):
+            return ()
+        return (f"assumed density {self.document['density']:g} kg/m^3, as water: give a density or a measured mass",)
+
+
+def xml_comment(body: Body) -> str:
+    """The body's remarks as a comment of XML, in which no two hyphens may follow one another."""
+    lines = (line.replace("--", "- -").replace("--", "- -").rstrip("-") for line in (*body.remarks, "SI units"))
+    return f"<!-- {'; '.join(lines)} -->"
+
 
 def identifier(text: str) -> str:
     """`text` as a name that every format takes."""
@@ -56,13 +76,17 @@ def identifier(text: str) -> str:
     return name if name[0].isalpha() else f"body_{name}"
 
 
-def read_body(source: str | Path, density: float = 1000.0, mass: float | None = None) -> Body:
+def read_body(
+    source: str | Path, density: float | None = None, mass: float | None = None, recommended: bool = False
+) -> Body:
     """The body of a run folder, or of a mesh file filled with one density.
 
     Args:
         source: run folder or mesh file (taken as metres).
-        density: [kg/m^3], for a mesh file.
+        density: [kg/m^3], for a mesh file; None takes that of water, and says so.
         mass: measured mass [kg]; the inertia is scaled to it.
+        recommended: take the values that the run recommends, which may be those of mesh and motion together, in place
+            of the mesh's own.
 
     Raises:
         InputError: no mesh there, or a mass or inertia that no body has.
@@ -86,17 +110,20 @@ def read_body(source: str | Path, density: float = 1000.0, mass: float | None = 
         run: Path | None = source
         name = identifier(source.resolve().name)
     elif source.is_file():
-        from massprops.mass.properties import mass_properties
+        from massprops.mass.properties import ASSUMED_DENSITY, mass_properties
 
         mesh, notes = read_solid(source)
         surface = {"watertight": True, "area": float(mesh.area), "observed_fraction": 1.0}
         scale = {"source": "given", "metres_per_unit": 1.0, "relative_sigma": 0.0}
-        document = make_document(mass_properties(mesh, density), {}, scale, surface, list(notes))
+        found = mass_properties(mesh, ASSUMED_DENSITY if density is None else density)
+        document = make_document(found, {}, scale, surface, list(notes), density_assumed=density is None)
         run, name, files = None, identifier(source.stem), (source,)
     else:
         raise InputError(
             f"{source}: no such run folder or mesh file; give what 'massprops reconstruct' wrote, or a mesh"
         )
+    if recommended:
+        document = as_recommended(document)
     return replace(body_of(document, mesh, name, run, mass), files=files)
 
 
@@ -122,5 +149,5 @@ def body_of(
     if not is_physical(moments):
         raise InputError(f"principal moments {moments.tolist()} break the triangle inequality: no body has them")
     if mass is not None:
-        inertia, own = inertia * (mass / own), mass
+        inertia, own, document = inertia * (mass / own), mass, {**document, "density_assumed": False}
     return Body(name, metric, float(own), com, inertia, document, mesh, run)

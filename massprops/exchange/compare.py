@@ -39,6 +39,8 @@ class Comparison(Shown):
         warnings: one line each.
         mesh: our mesh in the CAD's axes.
         vertex_distance: (v,) signed distance of its vertices to the CAD, positive outside [m].
+        fused: rows of the same kind for mesh and motion together; None where the run's cross-check joined nothing.
+        recommended: `mesh` or `fused`, whichever the run recommends.
     """
 
     transform: Similarity
@@ -48,6 +50,8 @@ class Comparison(Shown):
     warnings: tuple[str, ...]
     mesh: trimesh.Trimesh
     vertex_distance: np.ndarray
+    fused: list[dict[str, Any]] | None = None
+    recommended: str = "mesh"
 
     def row(self, quantity: str) -> dict[str, Any]:
         """The row of one quantity."""
@@ -69,6 +73,8 @@ class Comparison(Shown):
             "transform": self.transform.matrix.tolist(),
             "distances": self.distances,
             "rows": self.rows,
+            "fused": self.fused,
+            "recommended": self.recommended,
             "warnings": list(self.warnings),
         }
 
@@ -102,6 +108,7 @@ def compare(
     from massprops.exchange.body import read_body
     from massprops.exchange.compare_files import check_place
     from massprops.exchange.distances import Surface, surface_distances
+    from massprops.exchange.fused import in_frame, read_fused
     from massprops.mass.integrals import greatest_length
     from massprops.mass.properties import mass_properties
 
@@ -119,14 +126,19 @@ def compare(
     density = float(body.document["density"])
     a, b = mass_properties(ours, density), mass_properties(target, density)
     length = greatest_length(np.asarray(target.vertices))[0]
+    fused = read_fused(body.run, body.document)
     found = Comparison(
         transform,
         free,
         surface_distances(ours, target, length, seed + 5),
-        _rows(a, b, _usable_intervals(body, free), length),
+        _rows(a, b, _usable_intervals(body.document, free, body.metric), length),
         (*notes, *unit_notes, *_scale_notes(body, free)),
         ours,
         Surface(target).signed(np.asarray(ours.vertices)),
+        None
+        if fused is None
+        else _rows(in_frame(fused, transform, density), b, _usable_intervals(fused, free, body.metric), length),
+        str((body.document.get("recommended") or {}).get("source", "mesh")),
     )
     if out is not None:
         from massprops.exchange.compare_files import write_comparison
@@ -145,10 +157,10 @@ def _measured_faces(mesh: trimesh.Trimesh) -> np.ndarray | None:
     return flag if len(flag) == len(mesh.faces) and flag.mean() > LEAST_MEASURED else None
 
 
-def _usable_intervals(body: Body, free: bool) -> dict[str, Any]:
+def _usable_intervals(document: dict[str, Any], free: bool, metric: bool) -> dict[str, Any]:
     """Intervals of quantities that a turn leaves as they are; with a fitted scale, the ratios alone."""
-    keys = ("k1", "k2") if free or not body.metric else ("volume", "principal_moments", "k1", "k2")
-    interval = body.document.get("interval_90") or {}
+    keys = ("k1", "k2") if free or not metric else ("volume", "principal_moments", "k1", "k2")
+    interval = document.get("interval_90") or {}
     return {key: interval[key] for key in keys if interval.get(key)}
 
 

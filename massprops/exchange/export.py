@@ -18,7 +18,7 @@ def export(
     source: str | Path,
     to: str,
     out: str | Path | None = None,
-    density: float = 1000.0,
+    density: float | None = None,
     mass: float | None = None,
     warn: Callable[[str], None] = lambda text: None,
     force: bool = False,
@@ -29,7 +29,7 @@ def export(
         source: run folder or mesh file.
         to: name of a format (`massprops.exchange.formats`).
         out: file to write; by default `<name><suffix>` in the run, or beside the mesh.
-        density: [kg/m^3], for a mesh file.
+        density: [kg/m^3], for a mesh file; None takes that of water, and says so.
         mass: measured mass [kg], in place of density times volume.
         warn: told what had to be repaired in a mesh file.
         force: another file of that name may be replaced; the mesh itself may not.
@@ -44,7 +44,7 @@ def export(
     if to not in known:
         raise InputError(f"--to {to}: unknown format; one of {', '.join(known)}")
     style = known[to]
-    body = read_body(source, density, mass)
+    body = read_body(source, density, mass, recommended=True)
     if style.NEEDS_METRES and not body.metric:
         raise InputError(
             f"{source}: lengths are in model units and {to} needs metres: run again with --scale, --distance or --marker"

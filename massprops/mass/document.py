@@ -12,6 +12,7 @@ from massprops.documents.loading import load_json
 from massprops.documents.massprops_json import FORMAT, MassFile
 from massprops.errors import InputError
 from massprops.mass.properties import MassProperties, is_physical
+from massprops.mass.recommended import by_mesh
 
 FRAME = (
     "axes and origin of the structure from motion, fixed in the body (tumbling) or to its support (static); "
@@ -26,6 +27,7 @@ def document(
     surface: dict,
     warnings: list[str],
     frame: str = FRAME,
+    density_assumed: bool = False,
 ) -> dict:
     """The content of `massprops.json`, less `images`.
 
@@ -36,12 +38,14 @@ def document(
         surface: `watertight`, `area`, `observed_fraction`.
         warnings: one sentence each.
         frame: what the axes are.
+        density_assumed: whether nobody gave the density.
     """
     metric = scale.get("metres_per_unit") is not None and scale.get("source") != "none"
     content = {
         "format": FORMAT,
         "units": {"length": "m", "mass": "kg"} if metric else {"length": "model", "mass": "model"},
         "density": properties.density,
+        "density_assumed": density_assumed,
         "volume": properties.volume,
         "mass": properties.mass,
         "center_of_mass": properties.center_of_mass.tolist(),
@@ -55,6 +59,7 @@ def document(
         "frame": frame,
         "warnings": list(warnings),
     }
+    content["recommended"] = by_mesh(content)
     return as_written(MassFile, content, "massprops.json")
 
 

@@ -17,6 +17,10 @@ DEGENERATE = 1e-7
 """Relative difference of two moments below which their axes are not defined by the body."""
 
 
+ASSUMED_DENSITY = 1000.0
+"""That of water [kg/m^3], where nobody gives one."""
+
+
 @dataclass(frozen=True)
 class MassProperties:
     """Inertia about the centre of mass in the mesh's axes, tensor signs (`I_xy = -int x y dm`).

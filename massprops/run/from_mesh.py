@@ -24,7 +24,7 @@ NAMES = ("run.yaml", "mesh.ply", "mesh.glb", "massprops.json")
 def mass(
     mesh: str | Path,
     out: str | Path,
-    density: float = 1000.0,
+    density: float | None = None,
     scale: float = 1.0,
     scale_sigma: float = 0.0,
     force: bool = False,
@@ -34,7 +34,7 @@ def mass(
     Args:
         mesh: STL, OBJ, PLY, GLB or OFF; small defects are repaired with a warning.
         out: the run folder.
-        density: [kg/m^3].
+        density: [kg/m^3]; None takes that of water, and says so.
         scale: metres per unit of the file (0.001 for millimetres).
         scale_sigma: relative one sigma of that.
         force: other files and results in the folder may be replaced; the mesh itself may not.
@@ -57,12 +57,12 @@ def mass(
 
 
 def measure(
-    mesh: str | Path, density: float = 1000.0, scale: float = 1.0, scale_sigma: float = 0.0
+    mesh: str | Path, density: float | None = None, scale: float = 1.0, scale_sigma: float = 0.0
 ) -> tuple[trimesh.Trimesh, dict[str, Any]]:
     """The body of a mesh file in metres, and its `massprops.json`; arguments and errors as `mass`."""
     from massprops.exchange.mesh_files import read_solid
     from massprops.mass.document import document
-    from massprops.mass.properties import mass_properties
+    from massprops.mass.properties import ASSUMED_DENSITY, mass_properties
 
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"--scale {scale}: metres per unit of the file is a number above 0")
@@ -71,18 +71,18 @@ def measure(
     solid, notes = read_solid(readable(Path(mesh)))
     solid = solid.copy()
     solid.apply_scale(scale)
-    properties = mass_properties(solid, density)
+    properties = mass_properties(solid, ASSUMED_DENSITY if density is None else density)
     surface = {"watertight": True, "area": float(solid.area), "observed_fraction": 1.0}
     known = {"source": "given", "metres_per_unit": scale, "relative_sigma": scale_sigma}
-    content = document(
-        properties, _intervals(properties, scale_sigma), known, surface, list(notes), "axes and origin of the mesh file"
-    )
+    frame = "axes and origin of the mesh file"
+    bounds = _intervals(properties, scale_sigma)
+    content = document(properties, bounds, known, surface, list(notes), frame, density_assumed=density is None)
     content["images"] = {"given": 0, "used": 0, "registered": 0}
     return solid, content
 
 
 def _publish(
-    outputs: Outputs, mesh: Path, solid: Any, content: dict[str, Any], options: dict[str, float], force: bool
+    outputs: Outputs, mesh: Path, solid: Any, content: dict[str, Any], options: dict[str, float | None], force: bool
 ) -> None:
     """The run folder of a finished mesh, into a folder that the caller holds."""
     import yaml

@@ -27,7 +27,7 @@ class ReconstructOptions:
         mapper: `incremental` or `global`.
         sparse: folder of an existing COLMAP model used in place of our own structure from motion.
         dense_views: most reference views of the dense stereo; 0 lets the stage choose.
-        density: [kg/m^3].
+        density: [kg/m^3]; None takes that of water, and says so.
         scale: metres per model unit; the model unit is the greatest length of the object.
         scale_sigma: relative 1-sigma of any given length.
         distance: two points (each "x,y,z" in model units, or a name) and the metres between them.
@@ -49,7 +49,7 @@ class ReconstructOptions:
     mapper: str = "incremental"
     sparse: str | None = None
     dense_views: int = 0
-    density: float = 1000.0
+    density: float | None = None
     scale: float | None = None
     scale_sigma: float = 0.0
     distance: tuple[str, str, float] | None = None

@@ -68,7 +68,7 @@ def to_sequence(
     views: Views,
     points: SparsePoints,
     index: np.ndarray,
-    tumbling: bool,
+    still: str | None,
     attitude_sigma: np.ndarray | None = None,
     mounting: dict[int, np.ndarray] | None = None,
     ranges: RangeSeries | None = None,
@@ -83,6 +83,7 @@ def to_sequence(
 
     Args:
         index: (n,) place of each view in the source, for footage without a clock.
+        still: why the body is no free one, in words; None for a tumbling body.
         attitude_sigma: (n,) [rad]; where it is absent or not finite, the residuals' angle stands in.
         mounting: (4, 4) T_BS by camera number.
         images: file of every view by name; None leaves the images out.
@@ -110,7 +111,7 @@ def to_sequence(
     v, p = points.obs_view[order], points.obs_point[order]
     tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
     attitude = None
-    if tumbling:
+    if still is None:
         own = np.flatnonzero(number == 0)
         own = own[np.argsort(stamps[own], kind="stable")]
         own = own[np.unique(stamps[own], return_index=True)[1]]
@@ -120,7 +121,7 @@ def to_sequence(
             spread = np.where(np.isfinite(attitude_sigma) & (attitude_sigma > 0), attitude_sigma, fallback)
         attitude = AttitudeSeries(stamps[own], quaternion(views.R[own]), spread[own])
     else:
-        warnings.append("the object is still: no attitude history is written")
+        warnings.append(f"{still}: no attitude history is written")
     return Sequence(
         cameras=cameras,
         tracks=tracks,

@@ -85,3 +85,31 @@ def test_a_motion_that_says_nothing_changes_nothing() -> None:
     fused = fuse(draws, side, measured(log_components(inertia, side.axes), np.eye(5) * 1e4))
     assert np.allclose(fused["principal_moments"], found.principal_moments, rtol=1e-4)
     assert np.allclose(inertia_from(draws.own, side.axes), found.inertia, rtol=1e-9)
+
+
+def test_the_more_they_differ_the_more_the_mesh_gives_way_and_the_wider_is_the_interval() -> None:
+    """The factors of both covariances are learned from the difference, not believed."""
+    found, draws, side, _, _ = drawn_body(2)
+    own, sigma = log_components(found.inertia, side.axes), np.sqrt(np.diag(side.covariance))
+    share, width = [], []
+    for step in (0.3, 3.0):
+        fused = fuse(draws, side, measured(own + step * sigma, np.diag((0.3 * sigma) ** 2)))
+        share.append((fused["inertia_ratios"]["k1"] - found.k1) / (step * sigma[0]))
+        width.append(np.ptp(fused["interval_90"]["k1"]))
+    assert share[1] > share[0] and width[1] > 1.3 * width[0]
+
+
+def test_bodies_that_no_replicate_was_made_for() -> None:
+    """A membrane over what was not seen, a motion off by more than it states: `tests/bench/test_bench_fusion.py`."""
+    from footage_bodies import make_body
+
+    errors, held = [], []
+    for seed, low_sun in ((12, True), (5, False), (8, True)):
+        body = make_body(seed, low_sun)
+        both = fuse(body.draws, body.side, body.motion)
+        mesh, true = np.array(body.side.document["principal_moments"]), body.true.principal_moments
+        errors.append([np.abs(mesh / true - 1).mean(), np.abs(np.array(both["principal_moments"]) / true - 1).mean()])
+        low, high = np.array(both["interval_90"]["principal_moments"]).T
+        held.append((low <= true) & (true <= high))
+    before, after = np.mean(errors, axis=0)
+    assert after < 0.7 * before and np.mean(held) > 0.8

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from massprops.consistency.trust import enter_confidence
+from massprops.consistency.trust import enter_verdict
 from massprops.core.files import hash_tree, write_json
 from massprops.core.outputs import Outputs, claim, verify
 from massprops.mass.confidence import Evidence, confidence, lowered
@@ -37,13 +37,13 @@ def test_a_contradiction_lowers_it_once_and_a_later_verdict_takes_it_back(
 ) -> None:
     outputs = run_of(tmp_path, trust)
     for _ in range(2):
-        enter_confidence(outputs, VERDICTS["inconsistent"])
+        enter_verdict(outputs, VERDICTS["inconsistent"])
     found = json.loads((tmp_path / "massprops.json").read_text())
     assert found["confidence"]["level"] == level and found["volume"] == 1.0
     assert found["confidence"]["because"][0] == "shape and motion contradict each other: k1 differs"
     verify(tmp_path, "massprops.json", "mesh.ply")
     assert Outputs(tmp_path).complete("reconstruct", "key") and (tmp_path / "mesh.ply").read_text() == "mesh"
-    enter_confidence(Outputs(tmp_path), VERDICTS["consistent"])
+    enter_verdict(Outputs(tmp_path), VERDICTS["consistent"])
     assert json.loads((tmp_path / "massprops.json").read_text())["confidence"] == trust
 
 
@@ -51,16 +51,16 @@ def test_a_verdict_that_contradicts_nothing_changes_nothing(tmp_path: Path) -> N
     outputs = run_of(tmp_path, GOOD)
     before = (tmp_path / "massprops.json").read_bytes()
     for verdict in ("consistent", "unobservable"):
-        assert enter_confidence(outputs, VERDICTS[verdict]) == GOOD
+        assert enter_verdict(outputs, VERDICTS[verdict]) == GOOD
     assert (tmp_path / "massprops.json").read_bytes() == before
 
 
 def test_files_that_are_not_a_reconstructions_are_left_alone(tmp_path: Path) -> None:
     run_of(tmp_path / "none", None)
-    assert enter_confidence(Outputs(tmp_path / "none"), VERDICTS["inconsistent"]) is None
+    assert enter_verdict(Outputs(tmp_path / "none"), VERDICTS["inconsistent"]) is None
     (tmp_path / "bare").mkdir()
     write_json(tmp_path / "bare" / "massprops.json", {"confidence": GOOD})
-    assert enter_confidence(Outputs(tmp_path / "bare"), VERDICTS["inconsistent"]) is None
+    assert enter_verdict(Outputs(tmp_path / "bare"), VERDICTS["inconsistent"]) is None
 
 
 def test_a_good_word_is_no_reason_for_a_worse_one() -> None:

@@ -278,3 +278,28 @@ def test_an_ascii_stl_of_msvc_is_read_without_a_word(tmp_path: Path, capfd: pyte
     solid, notes = read_solid(tmp_path / "m.stl")
     said = capfd.readouterr()
     assert solid.volume == pytest.approx(1.0) and notes == () and said.err == said.out == ""
+
+
+def test_mesh_and_motion_together_are_scored_beside_the_mesh(tmp_path: Path) -> None:
+    mesh, (R, t) = lump(), pose(4)
+    run = run_folder(tmp_path / "run", moved(mesh, R, t))
+    document = json.loads((run / "massprops.json").read_text())
+    keys = ("volume", "mass", "center_of_mass", "inertia", "principal_moments", "principal_axes", "inertia_ratios")
+    both = {key: document[key] for key in keys}
+    for key in ("volume", "mass", "inertia", "principal_moments"):
+        both[key] = (1.1 * np.array(both[key])).tolist()
+    both["interval_90"] = {"volume": [0.9 * both["volume"], 1.2 * both["volume"]], "k1": [0.5, 0.6]}
+    crosscheck = {"mesh": {"k1": document["inertia_ratios"]["k1"]}, "fused": both}
+    (run / "crosscheck.json").write_text(json.dumps(crosscheck))
+    mesh.export(tmp_path / "cad.stl")
+    found = compare(run, tmp_path / "cad.stl")
+    assert found.fused is not None
+    rows = {row["quantity"]: row for row in found.fused}
+    for name in ("volume", "I1", "I2", "I3", "I_xx", "I_yy"):
+        assert rows[name]["relative_error"] == pytest.approx(0.1, abs=2e-3), name
+    for name in ("center_of_mass_x", "I_xy", "axis_1", "k1"):
+        assert rows[name]["ours"] == pytest.approx(found.row(name)["ours"] * (1.1 if name == "I_xy" else 1), abs=1e-4)
+    assert rows["volume"]["holds"] is True and rows["k1"]["holds"] is False and rows["I1"]["holds"] is None
+    crosscheck["mesh"]["k1"] -= 0.1  # type: ignore[operator]
+    (run / "crosscheck.json").write_text(json.dumps(crosscheck))
+    assert compare(run, tmp_path / "cad.stl").fused is None, "of an earlier mesh"

@@ -210,3 +210,14 @@ def test_any_file_name_gives_well_formed_xml(tmp_path: Path, form: str, name: st
     named = [e.get("filename") or e.get("file") or e.text for e in tree.iter() if e.tag in ("mesh", "uri")]
     named = [n for n in named if n and n.strip()]
     assert named and all((tmp_path / n).is_file() for n in named)
+
+
+def test_every_format_says_that_the_density_was_assumed(run: Path, tmp_path: Path) -> None:
+    document = read_body(tmp_path / "lump.stl").document
+    assert document["density_assumed"] is True and document["density"] == 1000.0
+    (run / "massprops.json").write_text(json.dumps(document))
+    for name, style in formats().items():
+        given = export(run, name, tmp_path / f"given{style.SUFFIX}", mass=3.0).read_bytes()
+        assumed = export(run, name, tmp_path / f"assumed{style.SUFFIX}").read_bytes()
+        assert b"assumed density" not in given
+        assert (b"assumed density 1000 kg/m^3" in assumed) == (name != "filter"), f"{name}: a filter takes ratios alone"

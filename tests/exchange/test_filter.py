@@ -110,15 +110,14 @@ def test_what_mesh_and_motion_know_together_goes_before_the_mesh(run: Path, tmp_
         "inertia": [[[J[i, j] - 1e-3, J[i, j] + 1e-3] for j in range(3)] for i in range(3)],
     }
     fused = {
-        "inertia": J.tolist(), "inertia_ratios": k, "principal_axes": axes.tolist(), "interval_90": interval,
-        "center_of_mass": [0.1, 0.2, 0.3],
+        "source": "fused", "volume": 1.0, "mass": 1000.0, "inertia": J.tolist(), "principal_moments": sorted(moments),
+        "principal_axes": axes.tolist(), "center_of_mass": [0.1, 0.2, 0.3], "interval_90": interval, "because": "", **k,
     }  # fmt: skip
-    found = {"mesh": {"k1": content["inertia_ratios"]["k1"]}, "fused": fused}
-    (run / "crosscheck.json").write_text(json.dumps(found))
+    (run / "massprops.json").write_text(json.dumps({**content, "recommended": fused}))
     prior = read_filter(export(run, "filter", tmp_path / "both.yaml")).prior
     assert np.allclose(ratios(prior.inertia)[0], [k["k1"], k["k2"]], atol=1e-9)
     assert prior.k_sigma == pytest.approx([0.001 / 1.645, 0.002 / 1.645], rel=1e-3)
-    for other in ({**found, "fused": None}, {**found, "mesh": {"k1": -9.0}}):  # not trusted, or of an earlier mesh
-        (run / "crosscheck.json").write_text(json.dumps(other))
+    for other in (content, {key: value for key, value in content.items() if key != "recommended"}):
+        (run / "massprops.json").write_text(json.dumps(other))
         prior = read_filter(export(run, "filter", tmp_path / "mesh.yaml")).prior
         assert np.allclose(ratios(prior.inertia)[0], list(content["inertia_ratios"].values()), atol=1e-9)

@@ -33,7 +33,7 @@ STAGES = {
         def run(job):
             if "fail" in FLAGS:
                 raise NotPossible("nothing to be seen")
-            value = float((job.work("first") / "n").read_text()) * job.options.density
+            value = float((job.work("first") / "n").read_text()) * (job.options.density or 1000.0)
             write_whole(job.out / "value", repr(value))
             return {"value": value}
     """,

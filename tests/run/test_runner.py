@@ -47,7 +47,7 @@ STAGES = {
             if (job.run / "bug").exists():
                 raise KeyError("oops")
             job.warn("careful")
-            value = float((job.work("first") / "n").read_text()) * job.options.density
+            value = float((job.work("first") / "n").read_text()) * (job.options.density or 1000.0)
             (job.out / "value").write_text(repr(value))
             return {"value": value}
     """,

@@ -129,7 +129,7 @@ def test_precision_scales_with_noise():
 
 def test_attitude_is_the_rotation_of_the_view():
     views, points = scene.make(10, 30, noise=0.2)
-    s = to_sequence(views, points, np.arange(10), True)
+    s = to_sequence(views, points, np.arange(10), None)
     from scipy.spatial.transform import Rotation
 
     again = Rotation.from_quat(s.attitude.q[:, [1, 2, 3, 0]]).as_matrix()
@@ -144,7 +144,7 @@ def test_attitude_is_the_rotation_of_the_view():
 def test_static_footage_has_no_attitude_and_no_clock_is_said():
     views, points = scene.make(5, 20)
     still = views.__class__(**{**views.__dict__, "timestamp_ns": np.full(5, -1)})
-    s = to_sequence(still, points, np.array([0, 2, 4, 6, 8]), False)
+    s = to_sequence(still, points, np.array([0, 2, 4, 6, 8]), "the object is still")
     assert s.attitude is None
     np.testing.assert_array_equal(np.unique(s.tracks.timestamp_ns), np.arange(0, 9, 2) * SECOND)
     assert any("no clock" in w for w in s.warnings)
@@ -163,7 +163,7 @@ def test_one_observation_of_a_feature_per_image(tmp_path):
             "obs_uv": np.r_[points.obs_uv, points.obs_uv[3:4] + 5],
         }
     )
-    s = to_sequence(views, twice, np.arange(4), True)
+    s = to_sequence(views, twice, np.arange(4), None)
     assert len(s.tracks.uv) == 40
     assert np.abs(residuals(views, points)).max() < 1e-9
     back = read_sequence(write_sequence(tmp_path / "s", s))
@@ -176,7 +176,7 @@ def test_a_sequence_takes_its_tracks_from_one_camera():
     views, points = scene.make(10, 50, step_deg=5.0)
     K = views.K.copy()
     K[7:, 0, 0] *= 1.5
-    s = to_sequence(replace(views, K=K), points, np.arange(10), True)
+    s = to_sequence(replace(views, K=K), points, np.arange(10), None)
     assert s.cameras[0].intrinsics[0] == K[0, 0, 0]
     assert set(s.tracks.timestamp_ns.tolist()) == set(views.timestamp_ns[:7].tolist())
     assert len(s.attitude.q) == 10 and any("3 images of other cameras" in w for w in s.warnings)

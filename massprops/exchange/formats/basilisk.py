@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from massprops.exchange.body import CONVENTION, Body
+from massprops.exchange.body import Body
 
 NAME = "basilisk"
 SUFFIX = ".py"
@@ -20,8 +20,9 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
     """The file as text; importing it needs no Basilisk."""
     rows = ",\n    ".join("[" + ", ".join(f"{v:.17g}" for v in row) + "]" for row in body.inertia)
     centre = ", ".join(f"[{v:.17g}]" for v in body.center_of_mass)
+    remarks = "\n".join(body.remarks).replace("\\", "/").replace('"""', "")
     return (
-        f'"""{body.name} for Basilisk: {CONVENTION}; SI units.\n\n'
+        f'"""{body.name} for Basilisk, SI units.\n\n{remarks}\n\n'
         f"Use: `from Basilisk.simulation import spacecraft; sc = spacecraft.Spacecraft(); apply(sc.hub)`.\n"
         f'"""\n\nM_HUB = {body.mass:.17g}  # kg\nR_BCB_B = [{centre}]  # m\nI_HUB_PNT_BC_B = [\n    {rows},\n]  # kg m^2\n\n\n'
         f"def apply(hub):\n"

@@ -14,8 +14,11 @@ MESHES = False
 
 def render(body: Body, meshes: Mapping[str, str]) -> str:
     """The table as text. Inertia about the centre of mass, mesh axes, products -int x y dm."""
-    lines = ["quantity,value,unit,low_90,high_90"]
-    lines += [f"{name},{value:.17g},{unit},{low},{high}" for name, value, unit, low, high in _rows(body)]
+    lines = ["quantity,value,unit,low_90,high_90,note"]
+    notes = {"mass": body.assumptions, "volume": body.remarks[1:2]}
+    for name, value, unit, low, high in _rows(body):
+        note = " ".join(notes.get(name, ())).replace('"', "'")
+        lines.append(f"{name},{value:.17g},{unit},{low},{high}," + (f'"{note}"' if note else ""))
     return "\n".join(lines) + "\n"
 
 

@@ -1,15 +1,13 @@
 """Filter: the YAML that `massprops estimate --prior` reads.
 
 Ratios and axes in the run's body frame, that of its `sequence/attitude0`, with their covariances from the 90 %
-intervals, by mesh and motion together where the run's cross-check fused them; feature points from the centre of mass, under the numbers that they have in the run's `tracks0`; and how
-much process noise a filter of this motion deserves.
+intervals; feature points from the centre of mass, under the numbers that they have in the run's `tracks0`; and how much
+process noise a filter of this motion deserves.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,6 @@ from massprops.documents.arrays import open_arrays
 from massprops.documents.fields import as_written, read
 from massprops.documents.filter import FORMAT, FilterFile
 from massprops.documents.loading import load_json
-from massprops.documents.massprops_json import MassFile
 from massprops.documents.scale_json import ScaleStageFile
 from massprops.errors import InputError
 from massprops.exchange.body import CONVENTION, Body
@@ -56,8 +53,8 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
 
 def filter_content(body: Body) -> dict[str, Any]:
     """What the file says."""
-    body, known_by = best_known(body)
     document = body.document
+    known_by = "mesh and motion together" if (document.get("recommended") or {}).get("source") == "fused" else "mesh"
     inertia = body.inertia / np.trace(body.inertia)
     axes = np.array(document["principal_axes"], float)
     moments = np.diag(axes.T @ inertia @ axes)
@@ -84,26 +81,6 @@ def filter_content(body: Body) -> dict[str, Any]:
     if body.run is not None:
         content.update(_of_footage(body, body.run))
     return as_written(FilterFile, content, "filter")
-
-
-def best_known(body: Body) -> tuple[Body, str]:
-    """The body by mesh and motion together where the run's cross-check trusts both, else by the mesh; and by what."""
-    plain = body, "mesh"
-    if body.run is None:
-        return plain
-    try:
-        found = json.loads((body.run / "crosscheck.json").read_text())
-        fused, of = found["fused"], float(found["mesh"]["k1"])
-        if fused:
-            read(MassFile, {**body.document, **fused}, "crosscheck.json")
-    except (OSError, ValueError, KeyError, TypeError, InputError):
-        return plain
-    # a mesh made again since is another one
-    if not fused or abs(of - body.document["inertia_ratios"]["k1"]) > 1e-9:
-        return plain
-    centre, inertia = np.array(fused["center_of_mass"]), np.array(fused["inertia"])
-    document = {**body.document, **fused}
-    return replace(body, center_of_mass=centre, inertia=inertia, document=document), "mesh and motion together"
 
 
 def turn_covariance(products: np.ndarray, k1: float, k2: float) -> np.ndarray:

@@ -15,7 +15,7 @@ MESHES = False
 
 def render(body: Body, meshes: Mapping[str, str]) -> str:
     """The document as text; mass and inertia are the body's own, should a mass have been given."""
-    own = {"name": body.name, "convention": CONVENTION}
+    own = {"name": body.name, "convention": CONVENTION, "remarks": list(body.remarks[1:])}
     restated = {
         "mass": body.mass,
         "inertia": body.inertia.tolist(),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.sax.saxutils import escape
 
-from massprops.exchange.body import CONVENTION, Body
+from massprops.exchange.body import Body, xml_comment
 
 NAME = "mjcf"
 SUFFIX = ".xml"
@@ -30,7 +30,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
     if "collision" in meshes:
         geoms += '      <geom type="mesh" mesh="collision" group="3" mass="0"/>\n'
     return (
-        f"<!-- {CONVENTION}; SI units -->\n"
+        f"{xml_comment(body)}\n"
         f'<mujoco model="{body.name}">\n  <compiler angle="radian" inertiafromgeom="false" balanceinertia="false"/>\n'
         f'  <option gravity="0 0 0" integrator="RK4" timestep="0.01"/>\n  <asset>\n{assets}  </asset>\n'
         f'  <worldbody>\n    <light pos="0 0 10" directional="true"/>\n    <body name="{body.name}">\n      <freejoint/>\n'

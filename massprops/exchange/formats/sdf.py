@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.sax.saxutils import escape
 
-from massprops.exchange.body import CONVENTION, Body
+from massprops.exchange.body import Body, xml_comment
 
 NAME = "sdf"
 SUFFIX = ".sdf"
@@ -29,7 +29,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
         if tag in meshes
     )
     return (
-        f'<?xml version="1.0"?>\n<!-- {CONVENTION}; SI units -->\n<sdf version="1.9">\n  <model name="{body.name}">\n'
+        f'<?xml version="1.0"?>\n{xml_comment(body)}\n<sdf version="1.9">\n  <model name="{body.name}">\n'
         f'    <link name="{body.name}">\n      <inertial>\n        <pose>{x} {y} {z} 0 0 0</pose>\n'
         f"        <mass>{body.mass:.17g}</mass>\n        <inertia>\n{inertia}        </inertia>\n      </inertial>\n"
         f"{shapes}    </link>\n  </model>\n</sdf>\n"

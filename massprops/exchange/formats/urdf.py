@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.sax.saxutils import escape
 
-from massprops.exchange.body import CONVENTION, Body
+from massprops.exchange.body import Body, xml_comment
 
 NAME = "urdf"
 SUFFIX = ".urdf"
@@ -30,7 +30,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
         if tag in meshes
     )
     return (
-        f'<?xml version="1.0"?>\n<!-- {CONVENTION}; SI units -->\n<robot name="{body.name}">\n'
+        f'<?xml version="1.0"?>\n{xml_comment(body)}\n<robot name="{body.name}">\n'
         f'  <link name="{body.name}">\n    <inertial>\n      <origin xyz="{x} {y} {z}" rpy="0 0 0"/>\n'
         f'      <mass value="{body.mass:.17g}"/>\n      <inertia {inertia}/>\n    </inertial>\n'
         f"{shapes}  </link>\n</robot>\n"

@@ -29,7 +29,10 @@ def render(data: RunData) -> str:
             f"{swatch('#be1e2d', f'{end} or more outside')}</p>"
         )
     parts.append(f"<h3>Surface distances</h3>{_distances(document.get('distances') or {})}")
-    parts.append(f"<h3>Quantities</h3>{_quantities(document['rows'])}")
+    parts.append(f"<h3>Quantities, by the mesh{_marked(document, 'mesh')}</h3>{_quantities(document['rows'])}")
+    if document.get("fused"):
+        title = f"Quantities, by mesh and motion together{_marked(document, 'fused')}"
+        parts.append(f"<h3>{title}</h3>{_quantities(document['fused'])}")
     parts.append(
         "<p class='soft'>After alignment, in the CAD's axes. Products of inertia: error as a share of the mean diagonal element; "
         "centre of mass: of the CAD's length. Axes: angle, whatever the sign.</p>"
@@ -37,15 +40,20 @@ def render(data: RunData) -> str:
     return "".join(parts)
 
 
+def _marked(document: dict[str, Any], source: str) -> str:
+    return " (recommended)" if document.get("fused") and document.get("recommended") == source else ""
+
+
 def _sentence(document: dict[str, Any]) -> str:
-    held = [r for r in document["rows"] if r.get("holds") is not None]
-    volume = next((r for r in document["rows"] if r["quantity"] == "volume"), None)
     said = []
-    if volume:
-        said.append(f"The volume differs from the CAD's by {volume['error_text'].replace('-', '−')}.")
-    if held:
-        yes = sum(bool(r["holds"]) for r in held)
-        said.append(f"{yes} of {len(held)} intervals hold the CAD's value.")
+    for source, who in (("rows", "By the mesh"), ("fused", "By mesh and motion together")):
+        rows = document.get(source) or []
+        held = [r for r in rows if r.get("holds") is not None]
+        volume = next((r for r in rows if r["quantity"] == "volume"), None)
+        if volume:
+            said.append(f"{who}, the volume differs from the CAD's by {volume['error_text'].replace('-', '−')}")
+            yes = sum(bool(r["holds"]) for r in held)
+            said[-1] += f", and {yes} of {len(held)} intervals hold the CAD's value." if held else "."
     said.append("The scale was fitted to the CAD." if document.get("free_scale") else "The run's own scale was kept.")
     return f"<p>{text(' '.join(said))}</p>"
 

@@ -12,7 +12,7 @@ import numpy as np
 from massprops.capture.footage import FEWEST, Chosen, Judged, Source
 from massprops.capture.images import printable
 from massprops.capture.inputs import Input, open_inputs, same_cameras
-from massprops.capture.motion import Scene, judge
+from massprops.capture.motion import Scene, camera_places, judge
 from massprops.errors import InputError
 from massprops.run.files import read_image
 from massprops.run.job import Job
@@ -38,7 +38,9 @@ def run(job: Job) -> dict:
     if left_out:
         job.warn(f"{len(left_out)} images were left out: {said(left_out)}")
     ordered = sources[0].video is not None or sources[0].kind == "sequence"
-    scene = judge(judged[0].grey[:: max(1, len(judged[0].grey) // 60)], ordered)
+    places = [camera_places(j.grey) if ordered else np.zeros(len(j.grey), int) for j in judged]
+    step = max(1, len(judged[0].grey) // 60)
+    scene = judge(judged[0].grey[::step], ordered, places[0][::step])
     if options.motion not in ("auto", scene.motion):
         scene = Scene(options.motion, scene.background, "as given by --motion", scene.plain)
     elif placed and scene.motion != "static":
@@ -51,6 +53,8 @@ def run(job: Job) -> dict:
     cameras, frames = _write_placements(job, placed, chosen) if placed else _write_streams(job, sources, chosen)
     for line in dict.fromkeys(line for c in chosen for line in c.warnings):
         job.warn(line)
+    if scene.motion == "tumbling" and not placed:
+        _enter_places(job, sources, judged, places, frames)
     given = options.masks is not None
     if given:
         _given_masks(job, placed or sources, frames)
@@ -75,6 +79,20 @@ def run(job: Job) -> dict:
     (job.out / "footage.json").write_text(json.dumps(footage, indent=1))
     facts = {k: footage[k] for k in ("kind", "motion", "motion_reason", "background", "given", "used")}
     return {**facts, "cameras": len(cameras)} if len(cameras) > len(sources) else facts
+
+
+def _enter_places(
+    job: Job, sources: list[Source], judged: list[Judged], places: list[np.ndarray], frames: list[dict[str, Any]]
+) -> None:
+    """`camera_place` of every frame, where a still camera was moved in between."""
+    for source, j, place in zip(sources, judged, places, strict=True):
+        if place.max(initial=0) == 0:
+            continue
+        job.warn(f"the camera was moved {place.max()} times: each of its places has a background of its own")
+        at = dict(zip(j.index.tolist(), place.tolist(), strict=True))
+        for frame in frames:
+            if Path(frame["name"]).parent.name == f"cam{source.stream}":
+                frame["camera_place"] = at[frame["index"]]
 
 
 def _write_streams(
@@ -267,7 +285,13 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
 
 def _same_picture(frame: dict[str, Any]) -> tuple:
     """Frames with equal keys show one background at the same pixels, if it stays at all."""
-    return Path(frame["name"]).parent.name, frame["camera"], frame["width"], frame["height"]
+    return (
+        Path(frame["name"]).parent.name,
+        frame["camera"],
+        frame["width"],
+        frame["height"],
+        frame.get("camera_place", 0),
+    )
 
 
 def _spread(frames: list[dict]) -> list[dict]:

@@ -16,12 +16,12 @@ METHODS = ("smoother", "momentum-ls")
 def run(job: Job) -> dict:
     """Writes `crosscheck.json` into the run folder; the page is made after it."""
     from massprops.consistency.crosscheck import crosscheck
-    from massprops.consistency.trust import enter_confidence
+    from massprops.consistency.trust import enter_verdict
 
     found = crosscheck(job.run, methods=METHODS, write=False, progress=job.progress)
     outputs = Outputs(job.run)
     write_json(outputs.staging() / "crosscheck.json", found.document)
     outputs.publish(PUBLISHES, job.key, force=job.force, derived=True)
-    trust = enter_confidence(Outputs(job.run), found.document)
+    trust = enter_verdict(Outputs(job.run), found.document)
     partial = f"low confidence: {trust['because'][0]}" if trust and trust["level"] == "low" else None
     return {"verdict": found.verdict, "p_value": found.document["p_value"], "partial": partial}

@@ -10,7 +10,7 @@ from massprops.mass.confidence import Evidence, confidence
 from massprops.mass.document import document
 from massprops.mass.integrals import mesh_integrals
 from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, valid_bodies
-from massprops.mass.properties import properties_of_integrals
+from massprops.mass.properties import ASSUMED_DENSITY, properties_of_integrals
 from massprops.run.job import Job
 from massprops.surface.length import model_length
 
@@ -37,7 +37,8 @@ def run(job: Job) -> dict:
         )
 
     final = vertices * factor
-    properties = properties_of_integrals(mesh_integrals(final, faces), job.options.density)
+    density, assumed = job.options.density, job.options.density is None
+    properties = properties_of_integrals(mesh_integrals(final, faces), ASSUMED_DENSITY if density is None else density)
     rng = np.random.default_rng([job.seed, 5])
     own = scale.get("source", "none") in OWN_LENGTH
     draws = scaled_replicates(rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng)
@@ -78,7 +79,7 @@ def run(job: Job) -> dict:
     partial = surface.get("partial")
     if partial is None and trust["level"] == "low":
         partial = f"low confidence: {trust['because'][0]}"
-    result = document(properties, bounds, scale, described, warnings)
+    result = document(properties, bounds, scale, described, warnings, density_assumed=assumed)
     result["confidence"] = trust
     if open_readings:
         result["readings"] = open_readings

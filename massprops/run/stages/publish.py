@@ -59,8 +59,8 @@ def _document(job: Job, new: Path, factor: float) -> bool:
         return False
     footage, sfm = _read(job.work("capture") / "footage.json") or {}, _read(job.work("sfm") / "sfm.json") or {}
     known = Outputs(job.run).files.get("crosscheck.json")
-    if known is not None and known.get("of") == job.key and "confidence" in document:  # published anew, as it was
-        document["confidence"] = judged(document["confidence"], _read(job.run / "crosscheck.json") or {})
+    if known is not None and known.get("of") == job.key:  # published anew, as it was
+        document = judged(document, document, _read(job.run / "crosscheck.json") or {})
     document["images"] = {
         "given": footage.get("given", len(footage.get("frames", []))),
         "used": footage.get("used", len(footage.get("frames", []))),

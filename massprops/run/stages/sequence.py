@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.run.job import Job
 
-READS = ("capture", "sfm")
+READS = ("capture", "sfm", "join")
 OPTIONS = ("motion",)
 
 
@@ -30,11 +30,13 @@ def run(job: Job) -> dict:
     ranges = environment = None
     if footage.kind in ("sequence", "stereo") and Path(footage.source).is_dir():
         ranges, environment = _passed_on(Path(footage.source))
+    stands = json.loads((job.work("join") / "join.json").read_text())["support_plane"] is not None
+    still = "the object stands on what turns it" if footage.motion == "tumbling" else "the object is still"
     sequence = to_sequence(
         views,
         points,
         np.array([place.get(n, i) for i, n in enumerate(views.names)]),
-        footage.motion == "tumbling",
+        None if footage.motion == "tumbling" and not stands else still,
         _attitude_sigma(job.work("sfm") / "precision.npz"),
         mounting,
         ranges,

@@ -41,7 +41,8 @@ def run(job: Job) -> dict:
     """Writes shape.json and, for each placement, a folder with shape.npz (vertices, faces), object.npz, other.npz and
     their colours.
 
-    Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written.
+    Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written. A body that turns
+    before a still background may stand on a turntable, whose plate the capture stage cannot tell from it.
     """
     from massprops.capture.placements import by_order, find_placements, given_placements
     from massprops.capture.support import region_of
@@ -50,11 +51,18 @@ def run(job: Job) -> dict:
 
     views = Views.load(job.work("sfm") / "views.npz")
     pointed = _pointed(job, views)
-    if not pointed and all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names):
+    footage = json.loads((job.work("capture") / "footage.json").read_text())
+    known = all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names)
+    perhaps_carried = (
+        footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]
+    )
+    if not pointed and known and not perhaps_carried:
         return _said(job, {"placements": [], "lost": []})
     sparse = SparsePoints.load(job.work("sfm") / "points.npz")
+    if known and perhaps_carried and not pointed and not _carried(job, views, sparse):
+        return _said(job, {"placements": [], "lost": []})
     region = region_of(views)
-    given = given_placements(json.loads((job.work("capture") / "footage.json").read_text()), views.names)
+    given = given_placements(footage, views.names)
     divided = given or find_placements(
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
     )
@@ -75,6 +83,21 @@ def run(job: Job) -> dict:
             f"{len(gone['images'])} images show the object in a placement that could not be solved: {gone['reason']}"
         )
     return _said(job, {"placements": placements, "lost": lost})
+
+
+def _carried(job: Job, views, sparse) -> bool:  # type: ignore[no-untyped-def]
+    """Whether a body that turns before a still background stands on what turns with it: a turntable's plate.
+
+    The room takes no part: it does not hang together with what turns, and stereo finds nothing there.
+    """
+    from massprops.capture.support import find_support, region_of
+
+    region = region_of(views)
+    try:
+        cloud, _ = _dense(job, views, region, sparse)
+    except NotPossible:
+        return False
+    return find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed) is not None
 
 
 def _solved(job: Job, views, sparse, label: np.ndarray, pointed: list[Located]) -> tuple[list[dict], list[dict]]:  # type: ignore[no-untyped-def]
@@ -140,10 +163,10 @@ def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
     if not (options.object or options.box or options.keep_support):
         return []
     footage = json.loads((job.work("capture") / "footage.json").read_text())
-    if footage["motion"] == "tumbling":
+    if footage["motion"] == "tumbling" and footage["background"] == "black":
         raise InputError(
-            "--object, --box and --keep-support are for a still object: this footage was taken for a body that moves "
-            "before a still camera; leave them out, or give --motion static"
+            "--object, --box and --keep-support are for an object that stands on something: this footage was taken for a "
+            "body that moves before a black sky; leave them out, or give --motion static"
         )
     wanted = [parse("object", o) for o in options.object] + [parse("box", b) for b in options.box]
     return [locate(p, footage, views) for p in wanted]

@@ -31,11 +31,11 @@ def run(job: Job) -> dict:
         points, seen = z["xyz"], np.bincount(z["obs_point"], minlength=len(z["xyz"]))
     left_out: list[str] = []
     have = [(capture / "masks" / f"{name}.png").is_file() for name in views.names]
-    if all(have):
+    shape = json.loads((job.work("shape") / "shape.json").read_text())
+    if all(have) and not shape["placements"]:
         share = _refine(job, cv2, views, points[seen >= 3], footage)
         method = "given" if footage.get("masks_given") else f"before a {footage['background']} background"
     else:
-        shape = json.loads((job.work("shape") / "shape.json").read_text())
         share, left_out = _from_shapes(job, views, shape["placements"])
         method = "drawn from the shape, refined by the images"
         if left_out:

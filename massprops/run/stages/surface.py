@@ -61,7 +61,8 @@ def run(job: Job) -> dict:
     place = json.loads((job.work("join") / "join.json").read_text())
     stand = place["support_plane"]
     support = None if stand is None else np.array(stand, float)
-    tumbling, given = footage["motion"] == "tumbling", bool(footage["masks_given"])
+    # what turns on a support is no free body: other things may stand there
+    tumbling, given = footage["motion"] == "tumbling" and support is None, bool(footage["masks_given"])
     # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
     still = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
     if tumbling and footage["background"] == "black" and not given and still:

@@ -1,0 +1,96 @@
+"""Which value to use, the mesh's or that of mesh and motion together, and why: `recommended` of `massprops.json`.
+
+Every exporter writes these values, and every command prints them first.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+VALUES = ("volume", "mass", "center_of_mass", "inertia", "principal_moments", "principal_axes")
+"""Keys of a document that the recommended block has too."""
+WELL_MEASURED = 0.85
+"""Share of the surface above which a mesh is not moved out of its own interval: little of it is left to be wrong, so a
+motion that asks for more is likelier wrong itself."""
+MESH_ALONE = "the mesh's own: nothing else was measured"
+
+
+def by_mesh(document: dict[str, Any], because: str = MESH_ALONE) -> dict[str, Any]:
+    """The block of a document whose mesh is all there is to go by.
+
+    Args:
+        document: `massprops.json`.
+        because: why, one sentence.
+    """
+    return _block("mesh", document, because)
+
+
+def recommend(document: dict[str, Any], crosscheck: dict[str, Any]) -> dict[str, Any]:
+    """The block after the cross-check.
+
+    Mesh and motion together where they agree and the two together are sharper than the mesh; else the mesh.
+
+    Args:
+        document: `massprops.json`; crosscheck: `crosscheck.json`.
+    """
+    verdict, fused = crosscheck.get("verdict"), crosscheck.get("fused")
+    if verdict == "inconsistent":
+        return by_mesh(document, "the mesh's: shape and motion contradict each other, so they are not joined")
+    if verdict != "consistent":
+        return by_mesh(document, f"the mesh's: the motion adds nothing ({crosscheck.get('reason', 'no cross-check')})")
+    if not fused:
+        return by_mesh(document, "the mesh's: the motion agrees, but the run keeps no replicates to join the two with")
+    mesh_width, fused_width = relative_width(document), relative_width(fused)
+    if mesh_width is None or fused_width is None or fused_width >= mesh_width:
+        return by_mesh(document, "the mesh's: the motion agrees with it and is no sharper")
+    seen = (document.get("surface") or {}).get("observed_fraction") or 0.0
+    if seen > WELL_MEASURED and (left := _left_interval(document, fused)):
+        return by_mesh(document, f"the mesh's: joined with the motion, {left} would leave the interval of a mesh that "
+                                 f"was measured on {100 * seen:.0f} % of its surface")  # fmt: skip
+    because = (
+        f"mesh and motion ({fused.get('with', 'motion')}) together: they agree, and together the principal moments are "
+        f"known to ±{_percent(fused_width)} % instead of the mesh's ±{_percent(mesh_width)} %"
+    )
+    return _block("fused", fused, because)
+
+
+def as_recommended(document: dict[str, Any]) -> dict[str, Any]:
+    """The document with the recommended values in place of the mesh's; as it is where it recommends none."""
+    block = document.get("recommended")
+    if not block:
+        return document
+    values = {key: block[key] for key in (*VALUES, "interval_90") if block.get(key) is not None}
+    return {**document, **values, "inertia_ratios": {"k1": block["k1"], "k2": block["k2"]}}
+
+
+def relative_width(values: dict[str, Any]) -> float | None:
+    """Mean half width of the 90 % intervals of the principal moments, over the moments; None without intervals."""
+    bounds = (values.get("interval_90") or {}).get("principal_moments")
+    if not bounds or any(end is None for pair in bounds for end in pair):
+        return None
+    halves = [(high - low) / (2 * m) for (low, high), m in zip(bounds, values["principal_moments"], strict=True)]
+    return float(sum(halves) / 3)
+
+
+def _left_interval(document: dict[str, Any], fused: dict[str, Any]) -> str:
+    """Which number of the fused body lies outside the mesh's own 90 % interval; empty when none does."""
+    interval, k = document["interval_90"], fused["inertia_ratios"]
+    rows = [("the volume", fused["volume"], interval.get("volume"))]
+    rows += [(f"I{i + 1}", m, interval["principal_moments"][i]) for i, m in enumerate(fused["principal_moments"])]
+    rows += [(name, k[name], interval.get(name)) for name in ("k1", "k2")]
+    return next((name for name, value, ends in rows if ends and not ends[0] <= value <= ends[1]), "")
+
+
+def _block(source: str, values: dict[str, Any], because: str) -> dict[str, Any]:
+    return {
+        "source": source,
+        **{key: values[key] for key in VALUES},
+        "k1": values["inertia_ratios"]["k1"],
+        "k2": values["inertia_ratios"]["k2"],
+        "interval_90": values.get("interval_90") or {},
+        "because": because,
+    }
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g}"
