@@ -75,7 +75,7 @@ def page(name: str, method, one, facts) -> str:
         said += [
             f"![Its angular velocity against the truth]({name}.svg)",
             "",
-            "Error of the length of the angular velocity, and the 3-sigma that the estimator states.",
+            "Error of the length of the angular velocity. Shaded: three sigmas that the estimator states, all axes together.",
             "",
         ]
     return "\n".join(said)

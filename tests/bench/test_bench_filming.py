@@ -52,4 +52,5 @@ def measured(folder: Path, name: str) -> str:
 def test_cost_of_a_mistake(name: str, tmp_path: Path) -> None:
     row = measured(tmp_path, name)
     print("\n" + row)
-    assert row.startswith("| ")
+    if name == next(iter(MISTAKES)):
+        assert "no answer" not in row and ", yes |" in row, "filmed well, the interval holds the truth"
