@@ -24,7 +24,7 @@ errors = [
     for n in noises
 ]
 for noise, error in zip(noises, errors, strict=True):
-    print(f"{noise:4.1f} px: {len(error)} of {study['runs']} runs, median error of k1 {np.median(error):.2g}")
+    print(f"{noise:4.1f} px: {len(error)} of {study['runs']} runs show k1, median error {np.median(error):.2g}")
 
 figure, axes = plt.subplots(figsize=(6, 3.5), constrained_layout=True)
 for noise, error in zip(noises, errors, strict=True):

@@ -76,7 +76,7 @@ def reconstruct(
 
     Args:
         source: video, folder of images, or sequence folder; several: placements of one object, turned over between.
-            Or frames in memory: (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
+            In Python also: frames in memory, (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
         out: run folder; the same command continues an interrupted run.
         motion: how it was filmed: auto, tumbling (body moves, camera still) or static (camera moves).
         masks: silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.
@@ -156,7 +156,8 @@ def mass_properties(
     """Volume, centre of mass and inertia of a finished mesh.
 
     Args:
-        mesh: closed mesh: STL, OBJ, PLY, GLB or OFF, or a `trimesh.Trimesh`. Small defects are repaired with a warning.
+        mesh: closed mesh: STL, OBJ, PLY, GLB or OFF. Small defects are repaired with a warning. In Python also: a
+            `trimesh.Trimesh`.
         out: run folder, with the same report and exports as a reconstruction.
         density: constant density [kg/m^3]; not given: 1000, as water, and said so.
         scale: metres per unit of the file; 0.001 for millimetres.
@@ -216,7 +217,7 @@ def estimate(
     """Motion and inertia ratios of a recording by several estimators.
 
     Args:
-        source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
+        source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for estimates.json, CSVs and report.html.
         method: estimator, may be several: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, momentum-ls, principal-axis-ekf;
             or all, which is the default.
@@ -301,7 +302,7 @@ def diagnose(
     """Find where a free rigid body's motion and the measurements disagree, and name the missing effect.
 
     Args:
-        source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
+        source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
         discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
         effect: an effect file of your own; may be several.
@@ -345,8 +346,8 @@ def compare(
     """Align with a CAD mesh, then measure surface distances and the errors of every mass property.
 
     Args:
-        source: run folder, mesh file, or a `trimesh.Trimesh` in metres.
-        cad: closed mesh: STL, OBJ, PLY, GLB or OFF, or a `trimesh.Trimesh`.
+        source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh`.
+        cad: closed mesh: STL, OBJ, PLY, GLB or OFF. In Python also: a `trimesh.Trimesh`.
         out: folder for compare.json and the coloured mesh; a run's report shows them.
         free_scale: fit the scale too; default: when the run has none.
         cad_unit: unit of the CAD file: m, cm, mm, in, or auto.
@@ -380,9 +381,9 @@ def export(
     """Write mass properties for a filter or a simulator.
 
     Args:
-        source: run folder, mesh file in metres, or a `trimesh.Trimesh` in metres.
+        source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh` in metres.
         to: format: filter, urdf, mjcf, sdf, basilisk, csv or json.
-        out: file to write; default: in the run, or beside the mesh file, by its name. A mesh in memory needs it.
+        out: file to write; default: in the run, or beside the mesh file, by its name. In Python a mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.
         force: replace files that this command did not write; never an input.
@@ -528,7 +529,7 @@ def campaign(
     """Run a grid or a random draw of seeded runs into a store that survives, then a table and a report.
 
     Args:
-        configuration: YAML file: kind, parameters, grid, runs. Or its content.
+        configuration: YAML file: kind, parameters, grid, runs. In Python also: its content.
         out: campaign folder; the same command continues a stopped one.
         scheduler: Dask scheduler, as tcp://HOST:8786; default: this machine.
         workers: processes on this machine; default: one per core.
