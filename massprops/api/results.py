@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     import trimesh
 
-    from massprops.estimators.estimate import Outcome
+    from massprops.estimators.outcome import Outcome
     from massprops.estimators.result import Estimate
     from massprops.sequence import Sequence as Recording
     from massprops.sequence.truth import Truth

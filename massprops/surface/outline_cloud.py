@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.run.job import Progress, silent
 from massprops.surface.cloud import Cloud
 from massprops.surface.reconstruct import Surface, on_support, reconstruct_surface
 from massprops.surface.silhouette import Hull, make_hull

@@ -321,7 +321,7 @@ def test_chunks_that_travel_together_come_back_undone_or_are_told_apart(tmp_path
 
 
 def test_one_campaign_at_a_time_in_a_folder(tmp_path: Path) -> None:
-    from massprops.run.files import locked
+    from massprops.core.outputs import locked
 
     with locked(tmp_path), pytest.raises(InputError, match="another massprops"):
         run_campaign(plan_of({"kind": "drill", "runs": 1}), tmp_path, workers=1)

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from massprops.run.files import read_image
+from massprops.core.inputs import read_image
 from massprops.run.job import Job
 
 READS = ("sfm", "shape", "silhouettes")

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
+from massprops.core.inputs import read_image
 from massprops.errors import InputError, NotPossible
-from massprops.run.files import read_image
 from massprops.run.job import Job
 
 if TYPE_CHECKING:
