@@ -55,7 +55,7 @@ def main() -> int:
 
 
 def _rows(kind: Any, request: dict[str, Any], drawn: Any) -> list[dict[str, Any]]:
-    from massprops.run.files import plain
+    from massprops.core.files import plain
 
     values, seeds, draw = request["parameters"], request["seeds"], request["draw"]
     folder = Path(request["folder"]) if request["folder"] else None

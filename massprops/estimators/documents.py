@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.estimators.estimate import Outcome
+from massprops.estimators.outcome import Outcome
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.sequence.table import table_text

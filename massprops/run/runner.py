@@ -28,7 +28,7 @@ from massprops.core.files import (
 )
 from massprops.core.log import log
 from massprops.core.outputs import BASES, OWN, Outputs
-from massprops.core.processes import child_environment, processors, python_module
+from massprops.core.processes import address_space_hint, child_environment, processors, python_module
 from massprops.errors import InputError
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
@@ -409,10 +409,10 @@ def _what_failed(name: str, said: Mapping[str, Any], code: int | None, log: Path
     if "exit_code" in said:
         return int(said["exit_code"]), str(said["error"])
     if "error" in said:
-        return 3, f"stage {name} failed: {said['error']} (details in {log})"
+        return 3, f"stage {name} failed: {said['error']}{address_space_hint()} (details in {log})"
     what = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
     hint = "; most often too little memory: fewer --frames or a smaller --max-size" if code == -signal.SIGKILL else ""
-    return 3, f"stage {name} died with {what}{hint} (details in {log})"
+    return 3, f"stage {name} died with {what}{hint or address_space_hint()} (details in {log})"
 
 
 def _no_manifest(run: Path, error: OSError) -> InputError:

@@ -17,8 +17,8 @@ import numpy as np
 import pycolmap
 
 from massprops.core.parts import Parts
+from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.run.job import Progress, silent
 from massprops.sfm import pairs as pairing
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import write_database
@@ -38,6 +38,10 @@ REPEATS = 0.5
 
 LOOKED_AT = 12
 """Images in which twins are looked for, before any are matched."""
+
+FEW = 2000
+"""Features per image, in the median, below which fainter ones may help: where there are more, texture is not what is
+missing."""
 
 Features = dict[str, tuple[np.ndarray, np.ndarray]]
 """Keypoints (k, 4) and descriptors (k, 128) by image name."""
@@ -88,6 +92,7 @@ class Attempt:
         models: the one with most images first; none where no pair of images begins one.
         features: of every image.
         match: of further pairs, the same way.
+        few: whether the images have few features, so that fainter ones may help.
         special: whether it was not the usual way, so that matches are few and the model predicts the rest.
         warnings: one line each.
     """
@@ -97,6 +102,7 @@ class Attempt:
     models: list[pycolmap.Reconstruction]
     features: Features
     match: Match
+    few: bool
     special: bool
     warnings: list[str]
 
@@ -150,7 +156,8 @@ def attempt(
     if enough < 3:
         raise NotPossible(
             f"only {enough} of {len(footage.frames)} images show enough texture to be matched; "
-            "use sharper, better lit images or a larger --max-size"
+            "use sharper, better lit images or a larger --max-size; where the object is plain, light it from the side, put "
+            "marks or powder on it, or give the poses of its images with --sparse"
         )
     repeats = repeating(_some(features)) > REPEATS
     if repeats and wanted.most < options.unlimited:
@@ -174,7 +181,8 @@ def attempt(
     except NotPossible:
         if len(first) == len(names) * (len(names) - 1) // 2:
             raise
-    found = Attempt(database, mapping, models, features, compare, special, warnings)
+    few = not repeats and float(np.median([len(d) for d in descriptors])) < FEW
+    found = Attempt(database, mapping, models, features, compare, few, special, warnings)
     if found.registered < ENOUGH * len(names) and not repeats:
         more = pairing.similar(pairing.signatures(descriptors, options.seed), 2 * options.loops, 2)
         new = _unseen([(names[i], names[j]) for i, j in more], first)

@@ -15,8 +15,8 @@ import numpy as np
 
 from massprops.core.parts import Arrays, Parts
 from massprops.core.processes import muffled
+from massprops.core.progress import Progress, silent
 from massprops.errors import InputError
-from massprops.run.job import Progress, silent
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.turned import turn_keypoints
 

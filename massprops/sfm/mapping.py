@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.run.job import Progress, silent
 
 
 @dataclass(frozen=True)

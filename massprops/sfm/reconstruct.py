@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pycolmap
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import InputError, NotPossible
-from massprops.run.job import Progress, silent
-from massprops.sfm.attempt import ENOUGH, SfmOptions, attempt, may_distort, steady
+from massprops.sfm.attempt import ENOUGH, Attempt, SfmOptions, attempt, may_distort, steady
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
@@ -85,24 +85,12 @@ def reconstruct(
     """
     options = options or SfmOptions()
     quiet()
-    used, warnings = len(footage.frames), []
-    found = attempt(footage, work / "a", options, footage.mask_features and footage.has_masks, progress=progress)
-    if not found.mapping.masked and footage.has_masks and found.registered < 0.8 * used:
-        again = attempt(footage, work / "b", options, True, progress=progress)
-        if again.registered > found.registered:
-            found = again
-            warnings.append("only the object's own features were used: with the background fewer images fit together")
-    if found.registered < ENOUGH * used:
-        again = attempt(footage, work / "c", options, found.mapping.masked, True, progress)
-        if again.registered > found.registered and (
-            not footage.moving_pictures or steady(again.models[0], footage, again.mapping)
-        ):
-            found = again
-    warnings = [*found.warnings, *warnings]
+    found = _best(footage, work, options, progress)
+    warnings = list(found.warnings)
     if found.registered < 3:
         raise NotPossible(
-            f"only {found.registered} of {used} images could be placed; give more images with more overlap (under 15 "
-            "degrees between neighbours), sharper or better lit"
+            f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "
+            "overlap (under 15 degrees between neighbours), sharper or better lit"
         )
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in found.models)
     settings = refine_options(options, footage, found.mapping)
@@ -113,6 +101,39 @@ def reconstruct(
     else:
         model = close_loops(model, found, footage, options, work)
     return finish(model, footage, found.mapping, options, sizes, warnings, progress)
+
+
+def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:
+    """The way that places most images: the usual one, one without the background, one with fainter features.
+
+    Raises:
+        NotPossible: none finds a pair of images to start from.
+    """
+    used, masked = len(footage.frames), footage.mask_features and footage.has_masks
+    found, why = None, None
+    try:
+        found = attempt(footage, work / "a", options, masked, progress=progress)
+    except NotPossible as error:
+        why = error
+    if found and not masked and footage.has_masks and found.registered < 0.8 * used:
+        again = attempt(footage, work / "b", options, True, progress=progress)
+        if again.registered > found.registered:
+            line = "only the object's own features were used: with the background fewer images fit together"
+            found = replace(again, warnings=[*again.warnings, line])
+    if found and (found.registered >= ENOUGH * used or not found.few):
+        return found
+    try:
+        again = attempt(footage, work / "c", options, found.mapping.masked if found else masked, True, progress)
+    except NotPossible:
+        if found is None and why is not None:
+            raise why from None
+        again = None
+    more = again is not None and again.registered > (found.registered if found else 0)
+    if again and more and (not footage.moving_pictures or steady(again.models[0], footage, again.mapping)):
+        return again
+    if found is None:
+        raise why or NotPossible("no two images fit together; use more overlap and texture")
+    return found
 
 
 def refine_options(options: SfmOptions, footage: FootageRecord, mapping: MappingOptions) -> RefineOptions:

@@ -93,6 +93,11 @@ def _cut_off(*_: object) -> None:
                 found.shutdown(socket.SHUT_RDWR)
 
 
+def _signal(process: Any, number: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(process.pid, number)
+
+
 class Cluster:
     """A scheduler and two workers, replaced as they end."""
 
@@ -124,29 +129,31 @@ class Cluster:
             self.workers.append(worker)
 
     def strike(self, fault: str, rng: np.random.Generator, client: Any) -> None:
-        """Lets a fault happen."""
+        """Lets a fault happen, to whatever still runs."""
+        self.workers = [w for w in self.workers if w.is_alive()]
+        if not self.workers:
+            self.mend()
         worker = self.workers[int(rng.integers(len(self.workers)))]
         if fault == "worker killed":
-            os.kill(worker.pid, signal.SIGKILL)
+            _signal(worker, signal.SIGKILL)
             worker.join()
         elif fault == "worker stopped":
-            os.kill(worker.pid, signal.SIGSTOP)
+            _signal(worker, signal.SIGSTOP)
             self.stopped.append(worker)
         elif fault == "worker cut off":
-            os.kill(worker.pid, signal.SIGUSR1)
+            _signal(worker, signal.SIGUSR1)
         elif fault == "scheduler killed":
-            os.kill(self.scheduler.pid, signal.SIGKILL)
+            _signal(self.scheduler, signal.SIGKILL)
             self.scheduler.join()
         elif fault == "client killed":
-            os.kill(client.pid, signal.SIGKILL)
+            _signal(client, signal.SIGKILL)
             client.join()
         self.stopped = [w for w in self.stopped if w.is_alive()]
 
     def release(self) -> None:
         """Lets stopped workers go on."""
         for worker in self.stopped:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(worker.pid, signal.SIGCONT)
+            _signal(worker, signal.SIGCONT)
         self.stopped = []
 
     def close(self) -> None:

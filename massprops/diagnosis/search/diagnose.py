@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.core.outputs import Outputs, verify
+from massprops.diagnosis.search.result import Diagnosis
 from massprops.errors import InputError, NotPossible
 from massprops.estimators.result import ratios
 
@@ -39,27 +40,6 @@ NAMES = ("residual.csv", "model.yaml", "diagnosis.json", "report.html", "law.py"
 """Files of a diagnosis."""
 
 Watch = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """What was found.
-
-    Attributes:
-        document: the content of `diagnosis.json`; model: of `model.yaml`.
-        case, selection: the work behind it; torque: the recovered torque, when unexplained; history: momentum and energy.
-        surface: (s, 3) points of a run's mesh from its centre of mass, where the body axes are the mesh's, or None.
-        law: files of a law that was discovered, by name.
-    """
-
-    document: dict[str, Any]
-    model: dict[str, Any]
-    case: Case
-    selection: Selection
-    torque: dict[str, Any] | None
-    history: dict[str, Any] | None
-    surface: np.ndarray | None = None
-    law: dict[str, str | bytes] = field(default_factory=dict)
 
 
 def diagnose(

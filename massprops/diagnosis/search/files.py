@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from massprops.core.files import json_text, plain
+from massprops.core.inputs import key_of_source
 from massprops.core.outputs import deliver
-from massprops.diagnosis.search.diagnose import Diagnosis
+from massprops.diagnosis.search.result import Diagnosis
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
-from massprops.run.files import key_of_source
 
 
 def write_diagnosis(
