@@ -17,6 +17,7 @@ D = defaults(diagnose)
 def command(
     source: Annotated[Path, argument(diagnose, "source", "SEQ_OR_RUN")],
     out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
+    discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover,
     effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect,
     force: Force = False,
     json_output: Annotated[
@@ -38,7 +39,7 @@ def command(
     from massprops_cli.progress import StageProgress
 
     with with_effects(effect or []), StageProgress(quiet) as watch:
-        found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force)
+        found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force, discover)
     document = found.document
     for warning in document["warnings"]:
         warn(warning)
@@ -63,6 +64,8 @@ def diagnosis_table(document: dict[str, Any]) -> str:
                 rows.append(f"    {name:<14}{'not shown':>14}")
                 continue
             rows.append(f"    {name:<14}{value:>14.5g} ± {effect['sigma'][name]:<10.2g} {effect['units'][name]}")
+    if "law" in document:
+        rows += _law_rows(document["law"])
     gap = document["gap"]
     rows.append(f"  {'residual / noise':<20}{'before':>10}{'after':>10}")
     for part in ("fitted", "held_out"):
@@ -74,3 +77,18 @@ def diagnosis_table(document: dict[str, Any]) -> str:
         a, b = place["interval_s"]
         rows.append(f"  worst: {place['channel']} {what} from {a:.4g} to {b:.4g} s, z {place['z']:.0f}")
     return "\n".join(rows)
+
+
+def _law_rows(law: dict[str, Any]) -> list[str]:
+    """The law that was discovered, term by term."""
+    if law["formula"] is None:
+        return [f"  law       none: {law['because']}"]
+    rows = [f"  law       {law['formula']}" + ("" if law["stated"] else f"  (not stated: {law['because']})")]
+    for t in law["terms"]:
+        rows.append(
+            f"    {t['coefficient']:>12.4g} ± {t['sigma']:<9.2g} {t['unit']:<10} {t['term']}, probability {t['probability']:.2f}"
+        )
+    held = law["held_out"]
+    if held["after"] is not None:
+        rows.append(f"    held out: {held['before']:.2f} of the noise without it, {held['after']:.2f} with it")
+    return rows

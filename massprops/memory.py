@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import resource
 from functools import cache
-from pathlib import Path
 
+from massprops.core.processes import memory_there_is
 from massprops.errors import InputError
 
 SHARE = 0.6
 """Of the machine's memory that one request may take: working copies and other programs need the rest."""
-CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
 @cache
 def machine_bytes() -> int:
     """Bytes of memory of this machine, or of the container or limit that this process runs under."""
-    found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
-    for place in CGROUP:
-        try:
-            found.append(int(Path(place).read_text()))
-        except (OSError, ValueError):
-            continue
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return min([*found, *([limit] if limit != resource.RLIM_INFINITY else [])])
+    limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
+    return min([memory_there_is() or 2**63, *(limit for limit in limits if limit != resource.RLIM_INFINITY)])
 
 
 def refuse_beyond(needed: float, what: str, advice: str) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     import trimesh
 
-    from massprops.estimators.estimate import Outcome
+    from massprops.estimators.outcome import Outcome
     from massprops.estimators.result import Estimate
     from massprops.sequence import Sequence as Recording
     from massprops.sequence.truth import Truth
@@ -30,6 +30,10 @@ class Kept:
     def __init__(self, folder: Path | None = None) -> None:
         self.spare = None if folder is not None else tempfile.TemporaryDirectory(prefix="massprops-")
         self.folder = Path(self.spare.name if self.spare is not None else folder or "")
+
+    def facts(self) -> dict[str, str]:
+        """The folder, where it is the caller's own."""
+        return {"folder": str(self.folder)} if self.spare is None else {}
 
 
 class _Reported(Shown):
@@ -237,7 +241,7 @@ class Campaign(Shown):
             "name": self.table["name"],
             "runs": str(self.table["done"]),
             "failed": str(self.table["failed"]),
-            "folder": str(self.folder),
+            **self.kept.facts(),
         }
 
 
@@ -288,4 +292,4 @@ class Simulation(Shown, os.PathLike):
         """How long, what, where."""
         truth = self.truth
         length = f"{len(truth.timestamp_ns)} epochs"
-        return {"length": length, "folder": str(self.folder)}
+        return {"length": length, **self.kept.facts()}

@@ -21,9 +21,10 @@ IDLE_S = 600.0
 
 def main() -> int:
     """Answers requests until stdin ends."""
-    from massprops.core.processes import die_with_parent
+    from massprops.core.processes import die_with_parent, limit_memory
 
     die_with_parent()
+    limit_memory()
     from massprops.campaigns.draws import drawn
     from massprops.campaigns.kinds import load_kind
     from massprops.campaigns.versions import versions
@@ -54,7 +55,7 @@ def main() -> int:
 
 
 def _rows(kind: Any, request: dict[str, Any], drawn: Any) -> list[dict[str, Any]]:
-    from massprops.run.files import plain
+    from massprops.core.files import plain
 
     values, seeds, draw = request["parameters"], request["seeds"], request["draw"]
     folder = Path(request["folder"]) if request["folder"] else None

@@ -14,11 +14,11 @@ from typing import Any
 from massprops.campaigns.draws import check_draw, extremes
 from massprops.campaigns.kinds import kinds, load_kind
 from massprops.campaigns.nearest import unknown
+from massprops.core.files import hash_of, plain
 from massprops.documents.campaign import LARGEST_SEED, CampaignFile
 from massprops.documents.fields import keys, read
 from massprops.documents.loading import shown
 from massprops.errors import InputError
-from massprops.run.files import hash_of, plain
 
 MOST_RUNS = 1_000_000
 RESERVED = tuple(keys(CampaignFile))

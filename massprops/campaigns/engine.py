@@ -8,7 +8,7 @@ the chunks. Short chunks travel several at a time: a message through a scheduler
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import count
@@ -26,6 +26,9 @@ LOOK_S = 0.5
 """Longest time between two looks at the number of slots, and between two words of progress."""
 MOST_TOGETHER = 32
 """Chunks that are given out together at most."""
+OFTEN = 3
+"""Times that Dask gives a chunk up, each after four workers that had it died, until its runs are called the cause: in a
+cluster that takes workers away, others die beside them."""
 
 
 class Backend(Protocol):
@@ -102,6 +105,7 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
     store.begin(backend.place, versions())
     total, done, failed = plan.total, sum(store.counts().values()), store.failed()
     todo, back, flying, numbers = missing(plan, store), deque[Chunk](), dict[int, list[Chunk]](), count()
+    given_up = Counter[tuple[int, tuple[int, ...]]]()
     begun, before, slots, looked, size = time.monotonic(), done, backend.slots(), time.monotonic(), 1
 
     def taken() -> list[Chunk]:
@@ -136,8 +140,12 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
         rows: list[Row] = []
         for key, replies in backend.wait(LOOK_S):
             chunks = flying.pop(key)
-            if len(chunks) > 1 and _killed(replies[0]):  # one of them may be at fault: which?
-                replies = []
+            if _killed(replies[0]):
+                given_up[chunks[0].point, chunks[0].seeds] += len(chunks) == 1
+                if (
+                    len(chunks) > 1 or given_up[chunks[0].point, chunks[0].seeds] < OFTEN
+                ):  # one of them may be at fault: which? or none
+                    replies = []
             for chunk, reply in zip(chunks, replies, strict=False):
                 rows += rows_of(chunk, reply)
             back.extend(chunks[len(replies) :])

@@ -10,7 +10,7 @@ from massprops.campaigns.configuration import Plan, plan_of
 from massprops.campaigns.engine import Watch
 from massprops.campaigns.papers import SPEED, checked_case, load_paper
 from massprops.campaigns.run import Outcome, run_campaign
-from massprops.run.files import plain
+from massprops.core.files import plain
 
 
 def reproduce_plan(paper: str, case: str | None = None, runs: int | None = None, seed: int = 0) -> Plan:

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprops.capture.cameras import CameraPrior, group, unusable, with_focal
 from massprops.capture.images import inspect, list_images, load, printable, reduce
-from massprops.capture.keyframes import choose, sharpness, view_motion
+from massprops.capture.keyframes import choose, edge_width, sharpness, view_motion
 from massprops.capture.video import read_video
 from massprops.errors import InputError, NotPossible
 
@@ -296,13 +296,17 @@ def refuse_useless(judged: Judged, name: str) -> None:
     if max(change) < 0.02 or far < 2.0:
         raise InputError(f"{name}: all frames are the same picture; the object or the camera must move")
     if np.median(judged.sharp) < BLURRED:
-        raise InputError(
-            f"{name}: every frame is blurred (sharpness {np.median(judged.sharp):.2f}, needs {BLURRED}); focus, or film slower"
-        )
+        # a plain surface has nothing fine in it either, but its outline is sharp
+        width = float(np.median([edge_width(g) for g in grey[:: max(1, len(grey) // 20)]]))
+        if width > SOFT:
+            raise InputError(f"{name}: every frame is blurred (edges {width:.1f} pixels wide); focus, or film slower")
 
 
 BLURRED = 1.12
 """Gradient over the gradient of the image blurred by six pixels: 1 when nothing finer than that is in it."""
+
+SOFT = 3.0
+"""Blur of the strongest edges above which a frame is blurred [px of the small frame]."""
 
 
 def choose_frames(source: Source, judged: Judged, most: int) -> Chosen:

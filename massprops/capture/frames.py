@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.capture.footage import choose_all, full_frames, judge_frames, open_sources
-from massprops.run.job import Progress, silent
+from massprops.core.progress import Progress, silent
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,32 @@ def sharpness(grey: np.ndarray) -> float:
     return float(np.percentile(gradient, 95) / (np.percentile(contrast, 95) + 0.3))
 
 
+def edge_width(grey: np.ndarray) -> float:
+    """How soft the strongest edges are: standard deviation of the blur that would make them of steps [px].
+
+    The slope of a step blurred by s falls from 1 / sqrt(s² + 1) to 1 / sqrt(s² + 16) when it is blurred by one and by
+    four pixels more: the ratio gives s. A smooth surface before a dark sky has a sharp outline; a blurred one has not.
+
+    Args:
+        grey: (h, w) uint8.
+
+    Returns:
+        0 without any edge.
+    """
+    import cv2
+
+    def slope(blur: float) -> np.ndarray:
+        soft = cv2.GaussianBlur(grey, (0, 0), blur).astype(np.float32)
+        return np.hypot(cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1))
+
+    fine, coarse = slope(1.0), slope(4.0)
+    strong = (fine >= np.percentile(fine, 99.5)) & (fine > 0)
+    if not strong.any():
+        return 0.0
+    ratio = float(np.clip(np.median(fine[strong] / np.maximum(coarse[strong], 1e-6)), 1.001, 3.999))
+    return float(np.sqrt((16 - ratio**2) / (ratio**2 - 1)))
+
+
 def view_motion(before: np.ndarray, after: np.ndarray) -> float:
     """How far the texture moved: 75th percentile of tracked corners' displacement over the diagonal.
 

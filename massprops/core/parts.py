@@ -7,12 +7,14 @@ import hashlib
 import io
 from collections.abc import Callable
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING, TypeAlias
 
 from massprops.core.files import make_folder, write_whole
 
-Arrays = dict[str, np.ndarray]
+if TYPE_CHECKING:
+    import numpy as np
+
+Arrays: TypeAlias = "dict[str, np.ndarray]"
 DIGEST = 32
 """Bytes of sha256 before the arrays in a part's file."""
 
@@ -48,6 +50,8 @@ class Parts:
         return found
 
     def _read(self, name: str, path: Path) -> Arrays | None:
+        import numpy as np
+
         if not path.is_file() or path.is_symlink():
             return None
         content = path.read_bytes()
@@ -59,6 +63,8 @@ class Parts:
 
 
 def _packed(arrays: Arrays) -> bytes:
+    import numpy as np
+
     file = io.BytesIO()
     np.savez(file, **arrays)  # type: ignore[arg-type]
     content = file.getvalue()

@@ -93,6 +93,19 @@ def limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
 
 
+def address_space_hint() -> str:
+    """What to do about a limit on address space, for a message of failure; empty without a limit.
+
+    Under one, libraries cannot be loaded or threads not started, and each says so in words of its own.
+    """
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return ""
+    return f"; address space is limited to {limit / 1e9:.2g} GB (ulimit -v), of which libraries reserve more than they use: raise it"
+
+
 def memory_there_is() -> int | None:
     """Bytes of memory of the machine, or of the container; None where that is not known."""
     found = []

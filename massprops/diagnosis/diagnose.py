@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,10 @@ import numpy as np
 from massprops.diagnosis import criteria
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.free_flight import Lever, check_free_flight
+from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import Selection, rigid_body_alone, select
+from massprops.errors import NotPossible
 from massprops.sequence.data import Sequence
 
 
@@ -22,12 +24,14 @@ class BalanceDiagnosis:
 
     Attributes:
         document: the content of `diagnosis.json`; model: of `model.yaml`; record, selection: the work behind them.
+        law: files of a law that was discovered, by name.
     """
 
     document: dict[str, Any]
     model: dict[str, Any]
     record: Record
     selection: Selection
+    law: dict[str, str | bytes] = field(default_factory=dict)
 
 
 def decides(sequence: Sequence) -> bool:
@@ -39,8 +43,11 @@ def decides(sequence: Sequence) -> bool:
     if sequence.rates is not None and len(sequence.rates.w):
         return _turn(sequence.rates.timestamp_ns * 1e-9, sequence.rates.w) < criteria.MOST_TURN
     if sequence.attitude is not None and len(sequence.attitude.q) >= FEWEST_ROWS:
-        record = record_of_attitudes(sequence.attitude, sequence.environment)
-        return _turn(record.path.t, record.path.w) < criteria.MOST_TURN
+        try:
+            record = record_of_attitudes(sequence.attitude, sequence.environment)
+        except NotPossible:  # too thin for polynomials
+            return False
+        return _turn(record.path.t, record.path.w) < LARGEST_STEP * MOST_POINTS
     return False
 
 
@@ -107,6 +114,7 @@ def contents_of(d: BalanceDiagnosis) -> dict[str, str | bytes]:
         "model.yaml": yaml.safe_dump(plain(d.model), sort_keys=False, allow_unicode=True),
         "diagnosis.json": json_text(d.document),
         "report.html": page(d),
+        **d.law,
     }
 
 

@@ -111,6 +111,7 @@ def _effect(c: Candidate, s: Selection) -> dict[str, Any]:
             "times_s": fit.record.times.tolist(),
             "momentum_rad_s": fit.history[at].tolist(),
             "sigma": fit.history_sd[at].tolist(),
+            "lag_s": fit.hypothesis.lag,
         }
     return out
 

@@ -68,6 +68,9 @@ def solve(
     Args:
         y: (r,) rows over the noise given; noise_rows: as how many rows that noise counts against the data's own word:
             the prior of a noise factor is inverse gamma about 1. group: (r,) which factor a row has, 0 to g - 1.
+
+    Raises:
+        FloatingPointError, numpy.linalg.LinAlgError: the numbers leave all bounds.
     """
     from scipy.linalg import cho_factor, cho_solve
 
@@ -110,6 +113,8 @@ def solve(
         # what of each group's residual the unknowns took up: expectation maximisation's second moment
         taken = np.array([float(np.sum(covariance * g)) for g in Gs])
         noise = np.sqrt((left + taken + noise_rows) / (n + noise_rows))
+        if not np.isfinite(new) or not np.isfinite(sd).all():
+            raise FloatingPointError("the unknowns leave all bounds")
         if abs(new - evidence) < SMALL_GAIN:
             evidence = new
             break

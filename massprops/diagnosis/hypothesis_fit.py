@@ -46,11 +46,13 @@ class Hypothesis:
     """What acts.
 
     Attributes:
-        terms: effects; wheel: a wheel of any history along one axis beside them; latent: whether a latent torque does.
+        terms: effects; wheel: a wheel of any history along one axis beside them; lag: time constant [s] with which that
+            wheel follows its drive, a motor or a brake; latent: whether a latent torque acts.
     """
 
     terms: tuple[Term, ...] = ()
     wheel: bool = False
+    lag: float = 0.0
     latent: bool = True
 
     @property
@@ -127,8 +129,12 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     for _ in range(passes):
         before = found
         try:
-            found, guess = _pass(record, hypothesis, guess)
-        except np.linalg.LinAlgError:  # astray: the pass before is as far as it goes
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                found, guess = _pass(record, hypothesis, guess)
+        except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
+            break
+        if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
+            found = before
             break
         if not record.rows.rates:
             record = found.record
@@ -149,6 +155,8 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     for name, rate, columns, sd, kind in parts:
         del rate
         blocks.append(Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=sd, kind=kind))
+    if not all(np.isfinite(b.columns).all() for b in blocks):
+        raise FloatingPointError("the path that is predicted leaves all bounds")
     y = (rows.measured - balance.constant(guess.start)).reshape(-1) * over
     # the inertia's prior is about a ball, not about the present guess
     y = y + blocks[0].columns[:, :INERTIA] @ guess.shape
@@ -167,7 +175,7 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     whole, phi = balance.motion(rate, turn)
     axis, history = guess.axis, guess.history
     history_sd = None
-    shapes = _wheel_shapes(record)
+    shapes = _wheel_shapes(record, hypothesis.lag)
     if axis is not None:
         history = shapes @ post.mean["wheel"]
         history_sd = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", shapes, post.covariance["wheel"], shapes), 0.0))
@@ -211,9 +219,10 @@ def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balan
         out.append(("gyroscope scale", None, balance.scale(), SCALE_SD, "fixed"))
     if guess.axis is not None and guess.history is not None:
         axis = guess.axis
-        history = Forcing(internal=axis[:, None] * _wheel_shapes(record)[:, None, :])
+        shapes = _wheel_shapes(record, hypothesis.lag)
+        history = Forcing(internal=axis[:, None] * shapes[:, None, :])
         turned = Forcing(internal=guess.history[:, None, None] * _across(axis))
-        steps = np.concatenate([[WIDE * speed], np.full(_wheel_shapes(record).shape[1] - 1, 1e-3 * speed)])
+        steps = np.concatenate([[WIDE * speed], np.full(shapes.shape[1] - 1, 1e-3 * speed)])
         out.append(("wheel", balance.forced(history), balance.columns(history), steps, "sparse"))
         out.append(("wheel axis", balance.forced(turned), balance.columns(turned), AXIS_SD, "fixed"))
     for term in hypothesis.terms:
@@ -227,16 +236,24 @@ def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balan
 
 def _size(forcing: Forcing, speed: float) -> float:
     """Where the search for an effect's size begins: a twentieth of the body's momentum."""
-    part = forcing.momentum if forcing.momentum is not None else forcing.internal
+    part = forcing.part
     assert part is not None
     return 0.05 * speed / max(float(np.sqrt(np.mean(part**2))), 1e-300)
 
 
-def _wheel_shapes(record: Record) -> np.ndarray:
-    """(n, k) along the path: a constant, and a rise from each knot to the next."""
+def _wheel_shapes(record: Record, lag: float) -> np.ndarray:
+    """(n, k) along the path: a constant, and the answer to a drive that rises from each knot to the next.
+
+    A wheel on a motor or a brake follows its drive with one time constant, h' = (drive - h) / lag (a motor's torque
+    falls with its speed), so few steps of the drive make the whole history. Without a lag it is the drive.
+    """
     t = record.path.t
-    count = min(WHEEL_KNOTS, len(record.times) // 2)
-    return hats(t, np.linspace(t[0], t[-1], count)) @ np.tril(np.ones((count, count)))
+    knots = np.linspace(t[0], t[-1], min(WHEEL_KNOTS, len(record.times) // 2))
+    since = np.maximum(t[:, None] - knots, 0.0)
+    # the integral of the answer to a unit step
+    reached = since - lag * -np.expm1(-since / lag) if lag > 0 else since
+    rises = (reached[:, :-1] - reached[:, 1:]) / np.diff(knots)
+    return np.concatenate([np.ones((len(t), 1)), rises], axis=1)
 
 
 def _torque_shapes(record: Record) -> np.ndarray:

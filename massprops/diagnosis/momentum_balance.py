@@ -98,16 +98,22 @@ class Forcing:
 
     Attributes:
         momentum: (n, 3, k) added to the momentum, inertial axes, or None; internal: (n, 3, k) momentum inside the body
-            against it, body axes, or None; both over the mean moment [rad/s].
+            against it, body axes, or None; both over the mean moment [rad/s]. rate: (n, 3, k) turning that no momentum
+            stands behind, body axes [rad/s], or None.
     """
 
     momentum: np.ndarray | None = None
     internal: np.ndarray | None = None
+    rate: np.ndarray | None = None
+
+    @property
+    def part(self) -> np.ndarray | None:
+        """The first of the three that is there."""
+        return next((p for p in (self.momentum, self.internal, self.rate) if p is not None), None)
 
     @property
     def count(self) -> int:
-        part = self.momentum if self.momentum is not None else self.internal
-        return 0 if part is None else part.shape[2]
+        return 0 if self.part is None else self.part.shape[2]
 
 
 def torque_forcing(path: MotionPath, torque: np.ndarray) -> Forcing:
@@ -189,7 +195,8 @@ class Balance:
             total += np.swapaxes(self.path.R, 1, 2) @ forcing.momentum
         if forcing.internal is not None:
             total -= forcing.internal
-        return np.asarray(np.linalg.solve(self.inertia, total))
+        out = np.linalg.inv(self.inertia) @ total
+        return np.asarray(out if forcing.rate is None else out + forcing.rate)
 
     def response(self, rate: np.ndarray) -> np.ndarray:
         """(m, 3, k) rows of a change of the rate (n, 3, k)."""
@@ -213,7 +220,7 @@ class Balance:
 
     def _answer(self) -> np.ndarray:
         """(n, 3, 3) how the rate answers a turn from the path: I^-1 [R^T L]x."""
-        return np.asarray(np.linalg.solve(self.inertia, skew(self.momentum)))
+        return np.asarray(np.linalg.inv(self.inertia) @ skew(self.momentum))
 
 
 def skew(v: np.ndarray) -> np.ndarray:
@@ -237,9 +244,28 @@ def _march(
     left = np.linalg.inv(np.eye(3) - 0.5 * h * (answer[1:] - u))
     step = left @ (np.eye(3) + 0.5 * h * (answer[:-1] - u))
     push = left @ (0.5 * h * (rate[1:] + rate[:-1]) - h * less[:, :, None])
-    phi = np.empty((len(t), 3, rate.shape[2]))
-    phi[0] = first
-    for i in range(len(t) - 1):
-        np.matmul(step[i], phi[i], out=phi[i + 1])
-        phi[i + 1] += push[i]
-    return phi
+    return _recursion(step, push, first)
+
+
+def _recursion(step: np.ndarray, push: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(n + 1, 3, k) with x_0 = first (3, k), x_i+1 = step_i x_i + push_i; step (n, 3, 3), push (n, 3, k).
+
+    All stretches of about sqrt(n) steps are done side by side, each as a linear map of where it begins.
+    """
+    n, k = len(push), push.shape[2]
+    length = max(1, int(np.sqrt(n)))
+    count = -(-n // length)
+    spare = count * length - n
+    steps = np.concatenate([step, np.broadcast_to(np.eye(3), (spare, 3, 3))]).reshape(count, length, 3, 3)
+    pushes = np.concatenate([push, np.zeros((spare, 3, k))]).reshape(count, length, 3, k)
+    carried, added = np.empty_like(steps), np.empty_like(pushes)
+    carried[:, 0], added[:, 0] = steps[:, 0], pushes[:, 0]
+    for i in range(1, length):
+        carried[:, i] = steps[:, i] @ carried[:, i - 1]
+        added[:, i] = steps[:, i] @ added[:, i - 1] + pushes[:, i]
+    begins = np.empty((count, 3, k))
+    begins[0] = first
+    for j in range(1, count):
+        begins[j] = carried[j - 1, -1] @ begins[j - 1] + added[j - 1, -1]
+    out = (carried @ begins[:, None] + added).reshape(count * length, 3, k)[:n]
+    return np.concatenate([first[None], out])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 import numpy as np
@@ -14,6 +15,7 @@ from massprops.diagnosis.effect_columns import Term, in_balance, scan, steps, te
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.screen import screened
+from massprops.errors import NotPossible
 
 Watch = Callable[[str, int, int], None]
 SCANNED = 3
@@ -21,6 +23,12 @@ SCANNED = 3
 SHORTLISTED = 12
 """Values of what is scanned, the best in the screen, that are fitted for a few passes: near an event polynomials say
 little of its time."""
+LAGS = (0.02, 0.03, 0.045, 0.065, 0.1)
+"""Time constants of a wheel tried, over the record's length: from what the knots of its drive can draw. On the odd flights,
+whose wheel has one of about .07, evidence chose .03 to .045 and its size came within 7 % in 7 of 7; without a lag within
+10 % in 5."""
+LONGER = 2.0
+"""By how much an event may last longer than the one it began as: a chain of knocks over half a record is no contact."""
 BALL = Start(inertia=np.eye(3), left=1.0)
 BESIDE_UNKNOWN = 4
 """Effects, the best by themselves, that are fitted beside a latent torque as well."""
@@ -74,13 +82,10 @@ class Selection:
 
 def select(record: Record, watch: Watch = lambda what, done, total: None) -> Selection:
     """The effect that a record's rigid body lacks."""
-    at = record.rows.at
     watch("rigid body", 0, 1)
-    plain = conserved(record.path, at)
-    base = _best(record, Hypothesis(latent=False), [plain, Start(inertia=np.eye(3), left=1.0)])
-    if record.stated and within_noise(base):
+    base, unknown = without_effects(record)
+    if unknown is base:
         return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
-    unknown = _best(record, Hypothesis(), [plain, Start(inertia=base.inertia, left=1.0)])
     usable, skipped = _usable(record)
     tried = []
     for k, effect in enumerate(usable):
@@ -89,7 +94,8 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         if found is not None:
             tried.append(Candidate(alone=found))
     watch("balance of momentum: internal-rotor of any history", 0, 1)
-    tried.append(_wheel(record))
+    with suppress(NotPossible):
+        tried.append(_wheel(record))
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
         if one.beside is not None:
@@ -104,6 +110,16 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     )
 
 
+def without_effects(record: Record) -> tuple[HypothesisFit, HypothesisFit]:
+    """The plain rigid body, and with a latent torque; the same twice where nothing is left that the stated noise does not
+    explain."""
+    plain = conserved(record.path, record.rows.at)
+    base = _best(record, Hypothesis(latent=False), [plain, Start(inertia=np.eye(3), left=1.0)])
+    if record.stated and within_noise(base):
+        return base, base
+    return base, _best(record, Hypothesis(), [plain, Start(inertia=base.inertia, left=1.0)])
+
+
 def rigid_body_alone(record: Record) -> Selection:
     """Nothing but the plain rigid body, where no effect could be told."""
     base = fit_hypothesis(record, Hypothesis(latent=False), Start(inertia=np.eye(3), left=1.0))
@@ -111,7 +127,11 @@ def rigid_body_alone(record: Record) -> Selection:
 
 
 def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> HypothesisFit:
-    return max((fit_hypothesis(record, hypothesis, s) for s in starts), key=lambda f: f.evidence)
+    fits = []
+    for start in starts:
+        with suppress(NotPossible):
+            fits.append(fit_hypothesis(record, hypothesis, start))
+    return max(fits, key=lambda f: f.evidence) if fits else fit_hypothesis(record, hypothesis, BALL)
 
 
 def _usable(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
@@ -131,10 +151,11 @@ def _alone(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothesi
     view, gap = record.screen or record, float(np.median(np.diff(record.times)))
     tried = [screened(view, (t,), BALL) for t in scan(effect, record.times, record.path.w[record.rows.at])]
     best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
-    begun = [(s.terms[0], s.start) for s in best]
-    begun += [(t, BALL) for s in best for t in variants(s.terms[0], gap) or s.terms]
-    if len(begun) > SCANNED:
+    begun = [(s.terms[0], start) for s in best for start in (s.start, BALL)]
+    if len(best) > 1:
         begun = _by_short_fits(record, begun)
+        again = [(t, s) for term, own in begun for t in variants(term, gap) for s in (own, BALL)]
+        begun = _by_short_fits(record, [*begun, *again]) if again else begun
     begun += [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
     found = [_admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
     fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
@@ -144,8 +165,13 @@ def _alone(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothesi
 
 def _by_short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[tuple[Term, Start]]:
     """Those that a few passes on the measurements themselves leave the most likely, with where they came to."""
-    fits = [fit_hypothesis(record, Hypothesis(terms=(t,), latent=False), s, passes=3) for t, s in begun]
-    fits = sorted(fits, key=lambda f: -f.evidence)[:SCANNED]
+    fits = []
+    for term, start in begun:
+        with suppress(NotPossible):
+            fits.append(fit_hypothesis(record, Hypothesis(terms=(term,), latent=False), start, passes=3))
+    fits = sorted(fits, key=lambda f: -f.evidence)
+    different = {f.hypothesis.terms[0]: f for f in reversed(fits)}
+    fits = sorted(different.values(), key=lambda f: -f.evidence)[:SCANNED]
     return [(f.hypothesis.terms[0], _again(f)) for f in fits]
 
 
@@ -162,15 +188,21 @@ def moved_to_best(record: Record, found: HypothesisFit, gap: float) -> Hypothesi
     if not size:
         return found
     names, held = list(size), dict(term.held)
+    kind = {q.name: q.kind for q in term.effect.PARAMETERS}
     best = found
 
     def cost(x: np.ndarray) -> float:
         nonlocal best
         values = held | {n: held[n] + v * size[n] for n, v in zip(names, x, strict=True)}
-        if min(values.values()) < 0.0:
+        if any(values[n] < 0.0 for n in names if kind[n] != "direction"):
+            return 1e12
+        if values.get("duration", 0.0) > max(LONGER * held.get("duration", 0.0), gap):
             return 1e12
         h = Hypothesis(terms=(term_of(term.effect, values),), latent=found.hypothesis.latent)
-        fit = fit_hypothesis(found.record, h, _again(found), passes=3)
+        try:
+            fit = fit_hypothesis(found.record, h, _again(found), passes=3)
+        except NotPossible:
+            return 1e12
         best = fit if fit.evidence > best.evidence else best
         return -fit.evidence
 
@@ -188,7 +220,10 @@ def _again(fit: HypothesisFit) -> Start:
 def _admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bool) -> HypothesisFit | None:
     """The fit of a hypothesis, or None where a parameter that cannot be negative is, beyond doubt."""
     h = Hypothesis(terms=hypothesis.terms, wheel=hypothesis.wheel, latent=latent)
-    found = fit_hypothesis(record, h, start)
+    try:
+        found = fit_hypothesis(record, h, start)
+    except NotPossible:
+        return None
     for term in h.terms:
         least = {q.name: q.least for q in term.effect.PARAMETERS}
         sd = np.sqrt(np.maximum(np.diag(found.covariance[term.name]), 0.0))
@@ -202,16 +237,26 @@ def _admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bo
 
 def _is_a_body(found: HypothesisFit, term: Term) -> bool:
     """Whether the inertia with an effect's change of it is one that a body can have: positive second moments of mass."""
-    a, b, c, d, e, f = found.values[term.name]
+    a, b, c, d, e, f = found.values[term.name][:6]
     after = found.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
     return bool(np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)[0] > 0)
 
 
 def _wheel(record: Record) -> Candidate:
-    """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all."""
-    start = conserved_across(record.path, record.rows.at)
-    beside = fit_hypothesis(record, Hypothesis(wheel=True), start)
-    return Candidate(alone=fit_hypothesis(record, Hypothesis(wheel=True, latent=False), _again(beside)), beside=beside)
+    """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all.
+
+    Raises:
+        NotPossible: no axis leads anywhere.
+    """
+    first = fit_hypothesis(record, Hypothesis(wheel=True), conserved_across(record.path, record.rows.at))
+    lags = record.path.span * np.array(LAGS)
+    fits = [first]
+    for lag in lags:
+        with suppress(NotPossible):
+            fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), _again(first)))
+    beside = max(fits[1:] or fits, key=lambda f: f.evidence)
+    alone = fit_hypothesis(record, replace(beside.hypothesis, latent=False), _again(beside))
+    return Candidate(alone=alone, beside=beside)
 
 
 def _verdict(base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate]) -> tuple[str, list[Candidate]]:
@@ -238,6 +283,8 @@ def may_be_named(c: Candidate, base: HypothesisFit, unknown: HypothesisFit) -> b
     if c.evidence < unknown.evidence + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
     if rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
+        return False
+    if base.record.stated and rms(c.alone.residual) > criteria.LEFT_OF_STATED:
         return False
     return significance(c.best) < criteria.SIGNIFICANT
 

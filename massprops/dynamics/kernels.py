@@ -12,6 +12,9 @@ from typing import Any
 N = Any
 """A component: number or array."""
 
+INSIDE = 1e-7
+"""Stages at the ends of a step lie this share of it inside, so that an event at a step's end acts in one step only."""
+
 
 def quaternion_rate(qw: N, qx: N, qy: N, qz: N, wx: N, wy: N, wz: N) -> tuple[N, N, N, N]:
     """q_dot = q (0, w) / 2 for Hamilton quaternions, w in body axes [rad/s]."""

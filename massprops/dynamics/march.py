@@ -15,7 +15,7 @@ import numpy as np
 from numba.core import types as nt
 
 from massprops.dynamics import compiled, kernels
-from massprops.dynamics.rotation import INSIDE
+from massprops.dynamics.kernels import INSIDE
 from massprops.dynamics.surroundings import Sky
 from massprops.effects import catalogue
 

@@ -17,15 +17,13 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.events import acts_at_once, struck
-from massprops.dynamics.kernels import cross, quaternion_rate, symmetric_solve, symmetric_times
+from massprops.dynamics.kernels import INSIDE, cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.surroundings import Sky, Surroundings
 from massprops.effects import is_users, places_of
 
 LARGEST_TURN = 0.08
 """Rotation [rad] in a step of the fourth-order Runge-Kutta method: below 1e-6 rad of error a revolution."""
 MOST_STEPS = 400_000
-INSIDE = 1e-7
-"""Stages at the ends of a step lie this share of it inside, so that an event at a step's end acts in one step only."""
 
 
 @dataclass(frozen=True)

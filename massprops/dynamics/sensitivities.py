@@ -12,9 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprops.dynamics.events import STEP, stepped, struck_slopes
-from massprops.dynamics.kernels import quaternion_rate
+from massprops.dynamics.kernels import INSIDE, quaternion_rate
 from massprops.dynamics.rotation import (
-    INSIDE,
     Acting,
     Steps,
     Trajectory,

@@ -38,7 +38,7 @@ def believed(problem: Problem, start: Any) -> tuple[Problem, str]:
         return problem, ""
     found = _left(problem, start)
     factor, memory = (1.0, 1.0) if found is None else worth(*found)
-    if factor <= 1.0:
+    if not factor > 1.0:
         return problem, ""
     line = f"errors of attitude0 stay alike over about {memory:.0f} epochs: its sigmas are taken {factor:.1f} times as wide"
     return replace(problem, sigma_attitude=problem.sigma_attitude * factor, alike=factor), line

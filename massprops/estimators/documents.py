@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.estimators.estimate import Outcome
+from massprops.estimators.outcome import Outcome
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.sequence.table import table_text
@@ -40,7 +40,7 @@ def entry(found: Estimate, cpu_seconds: float | None = None) -> dict[str, Any]:
     """One estimator's result as plain numbers."""
     sigma = found.sigma_k
     rate = None
-    if found.w is not None and len(found.w):
+    if found.w is not None and len(found.w) and np.isfinite(found.w[-1]).all():
         last = None if found.sigma_w is None else found.sigma_w[-1]
         rate = {"w_rad_s": found.w[-1], "sigma_rad_s": last, "speed_rad_s": float(np.linalg.norm(found.w[-1]))}
     return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -13,9 +13,10 @@ from massprops.core.log import log
 from massprops.core.outputs import verify
 from massprops.documents.loading import shown
 from massprops.errors import InputError, MasspropsError, NotPossible
+from massprops.estimators.outcome import Outcome
 
 if TYPE_CHECKING:
-    from massprops.estimators.prior import FilterPrior, PriorTest
+    from massprops.estimators.prior import FilterPrior
     from massprops.estimators.problem import Problem
     from massprops.estimators.result import Estimate, Prior
     from massprops.sequence.data import Sequence
@@ -35,41 +36,6 @@ MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
 
 def silent(done: int, total: int, what: str = "") -> None:
     """Progress that says nothing."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a set of methods made of one sequence.
-
-    Attributes:
-        problem: what they were given.
-        estimates: one per method that ran, in the registry's order.
-        skipped: method to one line: what the sequence lacks, or why the method gave up.
-        cpu_seconds: by method.
-        prior: judgement of the prior, None when there was none to judge.
-        warnings: of reading, of the start, of the prior.
-    """
-
-    problem: Problem
-    estimates: list[Estimate] = field(default_factory=list)
-    skipped: dict[str, str] = field(default_factory=dict)
-    cpu_seconds: dict[str, float] = field(default_factory=dict)
-    prior: PriorTest | None = None
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def sound(self) -> list[Estimate]:
-        """Those that converged on observable ratios and can be believed."""
-        return [e for e in self.estimates if e.converged and e.observable and e.reliable]
-
-    @property
-    def reason(self) -> str:
-        """Why there is no sound estimate; empty when there is one."""
-        if self.sound:
-            return ""
-        said = [f"{e.name}: {e.because or e.reason or 'did not converge'}" for e in self.estimates]
-        said += [f"{name}: {why}" for name, why in self.skipped.items()]
-        return "no estimator gives the inertia ratios from this data; " + "; ".join(said)
 
 
 def estimate(

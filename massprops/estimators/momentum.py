@@ -125,7 +125,7 @@ def momentum_inertia(
         residuals' own correlation serves.
 
     Returns:
-        the result, or None with fewer than six usable epochs.
+        the result, or None with fewer than six usable epochs, or of a body that does not turn at all.
     """
     fine = np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     # rates from overlapping windows repeat each other: a sixth of a window apart loses nothing
@@ -135,6 +135,8 @@ def momentum_inertia(
     if len(rows) < FEWEST:
         return None
     R, w, P = rotation_matrix(q[rows]), w[rows], covariance[rows]
+    if not w.any():
+        return None
     place = np.zeros(len(rows), int) if block is None else np.unique(block[rows], return_inverse=True)[1]
     use = _plausible(w)
     starts = [physical(plain_inertia(q[rows][use], w[use]), 0.02), np.eye(3) / 3.0] if first is None else [first]

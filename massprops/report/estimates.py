@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from massprops.core.files import json_text, plain
+from massprops.core.inputs import key_of_source
 from massprops.core.outputs import Outputs, deliver
 from massprops.errors import InputError
 from massprops.estimators.documents import document, history_csv
-from massprops.estimators.estimate import Outcome
+from massprops.estimators.outcome import Outcome
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
 from massprops.report.data import read_json
 from massprops.report.html import Safe, number, plot, table, text
 from massprops.report.page import document as page
-from massprops.run.files import key_of_source
 from massprops.sequence.truth import Truth
 
 MOST_POINTS = 400

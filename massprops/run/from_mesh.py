@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.core.files import hash_of, write_json, write_whole
+from massprops.core.inputs import hash_input, readable
 from massprops.core.outputs import Outputs, claim
 from massprops.errors import InputError
-from massprops.run.files import hash_input, readable
 from massprops.run.reconstruct import Run
 from massprops.run.runner import versions
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from massprops.core.parts import Parts
+from massprops.core.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,6 @@ class ReconstructOptions:
     marker: str | None = None
     seed: int = 0
     threads: int = 0
-
-
-Progress = Callable[[int, int, str], None]
-"""`progress(done, total, what)`: called often and cheaply by a stage."""
-
-
-def silent(done: int, total: int, what: str = "") -> None:
-    """Progress that says nothing, for notebooks and tests."""
 
 
 @dataclass(frozen=True)

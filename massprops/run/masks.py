@@ -11,10 +11,10 @@ import numpy as np
 
 from massprops.capture.given import to_original
 from massprops.core.files import hash_of, write_whole
+from massprops.core.inputs import read_image, readable
 from massprops.core.outputs import Outputs, claim, verify
 from massprops.errors import InputError
 from massprops.report.masks_page import Sheet, Silhouette, masks_page
-from massprops.run.files import read_image, readable
 
 COMMAND = "masks"
 PAGE = "masks.html"

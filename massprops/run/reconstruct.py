@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from massprops.capture.choice import check_early, parse
+from massprops.core.inputs import hash_input, readable
 from massprops.core.outputs import claim, verify
 from massprops.errors import InputError
 from massprops.mass.measured import Measured
 from massprops.native import WITHOUT_PYCOLMAP, has_pycolmap
-from massprops.run.files import hash_input, readable
 from massprops.run.job import ReconstructOptions
 from massprops.run.runner import Watch, run_stages
 from massprops.run.stages.publish import sources

@@ -28,7 +28,7 @@ from massprops.core.files import (
 )
 from massprops.core.log import log
 from massprops.core.outputs import BASES, OWN, Outputs
-from massprops.core.processes import child_environment, processors, python_module
+from massprops.core.processes import address_space_hint, child_environment, processors, python_module
 from massprops.errors import InputError
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
@@ -108,7 +108,7 @@ class _Chain:
         self.order, self.package, self.force = order, package, force
         self.stages = {name: load_stage(name, package) for name in order}
         self.keys = _keys(self.stages, options, inputs)
-        self.before = _read_manifest(run)
+        self.before, self.told = _read_manifest(run)
         self.outcome = Outcome()
         self.begun = False
         self.outputs = _own_work(run, force)
@@ -136,9 +136,13 @@ class _Chain:
                 self._write_manifest()
         if outcome.partial and not outcome.exit_code:
             outcome.exit_code, outcome.reason = 3, outcome.partial
-            if self.begun:
-                self._write_manifest()
+        if self.told != self._conclusion:  # as a command may be killed with every stage done
+            self._write_manifest()
         return outcome
+
+    @property
+    def _conclusion(self) -> dict[str, Any]:
+        return {"exit_code": self.outcome.exit_code, "reason": self.outcome.reason}
 
     def _current(self, name: str) -> bool:
         """Whether a stage need not be run; says so where only damage makes it run again."""
@@ -356,13 +360,14 @@ class _Chain:
             "inputs": {"source": self.options.source, "sha256": dict(self.inputs)},
             "options": plain(asdict(self.options)),
             "versions": versions(),
-            "outcome": {"exit_code": self.outcome.exit_code, "reason": self.outcome.reason},
+            "outcome": self._conclusion,
             "stages": {name: entry for name, entry in stages.items() if entry},
         }
         try:
             dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
             text = yaml.dump(plain(content), Dumper=dumper, sort_keys=False)
             write_whole(self.run / "run.yaml", text, self.outputs.place)
+            self.told = self._conclusion
         except OSError as error:
             raise _no_manifest(self.run, error) from None
 
@@ -404,29 +409,29 @@ def _what_failed(name: str, said: Mapping[str, Any], code: int | None, log: Path
     if "exit_code" in said:
         return int(said["exit_code"]), str(said["error"])
     if "error" in said:
-        return 3, f"stage {name} failed: {said['error']} (details in {log})"
+        return 3, f"stage {name} failed: {said['error']}{address_space_hint()} (details in {log})"
     what = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
     hint = "; most often too little memory: fewer --frames or a smaller --max-size" if code == -signal.SIGKILL else ""
-    return 3, f"stage {name} died with {what}{hint} (details in {log})"
+    return 3, f"stage {name} died with {what}{hint or address_space_hint()} (details in {log})"
 
 
 def _no_manifest(run: Path, error: OSError) -> InputError:
     return InputError(f"{run}: run.yaml cannot be written ({error.strerror}): free some space or choose another -o")
 
 
-def _read_manifest(run: Path) -> dict[str, dict[str, Any]]:
-    """The stages' entries of `run.yaml`; what cannot be read counts as not done."""
+def _read_manifest(run: Path) -> tuple[dict[str, dict[str, Any]], Any]:
+    """The stages' entries of `run.yaml` and its outcome; what cannot be read counts as not done."""
     import yaml
 
     path = run / "run.yaml"
     try:
         if path.stat().st_size > LARGEST_MANIFEST:
-            return {}
+            return {}, None
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        stages = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)["stages"]
-        return {str(name): dict(entry) for name, entry in stages.items()}
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+        return {str(name): dict(entry) for name, entry in content["stages"].items()}, content.get("outcome")
     except (OSError, yaml.YAMLError, AttributeError, TypeError, ValueError, KeyError, RecursionError):
-        return {}
+        return {}, None
 
 
 def versions() -> dict[str, str]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from massprops.core.parts import Arrays, Parts
 from massprops.core.processes import muffled
+from massprops.core.progress import Progress, silent
 from massprops.errors import InputError
-from massprops.run.job import Progress, silent
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.turned import turn_keypoints
 
@@ -142,7 +142,7 @@ def extract_all(
             keypoints, descriptors = extract(gray, region, options)
             return {"keypoints": keypoints, "descriptors": descriptors}
 
-        part = parts.made(f"features {frame.name} {masked}", found_in_it)
+        part = parts.made(f"features {frame.name} {masked} {options}", found_in_it)
         return frame.name, turn_keypoints(part["keypoints"], footage.size(frame), frame.turn), part["descriptors"]
 
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}

@@ -95,7 +95,12 @@ class FootageRecord:
     @property
     def ordered(self) -> bool:
         """Whether neighbours in the list are neighbours in time."""
-        return self.kind in ("video", "sequence", "stereo") or all(f.timestamp_ns >= 0 for f in self.frames)
+        return self.moving_pictures or all(f.timestamp_ns >= 0 for f in self.frames)
+
+    @property
+    def moving_pictures(self) -> bool:
+        """Whether the images follow each other so closely that their motion is smooth."""
+        return self.kind in ("video", "sequence", "stereo")
 
     @property
     def rig(self) -> bool:

@@ -6,10 +6,11 @@ import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.run.job import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,10 @@ class MappingOptions:
         masked: features lie on one object only, so planes and frames of text are no reason to reject a pair.
         guided: second round of matching along epipolar lines.
         least_inliers: points that must agree on the place of an image.
+        least_matches: matches that must agree on two images' geometry.
+        start_inliers: matches of the pair that begins a model.
+        ratio: of the distance between matching descriptors to that of the next best.
+        most_trials: of the search for two images' geometry.
         seed, threads: as in every stage.
     """
 
@@ -34,6 +39,10 @@ class MappingOptions:
     masked: bool = False
     guided: bool = False
     least_inliers: int = 30
+    least_matches: int = 15
+    start_inliers: int = 100
+    ratio: float = 0.8
+    most_trials: int = 10_000
     seed: int = 0
     threads: int = 2
 
@@ -56,9 +65,8 @@ def match(
     matching.num_threads = options.threads
     matching.use_gpu = False
     matching.guided_matching = options.guided
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.detect_watermark = not options.masked
-    verification.ransac.random_seed = options.seed
+    matching.sift.max_ratio = options.ratio
+    verification = _verification(options)
     pairing = pycolmap.ImportedPairingOptions()
     listing = database.parent / "pairs.txt"
     pairing.match_list_path = listing
@@ -67,6 +75,35 @@ def match(
         listing.write_text("".join(f"{a} {b}\n" for a, b in part))
         pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
         progress(start + len(part), len(pairs), "matching")
+    listing.unlink(missing_ok=True)
+
+
+def _verification(options: MappingOptions) -> pycolmap.TwoViewGeometryOptions:
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.detect_watermark = not options.masked
+    verification.min_num_inliers = options.least_matches
+    verification.ransac.random_seed = options.seed
+    verification.ransac.max_num_trials = options.most_trials
+    return verification
+
+
+def verify(
+    database: Path, ids: dict[str, int], matches: dict[tuple[str, str], np.ndarray], options: MappingOptions
+) -> None:
+    """Writes matches (m, 2) of named pairs into the database, and verifies them.
+
+    Args:
+        ids: numbers of the images by name.
+    """
+    enough = {pair: m for pair, m in matches.items() if len(m) >= options.least_matches}
+    if not enough:
+        return
+    with pycolmap.Database.open(database) as db:
+        for (a, b), m in enough.items():
+            db.write_matches(ids[a], ids[b], m)
+    listing = database.parent / "pairs.txt"
+    listing.write_text("".join(f"{a} {b}\n" for a, b in enough))
+    pycolmap.verify_matches(database, listing, _verification(options))
     listing.unlink(missing_ok=True)
 
 
@@ -81,6 +118,8 @@ def pipeline_options(options: MappingOptions, frames: Path) -> pycolmap.Incremen
     o.extract_colors = False
     o.min_model_size = 3
     o.mapper.abs_pose_min_num_inliers = options.least_inliers
+    o.mapper.init_min_num_inliers = options.start_inliers
+    o.min_num_matches = options.least_matches
     o.max_num_models = 5
     o.init_num_trials = 100
     o.ba_refine_sensor_from_rig = False

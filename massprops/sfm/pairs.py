@@ -18,6 +18,11 @@ def sequential(n: int, overlap: int) -> Pairs:
     return [(i, i + s) for i in range(n) for s in steps if i + s < n]
 
 
+def near(n: int, overlap: int) -> Pairs:
+    """Each of n images with its next `overlap` ones."""
+    return [(i, j) for i in range(n) for j in range(i + 1, min(n, i + overlap + 1))]
+
+
 def similar(signatures: np.ndarray, most: int, apart: int) -> Pairs:
     """Each image with the `most` images whose signatures are nearest, at least `apart` places away in the list.
 

@@ -3,59 +3,29 @@
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pycolmap
 
-from massprops.core.parts import Parts
+from massprops.core.progress import Progress, silent
 from massprops.errors import InputError, NotPossible
-from massprops.run.job import Progress, silent
-from massprops.sfm import pairs as pairing
+from massprops.sfm.attempt import ENOUGH, Attempt, SfmOptions, attempt, may_distort, steady
 from massprops.sfm.convert import to_points, to_views
-from massprops.sfm.database import write_database
-from massprops.sfm.features import FeatureOptions, extract_all, read_mask
+from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.lens import MODELS, LensChoice
-from massprops.sfm.mapping import MappingOptions, map_images, match, quiet, retriangulate
+from massprops.sfm.loops import close_loops, match_predicted, spread_deg
+from massprops.sfm.mapping import MappingOptions, quiet
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
-from massprops.sfm.refine import Refined, RefineOptions, adjust, refine, remove_outliers
+from massprops.sfm.refine import Refined, RefineOptions, refine
 from massprops.sfm.sound import flat_remarks, require_sound, take_out
-from massprops.sfm.steady import largest_jump
 from massprops.sfm.surface_tracks import Image, with_surface
 from massprops.sfm.turned import turn_image, upright
 from massprops.views import Views, undistort
-
-ENOUGH = 0.9
-"""Share of the images placed from which on no other way is tried."""
-
-
-@dataclass(frozen=True)
-class SfmOptions:
-    """Everything structure from motion can be told.
-
-    Attributes:
-        overlap: images that each image of a video is matched with, onwards in time.
-        loops: further images each image is matched with when they see the same side.
-        loop_angle_deg: widest angle between the directions of such a pair.
-        exhaustive_below: unordered images up to this number are matched all with all.
-        parts: keeps the features of each image as soon as they are found.
-    """
-
-    mapper: str = "incremental"
-    overlap: int = 8
-    loops: int = 4
-    loop_angle_deg: float = 25.0
-    exhaustive_below: int = 60
-    guided: bool = False
-    features: FeatureOptions = field(default_factory=FeatureOptions)
-    refine: RefineOptions = field(default_factory=RefineOptions)
-    seed: int = 0
-    threads: int = 2
-    parts: Parts | None = None
 
 
 @dataclass(frozen=True)
@@ -115,25 +85,61 @@ def reconstruct(
     """
     options = options or SfmOptions()
     quiet()
-    masked = footage.mask_features and footage.has_masks
-    found, models, warnings = _attempt(footage, work / "a", options, masked, progress)
-    used = len(footage.frames)
-    if not masked and footage.has_masks and _registered(models) < 0.8 * used:
-        again, others, more = _attempt(footage, work / "b", options, True, progress)
-        if _registered(others) > _registered(models):
-            found, models, warnings, masked = again, others, more, True
-            warnings.append("only the object's own features were used: with the background fewer images fit together")
-    if _registered(models) < 3:
+    found = _best(footage, work, options, progress)
+    warnings = list(found.warnings)
+    if found.registered < 3:
         raise NotPossible(
-            f"only {_registered(models)} of {used} images could be placed; give more images with more overlap (under 15 "
-            "degrees between neighbours), sharper or better lit"
+            f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "
+            "overlap (under 15 degrees between neighbours), sharper or better lit"
         )
-    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in models)
-    database, mapping = found
+    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in found.models)
+    settings = refine_options(options, footage, found.mapping)
+    options, model = replace(options, refine=settings), found.models[0]
+    require_sound(take_out(model, settings.given_focal)[2], settings.moving)
+    if found.special:
+        model = match_predicted(model, found, footage, options, work, progress)
+    else:
+        model = close_loops(model, found, footage, options, work)
+    return finish(model, footage, found.mapping, options, sizes, warnings, progress)
+
+
+def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:
+    """The way that places most images: the usual one, one without the background, one with fainter features.
+
+    Raises:
+        NotPossible: none finds a pair of images to start from.
+    """
+    used, masked = len(footage.frames), footage.mask_features and footage.has_masks
+    found, why = None, None
+    try:
+        found = attempt(footage, work / "a", options, masked, progress=progress)
+    except NotPossible as error:
+        why = error
+    if found and not masked and footage.has_masks and found.registered < 0.8 * used:
+        again = attempt(footage, work / "b", options, True, progress=progress)
+        if again.registered > found.registered:
+            line = "only the object's own features were used: with the background fewer images fit together"
+            found = replace(again, warnings=[*again.warnings, line])
+    if found and (found.registered >= ENOUGH * used or not found.few):
+        return found
+    try:
+        again = attempt(footage, work / "c", options, found.mapping.masked if found else masked, True, progress)
+    except NotPossible:
+        if found is None and why is not None:
+            raise why from None
+        again = None
+    more = again is not None and again.registered > (found.registered if found else 0)
+    if again and more and (not footage.moving_pictures or steady(again.models[0], footage, again.mapping)):
+        return again
+    if found is None:
+        raise why or NotPossible("no two images fit together; use more overlap and texture")
+    return found
+
+
+def refine_options(options: SfmOptions, footage: FootageRecord, mapping: MappingOptions) -> RefineOptions:
+    """How this footage's model is adjusted."""
     given = mapping.fixed_intrinsics or bool(mapping.constant)
-    require_sound(take_out(models[0], given)[2], _moving(footage))
-    model = _close_loops(models[0], database, footage, options, mapping, work, progress)
-    return finish(model, footage, mapping, options, sizes, warnings, progress)
+    return replace(options.refine, constant=mapping.constant, given_focal=given, moving=_moving(footage))
 
 
 def finish(
@@ -157,9 +163,8 @@ def finish(
     """
     progress(0, 1, "adjustment")
     free, masked, used = not mapping.fixed_intrinsics, mapping.masked, len(footage.frames)
-    given = mapping.fixed_intrinsics or bool(mapping.constant)
-    settings = replace(options.refine, constant=mapping.constant, given_focal=given, moving=_moving(footage))
-    test = free and _may_distort(footage)
+    settings = refine_options(options, footage, mapping)
+    test = free and may_distort(footage)
     refined = refine(model, settings, free, test, options.threads, masked, options.seed)
     accuracy = refined.precision
     if free and not mapping.constant:
@@ -236,176 +241,6 @@ def _pictures(footage: FootageRecord, views: Views) -> Image:
         return undistort(colour, K, distortion), undistort(mask, K, distortion, nearest=True)
 
     return image
-
-
-def _registered(models: list[pycolmap.Reconstruction]) -> int:
-    return models[0].num_reg_images() if models else 0
-
-
-def _may_distort(footage: FootageRecord) -> bool:
-    return all(c.distortion is None for c in footage.cameras)
-
-
-def _fixed(footage: FootageRecord) -> bool:
-    return all(c.focal_px is not None and c.focal_source == "given" for c in footage.cameras)
-
-
-def _attempt(
-    footage: FootageRecord, work: Path, options: SfmOptions, masked: bool, progress: Progress
-) -> tuple[tuple[Path, MappingOptions], list[pycolmap.Reconstruction], list[str]]:
-    work.mkdir(parents=True, exist_ok=True)
-    mapping = MappingOptions(
-        mapper=options.mapper,
-        fixed_intrinsics=_fixed(footage),
-        constant=frozenset(c.id + 1 for c in footage.cameras if c.focal_source == "given" and not _fixed(footage)),
-        free_distortion=not masked and _may_distort(footage),
-        masked=masked,
-        guided=options.guided,
-        seed=options.seed,
-        threads=options.threads,
-    )
-    features, warnings = extract_all(footage, options.features, masked, options.threads, progress, options.parts)
-    counts = np.array([len(k) for k, _ in features.values()])
-    if np.sum(counts >= 30) < 3:
-        raise NotPossible(
-            f"only {int(np.sum(counts >= 30))} of {len(footage.frames)} images show enough texture to be matched; "
-            "use sharper, better lit images or a larger --max-size"
-        )
-    database = work / "database.db"
-    write_database(database, footage, features)
-    names = [f.name for f in footage.frames if f.name in features]
-    descriptors = [features[n][1] for n in names]
-    first = _first_pairs(footage, names, descriptors, options)
-    match(database, first, mapping, progress)
-    models: list[pycolmap.Reconstruction] = []
-    try:
-        models = _mapped(database, footage, work / "models", mapping, len(names), progress)
-    except NotPossible:
-        if len(first) == len(names) * (len(names) - 1) // 2:
-            raise
-    if _registered(models) < ENOUGH * len(names):
-        signatures = pairing.signatures(descriptors, options.seed)
-        more = pairing.similar(signatures, 2 * options.loops, 2)
-        new = _unseen([(names[i], names[j]) for i, j in more], first)
-        if new:
-            match(database, new, mapping, progress)
-            again = _mapped(database, footage, work / "again", mapping, len(names), progress)
-            models = again if _registered(again) >= _registered(models) else models
-    return (database, mapping), models, warnings
-
-
-def _mapped(
-    database: Path, footage: FootageRecord, out: Path, mapping: MappingOptions, total: int, progress: Progress
-) -> list[pycolmap.Reconstruction]:
-    """The models that place most images, each held by many points or, where that loses images, by fewer:
-    the two sides of a flat body hang together by the few points seen while it is edge-on. So few may be wrong, which
-    the motion shows."""
-    frames = footage.folder / "frames"
-    models = map_images(database, frames, out / "many", mapping, total, progress)
-    if _registered(models) < ENOUGH * total:
-        fewer = replace(mapping, least_inliers=mapping.least_inliers // 2)
-        again = map_images(database, frames, out / "few", fewer, total, progress)
-        if _registered(again) > _registered(models) and _steady(again[0], footage, mapping):
-            return again
-    return models
-
-
-def _steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
-    """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
-    trial = pycolmap.Reconstruction(model)
-    given = mapping.fixed_intrinsics or bool(mapping.constant)
-    try:
-        loss = remove_outliers(trial, RefineOptions(given_focal=given), 2.0)
-    except NotPossible:
-        return False
-    adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
-    views, _ = to_views(trial)
-    first = footage.frames[0].name.split("/", 1)[0]
-    timed = all(f.timestamp_ns >= 0 for f in footage.frames)
-    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.name.startswith(f"{first}/")}
-    own = sorted((place[n], i) for i, n in enumerate(views.names) if n in place)
-    return largest_jump(views.R[[i for _, i in own]], np.array([k for k, _ in own])) < 1.0
-
-
-def _first_pairs(
-    footage: FootageRecord, names: list[str], descriptors: list[np.ndarray], options: SfmOptions
-) -> list[tuple[str, str]]:
-    n = len(names)
-    if footage.rig:
-        return _rig_pairs(footage, names, options)
-    if n <= (16 if footage.ordered else options.exhaustive_below):
-        index = pairing.exhaustive(n)
-    elif footage.ordered:
-        index = pairing.sequential(n, options.overlap)
-    else:
-        near = pairing.similar(pairing.signatures(descriptors, options.seed), 12, 1)
-        index = sorted(set(near) | set(pairing.sequential(n, 3)))
-    return [(names[i], names[j]) for i, j in index]
-
-
-def _rig_pairs(footage: FootageRecord, names: list[str], options: SfmOptions) -> list[tuple[str, str]]:
-    by_camera = {
-        c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)] for c in footage.cameras
-    }
-    pairs = []
-    for own in by_camera.values():
-        pairs += [(own[i], own[j]) for i, j in pairing.sequential(len(own), max(4, options.overlap // 2))]
-    first = by_camera[footage.cameras[0].id]
-    for camera in footage.cameras[1:]:
-        tails = {n.split("/", 1)[1]: n for n in by_camera[camera.id]}
-        for i, name in enumerate(first):
-            for other in first[i : i + 3]:
-                partner = tails.get(other.split("/", 1)[1])
-                if partner:
-                    pairs.append((name, partner))
-    return pairs
-
-
-def _unseen(pairs: list[tuple[str, str]], old: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    known = {tuple(sorted(p)) for p in old}
-    return [p for p in pairs if tuple(sorted(p)) not in known]
-
-
-def _close_loops(
-    model: pycolmap.Reconstruction,
-    database: Path,
-    footage: FootageRecord,
-    options: SfmOptions,
-    mapping: MappingOptions,
-    work: Path,
-    progress: Progress,
-) -> pycolmap.Reconstruction:
-    """Matches pairs that the first model predicts to show the same side, and rebuilds the tracks with them."""
-    views, ids = to_views(model)
-    directions = view_directions(views, to_points(model, ids))
-    order = {f.name: i for i, f in enumerate(footage.frames)}
-    index = np.argsort([order[n] for n in views.names], kind="stable")
-    names = [views.names[i] for i in index]
-    chosen = pairing.spread_facing(directions[index], options.loops, options.overlap + 1, options.loop_angle_deg)
-    with pycolmap.Database.open(database) as db:
-        pair_ids, _ = db.read_two_view_geometry_num_inliers()
-    number = {model.image(i).name: i for i in ids}
-    known = set(pair_ids)
-    new = [
-        (names[i], names[j])
-        for i, j in chosen
-        if pycolmap.image_pair_to_pair_id(number[names[i]], number[names[j]]) not in known
-    ]
-    if new:
-        match(database, new, mapping, progress)
-    return retriangulate(model, database, footage.folder / "frames", work / "tracks", mapping)
-
-
-def view_directions(views: Views, points: SparsePoints) -> np.ndarray:
-    """(n, 3) unit vectors from the middle of the points to each camera, in the world."""
-    d = views.centres - np.median(points.xyz, axis=0)
-    return d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)
-
-
-def spread_deg(views: Views, points: SparsePoints) -> float:
-    """Largest angle between the directions from which the object was seen [degrees]."""
-    d = view_directions(views, points)
-    return float(np.rad2deg(np.arccos(np.clip((d @ d.T).min(), -1, 1))))
 
 
 def _remarks(sizes: tuple[tuple[int, int], ...], registered: int, used: int, turned: float) -> list[str]:

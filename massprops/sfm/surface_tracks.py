@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.run.job import Progress, silent
 from massprops.sfm.convert import HALF, to_points, to_views
 from massprops.sfm.points import project_camera
 from massprops.sfm.precision import Precision

@@ -116,7 +116,7 @@ def write_tracks(scenario: TrackScenario, out: Any, inputs: Iterable[Path] = (),
         InputError: as `simulate_tracks`, or the folder holds something else or cannot be written.
     """
     from massprops.sequence.write import write_sequence
-    from massprops.simulation.simulate import new_sequence
+    from massprops.simulation.folder import new_sequence
 
     with new_sequence(Path(out), scenario, inputs, force) as folder:
         made = simulate_tracks(scenario)

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.run.job import Progress, silent
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from massprops.capture.footage import choose_frames, judge_frames, open_sources, refuse_useless
+from massprops.capture.footage import BLURRED, choose_frames, judge_frames, open_sources, refuse_useless
 from massprops.capture.images import inspect, list_images
-from massprops.capture.keyframes import choose, sharpness
+from massprops.capture.keyframes import choose, edge_width, sharpness
 from massprops.capture.video import read_video
 from massprops.errors import InputError, NotPossible
 
@@ -181,6 +181,35 @@ def test_sharpness_orders_blur() -> None:
     grey = cv2.cvtColor(scene(20), cv2.COLOR_BGR2GRAY)
     values = [sharpness(cv2.GaussianBlur(grey, (0, 0), s)) for s in (0.5, 2, 5)]
     assert values[0] > values[1] > values[2]
+
+
+def plain(turn: float) -> np.ndarray:
+    """A smooth body without any detail under one light, before a black sky; one side bulges."""
+    v, u = np.mgrid[:120, :160]
+    x, y = (u - 80) / (40 + 8 * np.cos(np.radians(turn))), (v - 60) / 40
+    inside = x**2 + y**2 < 1
+    light = np.clip(np.sqrt(np.clip(1 - x**2 - y**2, 0, 1)) + 0.5 * x, 0, 1.2)
+    grey = cv2.GaussianBlur(np.where(inside, 30 + 150 * light, 0).astype(np.float32), (0, 0), 0.6)
+    return np.repeat(grey[:, :, None], 3, 2).astype(np.uint8)
+
+
+def test_a_plain_body_is_not_called_blurred(tmp_path: Path) -> None:
+    source = open_sources(folder_of(tmp_path, [plain(20 * i) for i in range(8)]))[0]
+    judged = judge_frames(source, lambda *_: None)
+    assert np.median(judged.sharp) < BLURRED, "there is nothing fine in it"
+    refuse_useless(judged, "photos")
+
+
+@pytest.mark.parametrize("noise", [0.0, 3.0])
+def test_edge_width_is_that_of_the_blur(noise: float) -> None:
+    rng = np.random.default_rng(0)
+    wide = []
+    for sigma in (0.5, 2.0, 4.0, 6.0):
+        grey = cv2.GaussianBlur(plain(0)[:, :, 0].astype(np.float32), (0, 0), sigma)
+        wide.append(edge_width(np.clip(grey + rng.normal(0, noise, grey.shape), 0, 255).astype(np.uint8)))
+    assert wide == sorted(wide)
+    assert wide[0] < 2 and abs(wide[2] - 4.2) < 1.0 and wide[3] > 4.5
+    assert edge_width(np.zeros((60, 80), np.uint8)) == 0.0
 
 
 def test_frames_from_python(tmp_path: Path) -> None:

@@ -181,7 +181,7 @@ def test_a_second_command_is_told_who_holds_the_folder(tmp_path: Path) -> None:
 def test_names_that_are_no_text_are_told_by_their_bytes(tmp_path: Path) -> None:
     import yaml
 
-    from massprops.run.files import hash_input
+    from massprops.core.inputs import hash_input
 
     (tmp_path / os.fsdecode(b"caf\xe9.png")).write_text("x")
     found = hash_input(tmp_path)

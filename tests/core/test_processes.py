@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -27,3 +29,11 @@ def test_a_closed_standard_error_stays_closed() -> None:
     finally:
         os.dup2(real, 2)
         os.close(real)
+
+
+def test_a_limit_on_address_space_is_named() -> None:
+    code = "from massprops.core.processes import address_space_hint; print(address_space_hint())"
+    for limit, says in ((1_200_000, "limited to 1.2 GB (ulimit -v)"), ("unlimited", "")):
+        command = ["bash", "-c", f'ulimit -v {limit}; exec "$@"', "-", sys.executable, "-c", code]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert says in done.stdout and bool(says) == bool(done.stdout.strip())

@@ -1,4 +1,5 @@
-"""Whole commands, each process and library of them, on a disk that fails: the same command afterwards gives the same bytes.
+"""Whole commands, each process and library of them, on a disk that fails or struck by signals: the same command
+afterwards gives the same bytes.
 
 The changes of the disk are counted by a library that is loaded before all others (`tests/core/shim.c`), in every
 process of the command. A power cut takes, besides, the data of every file that was not brought to the disk.
@@ -7,10 +8,14 @@ process of the command. A power cut takes, besides, the data of every file that 
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
+import signal
 import sqlite3
+import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,9 +28,13 @@ from massprops.run.stages import ORDER
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "core"))
 from faults import quick_disk, tree
-from shim import Faulty
+from shim import COMMAND, Faulty
 
 KINDS = ("ENOSPC", "EIO", "kill", "power")
+SAMPLES = int(os.environ.get("SAMPLES", "3"))
+"""Changes of each stage of a reconstruction that fail, in each of the ways. All of the 5000 would take a day."""
+EVERY = int(os.environ.get("EVERY", "1"))
+"""Of a campaign and a diagnosis every so many changes fail: 1 in every way, more in one way after the other."""
 TIMES = re.compile(r"\d[\d.]*(?: ?µs| ?us| ?ms| ?s| ?MB)\b")
 
 Results = Callable[[Path], dict[str, Any]]
@@ -104,7 +113,10 @@ def sweep(
     done = faulty(whole_out, [*command, "-o", str(whole_out)])
     assert done.returncode == 0, done.stderr
     count, whole = faulty.count, results(whole_out)
-    for n, kind in chosen or [(n, kind) for n in range(1, count + 1) for kind in KINDS]:
+    if chosen is None:
+        ways = [[kind] for kind in KINDS] if EVERY > 1 else [KINDS]
+        chosen = [(n, kind) for k, n in enumerate(range(1, count + 1, EVERY)) for kind in ways[k % len(ways)]]
+    for n, kind in chosen:
         one_fault(faulty, out, [*command, "-o", str(out)], n, kind, whole, results)
         shutil.rmtree(out)
     return count
@@ -141,11 +153,6 @@ def test_a_diagnosis_at_every_change(tmp_path: Path, faulty: Faulty) -> None:
         print(f"diagnose: {sweep(place, faulty, command, of_diagnosis, None)} changes, {len(KINDS)} ways each")
 
 
-SAMPLES = 3
-"""Changes of each stage that fail, in each of the ways; the last ones, with which the runner takes the stage over, come
-in more often. All of the 5000 of a run would take a day."""
-
-
 @pytest.fixture(scope="module")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from massprops.simulation import simulate
@@ -166,9 +173,7 @@ def test_every_stage_of_a_reconstruction(tmp_path: Path, faulty: Faulty, footage
         base, out = place / "base", place / "out"
         code = faulty(base, reconstruct(footage, base)).returncode
         assert code in (0, 3), "of thirty small images the confidence is low"
-        base.rename(out)  # keys hold no names of folders, but requests do
-        whole = of_run(out)
-        out.rename(base)
+        whole = of_run(base)
         for stage in ORDER:
             shutil.copytree(base, out)
             shutil.rmtree(out / "work" / stage)
@@ -199,3 +204,62 @@ def test_a_reconstruction_from_the_beginning(tmp_path: Path, faulty: Faulty, foo
                 one_fault(faulty, out, reconstruct(footage, out), n, kind, whole, of_run, code)
                 shutil.rmtree(out)
         print(f"reconstruct: {count} changes, {SAMPLES} of them in {len(KINDS)} ways", flush=True)
+
+
+def strike(process: subprocess.Popen[str], how: str) -> None:
+    """A signal to a command: to all of its processes, to itself, or to its stage alone."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    if how == "kill all":
+        os.killpg(process.pid, signal.SIGKILL)
+    elif how == "terminate":
+        process.terminate()
+    elif how == "kill the stage":
+        for pid in children.read_text().split():
+            os.kill(int(pid), signal.SIGKILL)
+    else:
+        os.killpg(process.pid, signal.SIGSTOP)
+        time.sleep(0.2)
+        os.killpg(process.pid, signal.SIGCONT)
+
+
+@pytest.mark.bench
+def test_signals_at_random_moments_of_every_stage(tmp_path: Path, footage: Path) -> None:
+    """Two commands at once on the folder besides: the second is refused, and told who the first one is."""
+    rng = np.random.default_rng(18)
+    refused = 0
+    with quick_disk(tmp_path) as place:
+        base, out = place / "base", place / "out"
+        command = [*COMMAND, *reconstruct(footage, out)]
+        begun = time.monotonic()
+        code = subprocess.run([*COMMAND, *reconstruct(footage, base)], capture_output=True, check=False).returncode
+        assert code in (0, 3)
+        whole = of_run(base)
+        entries = yaml.load((base / "run.yaml").read_text(), Loader=yaml.CSafeLoader)["stages"]
+        spent = sum(entry["seconds"] for entry in entries.values())
+        start = time.monotonic() - begun - spent  # of the command itself
+        for stage in ORDER:
+            for how in ("kill all", "terminate", "kill the stage", "stop and go on"):
+                shutil.copytree(base, out)
+                shutil.rmtree(out / "work" / stage)
+                process = subprocess.Popen(
+                    command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+                )
+                time.sleep(rng.uniform(0.2, 1.0) * (start + entries[stage]["seconds"]))
+                if rng.random() < 0.3:
+                    second = subprocess.run(command, capture_output=True, text=True, check=False)
+                    if f"(process {process.pid})" in second.stderr:
+                        assert second.returncode == 2
+                        refused += 1
+                if process.poll() is None:
+                    strike(process, how)
+                said = process.communicate()[1]
+                where = f"{stage}, {how}: {said}"
+                assert process.returncode in (0, 2, 3, -signal.SIGKILL, -signal.SIGTERM) and "Traceback" not in said, (
+                    where
+                )
+                again = subprocess.run(command, capture_output=True, text=True, check=False)
+                assert again.returncode == code, (where, again.stderr)
+                assert of_run(out) == whole, where
+                shutil.rmtree(out)
+            print(f"{stage}: struck in four ways", flush=True)
+    print(f"{refused} second commands refused")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from massprops.core.outputs import locked
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.run.files import locked
 from massprops.run.reconstruct import checked_options
 from massprops.run.runner import run_stages
 from massprops.sequence.truth import read_truth

@@ -178,3 +178,13 @@ def test_modules_of_the_current_folder_are_not_run(tmp_path: Path, monkeypatch: 
     )
     assert "No such file" in done.stdout and "nothing.json" in done.stdout, "it came as far as its own work"
     assert not (tmp_path / "run_by_mistake").exists()
+
+
+def test_a_manifest_that_a_full_disk_kept_back_is_written_by_the_next_command(tmp_path: Path, package: str) -> None:
+    """Every stage is done, and only what became of the run is not told yet."""
+    run = tmp_path / "run"
+    go(run, package)
+    text = (run / "run.yaml").read_text()
+    (run / "run.yaml").write_text(text.replace("exit_code: 0", "exit_code: 3"))
+    assert go(run, package).exit_code == 0
+    assert (run / "run.yaml").read_text() == text

@@ -14,8 +14,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from massprops.core.files import write_whole
+from massprops.core.inputs import hash_input
+from massprops.core.outputs import locked
 from massprops.errors import InputError
-from massprops.run.files import hash_input, locked, write_whole
 from massprops.run.job import ReconstructOptions
 from massprops.run.runner import Outcome, run_stages
 
@@ -170,7 +172,7 @@ def test_kill_minus_nine_and_the_same_command_again(run: Path, package: str, tmp
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from pathlib import Path\n"
-        "from massprops.run.files import locked\n"
+        "from massprops.core.outputs import locked\n"
         "from massprops.run.runner import run_stages\n"
         "from massprops.run.job import ReconstructOptions\n"
         f"r = Path({str(run)!r})\n"

@@ -10,7 +10,7 @@ import scene
 from scipy.spatial.transform import Rotation
 
 from massprops.errors import InputError, NotPossible
-from massprops.sfm import reconstruct
+from massprops.sfm import attempt, reconstruct
 from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, read_footage
 from massprops.sfm.mapping import MappingOptions
 from massprops.sfm.steady import largest_jump
@@ -217,10 +217,10 @@ def test_lost_images_are_tried_again_with_fewer_points(monkeypatch, tmp_path, fi
         number = first if len(asked) == 1 else second
         return [SimpleNamespace(num_reg_images=lambda: number)]
 
-    monkeypatch.setattr(reconstruct, "map_images", mapped)
-    monkeypatch.setattr(reconstruct, "_steady", lambda *_: steady)
+    monkeypatch.setattr(attempt, "map_images", mapped)
+    monkeypatch.setattr(attempt, "steady", lambda *_: steady)
     shown = SimpleNamespace(folder=tmp_path)
-    models = reconstruct._mapped(tmp_path, shown, tmp_path, MappingOptions(), 64, lambda *_: None)
+    models = attempt.mapped(tmp_path, shown, tmp_path, MappingOptions(), 64, lambda *_: None)
     assert asked == tried
     assert models[0].num_reg_images() == placed
 

@@ -75,7 +75,7 @@ chunk = always(1)
 
 def basis(plan: Any) -> Any:
     """What the footage holds."""
-    from massprops.run.files import hash_input
+    from massprops.core.inputs import hash_input
 
     return {video: _short(hash_input(Path(video))) for video in plan.grid["video"]}
 

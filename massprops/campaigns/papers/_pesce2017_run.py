@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.campaigns.papers.pesce2017 import COLUMNS
+from massprops.campaigns.papers._pesce2017_columns import COLUMNS
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import position_velocity
 from massprops.dynamics.quaternion import angle_between, from_rotation_matrix, normalise, rotate

@@ -14,10 +14,10 @@ import numpy as np
 
 from massprops.campaigns.consistency import consistency
 from massprops.campaigns.papers import kabir2025_model as model
+from massprops.campaigns.papers.kabir2025_setup import POLHODE_S, RATES, configuration, three_periods
 from massprops.errors import MasspropsError
 
 PAPER = "kabir2025"
-RATES = (0.025, 0.075, 0.125, 0.175)
 CASES = {
     **{
         f"occlusion-{f}": f"UKF, benchmark and UKF-GP through 1500 s of occlusion at {f} Hz (Figures 5-9)"
@@ -28,18 +28,6 @@ CASES = {
 }
 RUNS = dict.fromkeys(CASES, 20)
 """The paper makes 20 runs (sections 3.1 and 3.2)."""
-SPANS = (75, 100, 200, 500, 1000, 1500, 2000, 2500, 3000)
-POLHODE_S = {0.025: 441.045, 0.075: 147.015, 0.125: 88.209, 0.175: 63.006}
-FLOW = {0.025: 1e-5, 0.075: 5e-4, 0.125: 5e-4, 0.175: 1e-3}
-NOISE_W = {0.025: 2.5e-9, 0.075: 2.5e-7, 0.125: 2.5e-5, 0.175: 2.5e-5}
-NOISE_Q = {0.025: 4e-10, 0.075: 4e-8, 0.125: 4e-6, 0.175: 4e-6}
-FEATURES = (
-    (0.1302, 0.6648, 0.2264),
-    (1.0343, -1.4858, -1.1352),
-    (-0.5122, 0.9775, -1.0898),
-    (-0.2252, -1.1739, 0.8723),
-    (0.9440, 1.1748, 0.8409),
-)
 WITHIN = 3.0
 """Times the benchmark's error that a run's error during the occlusion may reach."""
 METHODS = ("ukf", "benchmark", "ukf_gp")
@@ -56,46 +44,6 @@ PRINTED_FILTER = {
     0.125: {"ukf_gp_w": "level with the benchmark's", "ukf_w": "1e4 to 1e5", "kept": "all but a few"},
     0.175: {"ukf_gp_w": "level with the benchmark's", "ukf_w": "1e4 to 1e5", "kept": "all but a few"},
 }
-
-
-def configuration(case: str) -> dict[str, Any]:
-    """The whole set-up of a case, SI units and radians."""
-    if case == "polhode":
-        return {"kind": case, "at": {str(f): {**configuration(f"gp-{f}"), "spans_s": [_three(f)]} for f in RATES}}
-    kind, _, rate = case.partition("-")
-    f = float(rate)
-    common: dict[str, Any] = {
-        "kind": kind,
-        "tumbling_hz": f,
-        "w0": [2 * np.pi * f * x for x in (2 / 3, 1 / 3, 2 / 3)],
-        "moments": [90.0, 100.0, 112.0],
-        "position_m": [0.0, 10.0, 0.0],
-        "baseline_m": 1.0,
-        "focal_length": 1.0,
-        "sigma_projection": 1e-5,
-        "sigma_disparity": 1e-5,
-        "sigma_flow": FLOW[f],
-    }
-    if kind == "gp":
-        spans = [*SPANS, _three(f)]
-        return {**common, "features_m": [[1.0, 1.0, 1.0]], "spans_s": sorted(spans), "ahead_s": 2000}
-    return {
-        **common,
-        "features_m": [list(p) for p in FEATURES],
-        "total_s": 3000,
-        "dark_from_s": 1500,
-        "start_s": 150 if f < 0.05 else 60,
-        "alpha": 0.1,
-        "beta": 2.0,
-        "kappa": 0.0,
-        "largest_turn_rad": 0.1,
-        "process_noise": {"w": NOISE_W[f], "q": NOISE_Q[f], "k": 3.6e-5, "features": 1e-6},
-    }
-
-
-def _three(f: float) -> int:
-    """Samples in three polhode periods."""
-    return round(3 * POLHODE_S[f])
 
 
 def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
@@ -190,7 +138,7 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 def _gp_table(case: str, rows: list[dict[str, Any]], done: list[dict[str, Any]]) -> dict[str, Any]:
     set_up = configuration(case)
     f = set_up["tumbling_hz"]
-    three = _three(f)
+    three = three_periods(f)
     limit = model.foresight_limit(set_up, three, set_up["ahead_s"])
     lines = []
     for span in set_up["spans_s"]:
@@ -237,11 +185,11 @@ def _polhode_table(rows: list[dict[str, Any]], done: list[dict[str, Any]]) -> di
     for f in RATES:
         rmse = np.array([row.get(f"{f} rmse", np.nan) for row in done], float)
         own = configuration("polhode")["at"][str(f)]
-        limit = model.foresight_limit(own, _three(f), own["ahead_s"])
+        limit = model.foresight_limit(own, three_periods(f), own["ahead_s"])
         lines.append(
             [
                 f"{f} Hz",
-                _three(f),
+                three_periods(f),
                 *_quantiles(rmse, (0.5, 0.9, 1.0)),
                 float(np.sqrt(np.mean(rmse**2))) if len(rmse) else float("nan"),
                 limit,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.papers import kabir2025_model as model
+from massprops.campaigns.papers.kabir2025_setup import configuration
 from massprops.estimators.unscented import Measurements, Run, Settings, State, filter_epochs
 from massprops.estimators.unscented.state import Noise
 
@@ -30,7 +31,6 @@ def speed() -> dict[str, Any]:
 
 
 def _configuration() -> dict[str, Any]:
-    from massprops.campaigns.papers.kabir2025 import configuration
 
     return configuration("occlusion-0.075")
 
@@ -87,7 +87,6 @@ def with_fourth_component(state: State) -> np.ndarray:
 
 
 def _process_speed() -> dict[str, Any]:
-    from massprops.campaigns.papers.kabir2025 import configuration
     from massprops.estimators.gp import fit_process
 
     c = configuration("gp-0.075")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._pesce2017_columns import COLUMNS
 
 PAPER = "pesce2017"
 CASES = {
@@ -27,7 +28,6 @@ CASES = {
 }
 RUNS = dict.fromkeys(CASES, 100)
 CHUNK = 100
-COLUMNS = ("rho_m", "rho_dot_m_s", "omega_deg_s", "theta_deg", "k1", "k2")
 PERCENTILES = (50, 70, 90, 100)
 TABLES: dict[str, dict[str, list[float]]] = {
     "A": {

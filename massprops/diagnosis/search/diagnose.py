@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.core.outputs import Outputs, verify
+from massprops.diagnosis.search.result import Diagnosis
 from massprops.errors import InputError, NotPossible
 from massprops.estimators.result import ratios
 
@@ -35,29 +36,10 @@ PREDICTS = 1.1
 DOUBTS = (8.0, 40.0)
 """Times the stated noise that further guesses allow for."""
 
-NAMES = ("residual.csv", "model.yaml", "diagnosis.json", "report.html")
+NAMES = ("residual.csv", "model.yaml", "diagnosis.json", "report.html", "law.py", "law.yaml")
 """Files of a diagnosis."""
 
 Watch = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """What was found.
-
-    Attributes:
-        document: the content of `diagnosis.json`; model: of `model.yaml`.
-        case, selection: the work behind it; torque: the recovered torque, when unexplained; history: momentum and energy.
-        surface: (s, 3) points of a run's mesh from its centre of mass, where the body axes are the mesh's, or None.
-    """
-
-    document: dict[str, Any]
-    model: dict[str, Any]
-    case: Case
-    selection: Selection
-    torque: dict[str, Any] | None
-    history: dict[str, Any] | None
-    surface: np.ndarray | None = None
 
 
 def diagnose(
@@ -65,6 +47,7 @@ def diagnose(
     out: str | Path | None = None,
     progress: Watch = lambda what, done, total: None,
     force: bool = False,
+    discover: bool = False,
 ) -> Diagnosis | BalanceDiagnosis:
     """Where model and data disagree, and which effect the model lacks.
 
@@ -74,6 +57,7 @@ def diagnose(
         source: sequence folder, run folder, or a `Sequence`.
         out: folder for `diagnosis.json`, `model.yaml`, `residual.csv` and `report.html`.
         progress: told of each step.
+        discover: look for a law too (`massprops.diagnosis.discovery`): `law` in the document, `law.py`, `law.yaml`.
 
     Raises:
         InputError: an unreadable sequence, or a body file that contradicts itself.
@@ -94,6 +78,8 @@ def diagnose(
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
     if decides(sequence):
         by_balance = diagnose_by_balance(sequence, progress)
+        if discover:
+            by_balance = replace(by_balance, law=_law(sequence, by_balance.document, progress))
         if out is not None:
             write_found(Path(out), by_balance, given, force)
         return by_balance
@@ -102,13 +88,27 @@ def diagnose(
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
     if run is not None and found.case.first.body_frame == "attitude0":
         found = replace(found, surface=_surface(run))
+    if discover:
+        found = replace(found, law=_law(sequence, found.document, progress))
     if out is not None:
         write_found(Path(out), found, given, force)
     return found
 
 
+def _law(sequence: Sequence, document: dict[str, Any], progress: Watch) -> dict[str, str | bytes]:
+    """Adds the law to a diagnosis; its files by name."""
+    from massprops.diagnosis.discovery.sequence_law import files_of_law, law_of_sequence
+
+    progress("a law for what is left", 0, 1)
+    document["law"], files = files_of_law(law_of_sequence(sequence))
+    return files
+
+
 def write_found(
-    out: Path, found: Diagnosis | BalanceDiagnosis, inputs: Iterable[Path] = (), force: bool = False
+    out: Path,
+    found: Diagnosis | BalanceDiagnosis,
+    inputs: Iterable[Path] = (),
+    force: bool = False,
 ) -> Path:
     """The files of a diagnosis, all of them or none; see `files.write_diagnosis`."""
     from massprops.diagnosis.diagnose import contents_of

@@ -8,14 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from massprops.core.files import json_text, plain
+from massprops.core.inputs import key_of_source
 from massprops.core.outputs import deliver
-from massprops.diagnosis.search.diagnose import Diagnosis
+from massprops.diagnosis.search.result import Diagnosis
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
-from massprops.run.files import key_of_source
 
 
-def write_diagnosis(out: Path, d: Diagnosis, inputs: Iterable[Path] = (), force: bool = False) -> Path:
+def write_diagnosis(
+    out: Path,
+    d: Diagnosis,
+    inputs: Iterable[Path] = (),
+    force: bool = False,
+) -> Path:
     """Writes everything, all of it or nothing.
 
     Args:
@@ -37,7 +42,7 @@ def write_diagnosis(out: Path, d: Diagnosis, inputs: Iterable[Path] = (), force:
         "diagnosis.json": json_text(d.document),
         "report.html": page(d),
     }
-    return write_contents(out, contents, inputs, force)
+    return write_contents(out, {**contents, **d.law}, inputs, force)
 
 
 def write_contents(out: Path, contents: dict[str, str | bytes], inputs: Iterable[Path], force: bool) -> Path:

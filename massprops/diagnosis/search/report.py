@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.search.body_picture import body_picture
-from massprops.diagnosis.search.diagnose import Diagnosis
+from massprops.diagnosis.search.result import Diagnosis
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
 from massprops.report.html import number, plot, table, text

@@ -35,6 +35,7 @@ def displacement(t, p):
 
 
 MOMENTUM_UNKNOWNS = ("kick_x", "kick_y", "kick_z")
+MOMENTS = 60
 CONTACTS = ((0, 1), (2, 2), (4, 4), (7, 7), (8, 1), (32, 1))
 """Durations tried, in measurements, and into how many parts with a kick each they fall: a contact need not push evenly."""
 
@@ -57,8 +58,9 @@ def momentum_columns(t, R, w, held):
 
 
 def momentum_scan(t, w):
-    """Halfway between neighbouring measurements, where two stand on either side."""
-    return [{"time": float(0.5 * (a + b))} for a, b in zip(t[1:-2], t[2:-1], strict=True)]
+    """Halfway between neighbouring measurements, where two stand on either side; of many, as many as MOMENTS."""
+    every = [{"time": float(0.5 * (a + b))} for a, b in zip(t[1:-2], t[2:-1], strict=True)]
+    return every[:: max(1, len(every) // MOMENTS)]
 
 
 def momentum_variants(held, gap):

@@ -13,8 +13,8 @@ from massprops.capture.footage import FEWEST, Chosen, Judged, Source
 from massprops.capture.images import printable
 from massprops.capture.inputs import Input, open_inputs, same_cameras
 from massprops.capture.motion import Scene, camera_places, judge
+from massprops.core.inputs import read_image
 from massprops.errors import InputError
-from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ()

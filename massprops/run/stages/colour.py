@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.run.files import read_image
+from massprops.core.inputs import read_image
 from massprops.run.job import Job
 
 READS = ("capture", "join", "surface")

@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 
+from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
-from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ("capture", "silhouettes", "join")

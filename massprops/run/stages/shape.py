@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
+from massprops.core.inputs import read_image
 from massprops.errors import InputError, NotPossible
-from massprops.run.files import read_image
 from massprops.run.job import Job
 
 if TYPE_CHECKING:
@@ -69,7 +69,9 @@ def run(job: Job) -> dict:
     label = by_order(divided.label)
     placements, lost = _solved(job, views, sparse, label, pointed)
     if len(placements) > 1 and not given:
-        better = _relabelled(job, views, region, label, placements)
+        # the object's own features know better than what is hidden of a plain table
+        hidden = _relabelled(job, views, region, label, placements)
+        better = np.where(divided.label >= 0, divided.label, hidden)
         if not np.array_equal(better, label):
             label = better
             placements, lost = _solved(job, views, sparse, label, pointed)

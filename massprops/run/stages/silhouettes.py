@@ -10,8 +10,8 @@ import numpy as np
 from massprops.capture.before import hidden_share, something_before
 from massprops.capture.frame_edge import cut_off
 from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
+from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
-from massprops.run.files import read_image
 from massprops.run.job import Job
 
 READS = ("capture", "sfm", "shape")

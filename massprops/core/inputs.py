@@ -1,36 +1,13 @@
-"""Hashing of inputs, reading of images, and the lock of a run folder."""
+"""Hashing of inputs, and reading of what an earlier step wrote."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from massprops.core.files import (
-    copy_whole,
-    files_below,
-    hash_file,
-    hash_of,
-    plain,
-    replace_folder,
-    write_json,
-    write_whole,
-)
-from massprops.core.outputs import OWN, locked
+from massprops.core.files import files_below, hash_file, hash_of, plain
+from massprops.core.outputs import OWN
 from massprops.errors import InputError
-
-__all__ = [
-    "copy_whole",
-    "hash_input",
-    "hash_of",
-    "key_of_source",
-    "locked",
-    "plain",
-    "read_image",
-    "readable",
-    "replace_folder",
-    "write_json",
-    "write_whole",
-]
 
 
 def read_image(path: Path, kind: int = 1) -> Any:

@@ -1,0 +1,228 @@
+"""A law discovered in one record: its terms, its fit as an effect like any other, its figures, its effect file."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from massprops.diagnosis import criteria
+from massprops.diagnosis.conserved_start import Start
+from massprops.diagnosis.discovery.effect_source import effect_of, source_of
+from massprops.diagnosis.discovery.library import STEPS, Group, LibraryTerm, columns_of, library, own_frequencies
+from massprops.diagnosis.discovery.regression import Found, Regression, probabilities, regression_of, search
+from massprops.diagnosis.effect_columns import Term
+from massprops.diagnosis.held_out import held_out_rms
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.momentum_balance import Balance, torque_forcing
+from massprops.diagnosis.record import Record
+from massprops.diagnosis.selection import within_noise
+
+LIKELY = 0.75
+"""Probability of each of its terms from which a law is stated as one."""
+ROUNDS = 4
+"""Fits after which the library is looked through again; more than one only for the moments at which terms begin."""
+NEAR = 9
+"""Moments tried about such a one, from one neighbour to the next: four times as fine with each round."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """A law and what speaks for it.
+
+    Attributes:
+        terms: of the torque, with their probability (k,); effect: as an effect file holds it; source: that file.
+        alone: the joint refit of the whole record; beside: the same beside a latent torque; base, unknown: without it.
+    """
+
+    terms: tuple[LibraryTerm, ...]
+    probability: np.ndarray
+    effect: ModuleType
+    source: str
+    alone: HypothesisFit
+    beside: HypothesisFit
+    base: HypothesisFit
+    unknown: HypothesisFit
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence of the better of the two fits."""
+        return max(self.alone.evidence, self.beside.evidence)
+
+    @property
+    def doubt(self) -> str:
+        """Why the law is not to be stated; empty when it is."""
+        if self.evidence < self.base.evidence + criteria.BEATS_NOTHING:
+            return "a free rigid body explains the record as well"
+        if self.evidence < self.unknown.evidence + criteria.BEATS_UNKNOWN:
+            return "a torque that nothing is known of explains the record better"
+        if self.alone.record.stated and not within_noise(self.alone):
+            return f"it leaves {_rms(self.alone.residual):.2f} of the stated noise: something else acts too"
+        if self.probability.min() < LIKELY:
+            return "other terms explain the record nearly as well: it does not tell them apart"
+        return ""
+
+
+def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law | None:
+    """The law that the rows of a record ask for; None where they ask for none.
+
+    Args:
+        base: the plain rigid body's fit; unknown: with a latent torque.
+
+    Raises:
+        NotPossible: the refit leads nowhere.
+    """
+    times, span = record.times, record.path.span
+    known = set() if record.around is None else set(record.around.known)
+    frequencies = own_frequencies(times, record.path.w[record.rows.at])
+    grid = span / STEPS
+    steps = tuple(float(times[0] + grid * k) for k in range(1, STEPS))
+    at, law = unknown, None
+    for last in (False,) * ROUNDS + (True,):
+        groups = library(known, span, frequencies, steps)
+        terms = [term for group in groups for term in group.terms]
+        r = _regression(at, groups, terms)
+        models = search(r)
+        columns = models[0].columns
+        if not columns:
+            return None
+        found = tuple(terms[c] for c in columns)
+        used = _moments(steps, found)
+        if not last and (used or at is unknown):  # a fit, to look again along the path that it finds
+            at = _fitted(record, effect_of(source_of(found, [1e-4] * len(found))), unknown)
+            near = [float(s + grid * d) for s in used for d in np.linspace(-1.0, 1.0, NEAR)]
+            steps, grid = tuple(sorted({*steps, *near})), 2.0 * grid / (NEAR - 1)
+            continue
+        chance = probabilities(r, models, _alike(terms, columns, span / STEPS))
+        law = _refit(record, found, np.array([chance[c] for c in columns]), base, unknown)
+        break
+    return law
+
+
+def _regression(at: HypothesisFit, groups: list[Group], terms: list[LibraryTerm]) -> Regression:
+    """The rows of a record about one fit, with every term's columns."""
+    record = at.record
+    balance = Balance(
+        path=record.path, shape=at.shape, momentum=at.rate @ at.inertia, rate=at.rate, rows=record.rows
+    )  # fmt: skip
+    columns = balance.columns(torque_forcing(record.path, columns_of(terms, record.path, at.rate, record.sky)))
+    noise = np.resize(at.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
+    plain = [b for b in at.blocks if b.name in ("base", "gyroscope scale")]
+    fixed = np.concatenate([b.columns for b in plain], axis=1) / noise[:, None]
+    sd = np.concatenate([at.posterior.sd[b.name] for b in plain])
+    over = 1.0 / (np.repeat(record.rows.sigma, 3) * noise)
+    members, at_column = [], 0
+    for group in groups:
+        members.append(tuple(range(at_column, at_column + len(group.terms))))
+        at_column += len(group.terms)
+    return regression_of(
+        fixed, sd, columns.reshape(len(over), -1) * over[:, None], at.y / noise, record.noise_rows, tuple(members),
+        tuple(g.least for g in groups),
+    )  # fmt: skip
+
+
+def _refit(
+    record: Record, terms: tuple[LibraryTerm, ...], probability: np.ndarray, base: HypothesisFit, unknown: HypothesisFit
+) -> Law:
+    effect = effect_of(source_of(terms, [1e-4] * len(terms)))
+    alone = max((_fitted(record, effect, near) for near in (unknown, base)), key=lambda f: f.evidence)
+    beside = _fitted(record, effect, alone, latent=True)
+    values = alone.values[effect.NAME]
+    source = source_of(terms, [float(v) for v in values])
+    return Law(
+        terms=terms, probability=probability, effect=effect, source=source, alone=alone, beside=beside, base=base,
+        unknown=unknown,
+    )  # fmt: skip
+
+
+def _fitted(record: Record, effect: ModuleType, near: HypothesisFit, latent: bool = False) -> HypothesisFit:
+    """The joint fit of the whole record with a law's effect, begun from another fit's inertia."""
+    hypothesis = Hypothesis(terms=(Term(effect=effect),), latent=latent)
+    return fit_hypothesis(record, hypothesis, Start(inertia=near.inertia, left=1.0))
+
+
+def _moments(steps: tuple[float, ...], found: tuple[LibraryTerm, ...]) -> list[float]:
+    """Moments at which terms of a law begin."""
+    return [s for s in steps if any(f"t.real>{s:.6g})" in x for term in found for x in term.torque)]
+
+
+def _alike(terms: list[LibraryTerm], columns: tuple[int, ...], reach: float) -> dict[int, int]:
+    """Terms that begin within `reach` [s] of one of the law's, along the same axis, by that one's column."""
+    used = [(c, *found) for c in columns if (found := _moment_of(terms[c])) is not None]
+    out = {}
+    for k, term in enumerate(terms):
+        own = _moment_of(term)
+        near = [(abs(own[0] - t), c) for c, t, axis in used if own and own[1] == axis and abs(own[0] - t) < reach]
+        if near:
+            out[k] = min(near)[1]
+    return out
+
+
+def _moment_of(term: LibraryTerm) -> tuple[float, str] | None:
+    """When a term begins and along what; None for one that always acts."""
+    found = re.fullmatch(r"\(t>([0-9.e+-]+)\)( along .*)", term.label)
+    return (float(found[1]), found[2]) if found else None
+
+
+def document_of_law(law: Law | None) -> dict[str, Any]:
+    """`law` in `diagnosis.json`."""
+    if law is None:
+        return {"formula": None, "terms": [], "stated": False, "because": "the record asks for no term of the library"}
+    name = law.effect.NAME
+    values = law.alone.values[name]
+    sigma = np.sqrt(np.maximum(np.diag(law.alone.covariance[name]), 0.0))
+    held = {"before": held_out_rms(law.base), "after": held_out_rms(law.alone)}
+    return {
+        "formula": formula(law.terms, values),
+        "stated": not law.doubt,
+        "because": law.doubt or None,
+        "terms": [
+            {"term": t.label, "coefficient": float(v), "sigma": float(s), "unit": t.unit, "probability": float(p)}
+            for t, v, s, p in zip(law.terms, values, sigma, law.probability, strict=True)
+        ],
+        "evidence": law.evidence - law.base.evidence,
+        "evidence_against_unknown": law.evidence - law.unknown.evidence,
+        "fitted": {"before": _rms(law.base.residual), "after": _rms(law.alone.residual)},
+        "held_out": {k: v if np.isfinite(v) else None for k, v in held.items()},
+        "effect": "law.py",
+        "model": "law.yaml",
+    }
+
+
+def formula(terms: tuple[LibraryTerm, ...], values: np.ndarray) -> str:
+    """The torque over the mean moment, body axes, SI."""
+    return "torque = " + " ".join(
+        f"{'+' if v >= 0 else '-'} {abs(v):.4g} [{t.label}]" for t, v in zip(terms, values, strict=True)
+    ).removeprefix("+ ")
+
+
+def model_of_law(law: Law) -> dict[str, Any]:
+    """`law.yaml`: a model with the law's effect, which `--model` reads beside `--effect law.py`."""
+    name = law.effect.NAME
+    sigma = np.sqrt(np.maximum(np.diag(law.alone.covariance[name]), 0.0))
+    parameters = law.effect.PARAMETERS
+    values = law.alone.values[name]
+    return {
+        "format": "massprops-model/1",
+        "effects": [
+            {
+                "name": name,
+                "parameters": {q.name: float(v) for q, v in zip(parameters, values, strict=True)},
+                "units": {q.name: q.unit for q in parameters},
+                "sigma": {q.name: float(v) for q, v in zip(parameters, sigma, strict=True)},
+            }
+        ],
+        "inertia": law.alone.inertia.tolist(),
+        "angular_velocity_rad_s": law.alone.rate[0].tolist(),
+        "attitude": law.alone.record.path.q[0].tolist(),
+    }
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+__all__ = ["Found", "Law", "discover", "document_of_law", "formula", "model_of_law"]

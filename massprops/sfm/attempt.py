@@ -1,0 +1,305 @@
+"""Ways from footage to models: what features are found, which images are compared, and what counts as a match.
+
+The usual way costs least and suits textured objects. Where most features have twins in their own image, only those
+that have none are matched (`massprops.sfm.distinct`). Where too few images are placed, fainter features, looser
+matches and all pairs are tried: neighbouring views of a plain table share some dozens of features, which is enough
+when they agree on one geometry.
+"""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from massprops.core.parts import Parts
+from massprops.core.progress import Progress, silent
+from massprops.errors import NotPossible
+from massprops.sfm import pairs as pairing
+from massprops.sfm.convert import to_views
+from massprops.sfm.database import write_database
+from massprops.sfm.distinct import Described, describe, match_distinct, repeating
+from massprops.sfm.features import FeatureOptions, extract_all
+from massprops.sfm.footage import FootageRecord
+from massprops.sfm.mapping import MappingOptions, map_images, match, verify
+from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
+from massprops.sfm.steady import largest_jump
+
+ENOUGH = 0.9
+"""Share of the images placed from which on no other way is tried."""
+
+REPEATS = 0.5
+"""Share of features with a twin in their own image from which on a footage counts as one of a repeating pattern: 0.02 to
+0.33 on textured objects and rooms, 0.67 and 0.83 on a patterned table cloth."""
+
+LOOKED_AT = 12
+"""Images in which twins are looked for, before any are matched."""
+
+FEW = 2000
+"""Features per image, in the median, below which fainter ones may help: where there are more, texture is not what is
+missing."""
+
+Features = dict[str, tuple[np.ndarray, np.ndarray]]
+"""Keypoints (k, 4) and descriptors (k, 128) by image name."""
+
+Names = list[tuple[str, str]]
+Match = Callable[[Names], None]
+"""Matches and verifies the named pairs into the database."""
+
+
+@dataclass(frozen=True)
+class SfmOptions:
+    """Everything structure from motion can be told.
+
+    Attributes:
+        overlap: images that each image of a video is matched with, onwards in time.
+        distinct_overlap: as that, where a pattern repeats: further on its twins outnumber it.
+        loops: further images each image is matched with when they see the same side.
+        loop_angle_deg: widest angle between the directions of such a pair.
+        exhaustive_below: unordered images up to this number are matched all with all.
+        faint: features of the last way.
+        unlimited: features kept per image where a pattern repeats: what is unique may be faint beside it.
+        parts: keeps the features of each image as soon as they are found.
+    """
+
+    mapper: str = "incremental"
+    overlap: int = 8
+    distinct_overlap: int = 4
+    loops: int = 4
+    loop_angle_deg: float = 25.0
+    exhaustive_below: int = 60
+    guided: bool = False
+    features: FeatureOptions = field(default_factory=FeatureOptions)
+    faint: FeatureOptions = field(default_factory=lambda: FeatureOptions(most=8192, peak=0.0015))
+    unlimited: int = 20_000
+    refine: RefineOptions = field(default_factory=RefineOptions)
+    seed: int = 0
+    threads: int = 2
+    parts: Parts | None = None
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What a way came to.
+
+    Attributes:
+        database: COLMAP's, with every match.
+        mapping: how images were mapped.
+        models: the one with most images first; none where no pair of images begins one.
+        features: of every image.
+        match: of further pairs, the same way.
+        few: whether the images have few features, so that fainter ones may help.
+        special: whether it was not the usual way, so that matches are few and the model predicts the rest.
+        warnings: one line each.
+    """
+
+    database: Path
+    mapping: MappingOptions
+    models: list[pycolmap.Reconstruction]
+    features: Features
+    match: Match
+    few: bool
+    special: bool
+    warnings: list[str]
+
+    @property
+    def registered(self) -> int:
+        """Images of the largest model."""
+        return self.models[0].num_reg_images() if self.models else 0
+
+
+def may_distort(footage: FootageRecord) -> bool:
+    """Whether no camera's distortion was given."""
+    return all(c.distortion is None for c in footage.cameras)
+
+
+def mapping_options(footage: FootageRecord, options: SfmOptions, masked: bool) -> MappingOptions:
+    """Of the usual way."""
+    fixed = all(c.focal_px is not None and c.focal_source == "given" for c in footage.cameras)
+    return MappingOptions(
+        mapper=options.mapper,
+        fixed_intrinsics=fixed,
+        constant=frozenset(c.id + 1 for c in footage.cameras if c.focal_source == "given" and not fixed),
+        free_distortion=not masked and may_distort(footage),
+        masked=masked,
+        guided=options.guided,
+        seed=options.seed,
+        threads=options.threads,
+    )
+
+
+def attempt(
+    footage: FootageRecord,
+    work: Path,
+    options: SfmOptions,
+    masked: bool,
+    faint: bool = False,
+    progress: Progress = silent,
+) -> Attempt:
+    """One way, in the empty folder `work`.
+
+    Args:
+        masked: features of the silhouettes only.
+        faint: the last way, which costs most and accepts least.
+
+    Raises:
+        NotPossible: too little texture, or no pair of images to start from.
+    """
+    work.mkdir(parents=True, exist_ok=True)
+    wanted = options.faint if faint else options.features
+    features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
+    enough = sum(len(k) >= 30 for k, _ in features.values())
+    if enough < 3:
+        raise NotPossible(
+            f"only {enough} of {len(footage.frames)} images show enough texture to be matched; "
+            "use sharper, better lit images or a larger --max-size; where the object is plain, light it from the side, put "
+            "marks or powder on it, or give the poses of its images with --sparse"
+        )
+    repeats = repeating(_some(features)) > REPEATS
+    if repeats and wanted.most < options.unlimited:
+        wanted = replace(wanted, most=options.unlimited)
+        features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
+    special = faint or repeats
+    mapping = mapping_options(footage, options, masked)
+    if special:
+        # a geometry that three tenths of the matches share is found in 2800 trials
+        mapping = replace(mapping, least_inliers=12, least_matches=12, start_inliers=40, ratio=0.9, most_trials=3000)
+    database = work / "database.db"
+    ids = write_database(database, footage, features)
+    compare = _distinct(database, ids, features, mapping, progress) if repeats else _usual(database, mapping, progress)
+    names = [f.name for f in footage.frames if f.name in features]
+    descriptors = [features[n][1] for n in names]
+    first = _first_pairs(footage, names, descriptors, options, repeats, faint)
+    compare(first)
+    models: list[pycolmap.Reconstruction] = []
+    try:
+        models = mapped(database, footage, work / "models", mapping, len(names), progress)
+    except NotPossible:
+        if len(first) == len(names) * (len(names) - 1) // 2:
+            raise
+    few = not repeats and float(np.median([len(d) for d in descriptors])) < FEW
+    found = Attempt(database, mapping, models, features, compare, few, special, warnings)
+    if found.registered < ENOUGH * len(names) and not repeats:
+        more = pairing.similar(pairing.signatures(descriptors, options.seed), 2 * options.loops, 2)
+        new = _unseen([(names[i], names[j]) for i, j in more], first)
+        if new:
+            compare(new)
+            again = mapped(database, footage, work / "again", mapping, len(names), progress)
+            if _most(again) >= found.registered:
+                found = replace(found, models=again)
+    return found
+
+
+def _most(models: list[pycolmap.Reconstruction]) -> int:
+    return models[0].num_reg_images() if models else 0
+
+
+def _some(features: Features) -> list[Described]:
+    names = sorted(features)
+    return [describe(*features[n]) for n in names[:: max(1, len(names) // LOOKED_AT)]]
+
+
+def _usual(database: Path, mapping: MappingOptions, progress: Progress) -> Match:
+    return lambda pairs: match(database, pairs, mapping, progress)
+
+
+def _distinct(
+    database: Path, ids: dict[str, int], features: Features, mapping: MappingOptions, progress: Progress
+) -> Match:
+    described = {n: describe(*f) for n, f in features.items()}
+
+    def compare(pairs: Names) -> None:
+        found = {}
+        for done, (a, b) in enumerate(pairs):
+            found[a, b] = match_distinct(described[a], described[b])
+            progress(done + 1, len(pairs), "matching")
+        verify(database, ids, found, mapping)
+
+    return compare
+
+
+def mapped(
+    database: Path, footage: FootageRecord, out: Path, mapping: MappingOptions, total: int, progress: Progress
+) -> list[pycolmap.Reconstruction]:
+    """The models that place most images, each held by many points or, where that loses images, by fewer:
+    the two sides of a flat body hang together by the few points seen while it is edge-on. So few may be wrong, which
+    the motion shows.
+
+    Raises:
+        NotPossible: no pair of images to start from.
+    """
+    frames = footage.folder / "frames"
+    models = map_images(database, frames, out / "many", mapping, total, progress)
+    if _most(models) < ENOUGH * total:
+        fewer = replace(mapping, least_inliers=mapping.least_inliers // 2)
+        again = map_images(database, frames, out / "few", fewer, total, progress)
+        if _most(again) > _most(models) and steady(again[0], footage, mapping):
+            return again
+    return models
+
+
+def steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
+    """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
+    trial = pycolmap.Reconstruction(model)
+    given = mapping.fixed_intrinsics or bool(mapping.constant)
+    try:
+        loss = remove_outliers(trial, RefineOptions(given_focal=given), 2.0)
+    except NotPossible:
+        return False
+    adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
+    views, _ = to_views(trial)
+    first = footage.frames[0].name.split("/", 1)[0]
+    timed = all(f.timestamp_ns >= 0 for f in footage.frames)
+    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.name.startswith(f"{first}/")}
+    own = sorted((place[n], i) for i, n in enumerate(views.names) if n in place)
+    return largest_jump(views.R[[i for _, i in own]], np.array([k for k, _ in own])) < 1.0
+
+
+def _first_pairs(
+    footage: FootageRecord,
+    names: list[str],
+    descriptors: list[np.ndarray],
+    options: SfmOptions,
+    repeats: bool,
+    faint: bool,
+) -> Names:
+    n = len(names)
+    if footage.rig:
+        return _rig_pairs(footage, names, options)
+    if n <= (16 if footage.ordered and not faint else options.exhaustive_below):
+        index = pairing.exhaustive(n)
+    elif repeats:
+        index = pairing.near(n, options.distinct_overlap)
+    elif footage.ordered:
+        index = pairing.sequential(n, options.overlap)
+    else:
+        near = pairing.similar(pairing.signatures(descriptors, options.seed), 12, 1)
+        index = sorted(set(near) | set(pairing.sequential(n, 3)))
+    return [(names[i], names[j]) for i, j in index]
+
+
+def _rig_pairs(footage: FootageRecord, names: list[str], options: SfmOptions) -> Names:
+    by_camera = {
+        c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)] for c in footage.cameras
+    }
+    pairs = []
+    for own in by_camera.values():
+        pairs += [(own[i], own[j]) for i, j in pairing.sequential(len(own), max(4, options.overlap // 2))]
+    first = by_camera[footage.cameras[0].id]
+    for camera in footage.cameras[1:]:
+        tails = {n.split("/", 1)[1]: n for n in by_camera[camera.id]}
+        for i, name in enumerate(first):
+            for other in first[i : i + 3]:
+                partner = tails.get(other.split("/", 1)[1])
+                if partner:
+                    pairs.append((name, partner))
+    return pairs
+
+
+def _unseen(pairs: Names, old: Names) -> Names:
+    known = {tuple(sorted(p)) for p in old}
+    return [p for p in pairs if tuple(sorted(p)) not in known]

@@ -1,0 +1,154 @@
+"""Matches where a model predicts them: each feature has one place to be looked for in the next image.
+
+Where a pattern repeats, a feature's look does not say which of its twins it is; its place does, once poses are known
+roughly. The depth of a feature is that of the tracks beside it, so that its place in another image is known to some
+pixels, far less than the pattern's period.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.sfm.distinct import APART, angles
+from massprops.sfm.points import SparsePoints, project_camera
+from massprops.views import Views
+
+BESIDE = 5
+"""Tracks that give a feature's depth."""
+
+RATIO = 0.8
+"""Of the angle between matching descriptors to that of the next best within the gate."""
+
+WIDEST = 0.7
+"""Angle between descriptors above which nothing matches [rad]."""
+
+MOST_GATES = 4
+"""Features whose depth leaves more than this many gates open are not looked for."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """How far from its predicted place a feature is looked for, beside what its depth leaves open, and how far from the
+    epipolar line; in longer sides of the image."""
+
+    place: float
+    line: float
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Features of a placed image: places uv (k, 2), centres of pixels at whole numbers [px]; rays (k, 3) of unit depth
+    in camera axes; nearest and farthest depth (k, 2) of the tracks beside each, nan where there are none."""
+
+    uv: np.ndarray
+    ray: np.ndarray
+    depth: np.ndarray
+
+
+def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray) -> Placed:
+    """Rays and depths of the features uv (k, 2) of view i."""
+    import cv2
+    from scipy.spatial import cKDTree
+
+    K, D = views.K[i], views.distortion[i]
+    xy = cv2.undistortPoints(uv.astype(np.float64).reshape(-1, 1, 2), K, D).reshape(-1, 2) if len(uv) else uv
+    ray = np.column_stack([xy, np.ones(len(uv))])
+    own = points.obs_view == i
+    z = points.xyz[points.obs_point[own]] @ views.R[i][2] + views.t[i][2]
+    if own.sum() < BESIDE:
+        return Placed(uv, ray, np.full((len(uv), 2), np.nan))
+    _, near = cKDTree(points.obs_uv[own]).query(uv, k=BESIDE)
+    beside = np.sort(z[near], axis=1)
+    # without the two extremes, so that one wrong track, or one on another surface, opens no gate
+    return Placed(uv, ray, beside[:, [1, -2]])
+
+
+def match_placed(
+    views: Views, pair: tuple[int, int], placed: tuple[Placed, Placed], units: tuple[np.ndarray, np.ndarray], gate: Gate
+) -> np.ndarray:
+    """(m, 2) uint32: places of features of two views that match within each other's gates.
+
+    Args:
+        units: (k, 128) unit descriptors of either view.
+    """
+    first, rows = _best(views, pair, placed, units, gate)
+    second, back = _best(views, pair[::-1], placed[::-1], units[::-1], gate)
+    found = np.full(len(placed[1].uv), -1)
+    found[back] = second
+    mutual = found[first] == rows
+    return np.column_stack([rows[mutual], first[mutual]]).astype(np.uint32)
+
+
+def _best(
+    views: Views, pair: tuple[int, int], placed: tuple[Placed, Placed], units: tuple[np.ndarray, np.ndarray], gate: Gate
+) -> tuple[np.ndarray, np.ndarray]:
+    """The likest feature of the second view for features of the first that have one, and the numbers of these."""
+    (_, j), (a, b), (unit_a, unit_b) = pair, placed, units
+    rows, middle, reach = _predicted(views, pair, a, gate)
+    which, other = _within(b.uv, middle, reach)
+    side = float(views.size[j].max())
+    close = off_line(views, pair, a.ray[rows[which]], b.ray[other]) < gate.line * side
+    which, other = which[close], other[close]
+    if not len(which):
+        return other, which
+    angle = angles(np.einsum("kd,kd->k", unit_a[rows[which]], unit_b[other]))
+    order = np.lexsort((angle, which))
+    which, other, angle = which[order], other[order], angle[order]
+    begin = np.flatnonzero(np.r_[True, which[1:] != which[:-1]])
+    group = np.cumsum(np.r_[False, which[1:] != which[:-1]])
+    # the next best elsewhere: a place may hold several features
+    elsewhere = np.linalg.norm(b.uv[other] - b.uv[other[begin]][group], axis=1) > APART
+    second = np.full(len(begin), np.pi / 2)
+    np.minimum.at(second, group[elsewhere], angle[elsewhere])
+    good = (angle[begin] < WIDEST) & (angle[begin] < RATIO * second)
+    return other[begin][good], rows[which[begin][good]]
+
+
+def _predicted(views: Views, pair: tuple[int, int], a: Placed, gate: Gate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Features of the first view that may be seen in the second, where (k, 2), and within what radius (k,) [px]."""
+    i, j = pair
+    K, D = views.K[j][None], views.distortion[j][None]
+    R = views.R[j] @ views.R[i].T
+    t = views.t[j] - R @ views.t[i]
+    radius = gate.place * float(views.size[j].max())
+    with np.errstate(all="ignore"):
+        ends = [(a.ray * a.depth[:, k : k + 1]) @ R.T + t for k in (0, 1)]
+        near, far = (project_camera(K, D, c) for c in ends)
+        seen = (ends[0][:, 2] > 0) & (ends[1][:, 2] > 0) & np.isfinite(near).all(1) & np.isfinite(far).all(1)
+        middle, reach = 0.5 * (near + far), radius + 0.5 * np.linalg.norm(far - near, axis=1)
+        inside = (middle > -radius).all(1) & (middle < views.size[j] + radius).all(1)
+        rows = np.flatnonzero(seen & inside & (reach < MOST_GATES * radius))
+    return rows, middle[rows], reach[rows]
+
+
+def _within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (number of a middle, number of a place uv) that are within reach."""
+    from scipy.spatial import cKDTree
+
+    if not len(middle) or not len(uv):
+        return np.zeros(0, int), np.zeros(0, int)
+    found = cKDTree(uv).query_ball_point(middle, reach)
+    which = np.repeat(np.arange(len(middle)), [len(c) for c in found])
+    return which, np.concatenate([np.asarray(c, int) for c in found])
+
+
+def off_line(views: Views, pair: tuple[int, int], ray: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(k,) Sampson distance of rays (k, 3) of two views from their epipolar geometry [px] (Hartley and Zisserman 2004,
+    eq. 11.9)."""
+    i, j = pair
+    R = views.R[j] @ views.R[i].T
+    t = views.t[j] - R @ views.t[i]
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    F = np.linalg.inv(views.K[j]).T @ cross @ R @ np.linalg.inv(views.K[i])
+    x, y = ray @ views.K[i].T, other @ views.K[j].T
+    Fx, Fy = x @ F.T, y @ F
+    size = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
+    return np.abs(np.einsum("ki,ki->k", y, Fx)) / np.maximum(size, 1e-300)
+
+
+def joined(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Matches (m, 2) of both, those of the first where a feature would be matched twice."""
+    fresh = ~np.isin(second[:, 0], first[:, 0]) & ~np.isin(second[:, 1], first[:, 1])
+    return np.concatenate([first, second[fresh]])

@@ -1,0 +1,207 @@
+"""Free bodies with something hidden, moved by Basilisk's physics, and a record of their attitudes with noise.
+
+No equation of `massprops.dynamics` has a part in the motion. Inertial axes are Basilisk's; the chaser's axes are theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
+from massprops.sequence.data import AttitudeSeries, Environment, Orbit, Sequence
+
+STEP_S = 0.5
+MU, RADIUS = 3.986004415e14, 6.9e6
+AU = 149597870700.0
+SUN = np.array([0.48, -0.6, 0.64])
+SIGMA = np.radians(0.05)
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) and attitudes (n, 4), body to inertial, of a body with one of `KINDS` acting."""
+    from Basilisk.simulation import spacecraft
+    from Basilisk.utilities import SimulationBaseClass
+
+    rng = np.random.default_rng([seed, 77])
+    world = SimulationBaseClass.SimBaseClass()
+    process = world.CreateNewProcess("p")
+    process.addTask(world.CreateNewTask("t", _nanoseconds(STEP_S)))
+    hub = spacecraft.Spacecraft()
+    hub.ModelTag = "body"
+    x = rng.standard_normal((3, 3))
+    turn = np.linalg.qr(x)[0]
+    second = rng.uniform(4.0, 16.0, 3)
+    inertia = turn @ np.diag(second.sum() - second) @ turn.T
+    hub.hub.mHub = 80.0
+    hub.hub.IHubPntBc_B = inertia.tolist()
+    sigma = rng.uniform(-0.4, 0.4, 3)
+    w = rng.standard_normal(3)
+    w *= np.radians(rng.uniform(1.0, 3.0)) / np.linalg.norm(w)
+    hub.hub.r_CN_NInit = [[RADIUS], [0.0], [0.0]]
+    hub.hub.v_CN_NInit = [[0.0], [np.sqrt(MU / RADIUS)], [0.0]]
+    hub.hub.sigma_BNInit = [[v] for v in sigma]
+    hub.hub.omega_BN_BInit = [[v] for v in w]
+    world.AddModelToTask("t", hub)
+    kept = KINDS[kind](world, hub, rng, inertia, w)
+    recorder = hub.scStateOutMsg.recorder(_nanoseconds(period))
+    world.AddModelToTask("t", recorder)
+    world.InitializeSimulation()
+    for until, act in sorted(kept.get("acts", []), key=lambda a: a[0]):
+        world.ConfigureStopTime(_nanoseconds(until))
+        world.ExecuteSimulation()
+        act()
+    world.ConfigureStopTime(_nanoseconds(seconds))
+    world.ExecuteSimulation()
+    return np.array(recorder.times()) * 1e-9, _quaternions(np.array(recorder.sigma_BN))
+
+
+def _quaternions(sigma: np.ndarray) -> np.ndarray:
+    """(n, 4) body to inertial of modified Rodrigues parameters (n, 3) of the body against inertial axes."""
+    square = np.sum(sigma**2, axis=1, keepdims=True)
+    return normalise(np.concatenate([(1 - square) / (1 + square), 2 * sigma / (1 + square)], axis=1))
+
+
+def _nothing(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    return {}
+
+
+def _planet(world: Any, hub: Any) -> Any:
+    from Basilisk.utilities import simIncludeGravBody
+
+    factory = simIncludeGravBody.gravBodyFactory()
+    earth = factory.createEarth()
+    earth.isCentralBody = True
+    factory.addBodiesTo(hub)
+    return factory
+
+
+def _gravity(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    from Basilisk.simulation import GravityGradientEffector
+
+    factory = _planet(world, hub)
+    effector = GravityGradientEffector.GravityGradientEffector()
+    effector.addPlanetName("earth_planet_data")
+    hub.addDynamicEffector(effector)
+    world.AddModelToTask("t", effector)
+    return {"kept": (factory, effector)}
+
+
+def _sunlight(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """A box with a wing: absorption, specular and diffuse reflection on every lit face."""
+    from Basilisk.architecture import messaging
+    from Basilisk.simulation import facetSRPDynamicEffector
+
+    effector = facetSRPDynamicEffector.FacetSRPDynamicEffector()
+    shift = rng.uniform(-0.25, 0.25, 3)
+    faces = [
+        (s * np.eye(3)[k], 1.5, 0.2 + 0.3 * rng.random(), 0.3, s * 0.6 * np.eye(3)[k])
+        for k in range(3)
+        for s in (1, -1)
+    ]
+    wing = np.array([0.3, -0.2, 0.93])
+    wing /= np.linalg.norm(wing)
+    faces += [(s * wing, 6.0, 0.2, 0.1, np.array([0.2, 1.6, 0.1])) for s in (1, -1)]
+    effector.setNumFacets(len(faces))
+    for normal, area, specular, diffuse, place in faces:
+        effector.addFacet(
+            area, np.eye(3).tolist(), normal.tolist(), [0, 0, 1], (place + shift).tolist(), diffuse, specular
+        )
+    sun = messaging.SpicePlanetStateMsgPayload()
+    sun.PositionVector = (AU * SUN / np.linalg.norm(SUN)).tolist()
+    message = messaging.SpicePlanetStateMsg().write(sun)
+    effector.sunInMsg.subscribeTo(message)
+    hub.addDynamicEffector(effector)
+    world.AddModelToTask("t", effector)
+    return {"kept": (effector, message)}
+
+
+def _pushed(hub: Any, world: Any, torque: np.ndarray) -> Any:
+    from Basilisk.simulation import extForceTorque
+
+    effector = extForceTorque.ExtForceTorque()
+    effector.extTorquePntB_B = [[v] for v in torque]
+    hub.addDynamicEffector(effector)
+    world.AddModelToTask("t", effector)
+    return effector
+
+
+def _leak(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    way = rng.standard_normal(3)
+    return {"kept": _pushed(hub, world, 8e-5 * way / np.linalg.norm(way) * np.linalg.norm(inertia @ w) / 0.5)}
+
+
+def _firing(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    effector = _pushed(hub, world, np.zeros(3))
+    way = rng.standard_normal(3)
+    torque = 0.15 * np.linalg.norm(inertia @ w) / FIRING_S * way / np.linalg.norm(way)
+    begins = 2.0 * round(rng.uniform(150.0, 350.0))
+
+    def set_to(value: np.ndarray) -> Callable[[], None]:
+        def act() -> None:
+            effector.extTorquePntB_B = [[v] for v in value]
+
+        return act
+
+    return {"kept": effector, "acts": [(begins, set_to(torque)), (begins + FIRING_S, set_to(np.zeros(3)))]}
+
+
+FIRING_S = 15.0
+
+
+def _wheel(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """A reaction wheel at a speed of its own, which a motor changes evenly for a third of the record."""
+    from Basilisk.architecture import messaging
+    from Basilisk.simulation import reactionWheelStateEffector
+    from Basilisk.utilities import simIncludeRW
+
+    factory = simIncludeRW.rwFactory()
+    axis = rng.standard_normal(3)
+    axis /= np.linalg.norm(axis)
+    size = 0.15 * np.linalg.norm(inertia @ w)
+    speed = 100.0
+    factory.create("custom", axis.tolist(), Omega=speed * 60 / (2 * np.pi), Js=size / speed, Jt=0.5 * size / speed, Jg=0.5 * size / speed,
+                   Omega_max=1e5, u_max=1.0, useRWfriction=False)  # fmt: skip
+    effector = reactionWheelStateEffector.ReactionWheelStateEffector()
+    factory.addToSpacecraft("wheels", effector, hub)
+    command = messaging.ArrayMotorTorqueMsgPayload()
+    command.motorTorque = [0.0] * 36
+    message = messaging.ArrayMotorTorqueMsg().write(command)
+    effector.rwMotorCmdInMsg.subscribeTo(message)
+    world.AddModelToTask("t", effector)
+
+    def torque(value: float) -> Callable[[], None]:
+        def act() -> None:
+            new = messaging.ArrayMotorTorqueMsgPayload()
+            new.motorTorque = [value] + [0.0] * 35
+            message.write(new, world.TotalSim.CurrentNanos)
+
+        return act
+
+    return {"kept": (factory, effector, message), "acts": [(300.0, torque(1.5 * size / 300.0)), (600.0, torque(0.0))]}
+
+
+KINDS: dict[str, Callable[..., dict]] = {
+    "none": _nothing, "gravity-gradient-torque": _gravity, "sunlight": _sunlight, "constant-body-torque": _leak,
+    "impulse": _firing, "internal-rotor": _wheel,
+}  # fmt: skip
+
+
+def recorded(kind: str, seed: int, sigma: float = SIGMA, seconds: float = 900.0, period: float = 2.0) -> Sequence:
+    """Attitudes with noise, and what a caller knows of the surroundings: never what acts."""
+    times, q = moved(kind, seed, seconds, period)
+    rng = np.random.default_rng([seed, 78])
+    noisy = normalise(multiply(q, from_rotation_vector(sigma * rng.standard_normal((len(q), 3)))))
+    # the orbit lies in the x-y plane, the body begins on +x
+    orbit = Orbit(MU, RADIUS, 0.0, 0.0)
+    around = Environment(
+        orbit=orbit, sun_direction=SUN / np.linalg.norm(SUN), magnetic_field_T=np.array([2e-5, -1e-5, 3e-5])
+    )
+    series = AttitudeSeries(np.round(times * 1e9).astype(np.int64), noisy, np.full(len(times), sigma))
+    return Sequence(attitude=series, environment=around)

@@ -1,0 +1,88 @@
+"""Repeating patterns: only what is unique is matched, and the model predicts where the twins belong."""
+
+import numpy as np
+import pytest
+import scene
+
+from massprops.sfm.distinct import describe, match_distinct, repeating, unit
+from massprops.sfm.guided import Gate, match_placed, place
+from massprops.sfm.points import project
+
+
+def words(count, rng, spread=12):
+    """Descriptors (count, 128) that are nearly orthogonal to each other."""
+    out = np.zeros((count, 128))
+    for row in out:
+        row[rng.permutation(128)[:spread]] = 148.0
+    return out
+
+
+def noisy(rows, rng, sigma=6.0):
+    return np.clip(rows + rng.normal(0, sigma, rows.shape), 0, 255).astype(np.uint8)
+
+
+def test_only_what_has_no_twin_is_matched():
+    rng = np.random.default_rng(0)
+    unique, cell = words(30, rng), words(4, rng)
+    look = np.concatenate([unique, np.tile(cell, (20, 1))])
+    xy = rng.uniform(0, 640, (len(look), 2))
+    a, b = (describe(xy, noisy(look, rng)) for _ in range(2))
+    assert repeating([a, b]) == pytest.approx(80 / 110, abs=0.03)
+    found = match_distinct(a, b)
+    np.testing.assert_array_equal(found[:, 0], found[:, 1])
+    assert 25 <= len(found) <= 30 and found.max() < 30
+
+
+def test_two_directions_of_one_place_are_no_twins():
+    rng = np.random.default_rng(1)
+    look = words(10, rng)
+    xy = rng.uniform(0, 640, (10, 2))
+    both = describe(np.concatenate([xy, xy + 0.1]), noisy(np.concatenate([look, look]), rng))
+    assert repeating([both]) == 0.0
+
+
+def test_images_without_features_match_nothing():
+    rng = np.random.default_rng(2)
+    none = describe(np.zeros((0, 4)), np.zeros((0, 128), np.uint8))
+    some = describe(rng.uniform(0, 640, (5, 4)), noisy(words(5, rng), rng))
+    assert match_distinct(none, some).shape == match_distinct(some, none).shape == (0, 2)
+    assert repeating([none]) == 1.0 or repeating([none]) == 0.0
+
+
+def test_twins_are_told_apart_by_their_predicted_place():
+    rng = np.random.default_rng(3)
+    views, points = scene.make(3, 300, noise=0.3, seed=3)
+    look = words(5, rng)[np.arange(300) % 5]  # sixty twins of each
+    tracks = points.observed(np.isin(points.obs_point, np.arange(0, 300, 3)))
+    at = [points.obs_uv[points.obs_view == i] for i in (0, 1)]
+    units = [unit(noisy(look, rng)) for _ in (0, 1)]
+    # poses a little off, as of a model that drifted
+    views.t[1] += [0.02, -0.01, 0.05]
+    placed = [place(views, tracks, i, at[i]) for i in (0, 1)]
+    found = match_placed(views, (0, 1), tuple(placed), tuple(units), Gate(0.022, 0.022))
+    right = found[:, 0] == found[:, 1]
+    assert len(found) > 60 and right.mean() > 0.9
+    # by look alone one in sixty would be right
+    blind = (units[0] @ units[1].T).argmax(1) == np.arange(300)
+    assert blind.mean() < 0.2
+
+
+def test_without_tracks_nothing_is_predicted():
+    views, points = scene.make(3, 20)
+    uv = points.obs_uv[points.obs_view == 0]
+    nothing = points.observed(np.zeros(len(points.obs_view), bool))
+    both = place(views, nothing, 0, uv), place(views, nothing, 1, uv)
+    assert np.isnan(both[0].depth).all()
+    rows = unit(noisy(words(len(uv), np.random.default_rng(0)), np.random.default_rng(1)))
+    assert len(match_placed(views, (0, 1), both, (rows, rows), Gate(0.02, 0.02))) == 0
+
+
+def test_a_feature_lies_on_its_ray():
+    views, points = scene.make(3, 50, k1=0.05)
+    own = points.obs_view == 1
+    placed = place(views, points, 1, points.obs_uv[own])
+    depth = points.xyz[points.obs_point[own]] @ views.R[1][2] + views.t[1][2]
+    world = (placed.ray * depth[:, None] - views.t[1]) @ views.R[1]
+    again = project(*(np.repeat(a[1:2], 50, 0) for a in (views.K, views.distortion, views.R, views.t)), world)
+    np.testing.assert_allclose(again, points.obs_uv[own], atol=1e-3)
+    assert (placed.depth[:, 0] <= placed.depth[:, 1]).all()
