@@ -409,7 +409,7 @@ def _what_failed(name: str, said: Mapping[str, Any], code: int | None, log: Path
     if "exit_code" in said:
         return int(said["exit_code"]), str(said["error"])
     if "error" in said:
-        return 3, f"stage {name} failed: {said['error']}{address_space_hint()} (details in {log})"
+        return 3, f"stage {name} failed: {str(said['error']).rstrip('.')}{address_space_hint()} (details in {log})"
     what = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
     hint = "; most often too little memory: fewer --frames or a smaller --max-size" if code == -signal.SIGKILL else ""
     return 3, f"stage {name} died with {what}{hint or address_space_hint()} (details in {log})"
