@@ -86,7 +86,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     base, unknown = without_effects(record)
     if unknown is base:
         return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
-    usable, skipped = _usable(record)
+    usable, skipped = usable_effects(record)
     tried = []
     for k, effect in enumerate(usable):
         watch(f"balance of momentum: {effect.NAME}", k, len(usable))
@@ -134,7 +134,8 @@ def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> Hypoth
     return max(fits, key=lambda f: f.evidence) if fits else fit_hypothesis(record, hypothesis, BALL)
 
 
-def _usable(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
+def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
+    """The effects that the balance can hold with what is known about the record, and why others are left out."""
     known = set() if record.around is None else set(record.around.known)
     usable, skipped = [], {}
     for effect in in_balance():
