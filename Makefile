@@ -3,6 +3,8 @@
 # make bench  prints the benchmarks (slow)
 # make test-other-machine  passes the numerical tests as a plainer processor would compute them
 # make test-without-pycolmap  passes the tests of all but `reconstruct`, for Linux on arm64
+# make docs   builds the documentation into build/docs, with every link checked
+# make gallery  runs the scripts of the gallery and makes their pictures; SHORT=1 runs a short form and keeps nothing
 # make fuzz   gives mutated files to every reader (slow); what it finds goes into tests/fuzz/corpus
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 \
@@ -11,7 +13,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 THREADS := OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
-.PHONY: demo test test-other-machine test-without-pycolmap bench fuzz lint install clean
+.PHONY: demo test test-other-machine test-without-pycolmap bench fuzz lint docs gallery install clean
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or later with venv found; type: sudo apt-get install python3.11 python3.11-venv"; exit 2; }
@@ -48,7 +50,7 @@ test-other-machine: $(VENV)/.installed-dev
 	$(THREADS) $(OTHER_MACHINE) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
 
 # What is tested where pycolmap cannot be installed (Linux on arm64).
-WITHOUT_PYCOLMAP := tests/campaign tests/core tests/crosscheck tests/diagnose tests/diagnosis tests/documents \
+WITHOUT_PYCOLMAP := tests/api tests/campaign tests/core tests/crosscheck tests/diagnose tests/diagnosis tests/docs tests/documents \
 	tests/dynamics tests/estimators tests/exchange tests/mass tests/packaging tests/sequence tests/simulate tests/surface
 
 test-without-pycolmap: $(VENV)/.installed-dev
@@ -56,6 +58,16 @@ test-without-pycolmap: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed-dev
 	$(THREADS) $(BIN)/python -m pytest -q -s -m bench
+
+$(VENV)/.installed-docs: pyproject.toml setup.py | $(BIN)/python
+	$(BIN)/python -m pip install --quiet -e ".[docs]"
+	@touch $@ $(VENV)/.installed
+
+docs: $(VENV)/.installed-docs
+	$(THREADS) $(BIN)/mkdocs build --quiet
+
+gallery: $(VENV)/.installed-docs
+	SHORT=$(SHORT) $(THREADS) $(BIN)/python docs/gallery $(ONLY)
 
 fuzz: $(VENV)/.installed-dev
 	$(THREADS) nice -n 10 $(BIN)/python -m tests.fuzz --inputs 20000

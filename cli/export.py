@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from massprops import export
-from massprops_cli.options import Force, argument, defaults, given, option
-from massprops_cli.terminal import say, warn
+from massprops_cli.options import Force, argument, defaults, option
+from massprops_cli.terminal import say, warn, warn_of_density
 
 D = defaults(export)
 
@@ -31,5 +31,6 @@ def command(
 
     from massprops.exchange.export import export
 
-    path = export(source, to, out, mass=mass, warn=warn, force=force, **given(density=density))
+    warn_of_density(density is None and mass is None and source.is_file())
+    path = export(source, to, out, density, mass, warn, force)
     say(json.dumps({"file": str(path), "format": to}) if json_output else f"{to}: {path}")

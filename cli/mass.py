@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from massprops import mass_properties
-from massprops_cli.options import Force, argument, defaults, given, option
-from massprops_cli.terminal import say, warn
+from massprops_cli.options import Force, argument, defaults, option
+from massprops_cli.terminal import say, warn, warn_of_density
 
 D = defaults(mass_properties)
 
@@ -34,9 +34,10 @@ def command(
     from massprops.run.from_mesh import mass
     from massprops_cli.table import mass_table
 
-    run = mass(mesh, out, scale=scale, scale_sigma=scale_sigma, force=force, **given(density=density))
+    run = mass(mesh, out, density, scale, scale_sigma, force)
     for warning in run.warnings:
         warn(warning)
+    warn_of_density(run.density_assumed)
     say(json.dumps(run.properties) if json_output else mass_table(run.properties))
     if not json_output:
         say(f"report: {run.folder / 'report.html'}")

@@ -27,18 +27,13 @@ def option(verb: Callable[..., Any], name: str, *flags: str, **more: Any) -> Any
 
 def argument(verb: Callable[..., Any], name: str, metavar: str) -> Any:
     """The argument of the function's parameter `name`."""
-    return typer.Argument(metavar=metavar, help=help_of(verb, name).split(" Or ")[0])
+    return typer.Argument(metavar=metavar, help=help_of(verb, name))
 
 
 def help_of(verb: Callable[..., Any], name: str) -> str:
-    """What the docstring's Args say of a parameter, as a sentence."""
+    """What the docstring's Args say of a parameter, as a sentence; what holds "In Python" is left out."""
     args = inspect.getdoc(verb).partition("\nArgs:\n")[2].partition("\n\n")[0]  # type: ignore[union-attr]
     found = re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", args, re.M)
     assert found is not None, f"{verb.__name__}: its docstring does not explain {name}"
-    text = " ".join(found[1].split())
+    text = " ".join(found[1].split()).partition(" In Python")[0]
     return text[:1].upper() + text[1:]
-
-
-def given(**options: Any) -> dict[str, Any]:
-    """The options that were given: those that are not None."""
-    return {name: value for name, value in options.items() if value is not None}

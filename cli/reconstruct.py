@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from massprops import reconstruct
-from massprops_cli.options import Force, Quiet, argument, defaults, given, option
-from massprops_cli.terminal import say, tell, warn
+from massprops_cli.options import Force, Quiet, argument, defaults, option
+from massprops_cli.terminal import say, tell, warn, warn_of_density
 
 D = defaults(reconstruct)
 
@@ -75,7 +75,7 @@ def command(
             mapper=mapper,
             sparse=str(sparse) if sparse else None,
             dense_views=dense_views,
-            **given(density=density),
+            density=density,
             scale=scale,
             scale_sigma=scale_sigma,
             distance=distance,
@@ -88,6 +88,7 @@ def command(
     if run.exit_code:
         tell(f"massprops: {' '.join(run.reason.split())}")
     if (run.folder / "massprops.json").is_file() and "mass" in run.stages and run.stages["mass"]["status"] == "done":
+        warn_of_density(run.density_assumed and run.metric)
         if json_output:
             say(json.dumps(run.properties))
         else:

@@ -20,3 +20,9 @@ def warn(text: str) -> None:
 def tell(text: str) -> None:
     """A line for the user, on stderr."""
     print(clean(text), file=sys.stderr, flush=True)
+
+
+def warn_of_density(assumed: bool) -> None:
+    """That nobody gave the density, where nobody did: mass and moments follow it."""
+    if assumed:
+        warn("no --density given: 1000 kg/m^3, as water, is assumed, and mass and moments with it")

@@ -19,8 +19,8 @@ KNOWN_NEEDS = (
     "orbit", "sun direction", "magnetic field", "assumed inertia", "camera", "tracks", "stereo", "range",
 )  # fmt: skip
 """Words of `NEEDS`."""
-KINDS = ("number", "time", "span", "duration", "pace")
-GIVEN = ("span", "duration")
+KINDS = ("number", "time", "span", "duration", "direction", "pace")
+GIVEN = ("span", "duration", "direction")
 """Kinds that a fit takes as they are."""
 MOST_PARAMETERS = 100
 EPOCHS = 5
@@ -37,7 +37,8 @@ class Parameter:
         size: what is common, in that unit; scales the search.
         limit: largest plausible magnitude; None for no limit. least: smallest plausible value; None for none.
         kind: `number`; `time` for the moment of an event [s since the first timestamp]; `span` for the length of the
-            record [s] and `duration` for that of an event [s], which are given, not found; `pace` for a number that
+            record [s] and `duration` for that of an event [s], `direction` for a part
+            of a direction in body axes, which are given, not found; `pace` for a number that
             means nothing while the effect has no size.
         form: 0 always found; 1 only where the simpler form of the effect leaves something over.
     """
@@ -186,8 +187,8 @@ def _columns(effect: ModuleType) -> str:
         except Exception as error:  # noqa: BLE001  a user's own code
             return f"momentum_columns() fails: {first_line(error)}"
         wanted = (EPOCHS, 3, len(names))
-        if not isinstance(parts, dict) or not parts or not set(parts) <= {"torque", "momentum", "internal"}:
-            return "momentum_columns() must give a dictionary with torque, momentum or internal"
+        if not isinstance(parts, dict) or not parts or not set(parts) <= {"torque", "momentum", "internal", "rate"}:
+            return "momentum_columns() must give a dictionary with torque, momentum, internal or rate"
         if not all(_is_columns(v, len(names)) for v in parts.values()):
             return f"momentum_columns() must give arrays of {wanted} for {EPOCHS} times"
     if callable(getattr(effect, "starts", None)):

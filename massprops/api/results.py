@@ -31,6 +31,10 @@ class Kept:
         self.spare = None if folder is not None else tempfile.TemporaryDirectory(prefix="massprops-")
         self.folder = Path(self.spare.name if self.spare is not None else folder or "")
 
+    def facts(self) -> dict[str, str]:
+        """The folder, where it is the caller's own."""
+        return {"folder": str(self.folder)} if self.spare is None else {}
+
 
 class _Reported(Shown):
     """A result whose page is written when it is first asked for, where no folder was given."""
@@ -237,7 +241,7 @@ class Campaign(Shown):
             "name": self.table["name"],
             "runs": str(self.table["done"]),
             "failed": str(self.table["failed"]),
-            "folder": str(self.folder),
+            **self.kept.facts(),
         }
 
 
@@ -288,4 +292,4 @@ class Simulation(Shown, os.PathLike):
         """How long, what, where."""
         truth = self.truth
         length = f"{len(truth.timestamp_ns)} epochs"
-        return {"length": length, "folder": str(self.folder)}
+        return {"length": length, **self.kept.facts()}

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from massprops.exchange.compare import Comparison
     from massprops.run.masks import Sheet
     from massprops.run.reconstruct import Run
+    from massprops.sequence import Environment
     from massprops.sequence import Sequence as Recording
 
     Place = str | PathLike[str]
@@ -60,7 +61,7 @@ def reconstruct(
     mapper: str = _Options.mapper,
     sparse: Place | None = _Options.sparse,
     dense_views: int = _Options.dense_views,
-    density: float | None = None,
+    density: float | None = _Options.density,
     scale: float | None = _Options.scale,
     scale_sigma: float = _Options.scale_sigma,
     distance: tuple[str, str, float] | None = _Options.distance,
@@ -75,7 +76,7 @@ def reconstruct(
 
     Args:
         source: video, folder of images, or sequence folder; several: placements of one object, turned over between.
-            Or frames in memory: (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
+            In Python also: frames in memory, (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
         out: run folder; the same command continues an interrupted run.
         motion: how it was filmed: auto, tumbling (body moves, camera still) or static (camera moves).
         masks: silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.
@@ -127,6 +128,7 @@ def reconstruct(
         "mapper": mapper,
         "sparse": None if sparse is None else str(sparse),
         "dense_views": dense_views,
+        "density": density,
         "scale": scale,
         "scale_sigma": scale_sigma,
         "distance": distance,
@@ -134,8 +136,6 @@ def reconstruct(
         "seed": seed,
         "threads": threads,
     }
-    if density is not None:
-        options["density"] = density
     kept = Kept(_path(out))
     watch = None if progress is None else lambda stage, number, count, done, total, what: progress(stage, done, total)
     with footage(source, rate_hz) as given:
@@ -156,7 +156,8 @@ def mass_properties(
     """Volume, centre of mass and inertia of a finished mesh.
 
     Args:
-        mesh: closed mesh: STL, OBJ, PLY, GLB or OFF, or a `trimesh.Trimesh`. Small defects are repaired with a warning.
+        mesh: closed mesh: STL, OBJ, PLY, GLB or OFF. Small defects are repaired with a warning. In Python also: a
+            `trimesh.Trimesh`.
         out: run folder, with the same report and exports as a reconstruction.
         density: constant density [kg/m^3]; not given: 1000, as water, and said so.
         scale: metres per unit of the file; 0.001 for millimetres.
@@ -178,11 +179,10 @@ def mass_properties(
     from massprops.api.sources import mesh_file
     from massprops.run import from_mesh
 
-    chosen: dict[str, Any] = {} if density is None else {"density": density}
     with mesh_file(mesh) as file:
         if out is not None:
-            return from_mesh.mass(file, Path(out), scale=scale, scale_sigma=scale_sigma, force=force, **chosen)
-        solid, document = from_mesh.measure(file, scale=scale, scale_sigma=scale_sigma, **chosen)
+            return from_mesh.mass(file, Path(out), density, scale, scale_sigma, force)
+        solid, document = from_mesh.measure(file, density, scale, scale_sigma)
         return Solid(solid, document)
 
 
@@ -217,7 +217,7 @@ def estimate(
     """Motion and inertia ratios of a recording by several estimators.
 
     Args:
-        source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
+        source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for estimates.json, CSVs and report.html.
         method: estimator, may be several: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, momentum-ls, principal-axis-ekf;
             or all, which is the default.
@@ -295,6 +295,7 @@ def diagnose(
     out: Place | None = None,
     *,
     discover: bool = False,
+    simulator: str | None = None,
     effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
@@ -302,9 +303,10 @@ def diagnose(
     """Find where a free rigid body's motion and the measurements disagree, and name the missing effect.
 
     Args:
-        source: sequence folder, run folder, or what `sequence_from_arrays` made of your own arrays.
+        source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
         discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
+        simulator: your own simulator, 'module:function' or 'FILE.py:function', fitted to the record as a black box.
         effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each step.
@@ -328,7 +330,12 @@ def diagnose(
     inputs = [given] if isinstance(given, Path) else []
     with with_effects(_paths(effect)):
         found = search(
-            given, _path(out), **({} if progress is None else {"progress": progress}), force=force, discover=discover
+            given,
+            _path(out),
+            **({} if progress is None else {"progress": progress}),
+            force=force,
+            discover=discover,
+            simulator=simulator,
         )
     folder = _path(out)
     return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))
@@ -346,8 +353,8 @@ def compare(
     """Align with a CAD mesh, then measure surface distances and the errors of every mass property.
 
     Args:
-        source: run folder, mesh file, or a `trimesh.Trimesh` in metres.
-        cad: closed mesh: STL, OBJ, PLY, GLB or OFF, or a `trimesh.Trimesh`.
+        source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh`.
+        cad: closed mesh: STL, OBJ, PLY, GLB or OFF. In Python also: a `trimesh.Trimesh`.
         out: folder for compare.json and the coloured mesh; a run's report shows them.
         free_scale: fit the scale too; default: when the run has none.
         cad_unit: unit of the CAD file: m, cm, mm, in, or auto.
@@ -381,9 +388,9 @@ def export(
     """Write mass properties for a filter or a simulator.
 
     Args:
-        source: run folder, mesh file in metres, or a `trimesh.Trimesh` in metres.
+        source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh` in metres.
         to: format: filter, urdf, mjcf, sdf, basilisk, csv or json.
-        out: file to write; default: in the run, or beside the mesh file, by its name. A mesh in memory needs it.
+        out: file to write; default: in the run, or beside the mesh file, by its name. In Python a mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.
         force: replace files that this command did not write; never an input.
@@ -403,9 +410,8 @@ def export(
 
     if out is None and not isinstance(as_path(source), Path):
         raise InputError("export of a mesh in memory: give out, the file to write")
-    chosen: dict[str, Any] = {} if density is None else {"density": density}
     with mesh_file(source) as file:
-        return write(file, to, _path(out), mass=mass, force=force, **chosen)
+        return write(file, to, _path(out), density, mass, force=force)
 
 
 def simulate(
@@ -530,7 +536,7 @@ def campaign(
     """Run a grid or a random draw of seeded runs into a store that survives, then a table and a report.
 
     Args:
-        configuration: YAML file: kind, parameters, grid, runs. Or its content.
+        configuration: YAML file: kind, parameters, grid, runs. In Python also: its content.
         out: campaign folder; the same command continues a stopped one.
         scheduler: Dask scheduler, as tcp://HOST:8786; default: this machine.
         workers: processes on this machine; default: one per core.
@@ -604,6 +610,7 @@ def sequence_from_arrays(
     rate_sigma: float | None = None,
     ranges: np.ndarray | None = None,
     range_sigma: float | None = None,
+    environment: Environment | None = None,
     out: Place | None = None,
 ) -> Recording:
     """A sequence for `estimate` and `diagnose` from arrays; n epochs, m points.
@@ -623,6 +630,8 @@ def sequence_from_arrays(
         rate_sigma: its 1-sigma [rad/s].
         ranges: (n,) distance from the camera to the centre of mass [m].
         range_sigma: its 1-sigma [m].
+        environment: orbit, Sun and magnetic field, as `massprops.sequence.Environment`; not given: the camera moves
+            without turning and without acceleration.
         out: a folder to write it into, for the command line; nothing is written when None.
 
     Raises:
@@ -652,6 +661,7 @@ def sequence_from_arrays(
         rate_sigma=rate_sigma,
         ranges=ranges,
         range_sigma=range_sigma,
+        environment=environment,
         out=_path(out),
     )
 

@@ -1,9 +1,10 @@
 """What an effect of the catalogue adds to the balance of momentum, as columns that its unknowns multiply.
 
 An effect whose torque is linear in its parameters needs nothing more than its `torque`: its columns are the torques of
-unit parameters. Others have the hook
+unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for any values of the others, which
+`momentum_scan` tries. Others have the hook
 
-- `momentum_columns(t, R, w, held)`: `torque` (n, 3, k) or `internal` (n, 3, k) in body axes, or `momentum` (n, 3, k) or
+- `momentum_columns(t, R, w, held)`: `torque`, `internal` or `rate` (n, 3, k) in body axes, or `momentum` (n, 3, k) or
   a list of k columns (n, 3) in inertial axes, by name, for unknowns that enter linearly with the parameters in `held` as they are; R (n, 3, 3)
   body to inertial, w (n, 3) body rates;
 - `MOMENTUM_UNKNOWNS`: names of the parameters that the columns belong to;
@@ -64,7 +65,12 @@ class Term:
 
 def in_balance() -> list[ModuleType]:
     """The effects of the catalogue that the balance can hold."""
-    return [m for m in effects().values() if changes_motion(m) and (hasattr(m, "momentum_columns") or is_linear(m))]
+    return [m for m in effects().values() if changes_motion(m) and _has_columns(m)]
+
+
+def _has_columns(effect: ModuleType) -> bool:
+    scanned = hasattr(effect, "torque") and hasattr(effect, "momentum_scan")
+    return hasattr(effect, "momentum_columns") or scanned or is_linear(effect)
 
 
 def is_linear(effect: ModuleType) -> bool:
@@ -112,9 +118,9 @@ def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarr
     sky = Sky((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) if sky is None else sky
     n, six = len(path.t), six_of(inertia)
     q = tuple(path.q.T)
-    columns = []
-    for k in range(len(effect.PARAMETERS)):
-        p = [1.0 if i == k else 0.0 for i in range(len(effect.PARAMETERS))]
+    columns, held = [], dict(term.held)
+    for unknown in term.unknowns:
+        p = [1.0 if q.name == unknown else held.get(q.name, 0.0) for q in effect.PARAMETERS]
         parts = effect.torque(path.t, q, tuple(rate.T), p, six, sky)
         columns.append(np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=1))
     return torque_forcing(path, np.stack(columns, axis=2))

@@ -236,7 +236,7 @@ def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balan
 
 def _size(forcing: Forcing, speed: float) -> float:
     """Where the search for an effect's size begins: a twentieth of the body's momentum."""
-    part = forcing.momentum if forcing.momentum is not None else forcing.internal
+    part = forcing.part
     assert part is not None
     return 0.05 * speed / max(float(np.sqrt(np.mean(part**2))), 1e-300)
 

@@ -98,16 +98,22 @@ class Forcing:
 
     Attributes:
         momentum: (n, 3, k) added to the momentum, inertial axes, or None; internal: (n, 3, k) momentum inside the body
-            against it, body axes, or None; both over the mean moment [rad/s].
+            against it, body axes, or None; both over the mean moment [rad/s]. rate: (n, 3, k) turning that no momentum
+            stands behind, body axes [rad/s], or None.
     """
 
     momentum: np.ndarray | None = None
     internal: np.ndarray | None = None
+    rate: np.ndarray | None = None
+
+    @property
+    def part(self) -> np.ndarray | None:
+        """The first of the three that is there."""
+        return next((p for p in (self.momentum, self.internal, self.rate) if p is not None), None)
 
     @property
     def count(self) -> int:
-        part = self.momentum if self.momentum is not None else self.internal
-        return 0 if part is None else part.shape[2]
+        return 0 if self.part is None else self.part.shape[2]
 
 
 def torque_forcing(path: MotionPath, torque: np.ndarray) -> Forcing:
@@ -189,7 +195,8 @@ class Balance:
             total += np.swapaxes(self.path.R, 1, 2) @ forcing.momentum
         if forcing.internal is not None:
             total -= forcing.internal
-        return np.asarray(np.linalg.inv(self.inertia) @ total)
+        out = np.linalg.inv(self.inertia) @ total
+        return np.asarray(out if forcing.rate is None else out + forcing.rate)
 
     def response(self, rate: np.ndarray) -> np.ndarray:
         """(m, 3, k) rows of a change of the rate (n, 3, k)."""

@@ -80,7 +80,7 @@ def joined(forcings: list[Forcing]) -> Forcing | None:
             [np.zeros((*shape, f.count)) if p is None else p for f, p in zip(forcings, parts, strict=True)], axis=2
         )
 
-    return Forcing(momentum=side("momentum"), internal=side("internal"))
+    return Forcing(momentum=side("momentum"), internal=side("internal"), rate=side("rate"))
 
 
 def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -> Screened:

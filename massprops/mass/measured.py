@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from massprops.core.shown import Shown, number
+from massprops.mass.recommended import as_recommended
 
 if TYPE_CHECKING:
     import numpy as np
@@ -69,12 +70,12 @@ class Measured(Shown):
     @property
     def k1(self) -> float:
         """ln(I1/I2), free of scale and density."""
-        return float(self._ratio("k1"))
+        return self._ratio("k1")
 
     @property
     def k2(self) -> float:
         """ln(I2/I3), free of scale and density."""
-        return float(self._ratio("k2"))
+        return self._ratio("k2")
 
     @property
     def interval(self) -> dict[str, np.ndarray]:
@@ -106,8 +107,7 @@ class Measured(Shown):
         return shown
 
     def _value(self, name: str) -> Any:
-        recommended = self.properties.get("recommended") or {}
-        return recommended[name] if name in recommended else self.properties.get(name)
+        return as_recommended(self.properties).get(name)
 
     def _array(self, name: str) -> np.ndarray:
         import numpy as np
@@ -115,5 +115,4 @@ class Measured(Shown):
         return np.array(self._value(name), float)
 
     def _ratio(self, name: str) -> float:
-        recommended = self.properties.get("recommended") or {}
-        return float(recommended.get(name, self.properties["inertia_ratios"][name]))
+        return float(self._value("inertia_ratios")[name])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.core.outputs import Outputs
-from massprops.report.meshes import Shape, read_compared, read_shape
+from massprops.report.meshes import Shape, lighten, read_compared, read_shape
 
 READ = (
     *("massprops.json", "mesh.ply", "report.json", "crosscheck.json", "compare.json", "compare.ply"),
@@ -31,8 +31,9 @@ class RunData:
         crosscheck, comparison: their JSON files where they exist, else {}.
         facts: per stage, its small JSON document.
         shape: the mesh, reduced for the page, or None.
-        compared: the mesh in the CAD's axes with its distances, or None.
+        compared: the mesh in the CAD's axes with its distances, or None; None too where `shape` has the distances.
         views: registered cameras in SfM units, or None.
+        points: sparse points with their observations (`massprops.sfm.points`), SfM units, or None.
         factor: final units per SfM unit.
         changed: files and folders that are not what was written there; they are left out.
     """
@@ -47,6 +48,7 @@ class RunData:
     shape: Shape | None = None
     compared: Shape | None = None
     views: Any = None
+    points: Any = None
     factor: float = 1.0
     changed: tuple[str, ...] = ()
 
@@ -86,6 +88,17 @@ def read_json(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
+def _read_points(folder: Path, views: Any) -> Any:
+    from massprops.sfm.points import SparsePoints
+
+    try:
+        points = SparsePoints.load(folder / "work" / "sfm" / "points.npz")
+        fits = views is not None and int(points.obs_view.max()) < len(views)
+        return points if fits and int(points.obs_point.max()) < len(points.xyz) else None
+    except (OSError, ValueError, KeyError):
+        return None
+
+
 def read_run(folder: Path) -> RunData:
     """Reads everything the page shows."""
     import yaml
@@ -118,6 +131,8 @@ def read_run(folder: Path) -> RunData:
         views = None if "work/sfm" in changed else Views.load(folder / "work" / "sfm" / "views.npz")
     except (OSError, ValueError, KeyError):
         views = None
+    compared = None if "compare.ply" in changed else read_compared(folder)
+    shape = None if {"mesh.ply", "work/surface"} & set(changed) else read_shape(folder, factor, compared)
     return RunData(
         folder=folder,
         document=known("massprops.json"),
@@ -126,9 +141,10 @@ def read_run(folder: Path) -> RunData:
         crosscheck=known("crosscheck.json"),
         comparison=known("compare.json"),
         facts=facts,
-        shape=None if {"mesh.ply", "work/surface"} & set(changed) else read_shape(folder, factor),
-        compared=None if "compare.ply" in changed else read_compared(folder),
+        shape=shape,
+        compared=None if compared is None or (shape is not None and shape.distance is not None) else lighten(compared),
         views=views,
+        points=None if "work/sfm" in changed else _read_points(folder, views),
         factor=factor,
         changed=changed,
     )

@@ -14,8 +14,16 @@ def text(value: object) -> str:
     return html.escape(str(value))
 
 
-def table(rows: Iterable[Sequence[object]], head: Sequence[object] = (), numeric: Sequence[int] | None = None) -> str:
-    """A table of plain or `Safe` cells; columns in `numeric` are set right, all but the first when None."""
+def table(
+    rows: Iterable[Sequence[object]],
+    head: Sequence[object] = (),
+    numeric: Sequence[int] | None = None,
+    label: str = "table",
+) -> str:
+    """A table of plain or `Safe` cells; columns in `numeric` are set right, all but the first when None.
+
+    On a narrow screen a wide one is moved sideways, also by the keyboard; label: what it is, for those who listen.
+    """
 
     def line(cells: Sequence[object], tag: str) -> str:
         parts = []
@@ -26,7 +34,7 @@ def table(rows: Iterable[Sequence[object]], head: Sequence[object] = (), numeric
         return f"<tr>{''.join(parts)}</tr>"
 
     top = f"<thead>{line(head, 'th')}</thead>" if head else ""
-    return f'<div class="scroll"><table>{top}<tbody>{"".join(line(r, "td") for r in rows)}</tbody></table></div>'
+    return f'<div class="scroll" tabindex="0" role="group" aria-label="{text(label)}"><table>{top}<tbody>{"".join(line(r, "td") for r in rows)}</tbody></table></div>'
 
 
 class Safe:
@@ -65,6 +73,11 @@ def round_marks(low: float, high: float) -> list[float]:
     step = power * next(m for m in (1, 2, 5, 10) if m * power >= 0.8 * rough)
     marks = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
     return [float(m * step) for m in marks]
+
+
+def mark(value: float) -> str:
+    """A round number at an axis, without zeros that say nothing."""
+    return number(value, 4) if abs(value) >= 1e4 or 0 < abs(value) < 1e-3 else f"{value:.6g}".replace("-", "−")
 
 
 def swatch(colour: str, name: str) -> str:
@@ -118,10 +131,10 @@ def plot(
     for tick in round_marks(y0, y1):
         up = float(py(np.array(tick)))
         parts.append(f'<line class="grid" x1="{left}" x2="{width - right}" y1="{up:.1f}" y2="{up:.1f}"/>')
-        parts.append(f'<text x="{left - 6}" y="{up + 4:.1f}" text-anchor="end">{number(tick, 3)}</text>')
+        parts.append(f'<text x="{left - 6}" y="{up + 4:.1f}" text-anchor="end">{mark(tick)}</text>')
     for tick in round_marks(x0, x1):
         along = float(px(np.array(tick)))
-        parts.append(f'<text x="{along:.1f}" y="{height - bottom + 16}" text-anchor="middle">{number(tick, 4)}</text>')
+        parts.append(f'<text x="{along:.1f}" y="{height - bottom + 16}" text-anchor="middle">{mark(tick)}</text>')
     for x, low, high in bands:
         upper = [f"{a:.1f},{b:.1f}" for a, b in zip(px(x), py(high), strict=True)]
         lower = [f"{a:.1f},{b:.1f}" for a, b in zip(px(x)[::-1], py(low)[::-1], strict=True)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,13 +35,19 @@ class Shape:
     rgb: np.ndarray | None = None
 
 
-def read_shape(folder: Path, factor: float) -> Shape | None:
-    """The run's mesh with its measured faces; of a run that stopped before publishing, the surface stage's."""
+def read_shape(folder: Path, factor: float, compared: Shape | None = None) -> Shape | None:
+    """The run's mesh with its measured faces; of a run that stopped before publishing, the surface stage's.
+
+    Args:
+        folder: the run; factor: final units per unit of the structure from motion.
+        compared: of `read_compared`, whose distances are taken where it is the same mesh.
+    """
     path = folder / "mesh.ply"
     if path.is_file():
         shape = _read_ply(path)
         if shape is not None:
-            return lighten(shape)
+            same = compared is not None and np.array_equal(compared.faces, shape.faces)
+            return lighten(replace(shape, distance=compared.distance) if same and compared is not None else shape)
     path = folder / "work" / "surface" / "surface.npz"
     if path.is_file():
         with open_arrays(path) as z:
@@ -50,10 +56,10 @@ def read_shape(folder: Path, factor: float) -> Shape | None:
 
 
 def read_compared(folder: Path) -> Shape | None:
-    """The mesh of `compare.ply` with its signed distances, or None."""
+    """The mesh of `compare.ply` with its signed distances, whole, or None."""
     path = folder / "compare.ply"
     shape = _read_ply(path) if path.is_file() else None
-    return None if shape is None or shape.distance is None else lighten(shape, MOST_FACES // 2)
+    return None if shape is None or shape.distance is None else shape
 
 
 def _read_ply(path: Path) -> Shape | None:

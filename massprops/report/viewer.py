@@ -4,84 +4,150 @@ from __future__ import annotations
 
 import json
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
-from massprops.report.html import packed
+from massprops.report.html import packed, swatch, text
+from massprops.report.meshes import Shape
+from massprops.report.scene import Scene, packed_scene
 
 MARK = 'class="viewer"'
+MODES = {"colour": "colour", "measured": "measured", "deviation": "deviation from CAD", "images": "images"}
+"""What a mesh can be coloured by, and the name of the button."""
+MOST_IMAGES = 12
+"""Images at which the colour of `images` is full."""
 
 
 def viewer(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    observed: np.ndarray | None = None,
-    distance: np.ndarray | None = None,
+    shape: Shape,
     centre: np.ndarray | None = None,
     axes: np.ndarray | None = None,
-    cameras: np.ndarray | None = None,
     others: np.ndarray | None = None,
-    inferred: np.ndarray | None = None,
-    rgb: np.ndarray | None = None,
+    scene: Scene | None = None,
+    limit: float | None = None,
 ) -> str:
     """HTML of one viewer; the page adds `script()` once.
 
     Args:
-        vertices: (v, 3) any unit; kept to 1/32767 of the body's reach.
-        faces: (f, 3).
-        observed: (f,) bool; faces that were filled in are red.
-        distance: (v,) -1 (inside, blue) to 1 (outside, red), in place of `observed`.
+        shape: the mesh; its vertices are kept to 1/32767 of the body's reach.
         centre: (3,) centre of mass.
         axes: (3, 3) principal axes as columns, drawn through the centre.
-        cameras: (n, 3) camera centres, drawn on request.
-        inferred: (f,) bool; faces that were closed at the plane of support are blue, not red.
-        rgb: (v, 3) uint8 photographs' colours, shown on request in place of where each face comes from.
         others: (3, 3) principal axes by another source as columns, drawn thinner and longer.
+        scene: cameras, cloud, film.
+        limit: distance to the CAD [m] of the full colours; None leaves that colouring out.
     """
-    middle = 0.5 * (vertices.min(0) + vertices.max(0))
-    size = float(np.linalg.norm(vertices - middle, axis=1).max()) or 1.0
-    wide = len(vertices) > 65535
-    places = np.zeros((0, 3)) if cameras is None else (cameras - middle) / size
-    closed = np.zeros(len(faces), bool) if inferred is None else inferred
-    filled = np.zeros(len(faces), bool) if observed is None else ~observed & ~closed
-    has_filled, has_closed = bool(filled.any()), bool(closed.any())
+    scene = Scene() if scene is None else scene
+    middle = 0.5 * (shape.vertices.min(0) + shape.vertices.max(0))
+    size = float(np.linalg.norm(shape.vertices - middle, axis=1).max()) or 1.0
     content = {
-        "vertices": packed(np.round((vertices - middle) / size * 32767).astype("<i2")),
-        "faces": packed(faces.astype("<u4" if wide else "<u2")),
-        "wide": wide,
-        "filled": packed(np.packbits(filled, bitorder="little")) if has_filled else None,
-        "inferred": packed(np.packbits(closed, bitorder="little")) if has_closed else None,
-        "rgb": None if rgb is None else packed(np.asarray(rgb, np.uint8)),
-        "distance": None
-        if distance is None
-        else packed(np.round(np.clip(np.nan_to_num(distance), -1, 1) * 127).astype(np.int8)),
+        **_mesh(shape, middle, size, limit),
+        **packed_scene(scene, middle, size),
+        "mostImages": MOST_IMAGES,
         "centre": None if centre is None else np.round((np.asarray(centre) - middle) / size, 5).tolist(),
         "axes": [] if axes is None or centre is None else np.round(np.asarray(axes).T, 6).tolist(),
         "others": [] if others is None or centre is None else np.round(np.asarray(others).T, 6).tolist(),
-        "cameras": np.round(places, 4).tolist(),
-        "reach": max(1.5, float(np.linalg.norm(places, axis=1).max()) * 1.02) if len(places) else 1.5,
     }
-    boxes = [("filled", "filled parts in red", True)] if has_filled else []
-    if has_closed:
-        boxes = [("filled", "filled parts in red, inferred in blue", True)]
-    boxes += [("photo", "colours of the photographs", False)] if rgb is not None else []
-    boxes += [("axes", "principal axes, centre of mass", True)] if content["axes"] else []
-    boxes += [("cameras", "camera path", False)] if len(places) else []
-    switches = "".join(
-        f'<label><input type="checkbox" data-show="{key}"{" checked" if on else ""} autocomplete="off">{name}</label>'
-        for key, name, on in boxes
-    )
-    views = "".join(
-        f'<button type="button" data-view="{key}">{name}</button>'
-        for key, name in (("reset", "start"), ("front", "along +y"), ("side", "along −x"), ("top", "along −z"))
-    )
+    content["reach"] = 1.5
+    if len(scene.frusta):
+        content["reach"] = max(1.5, 1.02 * float(np.linalg.norm(scene.frusta - middle, axis=2).max()) / size)
+    modes = _modes(shape, scene, limit)
     return (
-        f'<div {MARK}><div class="stage"><canvas tabindex="0" role="img" aria-label="the mesh in 3D; arrow keys turn it">'
-        '</canvas><p class="note" hidden>This browser shows no 3D: WebGL is off.</p>'
+        f'<div {MARK}><div class="stage"><canvas tabindex="0" role="img" aria-label="the mesh in 3D: arrow keys turn it, '
+        'with Shift they move it, plus and minus come closer and go away"></canvas>'
+        '<img class="film" alt="the frame of the footage at this time" hidden>'
+        '<p class="note" hidden>This browser shows no 3D: WebGL is off.</p>'
         "<noscript>Scripts are off: the mesh cannot be shown.</noscript></div>"
-        f'<div class="controls">{views}{switches}</div>'
+        f"{_controls(content, modes)}{_keys(shape, modes, limit, bool(content['axes']))}"
         f'<script type="application/json">{json.dumps(content, allow_nan=False)}</script></div>'
     )
+
+
+def _mesh(shape: Shape, middle: np.ndarray, size: float, limit: float | None) -> dict[str, Any]:
+    wide = len(shape.vertices) > 65535
+    closed = np.zeros(len(shape.faces), bool) if shape.inferred is None else shape.inferred
+    filled = ~shape.observed & ~closed
+    distance = None
+    if shape.distance is not None and limit:
+        share = np.clip(np.nan_to_num(shape.distance) / limit, -1, 1)
+        distance = packed(np.round(share * 127).astype(np.int8))
+    return {
+        "vertices": packed(np.round((shape.vertices - middle) / size * 32767).astype("<i2")),
+        "faces": packed(shape.faces.astype("<u4" if wide else "<u2")),
+        "wide": wide,
+        "filled": packed(np.packbits(filled, bitorder="little")) if filled.any() else None,
+        "inferred": packed(np.packbits(closed, bitorder="little")) if closed.any() else None,
+        "rgb": None if shape.rgb is None else packed(np.asarray(shape.rgb, np.uint8)),
+        "distance": distance,
+    }
+
+
+def _modes(shape: Shape, scene: Scene, limit: float | None) -> list[str]:
+    """Colourings that there is data for, the one to begin with first."""
+    there = {
+        "colour": shape.rgb is not None,
+        "measured": True,
+        "deviation": shape.distance is not None and bool(limit),
+        "images": scene.seen_in is not None,
+    }
+    return [mode for mode in MODES if there[mode]]
+
+
+def _controls(content: dict[str, Any], modes: list[str]) -> str:
+    def buttons(kind: str, names: dict[str, str], pressed: str = "") -> str:
+        state = {k: f' aria-pressed="{"true" if k == pressed else "false"}"' if pressed else "" for k in names}
+        return "".join(f'<button type="button" data-{kind}="{k}"{state[k]}>{v}</button>' for k, v in names.items())
+
+    parts = []
+    if len(modes) > 1:
+        shown = buttons("mode", {m: MODES[m] for m in modes}, modes[0])
+        parts.append(f'<div class="group" role="group" aria-label="coloured by">{shown}</div>')
+    views = {"reset": "start", "front": "along +y", "side": "along −x", "top": "along −z"}
+    parts.append(f'<div class="group" role="group" aria-label="looking">{buttons("view", views)}</div>')
+    boxes = [("axes", "principal axes, centre of mass", True)] if content["axes"] else []
+    boxes += [("cameras", "cameras", False)] if content["frusta"] else []
+    boxes += [("cloud", "measured points", False)] if content["points"] else []
+    parts += [
+        f'<label><input type="checkbox" data-show="{key}"{" checked" if on else ""} autocomplete="off">{name}</label>'
+        for key, name, on in boxes
+    ]
+    film = ""
+    if content["film"]:
+        film = (
+            '<div class="controls clock"><button type="button" data-play aria-pressed="false">play the motion</button>'
+            f'<input type="range" min="0" max="{len(content["film"]) - 1}" value="0" step="1" autocomplete="off" '
+            'aria-label="time of the footage"><output>–</output></div>'
+        )
+    return f'<div class="controls">{"".join(parts)}</div>{film}'
+
+
+def _keys(shape: Shape, modes: list[str], limit: float | None, axes: bool) -> str:
+    """A legend for each colouring; the script shows the one in use."""
+    said = {"colour": [], "measured": [swatch("#bdc4cc", "measured")], "deviation": [], "images": []}
+    inferred = shape.inferred if shape.inferred is not None else np.zeros(len(shape.faces), bool)
+    if not (shape.observed | inferred).all():
+        said["measured"].append(swatch("#db332a", "filled in, not measured"))
+    if inferred.any():
+        said["measured"].append(swatch("#0a84e3", "inferred: closed at the plane it stood on"))
+    if limit:
+        end = f"{1000 * limit:g} mm" if limit < 1 else f"{limit:g} m"
+        named = (
+            ("#2350aa", f"{end} or more inside the CAD"),
+            ("#f5f5f5", "on it"),
+            ("#be1e2d", f"{end} or more outside"),
+        )
+        said["deviation"] = [swatch(colour, name) for colour, name in named]
+    named = (("#db332a", "measured in no image"), ("#fbe7b2", "in few"), ("#14688c", f"in {MOST_IMAGES} or more"))
+    said["images"] = [swatch(colour, name) for colour, name in named]
+    parts = []
+    for mode in modes:
+        hidden = "" if mode == modes[0] else " hidden"
+        if said[mode]:
+            parts.append(f'<p class="soft keys" data-keys="{text(mode)}"{hidden}>{"".join(said[mode])}</p>')
+    if axes:
+        named = (("#f27326", "axis of I1"), ("#40b359", "I2"), ("#4d8cfa", "I3"), ("#fac72e", "centre of mass"))
+        parts.append(f'<p class="soft keys">{"".join(swatch(colour, name) for colour, name in named)}</p>')
+    return "".join(parts)
 
 
 def script() -> str:

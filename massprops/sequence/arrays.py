@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.errors import InputError
-from massprops.sequence.data import AttitudeSeries, Camera, RangeSeries, RateSeries, Sequence, Tracks
+from massprops.sequence.data import AttitudeSeries, Camera, Environment, RangeSeries, RateSeries, Sequence, Tracks
 from massprops.sequence.write import write_sequence
 
 
@@ -27,6 +27,7 @@ def sequence_from_arrays(
     rate_sigma: float | None = None,
     ranges: np.ndarray | None = None,
     range_sigma: float | None = None,
+    environment: Environment | None = None,
     out: str | Path | None = None,
 ) -> Sequence:
     """See `massprops.sequence_from_arrays`, which says what each argument is."""
@@ -55,6 +56,7 @@ def sequence_from_arrays(
         range=None if ranges is None else RangeSeries(stamp, _shaped("ranges", ranges, (n,)), range_sigma),
         rates=None if rates is None else RateSeries(stamp, _shaped("rates", rates, (n, 3)), rate_sigma),
         attitude=None if attitude is None else _attitudes(stamp, attitude, attitude_sigma),
+        environment=environment or Environment(),
     )
     if out is not None:
         write_sequence(out, sequence)

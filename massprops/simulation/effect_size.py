@@ -88,6 +88,8 @@ def sized(
                 values.append(when)
             elif q.kind == "span":
                 values.append(span)
+            elif q.kind == "direction":
+                values.append(v)
             elif q.kind == "duration":
                 values.append(0.0)
             elif q.kind == "pace":

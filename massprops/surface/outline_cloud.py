@@ -114,3 +114,37 @@ def _facing(xyz: np.ndarray, normal: np.ndarray, centres: np.ndarray) -> np.ndar
         along = np.einsum("nvi,ni->nv", sight, normal[part]) / np.linalg.norm(sight, axis=2)
         out[part] = np.argpartition(-along, FACING - 1, axis=1)[:, :FACING]
     return out
+
+
+def ball_of_outlines(views: Views, masks: list[np.ndarray]) -> tuple[np.ndarray, float]:
+    """Middle (3,) and radius of a ball that holds a body, from its silhouettes alone.
+
+    The middle lies nearest, by least squares, to the rays through the middles of the silhouettes; the radius is the
+    farthest pixel's distance from it in the views, but for the widest tenth of them.
+
+    Args:
+        masks: n undistorted silhouettes (h, w), 255 object.
+
+    Raises:
+        NotPossible: fewer than three silhouettes, or rays that do not meet before the cameras.
+    """
+    shown = [i for i, m in enumerate(masks) if (m == 255).any()]
+    if len(shown) < 3:
+        raise NotPossible(f"surface: {len(shown)} silhouettes are too few to say where the body is; give --masks")
+    places = [np.argwhere(masks[i] == 255)[:, ::-1].astype(float) for i in shown]
+    part = views.take(np.array(shown))
+    ray = np.stack([np.linalg.solve(K, [*p.mean(0), 1.0]) for K, p in zip(part.K, places, strict=True)])
+    ray = np.einsum("nji,nj->ni", part.R, ray)
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
+    if np.linalg.cond(across.sum(0)) > 1e6:
+        raise NotPossible("surface: the images look at the body from one side only, which bounds no body")
+    middle = np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, part.centres))
+    depth = np.einsum("nij,j->ni", part.R, middle) + part.t
+    if np.mean(depth[:, 2] > 0) < 0.9:
+        raise NotPossible("surface: the body lies behind the given cameras; are the poses world to camera?")
+    reach = []
+    for K, c, p in zip(part.K, depth, places, strict=True):
+        pixel = (K @ c)[:2] / c[2]
+        reach.append(float(np.linalg.norm(p - pixel, axis=1).max() / K[0, 0] * c[2]))
+    return middle, float(np.quantile(reach, 0.9))

@@ -68,8 +68,7 @@ def test_options_of_reconstruct_are_those_of_the_run() -> None:
     for name, field in ReconstructOptions.__dataclass_fields__.items():
         if name not in ("source", "more"):
             assert name in parameters, name
-            if name != "density":  # None there: not given
-                assert parameters[name].default == field.default
+            assert parameters[name].default == field.default
 
 
 def test_the_examples_in_the_documentation_hold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

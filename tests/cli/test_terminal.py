@@ -55,7 +55,7 @@ def test_strange_terminals(tmp_path: Path, terminal: dict[str, str]) -> None:
     trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
     code = "from massprops_cli.main import main; main()"
     done = subprocess.run(
-        [sys.executable, "-P", "-c", code, "mass", "box.stl", "-o", "run", "--scale-sigma", "0.01"],
+        [sys.executable, "-P", "-c", code, "mass", "box.stl", "-o", "run", "--scale-sigma", "0.01", "--density", "2700"],
         capture_output=True, cwd=tmp_path, env={**os.environ, **terminal}, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 0 and b"volume" in done.stdout and done.stderr == b""

@@ -11,12 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from fake_run import HOSTILE, add_crosscheck, make_run, spacecraft
+from fake_run import HOSTILE, add_crosscheck, add_everything, make_run, spacecraft
 
 from massprops.report import write_report
 from massprops.report.html import between, number, text
 from massprops.report.meshes import Shape, lighten, read_shape
 from massprops.report.page import UNREADABLE, all_sections, page
+from massprops.report.scene import Scene
 from massprops.report.sections.cameras import coverage, mollweide
 from massprops.report.sections.numbers import bar
 from massprops.report.viewer import viewer
@@ -73,7 +74,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_whole_run_has_every_section_and_its_numbers(run: Path) -> None:
     found = parsed(run)
     assert found.open == []
-    assert found.sections == ["summary", "shape", "numbers", "frames", "cameras", "crosscheck", "stages"]
+    assert found.sections == ["summary", "numbers", "frames", "cameras", "crosscheck", "stages"]
     document = json.loads((run / "massprops.json").read_text())
     for said in (
         number(document["volume"]),
@@ -147,10 +148,10 @@ def test_one_section_that_fails_leaves_the_others(run: Path, tmp_path: Path) -> 
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     document = json.loads((copy / "massprops.json").read_text())
-    del document["inertia"]
+    del document["inertia"], document["recommended"]
     (copy / "massprops.json").write_text(json.dumps(document))
     found = parsed(copy)
-    assert found.words.count(UNREADABLE) == 1 and "frames" in found.sections and "shape" in found.sections
+    assert found.words.count(UNREADABLE) == 1 and "frames" in found.sections and "summary" in found.sections
 
 
 def test_sections_are_found_by_name() -> None:
@@ -198,9 +199,8 @@ def test_viewer_data_unpacks_to_the_mesh() -> None:
     v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     observed = np.arange(len(f)) % 3 > 0
     axes = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-    source = viewer(
-        v, f, observed=observed, centre=np.array([0.1, 0.2, 0.3]), axes=axes, cameras=np.array([[0, 0, 9.0]])
-    )
+    scene = Scene(frusta=np.array([[[0, 0, 9.0], [1, 1, 8], [1, -1, 8], [-1, -1, 8], [-1, 1, 8]]]))
+    source = viewer(Shape(v, f, observed), centre=np.array([0.1, 0.2, 0.3]), axes=axes, scene=scene)
     data = json.loads(re.search(r'application/json">(.*)</script>', source).group(1))  # type: ignore[union-attr]
     middle, size = 0.5 * (v.min(0) + v.max(0)), np.linalg.norm(v - 0.5 * (v.min(0) + v.max(0)), axis=1).max()
 
@@ -212,7 +212,7 @@ def test_viewer_data_unpacks_to_the_mesh() -> None:
     assert np.array_equal(np.unpackbits(unpack("filled", "u1"), bitorder="little")[: len(f)] == 0, observed)
     assert np.allclose(data["axes"], axes.T)
     assert np.allclose(np.array(data["centre"]) * size + middle, [0.1, 0.2, 0.3], atol=1e-4)
-    assert data["reach"] > np.linalg.norm(data["cameras"][0])
+    assert data["reach"] > np.linalg.norm(data["frusta"][0][0])
 
 
 def test_coverage_of_caps() -> None:
@@ -247,8 +247,8 @@ def test_numbers_for_people(value: float, digits: int, said: str) -> None:
 
 
 def test_interval_bar_says_its_ends() -> None:
-    assert "-3.0 / +2.0 %" in bar(2.0, [1.94, 2.04])
-    assert "-3.0 / +2.0 %" in bar(-2.0, [-2.04, -1.94]).replace("+2.0 / -3.0", "-3.0 / +2.0")
+    assert "−3.0 / +2.0 %" in bar(2.0, [1.94, 2.04])
+    assert "−3.0 / +2.0 %" in bar(-2.0, [-2.04, -1.94]).replace("+2.0 / −3.0", "−3.0 / +2.0")
     assert bar(2.0, None) == "" and text("<") == "&lt;"
 
 
@@ -289,3 +289,16 @@ def test_images_left_out_cameras_and_lens_are_said(tmp_path: Path) -> None:
     words = Page(write_report(run).read_text()).words
     assert "Left out: <b>\\udcff.heic (not an image that can be read)" in words
     assert "8 of 9 images placed, 1001.0 px ± 0.1 % (EXIF says 990.0)" in words and "k1 0.290" in words
+
+
+def test_everything_a_run_may_have_stands_on_its_page(tmp_path: Path) -> None:
+    found = parsed(add_everything(make_run(tmp_path / "run", count=10)))
+    assert UNREADABLE not in found.words and "residuals" in found.sections and "comparison" in found.sections
+    for said in (
+        "density assumed 1000 kg/m³, as water", "Confidence medium", "Shape against motion: consistent", "Against CAD:",
+        "mesh and motion together", "recommended", "Points in common", "Mean residual over the sensor",
+    ):  # fmt: skip
+        assert said in found.words, said
+    # given 0.3 px to each coordinate of each observation
+    shown = re.search(r"the median is ([0-9.]+) px", found.words)
+    assert shown is not None and float(shown.group(1)) == pytest.approx(0.3 * 2**0.5, abs=0.05)

@@ -13,7 +13,7 @@ import pytest
 from fake_run import HOSTILE, make_run, spacecraft
 
 from massprops.report import write_report
-from massprops.report.meshes import lighten, read_shape
+from massprops.report.meshes import Shape, lighten, read_shape
 from massprops.report.viewer import viewer
 from massprops.run.stages.publish import mesh_ply
 
@@ -44,10 +44,10 @@ def test_origins_and_colours_come_from_the_mesh_file(tmp_path: Path) -> None:
 
 def test_the_page_has_a_switch_to_the_photographs_colours(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run")
-    assert 'data-show="photo"' not in write_report(run).read_text(), "no colours, no switch"
+    assert 'data-mode="colour"' not in write_report(run).read_text(), "no colours, no switch"
     origin, rgb = painted(run)
     page = write_report(run).read_text()
-    assert 'data-show="photo"' in page and "closed at the plane it stood on" in page
+    assert 'data-mode="colour" aria-pressed="true"' in page and "closed at the plane it stood on" in page
     data = json.loads(re.search(r'application/json">(.*?)</script>', page).group(1))  # type: ignore[union-attr]
     unpack = {k: np.frombuffer(base64.b64decode(data[k]), np.uint8) for k in ("rgb", "filled", "inferred")}
     assert np.array_equal(unpack["rgb"].reshape(-1, 3), rgb)
@@ -57,8 +57,10 @@ def test_the_page_has_a_switch_to_the_photographs_colours(tmp_path: Path) -> Non
 
 def test_a_mesh_without_flags_has_no_switches() -> None:
     mesh = spacecraft()
-    plain = viewer(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    assert "data-show" not in plain and '"inferred": null' in plain and '"rgb": null' in plain
+    plain = viewer(Shape(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.ones(len(mesh.faces), bool)))
+    assert (
+        "data-show" not in plain and "data-mode" not in plain and '"inferred": null' in plain and '"rgb": null' in plain
+    )
 
 
 @pytest.mark.parametrize(("level", "box"), [("high", "done"), ("medium", "warning"), ("low", "stopped")])
@@ -69,8 +71,8 @@ def test_confidence_comes_first(tmp_path: Path, level: str, box: str) -> None:
     (run / "massprops.json").write_text(json.dumps(document))
     page = write_report(run).read_text()
     assert "window.hit=1</script>" not in page
-    summary = page[page.index("<h2>Summary</h2>") :]
-    assert summary.startswith(f'<h2>Summary</h2><div class="{box} confidence"><b>Confidence {level}</b>: first reason')
+    summary = page[page.index("<h2>Answer</h2>") :]
+    assert summary.startswith(f'<h2>Answer</h2><div class="{box} confidence"><b>Confidence {level}</b>: first reason')
 
 
 def test_both_readings_are_shown_with_their_options(tmp_path: Path) -> None:
@@ -88,12 +90,12 @@ def test_both_readings_are_shown_with_their_options(tmp_path: Path) -> None:
         )  # fmt: skip
     (run / "work" / "shape" / "shape.json").write_text(json.dumps({"placements": [{"readings": readings}], "lost": []}))
     page = write_report(run).read_text()
-    section = page[page.index('<section id="readings">') : page.index('<section id="shape">')]
+    section = page[page.index('<section id="readings">') : page.index('<section id="numbers">')]
     assert section.count("<img") == 2 and section.count("--keep-support") == 2 and section.count("measured here") == 1
     assert "window.hit=1</script>" not in section and "1.23" in section, "0.3 in metres"
     readings[0]["picture"] = "../../../secret.png"
     cv2.imwrite(str(run.parent / "secret.png"), np.zeros((9, 9, 3), np.uint8))
     (run / "work" / "shape" / "shape.json").write_text(json.dumps({"placements": [{"readings": readings}], "lost": []}))
     page = write_report(run).read_text()
-    section = page[page.index('<section id="readings">') : page.index('<section id="shape">')]
+    section = page[page.index('<section id="readings">') : page.index('<section id="numbers">')]
     assert section.count("<img") == 1, "no picture from outside the run"

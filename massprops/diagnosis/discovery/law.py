@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -22,8 +23,10 @@ from massprops.diagnosis.selection import within_noise
 
 LIKELY = 0.75
 """Probability of each of its terms from which a law is stated as one."""
+ROUNDS = 4
+"""Fits after which the library is looked through again; more than one only for the moments at which terms begin."""
 NEAR = 9
-"""Moments tried about a step, from one neighbour to the next."""
+"""Moments tried about such a one, from one neighbour to the next: four times as fine with each round."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,9 +78,10 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
     times, span = record.times, record.path.span
     known = set() if record.around is None else set(record.around.known)
     frequencies = own_frequencies(times, record.path.w[record.rows.at])
-    steps = tuple(float(times[0] + span * k / STEPS) for k in range(1, STEPS))
+    grid = span / STEPS
+    steps = tuple(float(times[0] + grid * k) for k in range(1, STEPS))
     at, law = unknown, None
-    for again in (False, True):
+    for last in (False,) * ROUNDS + (True,):
         groups = library(known, span, frequencies, steps)
         terms = [term for group in groups for term in group.terms]
         r = _regression(at, groups, terms)
@@ -86,12 +90,15 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
         if not columns:
             return None
         found = tuple(terms[c] for c in columns)
-        if again:
-            chance = probabilities(r, models)
-            law = _refit(record, found, np.array([chance[c] for c in columns]), base, unknown)
-        else:  # a first fit, to look again along the path that it finds
+        used = _moments(steps, found)
+        if not last and (used or at is unknown):  # a fit, to look again along the path that it finds
             at = _fitted(record, effect_of(source_of(found, [1e-4] * len(found))), unknown)
-            steps = _finer(steps, found, span)
+            near = [float(s + grid * d) for s in used for d in np.linspace(-1.0, 1.0, NEAR)]
+            steps, grid = tuple(sorted({*steps, *near})), 2.0 * grid / (NEAR - 1)
+            continue
+        chance = probabilities(r, models, _alike(terms, columns, span / STEPS))
+        law = _refit(record, found, np.array([chance[c] for c in columns]), base, unknown)
+        break
     return law
 
 
@@ -137,12 +144,27 @@ def _fitted(record: Record, effect: ModuleType, near: HypothesisFit, latent: boo
     return fit_hypothesis(record, hypothesis, Start(inertia=near.inertia, left=1.0))
 
 
-def _finer(steps: tuple[float, ...], found: tuple[LibraryTerm, ...], span: float) -> tuple[float, ...]:
-    """The moments tried, and more of them about those that the law uses."""
-    used = [s for s in steps if any(f"t.real>{s:.6g})" in x for term in found for x in term.torque)]
-    reach = span / STEPS
-    more = [float(s + d) for s in used for d in np.linspace(-reach, reach, NEAR)]
-    return tuple(sorted({*steps, *more}))
+def _moments(steps: tuple[float, ...], found: tuple[LibraryTerm, ...]) -> list[float]:
+    """Moments at which terms of a law begin."""
+    return [s for s in steps if any(f"t.real>{s:.6g})" in x for term in found for x in term.torque)]
+
+
+def _alike(terms: list[LibraryTerm], columns: tuple[int, ...], reach: float) -> dict[int, int]:
+    """Terms that begin within `reach` [s] of one of the law's, along the same axis, by that one's column."""
+    used = [(c, *found) for c in columns if (found := _moment_of(terms[c])) is not None]
+    out = {}
+    for k, term in enumerate(terms):
+        own = _moment_of(term)
+        near = [(abs(own[0] - t), c) for c, t, axis in used if own and own[1] == axis and abs(own[0] - t) < reach]
+        if near:
+            out[k] = min(near)[1]
+    return out
+
+
+def _moment_of(term: LibraryTerm) -> tuple[float, str] | None:
+    """When a term begins and along what; None for one that always acts."""
+    found = re.fullmatch(r"\(t>([0-9.e+-]+)\)( along .*)", term.label)
+    return (float(found[1]), found[2]) if found else None
 
 
 def document_of_law(law: Law | None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-BEAM = 6
+BEAM = 10
 MOST_GROUPS = 4
 BLOCKS = 20
 DRAWS, KEPT = 16, 0.75
@@ -151,21 +151,31 @@ def _pruned(own: _Reduced, r: Regression, model: Found, price: float) -> Found:
     return Found(kept, score, tuple(g for g in groups if set(r.groups[g]) & set(kept)))
 
 
-def probabilities(r: Regression, models: list[Found]) -> dict[int, float]:
-    """The probability of each column: its share of the evidence, bounded by how often parts of the record choose it."""
+def probabilities(r: Regression, models: list[Found], alike: dict[int, int] | None = None) -> dict[int, float]:
+    """The probability of each column: its share of the evidence, bounded by how often parts of the record choose it.
+
+    Args:
+        models: of `search`. alike: columns that stand for another: one term, a little earlier or later.
+    """
+    alike = alike or {}
+
+    def kinds(model: Found) -> set[int]:
+        return {alike.get(c, c) for c in model.columns}
+
     weight = np.exp(np.array([m.score for m in models]) - models[0].score)
     weight = np.where(weight > np.exp(-WINDOW), weight, 0.0)
     weight /= weight.sum()
     share: dict[int, float] = {}
     for m, v in zip(models, weight, strict=True):
-        for c in m.columns:
+        for c in kinds(m):
             share[c] = share.get(c, 0.0) + float(v)
     rng = np.random.default_rng(0)
     chosen: dict[int, int] = {}
     for _ in range(DRAWS):
         use = np.zeros(len(r.rows), bool)
         use[rng.permutation(len(r.rows))[: round(KEPT * len(r.rows))]] = True
-        for c in search(r, use, beam=2, most=max(1, len(models[0].groups)))[0].columns:
+        for c in kinds(search(r, use, most=len(models[0].groups) + 1)[0]):
             chosen[c] = chosen.get(c, 0) + 1
-    # Laplace's rule: so many of DRAWS say no more than this
-    return {c: min(p, (chosen.get(c, 0) + 1.0) / (DRAWS + 2.0)) for c, p in share.items()}
+    # Laplace's rule: so many draws say no more than this
+    by_kind = {c: min(p, (chosen.get(c, 0) + 1.0) / (DRAWS + 2.0)) for c, p in share.items()}
+    return {c: by_kind.get(alike.get(c, c), 0.0) for m in models for c in m.columns}

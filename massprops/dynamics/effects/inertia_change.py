@@ -44,22 +44,36 @@ def penalty(p):
     return p[1:7]
 
 
-MOMENTUM_UNKNOWNS = tuple(f"inertia_{n}" for n in ("xx", "yy", "zz", "xy", "xz", "yz"))
+MOMENTUM_UNKNOWNS = (
+    *(f"inertia_{n}" for n in ("xx", "yy", "zz", "xy", "xz", "yz")),
+    *(f"swing_{a}" for a in "xyz"),
+)
 
 
 def momentum_columns(t, R, w, held):
-    """What the change of inertia carries after `time`."""
-    out = 0.0 * R[:, :, [0, 0, 0, 0, 0, 0]]
+    """What the change of inertia carries after `time`, and the body's swing at that time, done within a step or two."""
+    nine = [0, 0, 0, 0, 0, 0, 0, 0, 0]
+    inside, swing = 0.0 * R[:, :, nine], 0.0 * R[:, :, nine]
     for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-        out[:, i, k] += w[:, j]
+        inside[:, i, k] += w[:, j]
         if i != j:
-            out[:, j, k] += w[:, i]
-    return {"internal": (t > held["time"])[:, None, None] * out}
+            inside[:, j, k] += w[:, i]
+    at = min(max(int(t.searchsorted(held["time"])), 2), len(t) - 2)
+    share = (held["time"] - t[at - 1]) / (t[at] - t[at - 1])
+    for k, part in ((at - 1, 1.0 - share), (at, share)):
+        for axis in range(3):
+            swing[k, axis, 6 + axis] = part * 2.0 / (t[k + 1] - t[k - 1])
+    return {"internal": (t > held["time"])[:, None, None] * inside, "rate": swing}
 
 
 def momentum_scan(t, w):
     """A twentieth of the record apart."""
     return [{"time": float(t[0] + (t[-1] - t[0]) * k / 20)} for k in range(2, 19)]
+
+
+def momentum_steps(held, gap):
+    """Some measurements: the scan is coarse."""
+    return {"time": 5.0 * gap}
 
 
 def starts(span, speed):

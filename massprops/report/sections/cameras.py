@@ -45,7 +45,7 @@ def render(data: RunData) -> str:
     return (
         f'<div class="two"><div><h3>Path</h3>{_path(offset, data, middle)}<p class="soft">{whose}, in the mesh\'s axes; '
         f"from first (blue) to last (orange). Distance {number(distance.min(), 3)} to {number(distance.max(), 3)} {text(unit)}"
-        f"{'; in 3D under “Shape”, with “camera path” on' if data.shape is not None else ''}.</p></div>"
+        f"{'; in 3D under “Answer”, with “cameras” on' if data.shape is not None else ''}.</p></div>"
         f"<div><h3>Directions seen: {100 * coverage(direction):.0f} %</h3>{_map(direction)}"
         f'<p class="soft keys">{swatch("#0d5985", "a view is here")}{swatch("#a8d9e6", f"{SEEN_WITHIN:.0f}° from a view")}'
         f"{swatch('#ed8c66', 'farther: seen at a slant or not at all')}</p><p class='soft'>All directions from the centre of "

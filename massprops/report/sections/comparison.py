@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from massprops.report.data import RunData
-from massprops.report.html import Safe, between, number, swatch, table, text
+from massprops.report.html import Safe, between, number, table, text
 from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Against CAD", 6
@@ -22,12 +22,9 @@ def render(data: RunData) -> str:
     parts.append(_sentence(document))
     limit = document.get("colour_limit")
     if data.compared is not None and data.compared.distance is not None and limit:
-        parts.append(viewer(data.compared.vertices, data.compared.faces, distance=data.compared.distance / limit))
-        end = f"{1000 * limit:g} mm" if limit < 1 else f"{limit:g} m"
-        parts.append(
-            f'<p class="soft keys">{swatch("#2350aa", f"{end} or more inside the CAD")}{swatch("#f5f5f5", "on it")}'
-            f"{swatch('#be1e2d', f'{end} or more outside')}</p>"
-        )
+        parts.append(viewer(data.compared, limit=limit))
+    elif limit:
+        parts.append('<p>On the mesh: <a href="#summary">“deviation from CAD”</a> under the object.</p>')
     parts.append(f"<h3>Surface distances</h3>{_distances(document.get('distances') or {})}")
     parts.append(f"<h3>Quantities, by the mesh{_marked(document, 'mesh')}</h3>{_quantities(document['rows'])}")
     if document.get("fused"):

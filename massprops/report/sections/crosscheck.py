@@ -8,9 +8,12 @@ import numpy as np
 
 from massprops.report.data import RunData
 from massprops.report.html import between, number, plot, swatch, table, text
+from massprops.report.meshes import Shape, lighten
 from massprops.report.ratio_plane import ratio_plane
 from massprops.report.viewer import viewer
 
+MOST_FACES = 8000
+"""Of the mesh under the axes, which is shown a second time."""
 TITLE, ORDER = "Shape against motion", 5
 MEANING = {
     "consistent": "Mesh and motion agree within their uncertainties.",
@@ -93,10 +96,11 @@ def _axes(data: RunData) -> str:
     mesh_axes, motion = np.array(own, float), np.array(found[0]["principal_axes"], float)
     # an axis has no sense of direction: draw the motion's the same way round
     motion = motion * np.sign(np.sum(mesh_axes * motion, axis=0) + 1e-300)
+    plain = lighten(Shape(shape.vertices, shape.faces, np.ones(len(shape.faces), bool)), MOST_FACES)
     keys = [swatch("#f27326", "axis of I1"), swatch("#40b359", "I2"), swatch("#4d8cfa", "I3")]
     return (
         "<h3>Principal axes on the mesh</h3>"
-        + viewer(shape.vertices, shape.faces, centre=data.centre, axes=mesh_axes, others=motion)
+        + viewer(plain, centre=data.centre, axes=mesh_axes, others=motion)
         + f'<p class="soft keys">{"".join(keys)}</p><p class="soft">Thick: by the mesh. Thin, dark and longer: by the '
         + f"motion ({text(name)}).</p>"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from massprops.mass.recommended import as_recommended
 from massprops.report.data import RunData
 from massprops.report.html import Safe, between, number, table, text
 
@@ -12,7 +13,7 @@ TITLE, ORDER = "Mass properties", 2
 
 def render(data: RunData) -> str:
     """Tables of scalars, tensor and axes."""
-    d = data.document
+    d = as_recommended(data.document)
     if not d:
         return ""
     length, mass = data.length_unit, data.mass_unit
@@ -88,5 +89,5 @@ def bar(value: float, bounds: Sequence[float] | None, reach: float = 0.10) -> st
         '<line class="grid" x1="116" x2="116" y1="3" y2="11"/>'
         f'<rect class="fill" x="{at[0]:.1f}" width="{max(1.5, at[1] - at[0]):.1f}" y="4" height="6" rx="2"/>'
         '<line class="mark" x1="60" x2="60" y1="1" y2="13"/></svg>'
-        f'<span class="soft rel">{low:+.1f} / {high:+.1f} %</span>'
+        + f'<span class="soft rel">{low:+.1f} / {high:+.1f} %</span>'.replace("-", "−")
     )

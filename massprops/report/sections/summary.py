@@ -1,26 +1,169 @@
-"""What came out, in one look; what stopped the run; what to be wary of."""
+"""The answer in one look: the object, its mass properties, how far to trust them and why; what stopped the run."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from massprops.report.data import RunData
-from massprops.report.html import between, number, text
+import numpy as np
 
-TITLE, ORDER = "Summary", 0
+from massprops.mass.recommended import as_recommended
+from massprops.report.data import RunData
+from massprops.report.html import Safe, number, table, text
+from massprops.report.scene import read_scene
+from massprops.report.viewer import viewer
+
+TITLE, ORDER = "Answer", 0
+BOXES = {"high": "done", "medium": "warning", "low": "stopped"}
 
 
 def render(data: RunData) -> str:
-    """Confidence and its reasons, verdict, warnings, headline numbers, the scale in words."""
-    parts = [_confidence(data), _verdict(data)]
-    warnings = list(dict.fromkeys([*data.document.get("warnings", []), *_stage_warnings(data)]))
-    if data.changed:
-        warnings.append(f"left out, since it is not what was written there: {', '.join(data.changed)}")
-    parts += [f'<div class="warning">{text(w)}</div>' for w in warnings]
-    if data.document:
-        parts.append(_tiles(data))
-        parts.append(f"<p>{scale_in_words(data)}</p>")
-    return "".join(parts)
+    """Confidence, cross-check and CAD in a sentence each; the numbers; the object; then warnings."""
+    said = [_stopped(data), _confidence(data), _crosscheck(data), _against_cad(data)]
+    numbers = _answer(data) if data.document else ""
+    shown = _object(data)
+    body = f'<div class="answer"><div>{numbers}</div><div>{shown}</div></div>' if numbers and shown else numbers + shown
+    return "".join(said) + body + _warnings(data)
+
+
+def _stopped(data: RunData) -> str:
+    if not data.verdict.get("exit_code"):
+        return ""
+    stage = data.verdict.get("stage")
+    where = f" in stage <b>{text(stage)}</b>" if stage else ""
+    return (
+        f'<div class="stopped"><b>Done in part.</b> The run stopped{where}: {text(data.verdict.get("reason", ""))}. '
+        "What was computed before is below.</div>"
+    )
+
+
+def _confidence(data: RunData) -> str:
+    """How far to trust the numbers, and why, in one sentence."""
+    trust = data.document.get("confidence") or {}
+    because = "; ".join(str(reason) for reason in trust.get("because") or [])
+    level = str(trust.get("level") or "")
+    if not level:
+        return ""
+    return (
+        f'<div class="{BOXES.get(level, "warning")} confidence"><b>Confidence {text(level)}</b>'
+        f"{': ' if because else ''}{text(because)}.</div>"
+    )
+
+
+def _crosscheck(data: RunData) -> str:
+    verdict, p = data.crosscheck.get("verdict"), data.crosscheck.get("p_value")
+    if not verdict or not data.document:
+        return ""
+    kind = {"consistent": "done", "inconsistent": "stopped"}.get(str(verdict), "neutral")
+    chance = f" (p = {number(p, 2)})" if p is not None else ""
+    reason = text(data.crosscheck.get("reason") or "")
+    return f'<div class="{kind}"><b>Shape against motion: {text(verdict)}</b>{chance}{": " if reason else ""}{reason}.</div>'
+
+
+def _against_cad(data: RunData) -> str:
+    """Deviations of the recommended values, and of the surface."""
+    found = data.comparison
+    rows = (found.get("fused") if found.get("recommended") == "fused" else None) or found.get("rows")
+    if not rows:
+        return ""
+    by = {r["quantity"]: r for r in rows}
+    held = [bool(r["holds"]) for r in rows if r.get("holds") is not None]
+    parts = [
+        f"{name} {by[key]['error_text']}"
+        for key, name in (("volume", "volume"), ("I1", "I1"), ("I2", "I2"), ("I3", "I3"))
+    ]
+    parts += [f"{key} {by[key]['error_text']}" for key in ("k1", "k2")]
+    distance = found.get("distances") or {}
+    if distance.get("length"):
+        median = distance["ours"]["median"]
+        parts.append(f"surface {number(100 * median / distance['length'], 2)} % of the length in the median")
+    kind = "done" if all(held) else "warning"
+    holds = f" {sum(held)} of {len(held)} intervals hold the CAD's value." if held else ""
+    return f'<div class="{kind}"><b>Against CAD:</b> {text(", ".join(parts)).replace("-", "−")}.{holds}</div>'
+
+
+def _answer(data: RunData) -> str:
+    d: dict[str, Any] = as_recommended(data.document)
+    interval, length, mass = d.get("interval_90") or {}, data.length_unit, data.mass_unit
+    inertia = f"{mass} {length}²" if data.metric else "model"
+    moments = interval.get("principal_moments") or [None] * 3
+    rows = [
+        _row("Volume", d["volume"], f"{length}³", interval.get("volume")),
+        _row("Mass", d["mass"], mass, interval.get("mass"), _density(data)),
+        *(_row(f"I{i + 1}", m, inertia, moments[i]) for i, m in enumerate(d["principal_moments"])),
+        *(_row(k, d["inertia_ratios"][k], "", interval.get(k), relative=False) for k in ("k1", "k2")),
+    ]
+    centre, wide = ", ".join(number(v, 4) for v in d["center_of_mass"]), interval.get("center_of_mass")
+    off = "" if not wide else f"± {number(max(0.5 * (high - low) for low, high in wide), 2)} {length}"
+    named = Safe('Centre of mass<span class="below">mesh\'s axes</span>')
+    rows.insert(2, (named, Safe(f'<b class="triple">{centre}</b> {text(length)}<span class="below">{off}</span>')))
+    block = data.document.get("recommended") or {}
+    whose = f'<p class="soft">Values: {text(block["because"])}.</p>' if block.get("because") else ""
+    observed = (d.get("surface") or {}).get("observed_fraction")
+    seen = "" if observed is None else f"{100 * observed:.0f} % of the surface was measured{_rest(d)}. "
+    return (
+        table(rows, ("", "value, 90 % interval"), label="the answer")
+        + whose
+        + f'<p class="soft">{seen}{_images(data)}</p><p class="soft">{scale_in_words(data)}</p>'
+    )
+
+
+def _row(
+    name: str, value: float, unit: str, bounds: Sequence[float] | None, note: str = "", relative: bool = True
+) -> tuple[object, object]:
+    """One quantity; its interval in per cent of it, or from end to end where a share means nothing."""
+    shown = "no interval"
+    if bounds and relative and value:
+        low, high = (100 * (b / value - 1) for b in bounds)
+        shown = f"{low:+.1f} … {high:+.1f} %".replace("-", "−")
+    elif bounds:
+        shown = f"{number(bounds[0], 3)} … {number(bounds[1], 3)}"
+    below = f'<span class="below">{text(note)}</span>' if note else ""
+    said = f'<b>{number(value, 4)}</b> <span class="unit">{text(unit)}</span><span class="below">{shown}</span>'
+    return Safe(f"{text(name)}{below}"), Safe(said)
+
+
+def _density(data: RunData) -> str:
+    if not data.metric:
+        return ""
+    said = f"{data.document['density']:g} kg/m³"
+    return f"density assumed {said}, as water" if data.document.get("density_assumed") else f"at a density of {said}"
+
+
+def _rest(document: dict[str, Any]) -> str:
+    surface = document.get("surface") or {}
+    if surface.get("observed_fraction", 1.0) > 0.995:
+        return ""
+    inferred = surface.get("inferred_fraction") or 0.0
+    closed = f", {100 * inferred:.0f} % closed at its support" if inferred > 0.005 else ""
+    return f"{closed}, the rest filled in"
+
+
+def _images(data: RunData) -> str:
+    images = data.document.get("images") or {}
+    if not images.get("given"):
+        return "From a finished mesh."
+    if images.get("registered") is None:
+        return f"{images.get('used')} of {images.get('given')} images used."
+    return f"{images.get('registered')} of {images.get('used')} images placed, out of {images.get('given')} given."
+
+
+def _object(data: RunData) -> str:
+    if data.shape is None:
+        return ""
+    axes, size = data.document.get("principal_axes"), np.ptp(data.shape.vertices, axis=0)
+    unit = "m" if data.metric else "model units" if data.document else "arbitrary units"
+    return (
+        viewer(
+            data.shape,
+            centre=data.centre if axes else None,
+            axes=np.array(axes) if axes else None,
+            scene=read_scene(data),
+            limit=data.comparison.get("colour_limit"),
+        )
+        + f'<p class="soft">Extent along the mesh\'s own axes: {" × ".join(number(float(v), 4) for v in size)} {unit}. Drag to '
+        + "turn; with Shift, the right button or two fingers to move; wheel or pinch to come closer.</p>"
+    )
 
 
 def scale_in_words(data: RunData) -> str:
@@ -49,66 +192,11 @@ def scale_in_words(data: RunData) -> str:
     )
 
 
-BOXES = {"high": "done", "medium": "warning", "low": "stopped"}
-
-
-def _confidence(data: RunData) -> str:
-    """How far to trust the numbers, and why, in one sentence."""
-    trust = data.document.get("confidence") or {}
-    because = "; ".join(str(reason) for reason in trust.get("because") or [])
-    level = str(trust.get("level") or "")
-    if not level:
-        return ""
-    return (
-        f'<div class="{BOXES.get(level, "warning")} confidence"><b>Confidence {text(level)}</b>'
-        f"{': ' if because else ''}{text(because)}.</div>"
-    )
-
-
-def _verdict(data: RunData) -> str:
-    if data.verdict.get("exit_code"):
-        stage = data.verdict.get("stage")
-        where = f" in stage <b>{text(stage)}</b>" if stage else ""
-        return (
-            f'<div class="stopped"><b>Done in part.</b> The run stopped{where}: {text(data.verdict.get("reason", ""))}. '
-            "What was computed before is below.</div>"
-        )
-    images = data.document.get("images") or {}
-    if images.get("given"):
-        said = (
-            f"{images.get('registered')} of {images.get('used')} frames placed, out of {images.get('given')} given."
-            if images.get("registered") is not None
-            else f"{images.get('used')} of {images.get('given')} frames used."
-        )
-        return f'<div class="done"><b>Done.</b> {text(said)}</div>'
-    return '<div class="done"><b>Done.</b> From a finished mesh.</div>' if data.document else ""
-
-
-def _tiles(data: RunData) -> str:
-    d: dict[str, Any] = data.document
-    interval = d.get("interval_90") or {}
-    observed = (d.get("surface") or {}).get("observed_fraction")
-    length = data.length_unit
-    tiles = [
-        ("Volume", f"{number(d['volume'], 4)} {length}³", _bounds(interval, "volume")),
-        ("Mass", f"{number(d['mass'], 4)} {data.mass_unit}", f"at {d['density']:g} kg/m³" if data.metric else ""),
-        ("k1 = ln(I1/I2)", number(d["inertia_ratios"]["k1"], 4), _bounds(interval, "k1")),
-        ("k2 = ln(I2/I3)", number(d["inertia_ratios"]["k2"], 4), _bounds(interval, "k2")),
-    ]
-    if observed is not None:
-        tiles.append(
-            ("Surface measured", f"{100 * observed:.0f} %", "the rest is filled in" if observed < 0.995 else "")
-        )
-    return '<div class="tiles">{}</div>'.format(
-        "".join(
-            f'<div class="tile"><span>{text(name)}</span><div class="big">{text(value)}</div><span>{text(note)}</span></div>'
-            for name, value, note in tiles
-        )
-    )
-
-
-def _bounds(interval: dict[str, Any], key: str) -> str:
-    return f"90 %: {between(interval[key], 4)}" if interval.get(key) else "no interval"
+def _warnings(data: RunData) -> str:
+    warnings = list(dict.fromkeys([*data.document.get("warnings", []), *_stage_warnings(data)]))
+    if data.changed:
+        warnings.append(f"left out, since it is not what was written there: {', '.join(data.changed)}")
+    return "".join(f'<div class="warning">{text(w)}</div>' for w in warnings)
 
 
 def _stage_warnings(data: RunData) -> list[str]:

@@ -15,6 +15,9 @@ OPTIONS = ()
 AROUND = 1.5
 """Sparse points farther than this from the object's middle, in its radii, do not say how deep it lies in a view."""
 
+FEW_POINTS = 100
+"""Sparse points of given poses below which stereo does not know where to look, and outlines tell where the body is."""
+
 
 def run(job: Job) -> dict:
     """Writes views.npz and points.npz (the views and sparse points that the body is made of), other.npz where
@@ -27,6 +30,8 @@ def run(job: Job) -> dict:
     placements = json.loads((job.work("shape") / "shape.json").read_text())["placements"]
     left_out = json.loads((job.work("silhouettes") / "silhouettes.json").read_text())["left_out"]
     facts: dict = {"joined": [{"images": len(views)}], "unjoined": [], "support_plane": None}
+    if not placements and len(sparse.xyz) < FEW_POINTS:
+        facts["middle"], facts["radius"] = _by_outlines(job, views)
     if placements:
         views, sparse, facts = _joined(job, views, sparse, placements, set(left_out))
     views.save(job.out / "views.npz")
@@ -95,6 +100,20 @@ def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str])
         before += len(member)
     Cloud.joined(around).save(job.out / "other.npz")
     return Views.joined(all_views), SparsePoints.joined(all_points), facts
+
+
+def _by_outlines(job: Job, views) -> tuple[list[float], float]:  # type: ignore[no-untyped-def]
+    """Middle and radius of the body, from its silhouettes."""
+    from massprops.surface.outline_cloud import ball_of_outlines
+    from massprops.views import undistort
+
+    folder = job.work("silhouettes") / "masks"
+    masks = [
+        undistort(read_image(folder / f"{name}.png", 0), views.K[i], views.distortion[i], nearest=True)
+        for i, name in enumerate(views.names)
+    ]
+    middle, radius = ball_of_outlines(views, masks)
+    return middle.tolist(), radius
 
 
 def _placed(job: Job, views, number: int):  # type: ignore[no-untyped-def]

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
 from massprops.run.job import Job
+
+if TYPE_CHECKING:
+    from massprops.surface.cloud import Cloud
+    from massprops.surface.reconstruct import Surface
+    from massprops.views import Views
 
 READS = ("capture", "sfm", "silhouettes", "join", "dense")
 OPTIONS = ("seed",)
@@ -37,19 +43,55 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 def run(job: Job) -> dict:
     """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length) and surface.json."""
-    import cv2
-
     from massprops.surface.cloud import Cloud
-    from massprops.surface.outline_cloud import surface_of_outlines
-    from massprops.surface.reconstruct import reconstruct_surface
-    from massprops.surface.silhouette import agreement, shown_as_object
+    from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
     from massprops.surface.unlit import spare_unlit
-    from massprops.views import Views, undistort
+    from massprops.views import Views
 
     views = Views.load(job.work("join") / "views.npz")
+    place = json.loads((job.work("join") / "join.json").read_text())
     footage = json.loads((job.work("capture") / "footage.json").read_text())
-    sfm = json.loads((job.work("sfm") / "sfm.json").read_text())
+    cloud = Cloud.load(job.work("dense") / "points.npz")
+    # what turns on a support is no free body: other things may stand there
+    free = footage["motion"] == "tumbling" and place["support_plane"] is None
+    masks = _masks(job, views)
+    grey = _grey(job, views) if free and _before_black_sky(footage) else []
+    if grey and len(cloud):
+        masks = spare_unlit(views, masks, grey, cloud, job.seed)
+    surface, masks = _surface(job, views, masks, grey, cloud, place, free or bool(footage["masks_given"]))
+    lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
+    if lost > NOTHING_LEFT:
+        raise NotPossible(
+            f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
+            "closed body was measured; give images with more overlap and from more sides"
+        )
+    focal = json.loads((job.work("sfm") / "sfm.json").read_text()).get("focal_sigma_relative")
+    rows, lengths = replicates(surface, len(views), FOCAL_SIGMA if focal is None else float(focal), seed=job.seed)
+    np.savez(
+        job.out / "surface.npz",
+        vertices=surface.vertices,
+        faces=surface.faces,
+        observed=surface.observed,
+        inferred=surface.inferred,
+        replicate_integrals=rows,
+        replicate_length=lengths,
+    )
+    facts = _facts(
+        surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
+    )
+    for line in facts["warnings"]:
+        job.warn(line)
+    (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
+    return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _masks(job: Job, views: Views) -> list[np.ndarray]:
+    """Undistorted silhouettes (h, w) of all views."""
+    import cv2
+
+    from massprops.views import undistort
+
     masks = []
     for i, name in enumerate(views.names):
         path = job.work("silhouettes") / "masks" / f"{name}.png"
@@ -57,20 +99,41 @@ def run(job: Job) -> dict:
         if mask is None:
             raise NotPossible(f"surface: silhouette {path.name} is missing; run the silhouettes again")
         masks.append(undistort(mask, views.K[i], views.distortion[i], nearest=True))
-    cloud = Cloud.load(job.work("dense") / "points.npz")
-    place = json.loads((job.work("join") / "join.json").read_text())
-    stand = place["support_plane"]
-    support = None if stand is None else np.array(stand, float)
-    # what turns on a support is no free body: other things may stand there
-    tumbling, given = footage["motion"] == "tumbling" and support is None, bool(footage["masks_given"])
-    # one still camera before black sky: what is unlit is dark, and the Sun keeps its place
-    still = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
-    if tumbling and footage["background"] == "black" and not given and still:
-        grey = []
-        for i, name in enumerate(views.names):
-            image = read_image(job.work("capture") / "frames" / name, 0)
-            grey.append(undistort(image, views.K[i], views.distortion[i]))
-        masks = spare_unlit(views, masks, grey, cloud, job.seed)
+    return masks
+
+
+def _before_black_sky(footage: dict) -> bool:
+    """One still camera before black sky: what is unlit is dark, and the Sun keeps its place."""
+    one_camera = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
+    return one_camera and footage["background"] == "black" and not footage["masks_given"]
+
+
+def _grey(job: Job, views: Views) -> list[np.ndarray]:
+    """Undistorted images (h, w) of all views."""
+    from massprops.views import undistort
+
+    return [
+        undistort(read_image(job.work("capture") / "frames" / name, 0), views.K[i], views.distortion[i])
+        for i, name in enumerate(views.names)
+    ]
+
+
+def _surface(
+    job: Job, views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, place: dict, moving: bool
+) -> tuple[Surface, list[np.ndarray]]:
+    """The closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
+
+    Args:
+        grey: images of a body before black sky, else none.
+        place: `join.json`; moving: nothing else is in the cloud.
+    """
+    from massprops.surface.cloud import Cloud
+    from massprops.surface.outline_cloud import surface_of_outlines
+    from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.surface.silhouette import shown_as_object
+    from massprops.surface.unlit import spare_unlit
+
+    support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
@@ -83,24 +146,25 @@ def run(job: Job) -> dict:
             seed=job.seed,
             progress=job.progress,
             support=support,
-            moving=tumbling or given,
+            moving=moving,
             surroundings=beside,
         )
+        return surface, masks
     except NotPossible:
         if place.get("middle") is None:
             raise
-        middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
-        surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
-    lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
-    if lost > NOTHING_LEFT:
-        raise NotPossible(
-            f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
-            "closed body was measured; give images with more overlap and from more sides"
-        )
-    focal = sfm.get("focal_sigma_relative")
-    focal = FOCAL_SIGMA if focal is None else float(focal)
-    rows, lengths = replicates(surface, len(views), focal, seed=job.seed)
+    middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
+    surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
+    if grey:
+        # what the Sun lights of this first surface says where the Sun is, and so what is body in the dark
+        spared = spare_unlit(views, masks, grey, surface.cloud, job.seed)
+        if spared is not masks:
+            return surface_of_outlines(views, spared, middle, radius, job.seed, job.progress, support), spared
+    return surface, masks
 
+
+def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict:
+    """`surface.json`; lost: share of the measured points that the mesh misses; overlap: by image."""
     corners = surface.vertices[surface.faces]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     observed, inferred = (float(area[w].sum() / area.sum()) for w in (surface.observed, surface.inferred))
@@ -110,7 +174,6 @@ def run(job: Job) -> dict:
         warnings.append(f"{100 * filled:.0f} % of the surface was not measured but filled from the silhouettes")
     if inferred > 0.02:
         warnings.append(f"{100 * inferred:.0f} % of the surface stood on its support, unseen, and was closed there")
-    overlap = agreement(surface.vertices, surface.faces, views, masks)
     partial = None
     if filled > MOST_FILLED:
         partial = f"only {100 * observed:.0f} % of the surface was measured: the body is mostly filled in"
@@ -120,18 +183,7 @@ def run(job: Job) -> dict:
             f"{100 * lost:.0f} % of the measured points are not on the mesh: a part that hangs by little is missing"
         )
         warnings.append(partial)
-    for line in warnings:
-        job.warn(line)
-    np.savez(
-        job.out / "surface.npz",
-        vertices=surface.vertices,
-        faces=surface.faces,
-        observed=surface.observed,
-        inferred=surface.inferred,
-        replicate_integrals=rows,
-        replicate_length=lengths,
-    )
-    facts = {
+    return {
         "watertight": closed(surface.vertices, surface.faces),
         "observed_fraction": observed,
         "inferred_fraction": inferred,
@@ -139,16 +191,12 @@ def run(job: Job) -> dict:
         "vertices": len(surface.vertices),
         "faces": len(surface.faces),
         "spacing": surface.spacing,
-        "silhouette_overlap": float(np.nanmedian(overlap)),
-        "silhouette_overlap_by_image": {
-            name: round(float(o), 4) for name, o in zip(views.names, overlap, strict=True) if np.isfinite(o)
-        },
+        "silhouette_overlap": float(np.nanmedian(list(overlap.values()))),
+        "silhouette_overlap_by_image": {k: round(float(o), 4) for k, o in overlap.items() if np.isfinite(o)},
         "views_that_carve": surface.hull.need,
         "warnings": warnings,
         "partial": partial,
     }
-    (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
-    return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
 
 
 def closed(vertices: np.ndarray, faces: np.ndarray) -> bool:

@@ -1,0 +1,35 @@
+"""The papers: title, DOI, and what is reproduced of each, from their files."""
+
+from __future__ import annotations
+
+import inspect
+
+from massprops.campaigns.papers import load_paper
+from massprops.campaigns.papers._references import REFERENCES
+
+
+def pages() -> dict[str, str | bytes]:
+    parts = [
+        "# The papers",
+        "",
+        "`massprops reproduce PAPER CASE` runs a case and prints ours beside the paper's. What came out is in "
+        "[accuracy and limits](accuracy.md#the-papers).",
+        "",
+    ]
+    for name, reference in REFERENCES.items():
+        paper = load_paper(name)
+        said = inspect.getdoc(paper).split("\n", 1)
+        parts += [
+            f"## {name}",
+            "",
+            f"{reference.authors}: *{reference.title}*. {reference.journal} ({reference.year})."
+            + (f" DOI [{reference.doi}](https://doi.org/{reference.doi})." if reference.doi else ""),
+            "",
+            said[1].strip() if len(said) > 1 else "",
+            "",
+            "| case | what | runs |",
+            "|---|---|---|",
+            *(f"| `{case}` | {what} | {paper.RUNS[case]} |" for case, what in paper.CASES.items()),
+            "",
+        ]
+    return {"papers.md": "\n".join(parts)}

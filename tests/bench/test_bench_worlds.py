@@ -1,0 +1,67 @@
+"""Attitudes of bodies that Basilisk and MuJoCo move, with hidden effects, diagnosed by the balance of momentum: about
+fifteen seconds of CPU each.
+
+Thresholds were set on seeds 1 and 2. The bench runs others: MASSPROPS_WORLD_SEEDS=11,12 and so on.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+from massprops.diagnosis.diagnose import diagnose_by_balance
+
+pytestmark = pytest.mark.bench
+SEEDS = [int(s) for s in os.environ.get("MASSPROPS_WORLD_SEEDS", "11,12").split(",")]
+CALLED = {"sunlight": "solar-pressure-on-plate"}
+"""Effects under another name than Basilisk's kind."""
+
+
+def _judged(records: list) -> tuple[int, int, int]:
+    """Prints a line for each of (label, truth, sequence); how many are right, named wrong, and all that show an effect."""
+    right, wrong, shown = 0, 0, 0
+    for label, truth, sequence in records:
+        begun = os.times()
+        document = diagnose_by_balance(sequence).document
+        cpu = sum(os.times()[:2]) - sum(begun[:2])
+        names = [e["name"] for e in document["effects"]]
+        gap = document["gap"]
+        good = document["verdict"] == "none" if truth == "none" else names == [truth]
+        counts = truth == "none" or gap["fitted"]["before"] > 1.15
+        right += good and counts
+        wrong += document["verdict"] == "named" and not good
+        shown += counts
+        held = gap["held_out"]["after"]
+        print(
+            f"{label:<32}{document['verdict']:<12}{' + '.join(names):<42}{gap['fitted']['before']:8.2f} ->"
+            f"{gap['fitted']['after']:6.2f}, held out {np.nan if held is None else held:5.2f}{cpu:7.1f} s"
+            f"{'' if counts else '  (not counted)'}",
+            flush=True,
+        )
+    print(f"right {right} of {shown}, named wrong {wrong}")
+    return right, wrong, shown
+
+
+def test_bodies_moved_by_basilisk(capsys) -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import KINDS, recorded
+
+    with capsys.disabled():
+        print()
+        found = _judged([(f"{k}:{s}", CALLED.get(k, k), recorded(k, s)) for s in SEEDS for k in KINDS])
+    right, wrong, shown = found
+    assert right >= 0.9 * shown and wrong <= 0.1 * shown
+
+
+def test_bodies_moved_by_mujoco(capsys) -> None:
+    pytest.importorskip("mujoco")
+    from diagnosis.mujoco_worlds import BODIES, recorded
+
+    with capsys.disabled():
+        print()
+        worlds = [(f"{name}:{s}", *recorded(name, s)[::-1]) for s in SEEDS for name in BODIES]
+        found = _judged(worlds)
+    right, wrong, shown = found
+    assert right >= 0.9 * shown and wrong <= 0.1 * shown

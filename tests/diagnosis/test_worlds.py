@@ -1,0 +1,74 @@
+"""Attitudes of bodies that other simulators move: the screen puts the effect that acts first, and plates of both sides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprops.diagnosis.conserved_start import Start
+from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, scan
+from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.momentum_balance import Balance, Rows
+from massprops.diagnosis.motion_path import path_from_rates
+from massprops.diagnosis.record import record_of_attitudes
+from massprops.diagnosis.screen import screened
+from massprops.diagnosis.selection import rms, within_noise
+from massprops.dynamics.surroundings import Sky
+from massprops.effects import effects
+
+BALL = Start(inertia=np.eye(3), left=1.0)
+
+
+@pytest.mark.parametrize("kind", ["gravity-gradient-torque", "constant-body-torque", "sunlight"])
+def test_the_screen_puts_what_acts_in_basilisk_first(kind: str) -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import recorded
+
+    sequence = recorded(kind, 1)
+    assert sequence.attitude is not None
+    view = record_of_attitudes(sequence.attitude, sequence.environment).screen
+    assert view is not None and view.around is not None
+    score = {}
+    for effect in in_balance():
+        if set(effect.NEEDS) <= view.around.known and effect.NAME != "impulse":
+            tried = [screened(view, (t,), BALL) for t in scan(effect, view.times, view.rows.measured)]
+            score[effect.NAME] = max(s.score for s in tried if s is not None)
+    assert max(score, key=lambda n: score[n]) == ("solar-pressure-on-plate" if kind == "sunlight" else kind)
+
+
+def test_a_free_body_in_basilisk_is_within_its_noise() -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import recorded
+
+    sequence = recorded("none", 1)
+    assert sequence.attitude is not None
+    record = record_of_attitudes(sequence.attitude, sequence.environment)
+    free = fit_hypothesis(record, Hypothesis(latent=False), BALL)
+    assert within_noise(free) and rms(free.residual) > 0.9
+
+
+def test_a_plate_is_pushed_from_the_side_that_is_lit() -> None:
+    plate = effects()["solar-pressure-on-plate"]
+    sky = Sky((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.0)
+    q, w, six = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+
+    def torque(normal: float) -> np.ndarray:
+        return np.array(plate.torque(0.0, q, w, [1.0, 0, 0, 0, 1.0, 0, 0, 0, normal], six, sky))
+
+    # front at +x: force -z at x turns about +y; back at +y about -x
+    assert torque(2.0) == pytest.approx([0.0, 1.0, 0.0], abs=0.01)
+    assert torque(-0.5) == pytest.approx([-1.0, 0.0, 0.0], abs=0.01)
+
+
+def test_a_swing_turns_the_body_by_as_much_and_leaves_its_momentum() -> None:
+    path = path_from_rates(np.linspace(0, 1, 60), np.tile([0.3, 0.2, -0.1], (60, 1)))
+    effect = effects()["inertia-change"]
+    forcing = forcing_of(Term(effect=effect, held=(("time", 0.437),)), path, path.w, np.eye(3))
+    assert forcing.rate is not None and forcing.momentum is None
+    assert np.trapezoid(forcing.rate[:, 1, 7], path.t) == pytest.approx(1.0)
+    rows = Rows(at=np.arange(len(path.t)), measured=np.zeros((len(path.t), 3)), sigma=np.ones(len(path.t)), rates=False)
+    balance = Balance(path=path, shape=np.zeros(5), momentum=path.w, rate=path.w, rows=rows)
+    turned = balance.columns(forcing)[:, :, 6:]
+    assert np.abs(turned[path.t < 0.42]).max() < 1e-12
+    after = turned[np.searchsorted(path.t, 0.46)]
+    assert after == pytest.approx(np.eye(3), abs=0.05)

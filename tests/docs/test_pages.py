@@ -1,0 +1,96 @@
+"""README and documentation: short enough, every link leads somewhere, every command, estimator and effect is named."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import massprops
+from massprops.campaigns.papers import papers
+from massprops.campaigns.papers._references import REFERENCES
+from massprops_cli.main import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+MADE = {"python.md", "commands.md", "papers.md", "changelog.md", "report.png"}
+SCRIPTS = sorted((ROOT / "docs/gallery").glob("[0-9]*.py"))
+
+
+def test_the_readme_is_short_and_names_every_command() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) <= 130
+    for command in COMMANDS:
+        assert re.search(rf"[`| ]{command}\b", text), command
+    for target in ("demo", "test", "docs"):
+        assert f"make {target}" in text and re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#\s]+)", page.read_text()):
+        if re.match(r"https?:", link):
+            continue
+        made = page.parent.name == "docs" and (link in MADE or link.startswith(("methods/", "catalogue/", "gallery/")))
+        assert made or (page.parent / link).exists(), link
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    listed = (ROOT / "mkdocs.yml").read_text()
+    for page in PAGES[1:]:
+        assert f"- {page.name}" in listed, page.name
+
+
+def test_every_paper_has_a_reference_and_the_citation_gives_the_same() -> None:
+    import yaml
+
+    cited = {r["doi"]: r["title"] for r in yaml.safe_load((ROOT / "CITATION.cff").read_text())["references"]}
+    assert set(REFERENCES) == set(papers()) - {"smoother"}
+    for name, reference in REFERENCES.items():
+        assert cited[reference.doi] == reference.title, name
+
+
+def test_the_gallery_has_scripts_with_what_they_gave() -> None:
+    assert len(SCRIPTS) >= 12
+    for script in SCRIPTS:
+        assert ast.get_docstring(ast.parse(script.read_text())), script.name
+        for ending in ("png", "txt"):
+            assert (ROOT / "docs/gallery/output" / f"{script.stem}.{ending}").stat().st_size > 20, script.name
+
+
+@pytest.mark.parametrize("number", ["01", "03", "13"])
+def test_the_quick_scripts_of_the_gallery_run(number: str, tmp_path: Path) -> None:
+    if importlib.util.find_spec("matplotlib") is None:
+        pytest.skip("matplotlib is of the extra docs: make gallery")
+    script = next(p for p in SCRIPTS if p.name.startswith(number))
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "SHORT": "1", "GALLERY_OUT": str(tmp_path)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / f"{script.stem}.png").is_file()
+
+
+def test_a_table_of_tracks_becomes_a_sequence(tmp_path: Path) -> None:
+    seen = massprops.simulate("tracks", frames=30, seed=2)
+    tracks = seen.sequence.tracks
+    with (tmp_path / "tracks.csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["time", "camera", "point", "x", "y"])
+        for stamp, camera, point, (x, y) in zip(
+            tracks.timestamp_ns, tracks.camera, tracks.feature, tracks.uv, strict=True
+        ):
+            table.writerow([stamp * 1e-9, camera, point, x, y])
+    script = ROOT / "samples/tracks_to_sequence.py"
+    options = ["--focal", "1000", "--size", "1280x1024", "--baseline", "1.0"]
+    subprocess.run([sys.executable, str(script), "tracks.csv", "seq", *options], cwd=tmp_path, check=True)
+    from massprops.sequence import read_sequence
+
+    assert len(read_sequence(tmp_path / "seq").tracks.uv) == len(tracks.uv)
