@@ -31,6 +31,6 @@ def command(
 
     from massprops.exchange.export import export
 
-    warn_of_density(density is None and mass is None and source.is_file())
     path = export(source, to, out, density, mass, warn, force)
+    warn_of_density(density is None and mass is None and source.is_file())
     say(json.dumps({"file": str(path), "format": to}) if json_output else f"{to}: {path}")

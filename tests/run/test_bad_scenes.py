@@ -46,7 +46,8 @@ def run_of(tmp_path: Path, motion: str = "static", images: list[np.ndarray] | No
         "frames": frames,
         "cameras": [{"id": 0, "source_size": list(SIZE)}],
         "motion": motion,
-        "background": "moving",
+        "background": "black" if motion == "tumbling" else "moving",
+        "masks_given": False,
     }
     (run / "work" / "capture" / "footage.json").write_text(json.dumps(footage))
     VIEWS.save(run / "work" / "sfm" / "views.npz")
@@ -125,7 +126,7 @@ def test_object_on_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         shaped(monkeypatch, run_of(tmp_path), points, object=(f"{x:.0f},{y:.0f}",))
     with pytest.raises(InputError, match="outside the image 00.jpg, which is 320x240"):
         shaped(monkeypatch, run_of(tmp_path / "b"), points, object=("400,10",))
-    with pytest.raises(InputError, match="are for a still object"):
+    with pytest.raises(InputError, match="are for an object that stands on something"):
         shaped(monkeypatch, run_of(tmp_path / "c", "tumbling"), points, object=("10,10",))
 
 
@@ -193,6 +194,7 @@ def test_an_object_in_a_hand_reaches_the_frame(tmp_path: Path) -> None:
         mask[130:, 140 + i : 180 + i] = 255
         cv2.imwrite(str(run / "work" / "capture" / "masks" / f"{name}.png"), mask)
     np.savez(run / "work" / "sfm" / "points.npz", xyz=np.zeros((0, 3)), obs_point=np.zeros(0, int))
+    (run / "work" / "shape" / "shape.json").write_text('{"placements": [], "lost": []}')
     job = Job(run=run, options=ReconstructOptions(), out=run / "work" / "silhouettes")
     silhouettes.run(job)
     facts = json.loads((job.out / "silhouettes.json").read_text())
