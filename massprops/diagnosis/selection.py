@@ -237,10 +237,15 @@ def _admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bo
 
 
 def _is_a_body(found: HypothesisFit, term: Term) -> bool:
-    """Whether the inertia with an effect's change of it is one that a body can have: positive second moments of mass."""
+    """Whether the inertia with an effect's change of it is one that a body can have: second moments of mass that are not
+    nothing, and about as large as before. A change that takes the whole inertia away leaves any rates unopposed."""
     a, b, c, d, e, f = found.values[term.name][:6]
     after = found.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
-    return bool(np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)[0] > 0)
+    second = np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)
+    before = np.linalg.eigvalsh(0.5 * np.trace(found.inertia) * np.eye(3) - found.inertia)
+    least = criteria.LEAST_SHARE * np.trace(found.inertia)
+    grown = np.trace(after) / np.trace(found.inertia)
+    return bool(min(second[0], before[0]) > least and 1.0 / criteria.MOST_GROWN < grown < criteria.MOST_GROWN)
 
 
 def _wheel(record: Record) -> Candidate:
