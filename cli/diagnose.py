@@ -22,6 +22,9 @@ def command(
     ] = None,
     out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
     discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover,
+    simulator: Annotated[
+        str | None, option(diagnose, "simulator", "--simulator", metavar="MODULE:FUNCTION")
+    ] = D.simulator,
     design: Annotated[
         str | None,
         typer.Option(
@@ -64,7 +67,9 @@ def command(
     from massprops_cli.progress import StageProgress
 
     with with_effects(effect or []), StageProgress(quiet) as watch:
-        found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force, discover)
+        found = diagnose(
+            source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force, discover, simulator
+        )
     document = found.document
     for warning in document["warnings"]:
         warn(warning)
@@ -118,6 +123,8 @@ def diagnosis_table(document: dict[str, Any]) -> str:
                 rows.append(f"    {name:<14}{'not shown':>14}")
                 continue
             rows.append(f"    {name:<14}{value:>14.5g} ± {effect['sigma'][name]:<10.2g} {effect['units'][name]}")
+    if "simulator" in document:
+        rows += _simulator_rows(document["simulator"])
     if "law" in document:
         rows += _law_rows(document["law"])
     gap = document["gap"]
@@ -145,6 +152,16 @@ def _law_rows(law: dict[str, Any]) -> list[str]:
     held = law["held_out"]
     if held["after"] is not None:
         rows.append(f"    held out: {held['before']:.2f} of the noise without it, {held['after']:.2f} with it")
+    return rows
+
+
+def _simulator_rows(box: dict[str, Any]) -> list[str]:
+    """A user's simulator: what it leaves, and its parameters."""
+    rows = [f"  simulator {box['name']} leaves {box['fitted']:.2f} of the noise, held out {box['held_out']:.2f}"]
+    for name, value in box["parameters"].items():
+        sigma = box["sigma"][name]
+        shown = "not shown" if sigma is None else f"± {sigma:.2g}"
+        rows.append(f"    {name:<14}{value:>14.5g} {shown:<12} {box['units'][name]}")
     return rows
 
 
