@@ -16,6 +16,10 @@ D = defaults(diagnose)
 
 def command(
     source: Annotated[Path | None, argument(diagnose, "source", "SEQ_OR_RUN")] = None,
+    more: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[MORE]...", help="Further records of the same body: they share its inertia."),
+    ] = None,
     out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
     discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover,
     simulator: Annotated[
@@ -54,6 +58,8 @@ def command(
     if design is not None:
         return _design(design, out, effect or [], force, json_output)
     assert source is not None
+    if more:
+        return _several([source, *more], out, force, json_output, quiet)
 
     from massprops.core.files import plain
     from massprops.diagnosis.search import diagnose
@@ -73,6 +79,35 @@ def command(
         say(diagnosis_table(document))
         if out is not None:
             say(f"report: {out / 'report.html'}")
+    return 0
+
+
+def _several(sources: list[Path], out: Path | None, force: bool, json_output: bool, quiet: bool) -> int:
+    """Several records of one body, printed, and kept in `diagnosis.json`."""
+    import json
+
+    from massprops.core.files import json_text, plain
+    from massprops.core.outputs import deliver
+    from massprops.diagnosis.diagnose import diagnose_several
+    from massprops.sequence.read import read_sequence
+    from massprops_cli.progress import StageProgress
+
+    with StageProgress(quiet) as watch:
+        document = diagnose_several(
+            {str(s): read_sequence(s) for s in sources}, lambda what, done, total: watch(what, 0, 1, done, total, "")
+        )
+    if out is not None:
+        deliver(out, "diagnose", {"diagnosis.json": json_text(document)}, None, sources, force)
+    for warning in document["warnings"]:
+        warn(warning)
+    rows = [f"  verdict   {document['verdict']}: {document['reason']}"]
+    rows += [f"  {e['name']}  (log evidence {e['evidence']:+.0f})" for e in document["effects"]]
+    rows += [f"  {k}  {document[k]['value']:.4f} ± {document[k]['sigma']:.2g}" for k in ("k1", "k2")]
+    rows += [
+        f"  {name}: {d['verdict']} {', '.join(e['name'] for e in d['effects'])}"
+        for name, d in document["records"].items()
+    ]
+    say(json.dumps(plain(document)) if json_output else "\n".join(rows))
     return 0
 
 
