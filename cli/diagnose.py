@@ -16,10 +16,7 @@ D = defaults(diagnose)
 
 def command(
     source: Annotated[Path | None, argument(diagnose, "source", "SEQ_OR_RUN")] = None,
-    more: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[MORE]...", help="Further records of the same body: they share its inertia."),
-    ] = None,
+    more: Annotated[list[Path] | None, argument(diagnose, "more", "[MORE]...")] = None,
     out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
     discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover,
     simulator: Annotated[
@@ -86,9 +83,8 @@ def _several(sources: list[Path], out: Path | None, force: bool, json_output: bo
     """Several records of one body, printed, and kept in `diagnosis.json`."""
     import json
 
-    from massprops.core.files import json_text, plain
-    from massprops.core.outputs import deliver
-    from massprops.diagnosis.diagnose import diagnose_several
+    from massprops.core.files import plain
+    from massprops.diagnosis.diagnose import diagnose_several, write_several
     from massprops.sequence.read import read_sequence
     from massprops_cli.progress import StageProgress
 
@@ -97,7 +93,7 @@ def _several(sources: list[Path], out: Path | None, force: bool, json_output: bo
             {str(s): read_sequence(s) for s in sources}, lambda what, done, total: watch(what, 0, 1, done, total, "")
         )
     if out is not None:
-        deliver(out, "diagnose", {"diagnosis.json": json_text(document)}, None, sources, force)
+        write_several(document, out, sources, force)
     for warning in document["warnings"]:
         warn(warning)
     rows = [f"  verdict   {document['verdict']}: {document['reason']}"]

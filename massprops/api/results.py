@@ -180,7 +180,7 @@ class Diagnosis(_Reported):
     @property
     def effects(self) -> dict[str, dict[str, float | None]]:
         """Parameters of each effect named, by its name; None where the data do not show one."""
-        return {e["name"]: e["parameters"] for e in self.document["effects"]}
+        return {e["name"]: e.get("parameters", {}) for e in self.document["effects"]}
 
     @property
     def gap(self) -> dict[str, dict[str, float | None]]:

@@ -294,6 +294,7 @@ def diagnose(
     source: Place | Run | Simulation | Recording,
     out: Place | None = None,
     *,
+    more: Sequence[Place | Run | Simulation | Recording] = (),
     discover: bool = False,
     simulator: str | None = None,
     effect: Place | Sequence[Place] | None = None,
@@ -305,6 +306,7 @@ def diagnose(
     Args:
         source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
+        more: further records of the same body: they share its inertia.
         discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
         simulator: your own simulator, 'module:function' or 'FILE.py:function', fitted to the record as a black box.
         effect: an effect file of your own; may be several.
@@ -327,6 +329,8 @@ def diagnose(
     from massprops.effect_file import with_effects
 
     given = as_path(source)
+    if more:
+        return _several([given, *map(as_path, more)], _path(out), force, progress)
     inputs = [given] if isinstance(given, Path) else []
     with with_effects(_paths(effect)):
         found = search(
@@ -339,6 +343,23 @@ def diagnose(
         )
     folder = _path(out)
     return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))
+
+
+def _several(records: list[Any], out: Path | None, force: bool, progress: Progress | None) -> Diagnosis:
+    """The diagnosis of several records of one body."""
+    from massprops.api.results import Diagnosis
+    from massprops.diagnosis.diagnose import diagnose_several, write_several
+    from massprops.sequence.read import read_sequence
+
+    inputs = [r for r in records if isinstance(r, Path)]
+    named = {
+        str(r) if isinstance(r, Path) else f"record {k}": read_sequence(r) if isinstance(r, Path) else r
+        for k, r in enumerate(records)
+    }
+    document = diagnose_several(named) if progress is None else diagnose_several(named, progress)
+    if out is not None:
+        write_several(document, out, inputs, force)
+    return Diagnosis(document, {}, out, lambda place: write_several(document, place, inputs, force))
 
 
 def compare(

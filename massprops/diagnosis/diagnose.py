@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,18 @@ def diagnose_several(
     found = [diagnose_by_balance(s, progress) for s in sequences.values()]
     joint = together([f.selection for f in found])
     return document_of_together(joint, list(sequences), [f.document for f in found])
+
+
+def write_several(document: dict[str, Any], out: Path, inputs: Iterable[Path], force: bool = False) -> None:
+    """`diagnosis.json` of several records (see `diagnose_several`) in the folder `out`.
+
+    Raises:
+        InputError: the folder holds files that no diagnosis wrote, or cannot be written.
+    """
+    from massprops.core.files import json_text
+    from massprops.core.outputs import deliver
+
+    deliver(out, "diagnose", {"diagnosis.json": json_text(document)}, None, list(inputs), force)
 
 
 def _record(sequence: Sequence) -> tuple[Record, Lever | None]:

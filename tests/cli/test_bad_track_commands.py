@@ -164,7 +164,6 @@ def test_bad_options(good: Path, tmp_path: Path, capfd: pytest.CaptureFixture[st
         (("-o", tmp_path / "out", "--method", "magic"), "smoother"),
         (("-o", tmp_path / "file"), "choose another"),
         (("-o", good), "choose another"),
-        ((), "-o"),
         (("-o", tmp_path / "out", "--model", tmp_path / "no.yaml"), "no such"),
     ):
         assert_one_line(massprops(capfd, "estimate", good, "-q", *options), 2, says)

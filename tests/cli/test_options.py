@@ -19,7 +19,8 @@ VERBS = {
     **{name: name for name in ("reconstruct", "estimate", "crosscheck", "diagnose", "compare", "export", "simulate")},
     **{"mass": "mass_properties", "masks": "masks", "campaign": "campaign", "reproduce": "reproduce"},
 }
-OF_TERMINAL = {"json", "quiet", "help", "only", "open"}
+OF_TERMINAL = {"json", "quiet", "help", "only", "open", "design"}
+"""`--design` asks another question: in Python that is a function of its own."""
 OF_PYTHON = {"progress", "rate_hz"}
 
 
