@@ -50,7 +50,7 @@ test-other-machine: $(VENV)/.installed-dev
 	$(THREADS) $(OTHER_MACHINE) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
 
 # What is tested where pycolmap cannot be installed (Linux on arm64).
-WITHOUT_PYCOLMAP := tests/campaign tests/core tests/crosscheck tests/diagnose tests/diagnosis tests/documents \
+WITHOUT_PYCOLMAP := tests/api tests/campaign tests/core tests/crosscheck tests/diagnose tests/diagnosis tests/docs tests/documents \
 	tests/dynamics tests/estimators tests/exchange tests/mass tests/packaging tests/sequence tests/simulate tests/surface
 
 test-without-pycolmap: $(VENV)/.installed-dev

@@ -15,9 +15,25 @@ D = defaults(diagnose)
 
 
 def command(
-    source: Annotated[Path, argument(diagnose, "source", "SEQ_OR_RUN")],
+    source: Annotated[Path | None, argument(diagnose, "source", "SEQ_OR_RUN")] = None,
+    more: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[MORE]...", help="Further records of the same body: they share its inertia."),
+    ] = None,
     out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
     discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover,
+    simulator: Annotated[
+        str | None, option(diagnose, "simulator", "--simulator", metavar="MODULE:FUNCTION")
+    ] = D.simulator,
+    design: Annotated[
+        str | None,
+        typer.Option(
+            "--design",
+            metavar="SCENARIO",
+            help="In place of SEQ_OR_RUN: which effects of which size a planned record ('tracks', or a YAML file as for "
+            "'simulate') could show and tell apart.",
+        ),
+    ] = None,
     effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect,
     force: Force = False,
     json_output: Annotated[
@@ -30,8 +46,20 @@ def command(
     The result is printed; -o keeps it, with the model, the residuals and a report.
 
     Example: massprops diagnose sequences/one -o diagnoses/one
+
+    Example: massprops diagnose --design planned.yaml
     """
     import json
+
+    from massprops.errors import InputError
+
+    if (source is None) == (design is None):
+        raise InputError("give a sequence or run folder, or --design SCENARIO, and not both")
+    if design is not None:
+        return _design(design, out, effect or [], force, json_output)
+    assert source is not None
+    if more:
+        return _several([source, *more], out, force, json_output, quiet)
 
     from massprops.core.files import plain
     from massprops.diagnosis.search import diagnose
@@ -39,7 +67,9 @@ def command(
     from massprops_cli.progress import StageProgress
 
     with with_effects(effect or []), StageProgress(quiet) as watch:
-        found = diagnose(source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force, discover)
+        found = diagnose(
+            source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force, discover, simulator
+        )
     document = found.document
     for warning in document["warnings"]:
         warn(warning)
@@ -49,6 +79,35 @@ def command(
         say(diagnosis_table(document))
         if out is not None:
             say(f"report: {out / 'report.html'}")
+    return 0
+
+
+def _several(sources: list[Path], out: Path | None, force: bool, json_output: bool, quiet: bool) -> int:
+    """Several records of one body, printed, and kept in `diagnosis.json`."""
+    import json
+
+    from massprops.core.files import json_text, plain
+    from massprops.core.outputs import deliver
+    from massprops.diagnosis.diagnose import diagnose_several
+    from massprops.sequence.read import read_sequence
+    from massprops_cli.progress import StageProgress
+
+    with StageProgress(quiet) as watch:
+        document = diagnose_several(
+            {str(s): read_sequence(s) for s in sources}, lambda what, done, total: watch(what, 0, 1, done, total, "")
+        )
+    if out is not None:
+        deliver(out, "diagnose", {"diagnosis.json": json_text(document)}, None, sources, force)
+    for warning in document["warnings"]:
+        warn(warning)
+    rows = [f"  verdict   {document['verdict']}: {document['reason']}"]
+    rows += [f"  {e['name']}  (log evidence {e['evidence']:+.0f})" for e in document["effects"]]
+    rows += [f"  {k}  {document[k]['value']:.4f} ± {document[k]['sigma']:.2g}" for k in ("k1", "k2")]
+    rows += [
+        f"  {name}: {d['verdict']} {', '.join(e['name'] for e in d['effects'])}"
+        for name, d in document["records"].items()
+    ]
+    say(json.dumps(plain(document)) if json_output else "\n".join(rows))
     return 0
 
 
@@ -64,6 +123,8 @@ def diagnosis_table(document: dict[str, Any]) -> str:
                 rows.append(f"    {name:<14}{'not shown':>14}")
                 continue
             rows.append(f"    {name:<14}{value:>14.5g} ± {effect['sigma'][name]:<10.2g} {effect['units'][name]}")
+    if "simulator" in document:
+        rows += _simulator_rows(document["simulator"])
     if "law" in document:
         rows += _law_rows(document["law"])
     gap = document["gap"]
@@ -92,3 +153,51 @@ def _law_rows(law: dict[str, Any]) -> list[str]:
     if held["after"] is not None:
         rows.append(f"    held out: {held['before']:.2f} of the noise without it, {held['after']:.2f} with it")
     return rows
+
+
+def _simulator_rows(box: dict[str, Any]) -> list[str]:
+    """A user's simulator: what it leaves, and its parameters."""
+    rows = [f"  simulator {box['name']} leaves {box['fitted']:.2f} of the noise, held out {box['held_out']:.2f}"]
+    for name, value in box["parameters"].items():
+        sigma = box["sigma"][name]
+        shown = "not shown" if sigma is None else f"± {sigma:.2g}"
+        rows.append(f"    {name:<14}{value:>14.5g} {shown:<12} {box['units'][name]}")
+    return rows
+
+
+def _design(scenario: str, out: Path | None, effects: list[Path], force: bool, json_output: bool) -> int:
+    """What a planned record could show, printed, and kept in `design.json`."""
+    import json
+
+    from massprops.core.files import json_text
+    from massprops.core.outputs import deliver
+    from massprops.diagnosis.design import design
+    from massprops.effect_file import with_effects
+
+    with with_effects(effects):
+        document = design(scenario)
+    if out is not None:
+        deliver(out, "diagnose --design", {"design.json": json_text(document)}, None, [], force)
+    say(json.dumps(document) if json_output else design_table(document))
+    return 0
+
+
+def design_table(document: dict[str, Any]) -> str:
+    """Effects with the sizes from which they show, what each is taken for, and what would help."""
+    rows = [
+        f"  {document['epochs']} epochs over {document['seconds']:.4g} s, {document['measured']} ± {document['sigma']:.2g}",
+        f"  {'effect':<26}{'shows from':>12}  {'unit':<14}from how many times that told apart from all but",
+    ]
+    for e in document["effects"]:
+        shows = "never" if e["shows_from"] is None else f"{e['shows_from']:.2g}"
+        apart = document["told_apart"][e["name"]]
+        near = [n for n, f in apart.items() if f is None or f > document["apart_up_to"]]
+        rest = max((f for n, f in apart.items() if n not in near), default=1.0)
+        rows.append(f"  {e['name']:<26}{shows:>12}  {e['unit']:<14}{rest:.1f}  {', '.join(near) or '-'}")
+    for h in document["would_help"]:
+        if h["tells_apart"]:
+            pairs = ", ".join(" from ".join(p) for p in h["tells_apart"][:6])
+            rows.append(f"  {h['change']} would tell {pairs}")
+    for name, why in document["skipped"].items():
+        rows.append(f"  {name} not asked: {why}")
+    return "\n".join(rows)

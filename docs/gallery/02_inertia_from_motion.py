@@ -25,7 +25,7 @@ for name, colour in (("iekf", BLUE), ("ukf", RED)):
 for k, panel in enumerate(panels, 1):
     panel.axhline(truth[f"k{k}"], color="k", lw=1, ls="--")
     panel.set_ylabel(f"k{k}")
-    panel.set_ylim(truth[f"k{k}"] - 0.1, truth[f"k{k}"] + 0.1)
+    panel.set_ylim(truth[f"k{k}"] - 0.015, truth[f"k{k}"] + 0.015)
 panels[0].legend()
 panels[1].set_xlabel("time [s]")
 save(figure)

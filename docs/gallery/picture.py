@@ -19,5 +19,11 @@ def save(figure) -> None:
     """Writes the picture of the script that runs."""
     folder = Path(os.environ.get("GALLERY_OUT", Path(__file__).parent / "output"))
     folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / f"{Path(sys.argv[0]).stem}.png", dpi=90, metadata={"Software": None})
+    figure.savefig(
+        folder / f"{Path(sys.argv[0]).stem}.png",
+        dpi=90,
+        bbox_inches="tight",
+        pad_inches=0.3,
+        metadata={"Software": None},
+    )
     plt.close(figure)

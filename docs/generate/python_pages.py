@@ -8,6 +8,18 @@ from types import FunctionType
 
 import massprops
 
+FIRST = (
+    "reconstruct",
+    "mass_properties",
+    "estimate",
+    "sequence_from_arrays",
+    "crosscheck",
+    "diagnose",
+    "compare",
+    "export",
+)
+"""What most look for; the others follow."""
+
 
 def pages() -> dict[str, str | bytes]:
     parts = [
@@ -18,7 +30,7 @@ def pages() -> dict[str, str | bytes]:
         "`massprops.NotPossible` (the data cannot give it).",
         "",
     ]
-    for name in massprops.__all__:
+    for name in dict.fromkeys((*FIRST, *massprops.__all__)):
         function = getattr(massprops, name)
         if isinstance(function, FunctionType):
             parts += section(name, function)

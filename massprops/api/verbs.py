@@ -295,6 +295,7 @@ def diagnose(
     out: Place | None = None,
     *,
     discover: bool = False,
+    simulator: str | None = None,
     effect: Place | Sequence[Place] | None = None,
     force: bool = False,
     progress: Progress | None = None,
@@ -305,6 +306,7 @@ def diagnose(
         source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
         discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
+        simulator: your own simulator, 'module:function' or 'FILE.py:function', fitted to the record as a black box.
         effect: an effect file of your own; may be several.
         force: replace files that this command did not write; never an input.
         progress: told of each step.
@@ -328,7 +330,12 @@ def diagnose(
     inputs = [given] if isinstance(given, Path) else []
     with with_effects(_paths(effect)):
         found = search(
-            given, _path(out), **({} if progress is None else {"progress": progress}), force=force, discover=discover
+            given,
+            _path(out),
+            **({} if progress is None else {"progress": progress}),
+            force=force,
+            discover=discover,
+            simulator=simulator,
         )
     folder = _path(out)
     return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))

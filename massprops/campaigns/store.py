@@ -124,8 +124,21 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Closes it.
+
+        Raises:
+            NotPossible: within the context the disk was full or gone.
+            InputError: within the context the store proved damaged.
+        """
         self.base.close()
+        if isinstance(error, sqlite3.OperationalError):
+            raise self._full(error) from None
+        if isinstance(error, sqlite3.DatabaseError):
+            raise InputError(f"{self.path}: damaged ({error}): choose another -o") from None
+
+    def _full(self, error: sqlite3.Error) -> NotPossible:
+        return NotPossible(f"{self.path}: {error}: free some space, then give the same command; finished runs are kept")
 
     def begin(self, place: str, versions: dict[str, str]) -> None:
         """Notes who makes the rows that follow."""
@@ -152,9 +165,7 @@ class Store:
                 self.base.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
                 self.synchronised = time.monotonic()
         except sqlite3.OperationalError as error:
-            raise NotPossible(
-                f"{self.path}: {error}: free some space, then give the same command; finished runs are kept"
-            ) from None
+            raise self._full(error) from None
 
     def _session_of(self, row: Row) -> int:
         if row.versions is None:

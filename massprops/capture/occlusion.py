@@ -327,6 +327,11 @@ def drawn_agreement(views: Views, maps: Occlusion, shapes: list[tuple[np.ndarray
     return out
 
 
+def support_agreement(views: Views, maps: Occlusion, vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Median over the views of `drawn_agreement` for one shape."""
+    return float(np.median(drawn_agreement(views, maps, [(vertices, faces)])))
+
+
 def settled(label: np.ndarray, agreement: np.ndarray) -> np.ndarray:
     """(n,) the placement that each image shows, by where the support is hidden in it; -1 where that does not tell.
 
@@ -356,19 +361,13 @@ LEAST_AGREEMENT = 0.4
 mirrors a window had 0.6."""
 
 
-def hidden_shape(
-    views: Views, image: Callable[[int], np.ndarray], held: np.ndarray, plane: np.ndarray, region: Region
-) -> HiddenShape | None:
+def hidden_shape(views: Views, maps: Occlusion, plane: np.ndarray, region: Region) -> HiddenShape | None:
     """The object as far as it hides what it stands on, or None where nothing does so consistently.
 
     Args:
-        views: n views of one placement.
-        image: `image(i)` is (h, w, 3) uint8, undistorted.
-        held: (k, 3) dense points on the support.
+        views: n views of one placement; maps: of these views.
         plane: (4,) of the support; region: where the cameras look.
     """
-    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
-    maps = occlusion_maps(views, image, support_points(plane, region, held, pixel))
     everyone = np.arange(len(views))
     coarse = voxels(views, maps, plane, region, COARSE)
     solid = hull(coarse, everyone)

@@ -311,6 +311,8 @@ def claim(
     with locked(folder):
         outputs = Outputs(folder)
         try:
+            for stale in outputs.place.glob(".*.tmp"):  # of a process that was killed as it wrote
+                remove(stale)
             outputs.recover()
         except OSError as error:
             raise _unwritable(folder, error) from None

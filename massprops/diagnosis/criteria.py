@@ -18,6 +18,14 @@ SIGNIFICANT = 1e-3
 """Chance of parameters so far from nothing (Wald's test, jointly) up to which an effect is named."""
 SHOWN = 2.0
 """Sigmas that a parameter must stand from zero to be printed."""
+DISAGREE = -10.0
+"""Log evidence that records lose when they share an inertia, from which they are said not to be of one body. The odd
+flights of one body gain 24 and 38."""
+LEAST_SHARE = 0.002
+"""Of the sum of moments that a second moment of mass keeps before and after a change of inertia: a disk 20 times as wide as
+thick."""
+MOST_GROWN = 5.0
+"""By how much the moments of inertia may grow or shrink in all when something deploys or lets go."""
 LEAST_TURN = 0.5
 """Turn over a record [rad] below which free rotation cannot be told from anything else."""
 MOST_TURN = 60.0

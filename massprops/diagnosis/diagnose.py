@@ -14,7 +14,7 @@ from massprops.diagnosis.free_flight import Lever, check_free_flight
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import Selection, rigid_body_alone, select
-from massprops.errors import NotPossible
+from massprops.errors import InputError, NotPossible
 from massprops.sequence.data import Sequence
 
 
@@ -80,6 +80,30 @@ def diagnose_by_balance(
     if lever is not None:
         document["lever"] = {"sensor_from_centre_of_mass_m": lever.r, "sigma": lever.sigma, "left_m_s2": lever.left}
     return BalanceDiagnosis(document=document, model=model_of_selection(found), record=record, selection=found)
+
+
+def diagnose_several(
+    sequences: dict[str, Sequence], progress: Callable[[str, int, int], None] = lambda what, done, total: None
+) -> dict[str, Any]:
+    """What several records of one body lack beside a free rigid body: the content of `diagnosis.json`.
+
+    Args:
+        sequences: of body rates alone or of attitudes alone, by name; their body axes are the same.
+
+    Raises:
+        InputError: a record holds something else.
+        NotPossible: see `diagnose_by_balance`.
+    """
+    from massprops.diagnosis.several import document_of_together, together
+
+    for name, sequence in sequences.items():
+        if not decides(sequence):
+            raise InputError(
+                f"{name}: records given together hold body rates alone over at most ten turns, or attitudes alone"
+            )
+    found = [diagnose_by_balance(s, progress) for s in sequences.values()]
+    joint = together([f.selection for f in found])
+    return document_of_together(joint, list(sequences), [f.document for f in found])
 
 
 def _record(sequence: Sequence) -> tuple[Record, Lever | None]:

@@ -78,6 +78,8 @@ def solve(
     group = np.zeros(len(y), int) if group is None else group
     groups = [group == g for g in range(int(group.max()) + 1)]
     Gs, bys = [X[own].T @ X[own] for own in groups], [X[own].T @ y[own] for own in groups]
+    if not all(np.isfinite(G).all() for G in Gs):
+        raise FloatingPointError("the columns leave all bounds")
     n = np.array([int(own.sum()) for own in groups])
     places, at = [], 0
     for block in blocks:
@@ -92,7 +94,10 @@ def solve(
     for _ in range(steps):
         G = np.add.reduce([g / s**2 for g, s in zip(Gs, noise, strict=True)])
         by = np.add.reduce([b / s**2 for b, s in zip(bys, noise, strict=True)])
-        factor = cho_factor(sd[:, None] * G * sd + np.eye(at), lower=True)
+        whole = sd[:, None] * G * sd + np.eye(at)
+        if not np.isfinite(whole).all():
+            raise FloatingPointError("the unknowns leave all bounds")
+        factor = cho_factor(whole, lower=True)
         mean = sd * cho_solve(factor, sd * by)
         covariance = sd[:, None] * cho_solve(factor, np.diag(sd))
         residual = y - X @ mean

@@ -86,7 +86,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     base, unknown = without_effects(record)
     if unknown is base:
         return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
-    usable, skipped = _usable(record)
+    usable, skipped = usable_effects(record)
     tried = []
     for k, effect in enumerate(usable):
         watch(f"balance of momentum: {effect.NAME}", k, len(usable))
@@ -134,7 +134,8 @@ def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> Hypoth
     return max(fits, key=lambda f: f.evidence) if fits else fit_hypothesis(record, hypothesis, BALL)
 
 
-def _usable(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
+def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
+    """The effects that the balance can hold with what is known about the record, and why others are left out."""
     known = set() if record.around is None else set(record.around.known)
     usable, skipped = [], {}
     for effect in in_balance():
@@ -203,13 +204,15 @@ def moved_to_best(record: Record, found: HypothesisFit, gap: float) -> Hypothesi
             fit = fit_hypothesis(found.record, h, _again(found), passes=3)
         except NotPossible:
             return 1e12
+        if not can_be(fit):
+            return 1e12
         best = fit if fit.evidence > best.evidence else best
         return -fit.evidence
 
     minimize(cost, np.zeros(len(names)), method="Nelder-Mead",
              options={"maxfev": 25 * len(names), "xatol": 0.02, "fatol": 0.1,
                       "initial_simplex": np.concatenate([np.zeros((1, len(names))), np.eye(len(names))])})  # fmt: skip
-    return fit_hypothesis(best.record, best.hypothesis, _again(best))
+    return _admissible(best.record, best.hypothesis, _again(best), best.hypothesis.latent) or best
 
 
 def _again(fit: HypothesisFit) -> Start:
@@ -218,28 +221,39 @@ def _again(fit: HypothesisFit) -> Start:
 
 
 def _admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bool) -> HypothesisFit | None:
-    """The fit of a hypothesis, or None where a parameter that cannot be negative is, beyond doubt."""
-    h = Hypothesis(terms=hypothesis.terms, wheel=hypothesis.wheel, latent=latent)
+    """The fit of a hypothesis, or None where it leads nowhere or to what cannot be."""
+    h = replace(hypothesis, latent=latent)
     try:
         found = fit_hypothesis(record, h, start)
     except NotPossible:
         return None
-    for term in h.terms:
+    return found if can_be(found) else None
+
+
+def can_be(found: HypothesisFit) -> bool:
+    """Whether no parameter is below its least beyond doubt, and an inertia after a change is a body's."""
+    for term in found.hypothesis.terms:
         least = {q.name: q.least for q in term.effect.PARAMETERS}
         sd = np.sqrt(np.maximum(np.diag(found.covariance[term.name]), 0.0))
         for name, value, s in zip(term.unknowns, found.values[term.name], sd, strict=True):
-            if least[name] is not None and value + criteria.SHOWN * s < least[name]:
-                return None
+            lowest = least[name]
+            if lowest is not None and value + criteria.SHOWN * s < lowest:
+                return False
         if hasattr(term.effect, "inertia") and not _is_a_body(found, term):
-            return None
-    return found
+            return False
+    return True
 
 
 def _is_a_body(found: HypothesisFit, term: Term) -> bool:
-    """Whether the inertia with an effect's change of it is one that a body can have: positive second moments of mass."""
+    """Whether the inertia with an effect's change of it is one that a body can have: second moments of mass that are not
+    nothing, and about as large as before. A change that takes the whole inertia away leaves any rates unopposed."""
     a, b, c, d, e, f = found.values[term.name][:6]
     after = found.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
-    return bool(np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)[0] > 0)
+    second = np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)
+    before = np.linalg.eigvalsh(0.5 * np.trace(found.inertia) * np.eye(3) - found.inertia)
+    least = criteria.LEAST_SHARE * np.trace(found.inertia)
+    grown = np.trace(after) / np.trace(found.inertia)
+    return bool(min(second[0], before[0]) > least and 1.0 / criteria.MOST_GROWN < grown < criteria.MOST_GROWN)
 
 
 def _wheel(record: Record) -> Candidate:
@@ -250,13 +264,21 @@ def _wheel(record: Record) -> Candidate:
     """
     first = fit_hypothesis(record, Hypothesis(wheel=True), conserved_across(record.path, record.rows.at))
     lags = record.path.span * np.array(LAGS)
-    fits = [first]
+    fits = []
     for lag in lags:
         with suppress(NotPossible):
             fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), _again(first)))
-    beside = max(fits[1:] or fits, key=lambda f: f.evidence)
+    # how the wheel follows its drive has no say in its axis: a fit that left it went astray
+    fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
+    beside = max(fits, key=lambda f: f.evidence, default=first)
     alone = fit_hypothesis(record, replace(beside.hypothesis, latent=False), _again(beside))
     return Candidate(alone=alone, beside=beside)
+
+
+def _apart(a: HypothesisFit, b: HypothesisFit) -> float:
+    """Angle between the axes of two wheels [rad]."""
+    assert a.axis is not None and b.axis is not None
+    return float(np.arccos(min(1.0, abs(float(a.axis @ b.axis)))))
 
 
 def _verdict(base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate]) -> tuple[str, list[Candidate]]:

@@ -136,8 +136,8 @@ class _Chain:
                 self._write_manifest()
         if outcome.partial and not outcome.exit_code:
             outcome.exit_code, outcome.reason = 3, outcome.partial
-        if self.told != self._conclusion:  # as a command may be killed with every stage done
-            self._write_manifest()
+        if (self.begun or self.told is not None) and self.told != self._conclusion:
+            self._write_manifest()  # the last command may have been killed before it could tell
         return outcome
 
     @property
@@ -206,11 +206,13 @@ class _Chain:
             return
         outputs = self.outputs
         base = next((self.keys[n] for n, s in self.stages.items() if getattr(s, "PUBLISHES", None) in BASES), None)
-        if outputs.base is not None and outputs.base != base:
+        held = outputs.base
+        if held is not None and held != base:
             outputs.retract()
-            self.outcome.warnings.append(
-                f"the results that this folder held are of other inputs or options: they are now in {OWN}/previous"
-            )
+            if held != f"{base}-stopped":
+                self.outcome.warnings.append(
+                    f"the results that this folder held are of other inputs or options: they are now in {OWN}/previous"
+                )
         for name in self.order:
             if self.before.get(name, {}).get("key") != self.keys[name]:
                 self._drop(name)
@@ -409,7 +411,7 @@ def _what_failed(name: str, said: Mapping[str, Any], code: int | None, log: Path
     if "exit_code" in said:
         return int(said["exit_code"]), str(said["error"])
     if "error" in said:
-        return 3, f"stage {name} failed: {said['error']}{address_space_hint()} (details in {log})"
+        return 3, f"stage {name} failed: {str(said['error']).rstrip('.')}{address_space_hint()} (details in {log})"
     what = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
     hint = "; most often too little memory: fewer --frames or a smaller --max-size" if code == -signal.SIGKILL else ""
     return 3, f"stage {name} died with {what}{hint or address_space_hint()} (details in {log})"

@@ -74,8 +74,11 @@ def _camera(folder: Path, warnings: list[str]) -> Camera:
     if not (intrinsics[:2] > 0).all():
         raise InputError(f"{path}: focal lengths fu, fv must be above 0")
     pose = document.T_BS if document.T_BS is not None else np.eye(4)
-    if not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-3):
+    turn = pose[:3, :3]
+    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) or np.linalg.det(turn) < 0:
         raise InputError(f"{path}: T_BS does not hold a rotation")
+    if not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-3):
+        raise InputError(f"{path}: the last row of T_BS is not 0, 0, 0, 1")
     size = document.resolution if document.resolution is not None else np.maximum(2 * intrinsics[2:], 1.0)
     return Camera(
         resolution=(int(size[0]), int(size[1])),

@@ -81,6 +81,19 @@ def match_placed(
     return np.column_stack([rows[mutual], first[mutual]]).astype(np.uint32)
 
 
+def match_onto(
+    views: Views, pair: tuple[int, int], placed: tuple[Placed, Placed], units: tuple[np.ndarray, np.ndarray], gate: Gate
+) -> np.ndarray:
+    """(m, 2) uint32: as `match_placed`, onto a view in which no depth is known yet: the pose of the second is a guess."""
+    other, rows = _best(views, pair, placed, units, gate)
+    angle = angles(np.einsum("kd,kd->k", units[0][rows], units[1][other]))
+    order = np.argsort(angle, kind="stable")
+    # a feature that several are likest to belongs to the likest of them
+    _, once = np.unique(other[order], return_index=True)
+    kept = order[np.sort(once)]
+    return np.column_stack([rows[kept], other[kept]]).astype(np.uint32)
+
+
 def _best(
     views: Views, pair: tuple[int, int], placed: tuple[Placed, Placed], units: tuple[np.ndarray, np.ndarray], gate: Gate
 ) -> tuple[np.ndarray, np.ndarray]:

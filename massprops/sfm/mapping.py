@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -181,6 +181,20 @@ def map_images(
             "use more overlap and texture, and make sure that the body turns or the camera moves around it"
         )
     return found
+
+
+def continue_mapping(
+    model: pycolmap.Reconstruction, database: Path, frames: Path, out: Path, options: MappingOptions
+) -> pycolmap.Reconstruction:
+    """The model with the images that the database's matches now add to it; itself where they add none."""
+    start = out / "start"
+    start.mkdir(parents=True, exist_ok=True)
+    model.write(start)
+    pycolmap.set_random_seed(options.seed)
+    chosen = replace(options, least_inliers=max(options.least_inliers // 2, 6))
+    found = pycolmap.incremental_mapping(database, frames, out, pipeline_options(chosen, frames), input_path=start)
+    most = max(found.values(), key=lambda m: m.num_reg_images(), default=model)
+    return most if most.num_reg_images() > model.num_reg_images() else model
 
 
 def _global(database: Path, frames: Path, out: Path, options: MappingOptions) -> dict:

@@ -16,6 +16,7 @@ from massprops.sfm.attempt import ENOUGH, Attempt, SfmOptions, attempt, may_dist
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.grow import grow
 from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.loops import close_loops, match_predicted, spread_deg
 from massprops.sfm.mapping import MappingOptions, quiet
@@ -92,15 +93,35 @@ def reconstruct(
             f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "
             "overlap (under 15 degrees between neighbours), sharper or better lit"
         )
-    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in found.models)
     settings = refine_options(options, footage, found.mapping)
     options, model = replace(options, refine=settings), found.models[0]
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     if found.special:
         model = match_predicted(model, found, footage, options, work, progress)
+        if footage.moving_pictures and not footage.rig and model.num_reg_images() < len(footage.frames):
+            model = _followed(model, found, footage, options, work, progress)
     else:
         model = close_loops(model, found, footage, options, work)
+    placed = {model.image(i).name for i in model.reg_image_ids()}
+    # a smaller model whose images the largest has taken in is none any more
+    apart = [m for m in found.models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
+    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *apart))
     return finish(model, footage, found.mapping, options, sizes, warnings, progress)
+
+
+def _followed(
+    model: pycolmap.Reconstruction,
+    found: Attempt,
+    footage: FootageRecord,
+    options: SfmOptions,
+    work: Path,
+    progress: Progress,
+) -> pycolmap.Reconstruction:
+    """The model with the images that its motion leads to, where they follow each other as motion lets them."""
+    grown = grow(model, found, footage, options, work, progress)
+    if grown.num_reg_images() == model.num_reg_images() or not steady(grown, footage, found.mapping):
+        return model
+    return match_predicted(grown, found, footage, options, work / "grown", progress)
 
 
 def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:

@@ -55,6 +55,16 @@ def test_bodies_moved_by_basilisk(capsys) -> None:
     assert right >= 0.9 * shown and wrong <= 0.1 * shown
 
 
+def test_strangers_are_not_misnamed(capsys) -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import STRANGERS, recorded
+
+    with capsys.disabled():
+        print()
+        _, wrong, shown = _judged([(f"{k}:{s}", "in no catalogue", recorded(k, s)) for s in SEEDS for k in STRANGERS])
+    assert wrong <= 0.1 * shown
+
+
 def test_bodies_moved_by_mujoco(capsys) -> None:
     pytest.importorskip("mujoco")
     from diagnosis.mujoco_worlds import BODIES, recorded

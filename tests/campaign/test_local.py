@@ -25,7 +25,7 @@ from massprops.campaigns.local import Local
 from massprops.campaigns.run import run_alone, run_campaign
 from massprops.campaigns.store import FILE, Row, Store
 from massprops.campaigns.workers import Workers
-from massprops.errors import InputError
+from massprops.errors import InputError, NotPossible
 from massprops_cli.main import run
 
 SMALL: dict[str, Any] = {"kind": "drill", "runs": 23, "chunk": 5, "grid": {"sigma": [1, 2]}, "fails": 0.2}
@@ -265,6 +265,22 @@ def test_a_process_with_other_versions_is_refused(tmp_path: Path) -> None:
             ("0.1", 0),
             (task["versions"]["numpy"], 2),
         ]
+
+
+def test_a_store_that_is_full_or_damaged_is_told_wherever_it_shows(tmp_path: Path) -> None:
+    """At the note of who makes the rows, as well as at a row."""
+    plan = plan_of({"kind": "drill", "runs": 2})
+    store = Store(tmp_path, plan.document(), plan.digest)
+    pages = store.base.execute("PRAGMA page_count").fetchone()[0]
+    store.base.execute(f"PRAGMA max_page_count = {pages}")
+    with pytest.raises(NotPossible, match=r"full: free some space"), store:
+        for _ in range(10_000):
+            store.begin("here", {"x": "y" * 1000})
+    with (
+        pytest.raises(InputError, match=r"damaged \(malformed\)"),
+        Store(tmp_path, plan.document(), plan.digest),
+    ):
+        raise sqlite3.DatabaseError("malformed")
 
 
 class Odd:

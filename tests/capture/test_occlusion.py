@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import trimesh
 from test_readings import RED, SIZE, VIEWS, K
 
 from massprops.capture.occlusion import (
+    Occlusion,
     boundary,
     drawn_agreement,
     hidden_shape,
     occlusion_maps,
     on_mesh,
     settled,
+    support_agreement,
     support_points,
     visibility,
 )
 from massprops.capture.support import Region
 from massprops.geometry.rasterise import silhouette
+from massprops.run.stages.shape import WHOLE, WHOLLY
 from massprops.surface.cloud import Cloud
 from massprops.surface.outline_cloud import surface_of_outlines
 from massprops.surface.silhouette import agreement, shown_as_object
@@ -47,6 +52,11 @@ def photograph(i: int, body: bool = True) -> np.ndarray:
     return np.clip(image + np.random.default_rng(i).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
 
 
+def seen(image: Callable[[int], np.ndarray], half: float = 0.28) -> Occlusion:
+    pixel = float(np.median(np.linalg.norm(VIEWS.centres - REGION.centre, axis=1) / VIEWS.K[:, 0, 0]))
+    return occlusion_maps(VIEWS, image, support_points(PLANE, REGION, table(half), pixel))
+
+
 def table(half: float = 0.28) -> np.ndarray:
     flat = np.arange(-1.4, 1.4, 0.02)
     x, y = (a.ravel() for a in np.meshgrid(flat, flat))
@@ -55,7 +65,7 @@ def table(half: float = 0.28) -> np.ndarray:
 
 
 def test_a_plain_box_hides_the_table_behind_it() -> None:
-    found = hidden_shape(VIEWS, photograph, table(), PLANE, REGION)
+    found = hidden_shape(VIEWS, seen(photograph), PLANE, REGION)
     assert found is not None and found.agreement > 0.7
     shape = trimesh.Trimesh(found.vertices, found.faces)
     assert shape.volume > 0
@@ -66,8 +76,19 @@ def test_a_plain_box_hides_the_table_behind_it() -> None:
     assert BODY.volume * 0.9 < shape.volume < BODY.volume * 2.2
 
 
+def test_a_part_of_the_body_agrees_less_than_what_hides_the_support() -> None:
+    """A plain body of which stereo has measured the lower half."""
+    maps = seen(photograph)
+    half = trimesh.intersections.slice_mesh_plane(BODY, [0, 0, -1], [0, 0, 0.15], cap=True)
+    whole, part = (support_agreement(VIEWS, maps, np.asarray(m.vertices), np.asarray(m.faces)) for m in (BODY, half))
+    hidden = hidden_shape(VIEWS, maps, PLANE, REGION)
+    assert hidden is not None
+    found = support_agreement(VIEWS, maps, hidden.vertices, hidden.faces)
+    assert part < WHOLE < whole and found > part + WHOLLY
+
+
 def test_an_empty_table_hides_nothing() -> None:
-    assert hidden_shape(VIEWS, lambda i: photograph(i, body=False), table(0.0), PLANE, REGION) is None
+    assert hidden_shape(VIEWS, seen(lambda i: photograph(i, body=False), 0.0), PLANE, REGION) is None
 
 
 def test_only_the_measured_support_counts_near_the_middle() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
 from massprops.sequence.data import AttitudeSeries, Environment, Orbit, Sequence
 
 STEP_S = 0.5
@@ -25,7 +25,7 @@ def _nanoseconds(seconds: float) -> int:
 
 
 def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and attitudes (n, 4), body to inertial, of a body with one of `KINDS` acting."""
+    """Times (n,) and attitudes (n, 4), body to inertial, of a body with one of `KINDS` or `STRANGERS` acting."""
     from Basilisk.simulation import spacecraft
     from Basilisk.utilities import SimulationBaseClass
 
@@ -49,7 +49,7 @@ def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> 
     hub.hub.sigma_BNInit = [[v] for v in sigma]
     hub.hub.omega_BN_BInit = [[v] for v in w]
     world.AddModelToTask("t", hub)
-    kept = KINDS[kind](world, hub, rng, inertia, w)
+    kept = {**KINDS, **STRANGERS}[kind](world, hub, rng, inertia, w)
     recorder = hub.scStateOutMsg.recorder(_nanoseconds(period))
     world.AddModelToTask("t", recorder)
     world.InitializeSimulation()
@@ -187,6 +187,40 @@ def _wheel(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, 
     return {"kept": (factory, effector, message), "acts": [(300.0, torque(1.5 * size / 300.0)), (600.0, torque(0.0))]}
 
 
+def _steered(hub: Any, world: Any, torque: Callable[[float, np.ndarray], np.ndarray]) -> dict:
+    """A torque of time and attitude (body to inertial), body axes, held for ACT_S at a time."""
+    effector = _pushed(hub, world, np.zeros(3))
+
+    def at(t: float) -> Callable[[], None]:
+        def act() -> None:
+            q = _quaternions(np.array(hub.scStateOutMsg.read().sigma_BN)[None])[0]
+            effector.extTorquePntB_B = [[v] for v in torque(t, rotation_matrix(q))]
+
+        return act
+
+    return {"kept": effector, "acts": [(t, at(t)) for t in np.arange(ACT_S, 900.0, ACT_S)]}
+
+
+ACT_S = 2.0
+
+
+def _jet_in_sunlight(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """Gas leaves a patch that the Sun has warmed."""
+    way, patch = rng.standard_normal((2, 3))
+    torque = 4e-4 * np.linalg.norm(inertia @ w) * way / np.linalg.norm(way)
+    patch, sun = patch / np.linalg.norm(patch), SUN / np.linalg.norm(SUN)
+    return _steered(hub, world, lambda t, R: torque * (patch @ (R.T @ sun) > 0.3))
+
+
+def _unsteady(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """A torque that wanders in the body: a sum of slow waves about each axis."""
+    size = 2e-4 * np.linalg.norm(inertia @ w)
+    rate, phase = rng.uniform(0.01, 0.05, (3, 4)), rng.uniform(0.0, 6.3, (3, 4))
+    return _steered(hub, world, lambda t, R: size * np.sin(rate * t + phase).sum(axis=1))
+
+
+STRANGERS: dict[str, Callable[..., dict]] = {"jet-in-sunlight": _jet_in_sunlight, "unsteady": _unsteady}
+"""What no effect of the catalogue is."""
 KINDS: dict[str, Callable[..., dict]] = {
     "none": _nothing, "gravity-gradient-torque": _gravity, "sunlight": _sunlight, "constant-body-torque": _leak,
     "impulse": _firing, "internal-rotor": _wheel,

@@ -11,9 +11,10 @@ from massprops.diagnosis.discovery.effect_source import effect_of, source_of
 from massprops.diagnosis.discovery.law import discover
 from massprops.diagnosis.discovery.library import columns_of, library, own_frequencies
 from massprops.diagnosis.discovery.regression import probabilities, regression_of, search
-from massprops.diagnosis.discovery.sequence_law import files_of_law, record_of_sequence
+from massprops.diagnosis.discovery.sequence_law import files_of_law
 from massprops.diagnosis.motion_path import MotionPath, path_from_rates
 from massprops.diagnosis.selection import without_effects
+from massprops.diagnosis.sequence_record import record_of_sequence
 from massprops.dynamics.surroundings import Sky
 from massprops.effect_contract import faults, superposes
 from massprops.effect_file import with_effects

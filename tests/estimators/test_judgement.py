@@ -110,3 +110,31 @@ def test_one_impossible_method_costs_no_other(monkeypatch: pytest.MonkeyPatch, t
     assert [e.name for e in outcome.estimates] == ["simple"] and "range0" in outcome.skipped["ranger"]
     with pytest.raises(NotPossible, match="ranger needs"):
         estimate_all(folder, ["ranger"])
+
+
+def test_a_models_own_state_is_where_the_smoother_begins(problem: Problem, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    import yaml
+
+    from massprops.errors import InputError
+    from massprops.estimators.batch.state import BatchState
+    from massprops.estimators.methods import smoother
+    from massprops.model import load_model
+
+    path = tmp_path / "model.yaml"
+    content = {
+        "format": "massprops-model/1", "effects": [], "inertia": np.diag([0.8, 1.0, 1.2]).tolist(),
+        "angular_velocity_rad_s": [0.1, 0.2, 0.3], "attitude": [0.6, 0.8, 0.0, 0.0],
+    }  # fmt: skip
+    path.write_text(yaml.safe_dump(content))
+    model = load_model(path)
+    blank = BatchState(
+        np.array([1.0, 0, 0, 0]), np.ones(3), np.ones(3), np.zeros(3), np.eye(3), model, np.zeros((0, 3))
+    )
+    begun = smoother._state_of_model(blank, model, problem)
+    assert begun is not None and np.allclose(begun.w0, [0.1, 0.2, 0.3]) and np.allclose(begun.q0, [0.6, 0.8, 0, 0])
+    assert np.allclose(begun.inertia, np.diag([0.8, 1.0, 1.2]))
+    path.write_text(yaml.safe_dump({**content, "attitude": [1.0, 1.0, 0.0, 0.0]}))
+    with pytest.raises(InputError, match="unit quaternion"):
+        load_model(path)
+    path.write_text(yaml.safe_dump({k: content[k] for k in ("format", "effects", "inertia")}))
+    assert smoother._state_of_model(blank, load_model(path), problem) is None

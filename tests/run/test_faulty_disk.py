@@ -62,7 +62,7 @@ def of_run(out: Path) -> dict[str, Any]:
         for key in ("seconds", "cpu_seconds", "peak_memory_mb"):
             entry.pop(key)
         if "facts" in entry:
-            entry["facts"] = re.sub(r"cpu_us\w*': [\d.]+", "", str(entry["facts"]))
+            entry["facts"] = re.sub(r"cpu_us\w*': [\d.]+|'bytes': \d+", "", str(entry["facts"]))
     found["run.yaml"] = manifest
     crosscheck = json.loads(found.pop("crosscheck.json", b"{}"))
     for entry in crosscheck.get("estimators", []):

@@ -188,3 +188,21 @@ def test_a_manifest_that_a_full_disk_kept_back_is_written_by_the_next_command(tm
     (run / "run.yaml").write_text(text.replace("exit_code: 0", "exit_code: 3"))
     assert go(run, package).exit_code == 0
     assert (run / "run.yaml").read_text() == text
+
+
+def test_what_a_killed_command_was_writing_is_cleared_away(tmp_path: Path, package: str) -> None:
+    run = tmp_path / "run"
+    go(run, package)
+    before = tree(run)
+    (run / ".massprops" / ".outputs.json.123.tmp").write_text("half")
+    assert go(run, package).exit_code == 0
+    assert tree(run) == before
+
+
+def test_results_of_a_stopped_run_are_not_called_of_other_inputs(tmp_path: Path, package: str) -> None:
+    run = tmp_path / "run"
+    FLAGS.add("fail")
+    assert go(run, package).exit_code == 3
+    FLAGS.clear()
+    outcome = go(run, package)
+    assert outcome.exit_code == 0 and outcome.warnings == []

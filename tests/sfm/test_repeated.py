@@ -1,11 +1,13 @@
 """Repeating patterns: only what is unique is matched, and the model predicts where the twins belong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scene
 
 from massprops.sfm.distinct import describe, match_distinct, repeating, unit
-from massprops.sfm.guided import Gate, match_placed, place
+from massprops.sfm.guided import Gate, match_onto, match_placed, place
 from massprops.sfm.points import project
 
 
@@ -86,3 +88,43 @@ def test_a_feature_lies_on_its_ray():
     again = project(*(np.repeat(a[1:2], 50, 0) for a in (views.K, views.distortion, views.R, views.t)), world)
     np.testing.assert_allclose(again, points.obs_uv[own], atol=1e-3)
     assert (placed.depth[:, 0] <= placed.depth[:, 1]).all()
+
+
+def test_a_predicted_image_is_matched_without_tracks_of_its_own():
+    rng = np.random.default_rng(4)
+    views, points = scene.make(3, 300, noise=0.3, seed=4)
+    look = words(5, rng)[np.arange(300) % 5]
+    at = [points.obs_uv[points.obs_view == i] for i in (0, 1)]
+    units = [unit(noisy(look, rng)) for _ in (0, 1)]
+    tracks = points.observed((points.obs_point % 3 == 0) & (points.obs_view == 0))
+    placed = [place(views, tracks, i, at[i]) for i in (0, 1)]
+    found = match_onto(views, (0, 1), tuple(placed), tuple(units), Gate(0.025, 0.025))
+    assert len(found) > 60 and np.mean(found[:, 0] == found[:, 1]) > 0.8
+    assert len(np.unique(found[:, 1])) == len(found)
+
+
+def test_motion_predicts_the_images_beside_the_placed_ones():
+    from massprops.sfm.grow import REACH, predicted
+
+    views, points = scene.make(20, 51, step_deg=5.0)
+    # about the middle of the points, as a free body turns
+    points = replace(points, xyz=points.xyz - np.median(points.xyz, axis=0))
+    order = list(views.names)
+    clock = {n: float(t) for n, t in zip(order, views.timestamp_ns, strict=True)}
+    kept = np.r_[4:9, 15:18]
+    found = predicted(views.take(kept), points, order, clock)
+    # both ways from each end, and no farther; across the gap from the nearer side
+    expected = {*range(4 - REACH, 4), *range(9, 9 + REACH), *range(15 - REACH, 15), *range(18, 20)}
+    assert {order.index(n) for n in found.names} == expected
+    for i, name in enumerate(found.names):
+        k = order.index(name)
+        np.testing.assert_allclose(found.R[i], views.R[k], atol=1e-9)
+        np.testing.assert_allclose(found.t[i], views.t[k], atol=1e-9)
+
+
+def test_one_placed_image_predicts_nothing():
+    from massprops.sfm.grow import predicted
+
+    views, points = scene.make(6, 20)
+    clock = {n: float(i) for i, n in enumerate(views.names)}
+    assert len(predicted(views.take(np.array([2])), points, list(views.names), clock)) == 0

@@ -48,6 +48,7 @@ def diagnose(
     progress: Watch = lambda what, done, total: None,
     force: bool = False,
     discover: bool = False,
+    simulator: str | None = None,
 ) -> Diagnosis | BalanceDiagnosis:
     """Where model and data disagree, and which effect the model lacks.
 
@@ -58,6 +59,7 @@ def diagnose(
         out: folder for `diagnosis.json`, `model.yaml`, `residual.csv` and `report.html`.
         progress: told of each step.
         discover: look for a law too (`massprops.diagnosis.discovery`): `law` in the document, `law.py`, `law.yaml`.
+        simulator: `module:function` of the user's own, fitted as a black box (`massprops.diagnosis.black_box`).
 
     Raises:
         InputError: an unreadable sequence, or a body file that contradicts itself.
@@ -78,6 +80,8 @@ def diagnose(
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
     if decides(sequence):
         by_balance = diagnose_by_balance(sequence, progress)
+        if simulator is not None:
+            by_balance.document["simulator"] = _black_box(sequence, simulator, progress)
         if discover:
             by_balance = replace(by_balance, law=_law(sequence, by_balance.document, progress))
         if out is not None:
@@ -88,11 +92,27 @@ def diagnose(
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
     if run is not None and found.case.first.body_frame == "attitude0":
         found = replace(found, surface=_surface(run))
+    if simulator is not None:
+        found.document["simulator"] = _black_box(sequence, simulator, progress)
     if discover:
         found = replace(found, law=_law(sequence, found.document, progress))
     if out is not None:
         write_found(Path(out), found, given, force)
     return found
+
+
+def _black_box(sequence: Sequence, text: str, progress: Watch) -> dict[str, Any]:
+    """How well a user's simulator explains the record, and with what parameters."""
+    from massprops.diagnosis.black_box.fit import document_of_black_box, fit_black_box
+    from massprops.diagnosis.black_box.worker import Simulator
+    from massprops.estimators.problem import problem_of
+
+    progress(f"simulator {text}", 0, 1)
+    simulator = Simulator(text)
+    try:
+        return document_of_black_box(simulator, fit_black_box(simulator, problem_of(sequence)))
+    finally:
+        simulator.close()
 
 
 def _law(sequence: Sequence, document: dict[str, Any], progress: Watch) -> dict[str, str | bytes]:

@@ -1,0 +1,168 @@
+"""The parameters of a black box at which it explains a record best: Levenberg-Marquardt with finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from massprops.diagnosis.black_box.worker import Simulator
+from massprops.diagnosis.criteria import BLOCKS, FOLDS
+from massprops.dynamics.quaternion import conjugate, multiply, normalise, rotation_vector
+from massprops.errors import InputError, NotPossible
+from massprops.estimators.problem import Problem
+
+STEP = 1e-4
+"""Of a finite difference, over the common size of a parameter; central, so errors are of its square."""
+MOST_ITERATIONS, MOST_DAMPING = 30, 1e6
+SETTLED = 1e-6
+"""Relative fall of the cost at which the search ends."""
+LARGEST = 1e3
+"""Of a residual in sigmas: a trial that is this far off is far off."""
+
+
+@dataclass(frozen=True)
+class BlackBoxFit:
+    """Attributes:
+    values, sigma: (p,) parameters; residual: (r,) over the noise; held_out: root mean square of what blocks in time hold
+        beyond the fit to the others; calls: of the simulator; failed: calls in which it gave nothing.
+    """
+
+    values: np.ndarray
+    sigma: np.ndarray
+    residual: np.ndarray
+    held_out: float
+    calls: int
+    failed: int
+
+
+class _Residuals:
+    """Residuals over the noise as a function of the parameters in units of their common size."""
+
+    def __init__(self, simulator: Simulator, problem: Problem):
+        self.simulator, self.problem = simulator, problem
+        self.start = np.array([q.start for q in simulator.parameters])
+        self.size = np.array([q.size for q in simulator.parameters])
+        self.calls = self.failed = 0
+        self.epoch = np.zeros(0, int)
+        self.why = ""
+
+    def __call__(self, x: np.ndarray) -> np.ndarray | None:
+        """(r,) or None where the simulator gives nothing."""
+        self.calls += 1
+        given = self.simulator(self.problem.times, self.start + self.size * x)
+        if isinstance(given, str):
+            self.failed, self.why = self.failed + 1, given
+            return None
+        return np.clip(self._rows(given), -LARGEST, LARGEST)
+
+    def _rows(self, given: dict[str, np.ndarray]) -> np.ndarray:
+        p, parts, epochs = self.problem, [], []
+
+        def add(values: np.ndarray, there: np.ndarray) -> None:
+            parts.append(values[there].ravel())
+            own = np.arange(len(p.times)).reshape(-1, *[1] * (values.ndim - 1))
+            epochs.append(np.broadcast_to(own, values.shape)[there].ravel())
+
+        if "attitude" in given and p.has_attitude:
+            turn = rotation_vector(multiply(conjugate(normalise(given["attitude"])), p.attitude))
+            add(turn / p.sigma_attitude[:, None], np.isfinite(p.attitude[:, 0]) & (p.sigma_attitude > 0))
+        if "rates" in given and p.has_rates:
+            add((p.rates - given["rates"]) / p.sigma_rate, np.isfinite(p.rates[:, 0]))
+        if "tracks" in given and p.has_tracks:
+            if given["tracks"].shape != p.uv.shape:
+                raise InputError(
+                    f"--simulator {self.simulator.text}: tracks must be {p.uv.shape} here, not {given['tracks'].shape}"
+                )
+            off = (p.uv - given["tracks"]) / p.sigma_px[:, None, None]
+            add(np.where(np.isfinite(off), off, LARGEST), p.seen)
+        if not parts:
+            raise InputError(f"--simulator {self.simulator.text}: it gives nothing that this sequence measures")
+        self.epoch = np.concatenate(epochs)
+        return np.concatenate(parts)
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """(r, p) by central differences, one-sided where one side gives nothing.
+
+        Raises:
+            NotPossible: neither side gives anything.
+        """
+        here, columns = None, []
+        for k in range(len(x)):
+            step = STEP * np.eye(len(x))[k]
+            above, below = self(x + step), self(x - step)
+            if above is not None and below is not None:
+                columns.append((above - below) / (2 * STEP))
+                continue
+            here = self(x) if here is None else here
+            side, sign = (above, 1.0) if above is not None else (below, -1.0)
+            if side is None or here is None:
+                name = self.simulator.parameters[k].name
+                raise NotPossible(f"--simulator {self.simulator.text}: it fails on both sides of {name}: {self.why}")
+            columns.append(sign * (side - here) / STEP)
+        return np.stack(columns, axis=1)
+
+
+def fit_black_box(simulator: Simulator, problem: Problem) -> BlackBoxFit:
+    """The fit of all measurements that the simulator gives, begun at its own start.
+
+    Raises:
+        NotPossible: it fails at its start, or all about a point; it does not answer.
+        InputError: it gives nothing that was measured.
+    """
+    rows = _Residuals(simulator, problem)
+    x, r, J = _least(rows, np.zeros(len(rows.start)), MOST_ITERATIONS)
+    spread = np.linalg.pinv(J.T @ J, hermitian=True) * max(1.0, float(r @ r) / max(1, len(r) - len(x)))
+    shown = np.linalg.norm(J, axis=0) > 0
+    sigma = np.where(shown, np.sqrt(np.maximum(np.diag(spread), 0.0)), np.inf)
+    n = len(problem.times)
+    fold = np.minimum(rows.epoch * BLOCKS // n, BLOCKS - 1) % FOLDS
+    held = np.empty(len(r))
+    for k in range(FOLDS):
+        # about the whole record's answer the fit without a fold is one linear step away
+        A, b = J[fold != k], r[fold != k]
+        held[fold == k] = r[fold == k] - J[fold == k] @ np.linalg.lstsq(A, b, rcond=1e-10)[0]
+    return BlackBoxFit(
+        rows.start + rows.size * x, rows.size * sigma, r, float(np.sqrt(np.mean(held**2))), rows.calls, rows.failed
+    )
+
+
+def _least(rows: _Residuals, x: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameters, residuals (r,) and their derivatives (r, p) at the least cost near a start."""
+    r = rows(x)
+    if r is None:
+        raise NotPossible(f"--simulator {rows.simulator.text}: it fails at its own start: {rows.why}")
+    J, damping = rows.jacobian(x), 1e-3
+    for _ in range(most):
+        H, g = J.T @ J, J.T @ r
+        scale = np.maximum(np.diag(H), 1e-12 * float(np.max(np.diag(H)) or 1.0))
+        fell = 0.0
+        while damping < MOST_DAMPING:
+            trial = x - np.linalg.solve(H + damping * np.diag(scale), g)
+            after = rows(trial)
+            if after is not None and after @ after < r @ r:
+                fell = 1.0 - float(after @ after) / float(r @ r)
+                x, r, damping = trial, after, max(damping / 10.0, 1e-9)
+                break
+            damping *= 8.0
+        if fell < SETTLED:
+            break
+        J = rows.jacobian(x)
+    return x, r, J
+
+
+def document_of_black_box(simulator: Simulator, fit: BlackBoxFit) -> dict[str, Any]:
+    """`simulator` in `diagnosis.json`."""
+    return {
+        "name": simulator.text,
+        "parameters": {q.name: float(v) for q, v in zip(simulator.parameters, fit.values, strict=True)},
+        "sigma": {
+            q.name: float(s) if np.isfinite(s) else None for q, s in zip(simulator.parameters, fit.sigma, strict=True)
+        },
+        "units": {q.name: q.unit for q in simulator.parameters},
+        "fitted": float(np.sqrt(np.mean(fit.residual**2))),
+        "held_out": fit.held_out,
+        "calls": fit.calls,
+        "failed": fit.failed,
+    }

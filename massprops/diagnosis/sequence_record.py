@@ -1,0 +1,39 @@
+"""From whatever a sequence measures to the record that the balance of momentum takes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
+from massprops.errors import NotPossible
+from massprops.sequence.data import AttitudeSeries, Sequence
+
+
+def record_of_sequence(sequence: Sequence) -> Record:
+    """The record of attitudes where there are some, from stereo tracks too, else of body rates.
+
+    Raises:
+        NotPossible: nothing shows the rotation, or too little of it.
+    """
+    if sequence.attitude is not None and len(sequence.attitude.q):
+        return record_of_attitudes(sequence.attitude, sequence.environment)
+    if sequence.tracks is not None and len(sequence.tracks.feature):
+        return record_of_attitudes(_attitudes_of_tracks(sequence), sequence.environment)
+    if sequence.rates is not None and len(sequence.rates.w):
+        return record_of_rates(sequence.rates)
+    raise NotPossible("the sequence holds no attitudes, no body rates and no stereo tracks")
+
+
+def _attitudes_of_tracks(sequence: Sequence) -> AttitudeSeries:
+    """Attitudes as each epoch of stereo tracks alone shows them."""
+    from massprops.estimators.problem import problem_of
+    from massprops.estimators.result import Prior
+    from massprops.estimators.start import first_guess
+
+    problem = problem_of(sequence)
+    if not problem.stereo:
+        raise NotPossible("one camera shows attitudes only after 'massprops reconstruct': give its run folder")
+    poses = first_guess(problem, Prior()).poses
+    if poses is None:
+        raise NotPossible("the tracks show no attitudes")
+    return AttitudeSeries(problem.stamp_ns[poses.rows], poses.q, np.asarray(poses.sigma))

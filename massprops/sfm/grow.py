@@ -1,0 +1,129 @@
+"""Images of a video that matching alone did not place, looked for where the motion predicts them.
+
+Between neighbours a free body, or a hand with a camera, turns on at nearly the rate at which it turned before. The pose
+so predicted tells a repeating pattern's cells apart, as it does in placed images (`massprops.sfm.guided`), and carries
+over some images in which nothing can be matched.
+"""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from massprops.run.job import Progress, silent
+from massprops.sfm.attempt import Attempt, SfmOptions
+from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.distinct import unit
+from massprops.sfm.footage import FootageRecord
+from massprops.sfm.guided import Gate, match_onto, place
+from massprops.sfm.mapping import continue_mapping, verify
+from massprops.sfm.points import SparsePoints
+from massprops.views import Views
+
+REACH = 4
+"""Images beyond the last placed one that are predicted; the turn between neighbours changes little over so many."""
+
+PARTNERS = 4
+"""Placed images with which each predicted one is compared."""
+
+RATE_OVER = 3
+"""Images back from the last placed one over which the rate is taken."""
+
+GATE = Gate(0.025, 0.025)
+MOST_ROUNDS = 60
+
+
+def grow(
+    model: pycolmap.Reconstruction,
+    found: Attempt,
+    footage: FootageRecord,
+    options: SfmOptions,
+    work: Path,
+    progress: Progress = silent,
+) -> pycolmap.Reconstruction:
+    """The model with the images that its motion leads to, in rounds of a few."""
+    units = {n: unit(d) for n, (_, d) in found.features.items()}
+    with pycolmap.Database.open(found.database) as db:
+        numbers = {image.name: image.image_id for image in db.read_all_images()}
+    order = [f.name for f in footage.frames if f.name in found.features]
+    clock = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in footage.frames}
+    for turn in range(MOST_ROUNDS):
+        before = model.num_reg_images()
+        views, ids = to_views(model)
+        points = to_points(model, ids)
+        wanted = predicted(views, points, order, clock)
+        if not wanted.names:
+            break
+        matches = _matched(views, points, wanted, order, found, units)
+        with pycolmap.Database.open(found.database) as db:
+            for a, b in matches:
+                if db.exists_matches(numbers[a], numbers[b]):
+                    db.delete_matches(numbers[a], numbers[b])
+                if db.exists_two_view_geometry(numbers[a], numbers[b]):
+                    db.delete_two_view_geometry(numbers[a], numbers[b])
+        verify(found.database, numbers, matches, found.mapping)
+        model = continue_mapping(model, found.database, footage.folder / "frames", work / f"grown{turn}", found.mapping)
+        progress(model.num_reg_images(), len(order), "following the motion")
+        if model.num_reg_images() <= before:
+            break
+    return model
+
+
+def predicted(views: Views, points: SparsePoints, order: list[str], clock: dict[str, float]) -> Views:
+    """Poses of images near the placed ones, as the rate of turning beside them predicts.
+
+    Args:
+        order: names of all images in time; clock: their times, any unit.
+
+    Returns:
+        images that are not placed; the middle of the points keeps its place in the camera.
+    """
+    from scipy.spatial.transform import Rotation
+
+    row = {n: i for i, n in enumerate(views.names)}
+    middle = np.median(points.xyz, axis=0) if len(points.xyz) else np.zeros(3)
+    there = np.array([n in row for n in order])
+    index, R, t, names = [], [], [], []
+    for k in np.flatnonzero(~there).tolist():
+        near = [j for j in range(max(0, k - REACH), min(len(order), k + REACH + 1)) if there[j]]
+        if not near:
+            continue
+        first = min(near, key=lambda j: abs(j - k))
+        side = 1 if first > k else -1
+        second = next(
+            (j for j in range(first + side * RATE_OVER, first, -side) if 0 <= j < len(order) and there[j]), None
+        )
+        if second is None:
+            continue
+        a, b = row[order[first]], row[order[second]]
+        share = (clock[order[k]] - clock[order[first]]) / (clock[order[first]] - clock[order[second]])
+        step = Rotation.from_matrix(views.R[a] @ views.R[b].T).as_rotvec()
+        turned = Rotation.from_rotvec(share * step).as_matrix() @ views.R[a]
+        seen = [views.R[i] @ middle + views.t[i] for i in (a, b)]
+        index.append(a)
+        R.append(turned)
+        t.append(seen[0] + share * (seen[0] - seen[1]) - turned @ middle)
+        names.append(order[k])
+    chosen = views.take(np.array(index, int))
+    return replace(chosen, names=tuple(names), R=np.array(R).reshape(-1, 3, 3), t=np.array(t).reshape(-1, 3))
+
+
+def _matched(
+    views: Views, points: SparsePoints, wanted: Views, order: list[str], found: Attempt, units: dict[str, np.ndarray]
+) -> dict[tuple[str, str], np.ndarray]:
+    """Matches of placed images onto predicted ones."""
+    both = Views.joined([views, wanted])
+    position = {n: k for k, n in enumerate(order)}
+    out = {}
+    for i, name in enumerate(wanted.names, start=len(views)):
+        target = place(both, points, i, found.features[name][0][:, :2] - 0.5)
+        nearest = sorted(range(len(views)), key=lambda j: abs(position[views.names[j]] - position[name]))
+        for j in nearest[:PARTNERS]:
+            other = views.names[j]
+            source = place(both, points, j, found.features[other][0][:, :2] - 0.5)
+            out[other, name] = match_onto(both, (j, i), (source, target), (units[other], units[name]), GATE)
+    return out
