@@ -23,7 +23,7 @@ from massprops.diagnosis.selection import within_noise
 
 LIKELY = 0.75
 """Probability of each of its terms from which a law is stated as one."""
-ROUNDS = 4
+ROUNDS = 6
 """Fits after which the library is looked through again; more than one only for the moments at which terms begin."""
 NEAR = 9
 """Moments tried about such a one, from one neighbour to the next: four times as fine with each round."""
@@ -94,7 +94,7 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
         if not last and (used or at is unknown):  # a fit, to look again along the path that it finds
             at = _fitted(record, effect_of(source_of(found, [1e-4] * len(found))), unknown)
             near = [float(s + grid * d) for s in used for d in np.linspace(-1.0, 1.0, NEAR)]
-            steps, grid = tuple(sorted({*steps, *near})), 2.0 * grid / (NEAR - 1)
+            steps, grid = tuple(sorted({*steps, *near})), 0.5 * grid
             continue
         chance = probabilities(r, models, _alike(terms, columns, span / STEPS))
         law = _refit(record, found, np.array([chance[c] for c in columns]), base, unknown)
