@@ -1,4 +1,4 @@
-"""`massprops view`: the report in the browser."""
+"""`massprops view`: the report in the browser; a list of runs, or two beside one another."""
 
 from __future__ import annotations
 
@@ -12,19 +12,45 @@ from massprops.errors import InputError
 from massprops_cli.terminal import say
 
 
-def command(run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")]) -> None:
-    """Open a run's report in the browser; where there is none, print its path.
+def command(
+    run: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Run folder; a folder of runs; or two runs to compare.")
+    ],
+) -> None:
+    """Open a run's report in the browser; of a folder of runs a list, of two runs what differs.
+
+    Where there is no browser, print the page's path.
 
     Example: massprops view runs/demo
+
+    Example: massprops view runs/one runs/two
     """
     import webbrowser
 
-    page = run / "report.html"
-    if not page.is_file():
-        raise InputError(f"{run}: no report.html in this folder: make the run first with 'massprops reconstruct'")
-    verify(run, page.name)
+    page = _page(run)
     try:
         opened = webbrowser.open(page.resolve().as_uri())
     except webbrowser.Error:
         opened = False
     say(f"{'opened' if opened else 'open this in a browser:'} {page.resolve()}")
+
+
+def _page(runs: list[Path]) -> Path:
+    if len(runs) > 2:
+        raise InputError(f"{len(runs)} folders: give one run, one folder of runs, or two runs to compare")
+    for run in runs:
+        if not run.is_dir():
+            raise InputError(f"{run}: no such folder: there is no report.html")
+    if len(runs) == 1 and (runs[0] / "report.html").is_file():
+        verify(runs[0], "report.html")
+        return runs[0] / "report.html"
+    from massprops.report.runs import runs_in, write_runs
+
+    if len(runs) == 2:
+        return write_runs(runs[0].resolve().parent, runs)
+    found = runs_in(runs[0])
+    if not found:
+        raise InputError(
+            f"{runs[0]}: no report.html in this folder, and no runs: make one first with 'massprops reconstruct'"
+        )
+    return write_runs(runs[0], found)

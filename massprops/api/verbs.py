@@ -410,7 +410,7 @@ def export(
 
     Args:
         source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh` in metres.
-        to: format: filter, urdf, mjcf, sdf, basilisk, csv or json.
+        to: filter, urdf, mjcf, sdf, usd, basilisk, csv, json, colmap-text, nerfstudio, tum, rerun.
         out: file to write; default: in the run, or beside the mesh file, by its name. In Python a mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.

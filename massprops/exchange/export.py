@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from massprops.core.files import hash_of, make_folder, write_whole
@@ -35,7 +35,7 @@ def export(
         force: another file of that name may be replaced; the mesh itself may not.
 
     Returns:
-        the file written.
+        the file written; of a format of several files, their folder.
 
     Raises:
         InputError: unknown format, no mesh, no scale where metres are needed, or an impossible body.
@@ -54,13 +54,17 @@ def export(
             warn(line)
     default = (body.run or Path(source).parent) / (body.name + style.SUFFIX)
     path = Path(out) if out is not None else default
-    if path.is_dir():
+    if path.is_dir() and not getattr(style, "FOLDER", False):
         path = path / (body.name + style.SUFFIX)
     meshes = _meshes(body, path.stem) if style.MESHES else {}
     names = {tag: name for tag, (name, _) in meshes.items()}
     contents: dict[str, str | bytes] = dict(meshes.values())
-    contents[path.name] = style.render(body, names)
+    rendered = style.render(body, names)
     inputs = list(body.files)
+    if isinstance(rendered, dict):
+        _write_elsewhere(path, rendered, inputs, force)
+        return path
+    contents[path.name] = rendered
     if body.run is not None and path.parent.is_dir() and path.parent.samefile(body.run):
         key = hash_of([Outputs(body.run).base, to, density, mass])
         keep = [n for n, e in Outputs(body.run).files.items() if e["by"] == OWNER]
@@ -70,7 +74,7 @@ def export(
     return path
 
 
-def _write_elsewhere(folder: Path, contents: dict[str, str | bytes], inputs: list[Path], force: bool) -> None:
+def _write_elsewhere(folder: Path, contents: Mapping[str, str | bytes], inputs: list[Path], force: bool) -> None:
     """Writes files into a folder that is the user's: new ones, or such as are there already, byte for byte.
 
     Raises:

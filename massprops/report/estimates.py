@@ -95,15 +95,49 @@ def render(
     outcome: Outcome, content: dict[str, Any], found: dict[str, Errors | None], truth: Truth | None = None
 ) -> str:
     """The page as text."""
-    parts = [("Estimators", "summary", _summary(outcome, content, truth))]
-    parts += [
-        (e.name, f"e{i}", _method(e, outcome.problem, found.get(e.name))) for i, e in enumerate(outcome.estimates)
-    ]
+    first = _summary(outcome, content, truth) + _side_by_side(outcome, found)
+    listed = [(e.name, _method(e, outcome.problem, found.get(e.name))) for e in outcome.estimates]
     ran = {e.name for e in outcome.estimates}
-    parts += [(e["name"], f"k{i}", _earlier(e)) for i, e in enumerate(content["estimators"]) if e["name"] not in ran]
-    body = "".join(f'<section id="{key}"><h2>{text(title)}</h2>{inner}</section>' for title, key, inner in parts)
-    links = "".join(f'<a href="#{key}">{text(title)}</a>' for title, key, _ in parts)
+    listed += [(e["name"], _earlier(e)) for e in content["estimators"] if e["name"] not in ran]
+    shut = "".join(f"<details><summary>{text(name)}</summary>{inner}</details>" for name, inner in listed)
+    body = f'<section id="summary"><h2>Estimators</h2>{first}</section>'
+    body += f'<section id="methods"><h2>One by one</h2>{shut}</section>'
+    links = '<a href="#summary">Estimators</a><a href="#methods">One by one</a>'
     return page("massprops · estimates", body, links, content["source"])
+
+
+def _side_by_side(outcome: Outcome, found: dict[str, Errors | None]) -> str:
+    """Every method in one chart: sizes of the errors where truth exists, else the ratios as they settled."""
+    degrees, charts = np.degrees(1.0), []
+    known = {e.name: error for e in outcome.estimates if (error := found.get(e.name)) is not None}
+    if known:
+        charts.append(("attitude error", "°", {n: (r.times, r.attitude * degrees) for n, r in known.items()}))
+        charts.append(("rate error", "°/s", {n: (r.times, r.w * degrees) for n, r in known.items()}))
+        ratios = {n: (r.times, r.k_history) for n, r in known.items() if r.k_history is not None}
+        charts.append(("error of k1, k2", "", ratios))
+    else:
+        histories = {e.name: (np.asarray(e.times), e.k_history) for e in outcome.estimates if e.k_history is not None}
+        for j, name in enumerate(("k1", "k2")):
+            charts.append((name, "", {n: (t, k[:, j : j + 1]) for n, (t, k) in histories.items()}))
+    parts = [_overlaid(what, unit, curves, bool(known)) for what, unit, curves in charts if len(curves) > 1]
+    return f'<h3>Side by side</h3><div class="two">{"".join(parts)}</div>' if parts else ""
+
+
+def _overlaid(what: str, unit: str, curves: dict[str, tuple[np.ndarray, np.ndarray]], size: bool) -> str:
+    """One curve a method, of sizes or of values; the height is that of the second half."""
+    drawn = []
+    for name, (times, values) in curves.items():
+        keep = thin(len(times))
+        y = np.linalg.norm(values[keep], axis=1) if size else values[keep, 0]
+        drawn.append((name, times[keep], y))
+    late = np.concatenate([y[len(y) // 2 :] for _, _, y in drawn])
+    late = late[np.isfinite(late)]
+    if not len(late):
+        return ""
+    low, high = float(late.min()), float(late.max())
+    room = 0.5 * (high - low) + 1e-300
+    clipped = [(name, x, np.clip(y, 0.0 if size else low - room, high + room)) for name, x, y in drawn]
+    return f"<div>{plot(clipped, 'time [s]', what + (f' [{unit}]' if unit else ''), 560, 230)}</div>"
 
 
 def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> str:
@@ -227,8 +261,8 @@ def _error_plots(e: Estimate, error: Errors) -> str:
         parts.append(_bounded("position error", "m", error.times, error.position, sigma))
     if error.k_history is not None:
         sigma = None if e.k_sigma_history is None else e.k_sigma_history[error.at]
-        parts.append(_bounded("error of", "", error.times, error.k_history, sigma, ("k1", "k2")))
-    return "".join(parts)
+        parts.append(_bounded("error of k1, k2", "", error.times, error.k_history, sigma, ("k1", "k2")))
+    return f'<div class="two">{"".join(parts)}</div>'
 
 
 def _state_plots(e: Estimate) -> str:
@@ -239,8 +273,8 @@ def _state_plots(e: Estimate) -> str:
     if e.position is not None:
         parts.append(_bounded("position", "m", times, e.position, e.sigma_position, about=True))
     if e.k_history is not None:
-        parts.append(_bounded("", "", times, e.k_history, e.k_sigma_history, ("k1", "k2"), about=True))
-    return "".join(parts)
+        parts.append(_bounded("k1, k2", "", times, e.k_history, e.k_sigma_history, ("k1", "k2"), about=True))
+    return f'<div class="two">{"".join(parts)}</div>'
 
 
 def _scaled(values: np.ndarray | None, factor: float) -> np.ndarray | None:
@@ -256,29 +290,32 @@ def _bounded(
     names: tuple[str, ...] = tuple(AXES),
     about: bool = False,
 ) -> str:
-    """One plot per column with its 3-sigma band, about zero for errors, about the value for states.
+    """One plot, a curve a column with its 3-sigma band, about zero for errors, about the value for states.
 
     The plot's height is that of the second half: what a filter does before it settles would hide all else.
     """
-    parts, keep = [], thin(len(times))
-    for j, name in enumerate(names[: values.shape[1]]):
-        y = values[keep, j]
-        bands = []
-        late = values[len(values) // 2 :, j]
-        reach = [late[np.isfinite(late)]]
-        if sigma is not None and np.isfinite(sigma[:, j]).all():
-            three = 3.0 * sigma[keep, j]
-            middle = y if about else np.zeros_like(y)
-            bands = [(times[keep], middle - three, middle + three)]
-            half = 3.0 * sigma[len(values) // 2 :, j]
-            reach += [half, -half] if not about else [late + half, late - half]
-        every = np.concatenate(reach)
-        if len(every):
-            low, high = float(every.min()), float(every.max())
-            room = 1.0 * (high - low) + 1e-300
-            y = np.clip(y, low - room, high + room)
-            bands = [(x, np.clip(a, low - room, high + room), np.clip(b, low - room, high + room)) for x, a, b in bands]
-        label = f"{what} {name}".strip() + (f" [{unit}]" if unit else "")
-        parts.append(f"<div>{plot([('', times[keep], y)], 'time [s]', label, 420, 190, bands)}</div>")
-    note = "band: 3σ" if sigma is not None else ""
-    return f'<div class="two">{"".join(parts)}</div><p class="soft">{note}</p>'
+    keep, half = thin(len(times)), len(values) // 2
+    columns = range(min(values.shape[1], len(names)))
+    bounded = sigma is not None and np.isfinite(sigma[:, : len(columns)]).all()
+    three = None if sigma is None or not bounded else 3.0 * sigma
+    reach = [values[half:, j] for j in columns]
+    if three is not None:
+        middle = values if about else np.zeros_like(values)
+        reach += [(middle + side * three)[half:, j] for j in columns for side in (-1, 1)]
+    every = np.concatenate(reach)
+    every = every[np.isfinite(every)]
+    low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
+    room = 1.0 * (high - low) + 1e-300
+
+    def cut(y: np.ndarray) -> np.ndarray:
+        return np.clip(y, low - room, high + room)
+
+    series = [(names[j], times[keep], cut(values[keep, j])) for j in columns]
+    bands = []
+    if three is not None:
+        for j in columns if about else [int(np.argmax(np.nanmax(three[half:], axis=0)))]:
+            at = values[keep, j] if about else np.zeros(len(keep))
+            bands.append((times[keep], cut(at - three[keep, j]), cut(at + three[keep, j])))
+    label = what + (f" [{unit}]" if unit else "")
+    note = "" if not bands else "band: 3σ" if about else "band: 3σ, of the widest"
+    return f'<div>{plot(series, "time [s]", label, 560, 220, bands)}<p class="soft">{note}</p></div>'

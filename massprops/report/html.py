@@ -72,7 +72,7 @@ def round_marks(low: float, high: float) -> list[float]:
     power = 10.0 ** np.floor(np.log10(rough))
     step = power * next(m for m in (1, 2, 5, 10) if m * power >= 0.8 * rough)
     marks = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
-    return [float(m * step) for m in marks]
+    return [float(m * step) + 0.0 for m in marks]  # no minus zero
 
 
 def mark(value: float) -> str:
@@ -117,7 +117,7 @@ def plot(
     y0, y1 = float(ys.min()), float(ys.max())
     x1, pad = (x1 if x1 > x0 else x0 + 1), 0.05 * (y1 - y0) or 0.5 * abs(y0) or 0.5
     y0, y1 = y0 - pad, y1 + pad
-    left, right, top, bottom = 68, 12, 10, 34
+    left, right, top, bottom = 80, 12, 10, 34
 
     def px(x: np.ndarray) -> np.ndarray:
         return left + (np.asarray(x, float) - x0) / (x1 - x0) * (width - left - right)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.report.html import number, round_marks, text
+from massprops.report.html import mark, round_marks, text
 
 NINETY = 2.1460
 """Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
@@ -123,11 +123,11 @@ def _scales(low: np.ndarray, high: np.ndarray) -> str:
     for k1 in round_marks(low[0], high[0]):
         x = _at(np.array([k1, low[1]]), low, high)[0]
         parts.append(f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{EDGE}" y2="{TALL - BOTTOM}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{TALL - BOTTOM + 15}" text-anchor="middle">{number(k1, 3)}</text>')
+        parts.append(f'<text x="{x:.1f}" y="{TALL - BOTTOM + 15}" text-anchor="middle">{mark(k1)}</text>')
     for k2 in round_marks(low[1], high[1]):
         y = _at(np.array([low[0], k2]), low, high)[1]
         parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDE - EDGE}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{number(k2, 3)}</text>')
+        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{mark(k2)}</text>')
     parts.append(f'<text x="{(LEFT + WIDE) / 2:.0f}" y="{TALL - 6}" text-anchor="middle">k1</text>')
     parts.append(f'<text transform="translate(12 {TALL / 2:.0f}) rotate(-90)" text-anchor="middle">k2</text>')
     return "".join(parts)

@@ -85,8 +85,8 @@ def test_columns_are_as_many_as_their_unknowns_and_move_the_rates(name: str) -> 
     forcing = forcing_of(term, path, path.w, INERTIA, SKY)
     assert forcing.count == len(term.unknowns)
     assert set(term.unknowns) <= {p.name for p in effect.PARAMETERS}
-    part = forcing.momentum if forcing.momentum is not None else forcing.internal
-    assert np.all(np.abs(part).max(axis=(0, 1)) > 0)
+    parts = [p for p in (forcing.momentum, forcing.internal, forcing.rate) if p is not None]
+    assert np.all(sum(np.abs(p).max(axis=(0, 1)) for p in parts) > 0)
 
 
 def test_free_rotation_gives_its_inertia_without_a_start_and_within_its_sigma() -> None:

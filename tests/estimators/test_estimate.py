@@ -58,7 +58,7 @@ def test_writes_all_or_nothing_and_measures_errors_against_truth(
     header, first = (tmp_path / "out" / "simple.csv").read_text().splitlines()[:2]
     assert header.startswith("#timestamp [ns],q_w []") and len(header.split(",")) == len(first.split(","))
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "rate error x" in page and 'class="band"' in page
+    assert "rate error" in page and 'class="band"' in page
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
 
 

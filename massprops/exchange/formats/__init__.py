@@ -4,7 +4,9 @@ NAME: what `--to` takes.
 SUFFIX: of the file.
 NEEDS_METRES: whether a body in model units is refused.
 MESHES: whether a visual and a collision mesh are written beside it and referenced by relative path.
-render(body, meshes) -> str: the file's text; `meshes` maps "visual" and "collision" to relative paths.
+FOLDER: True for a format of several files, which then lie in a folder of their own; may be left out.
+render(body, meshes) -> str or bytes: the file's content, or of several files a dictionary by name; `meshes` maps "visual"
+and "collision" to relative paths. Raises InputError where the body lacks what the format is about.
 """
 
 from __future__ import annotations

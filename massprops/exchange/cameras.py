@@ -1,0 +1,63 @@
+"""The cameras of a run, in the units and axes of its mesh, for the formats that carry them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from massprops.documents.scale_json import ScaleStageFile
+from massprops.errors import InputError
+from massprops.exchange.body import Body
+from massprops.sfm.points import SparsePoints
+from massprops.views import Views
+
+ORIGIN = "camera poses and points in the mesh's axes and units: the object is at rest, the camera moves round it"
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """views: registered images, poses in final units; points: sparse points, likewise, or None; frames: their folder."""
+
+    views: Views
+    points: SparsePoints | None
+    frames: Path
+
+
+def read_cameras(body: Body, to: str) -> Cameras:
+    """The cameras of a body's run.
+
+    Args:
+        body: of a run folder. to: name of the format, for the message.
+
+    Raises:
+        InputError: a bare mesh, or a run without cameras.
+    """
+    from massprops.documents.fields import read
+    from massprops.documents.loading import load_json
+
+    if body.run is None:
+        raise InputError(f"--to {to}: needs the cameras of a run: give a run folder in place of a mesh")
+    work = body.run / "work"
+    try:
+        views = Views.load(work / "sfm" / "views.npz")
+    except (OSError, ValueError, KeyError):
+        raise InputError(f"{body.run}: --to {to} needs the run's cameras, and work/sfm has none") from None
+    path = work / "scale" / "scale.json"
+    factor = read(ScaleStageFile, load_json(path), str(path)).factor if path.is_file() else 1.0
+    try:
+        points: SparsePoints | None = SparsePoints.load(work / "sfm" / "points.npz")
+    except (OSError, ValueError, KeyError):
+        points = None
+    if points is not None:
+        points = replace(points, xyz=points.xyz * factor)
+    return Cameras(replace(views, t=views.t * factor), points, work / "capture" / "frames")
+
+
+def camera_to_body(views: Views) -> np.ndarray:
+    """(n, 4, 4) from camera axes (x right, y down, z forward) to the mesh's axes."""
+    out = np.tile(np.eye(4), (len(views), 1, 1))
+    out[:, :3, :3] = np.swapaxes(views.R, 1, 2)
+    out[:, :3, 3] = views.centres
+    return out

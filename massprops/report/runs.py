@@ -1,0 +1,143 @@
+"""A page of several runs: each with a picture, its verdict and its numbers; of two, what differs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from massprops.core.files import hash_of
+from massprops.core.outputs import deliver
+from massprops.errors import InputError
+from massprops.mass.recommended import as_recommended
+from massprops.report.data import read_json
+from massprops.report.html import Safe, data_uri, number, table, text
+from massprops.report.page import document as page
+
+OWNER, NAME = "view", "runs.html"
+QUANTITIES = ("volume", "mass", "I1", "I2", "I3", "k1", "k2")
+MOST = 500
+
+
+def runs_in(folder: Path) -> list[Path]:
+    """Folders right below this one that hold a run, by name."""
+    found = [
+        p
+        for p in sorted(folder.iterdir())
+        if p.is_dir() and ((p / "massprops.json").is_file() or (p / "report.json").is_file())
+    ]
+    return found[:MOST]
+
+
+def write_runs(folder: Path, runs: list[Path], force: bool = False) -> Path:
+    """Writes `runs.html` into a folder: a list of runs, or a comparison of two.
+
+    Args:
+        folder: where the page goes; links to the runs are relative to it.
+        runs: run folders.
+        force: a `runs.html` that massprops did not write may be replaced.
+
+    Raises:
+        InputError: no runs, or the folder cannot be written.
+    """
+    if not runs:
+        raise InputError(f"{folder}: no runs in this folder: give one that 'massprops reconstruct' wrote runs into")
+    found = [_Run(path, folder) for path in runs]
+    body = f'<section id="runs"><h2>Runs</h2>{_listed(found)}</section>'
+    if len(found) == 2:
+        body += f'<section id="compared"><h2>What differs</h2>{_compared(*found)}</section>'
+    whole = page(f"massprops · {len(found)} runs", body, subtitle=str(folder.resolve()))
+    deliver(folder, OWNER, {NAME: whole}, hash_of([r.document for r in found]), force=force)
+    return folder / NAME
+
+
+class _Run:
+    """What the page says of one run; files that are missing or broken leave gaps."""
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        self.path = path
+        self.document = read_json(path / "massprops.json")
+        self.crosscheck, self.verdict = read_json(path / "crosscheck.json"), read_json(path / "report.json")
+        self.best: dict[str, Any] = as_recommended(self.document) if self.document else {}
+        self.metric = (self.document.get("units") or {}).get("length") == "m"
+        try:
+            self.link = quote(path.resolve().relative_to(folder.resolve()).as_posix()) + "/report.html"
+        except ValueError:
+            self.link = (path.resolve() / "report.html").as_uri()
+
+    def value(self, quantity: str) -> float | None:
+        moments = self.best.get("principal_moments") or [None] * 3
+        known = {**(self.best.get("inertia_ratios") or {}), **{f"I{i + 1}": m for i, m in enumerate(moments)}}
+        return known.get(quantity, self.best.get(quantity))
+
+    def bounds(self, quantity: str) -> list[float] | None:
+        interval = self.best.get("interval_90") or {}
+        if quantity.startswith("I"):
+            return (interval.get("principal_moments") or [None] * 3)[int(quantity[1]) - 1]
+        return interval.get(quantity)
+
+    def said(self, quantity: str, digits: int = 4) -> str:
+        value, bounds = self.value(quantity), self.bounds(quantity)
+        if value is None:
+            return "–"
+        half = "" if not bounds or None in bounds else f" ± {number(0.5 * (bounds[1] - bounds[0]), 2)}"
+        return number(value, digits) + half
+
+    @property
+    def unit(self) -> str:
+        return "m³" if self.metric else "unit³"
+
+    @property
+    def judged(self) -> Safe:
+        trust = self.document.get("confidence") or {}
+        level = str(trust.get("level") or "")
+        colour = {"high": "good", "low": "bad"}.get(level, "")
+        parts = [f'<b class="{colour}">{text(level)}</b>'] if level else []
+        if self.crosscheck.get("verdict"):
+            parts.append(f"motion {text(self.crosscheck['verdict'])}")
+        if self.verdict.get("exit_code"):
+            parts.append(f'<span class="bad">{text(self.verdict.get("reason", "stopped"))}</span>')
+        return Safe("; ".join(parts) or "–")
+
+    @property
+    def picture(self) -> Safe:
+        import cv2
+
+        frames = sorted((self.path / "work" / "capture" / "frames").rglob("*.*"))
+        image = cv2.imread(str(frames[len(frames) // 2])) if frames else None
+        if image is None:
+            return Safe("")
+        small = cv2.resize(
+            image, (120, max(1, round(120 * image.shape[0] / image.shape[1]))), interpolation=cv2.INTER_AREA
+        )
+        return Safe(f'<img alt="a frame of {text(self.path.name)}" width="120" src="{data_uri(small)}">')
+
+    @property
+    def name(self) -> Safe:
+        there = (self.path / "report.html").is_file()
+        return Safe(f'<a href="{text(self.link)}">{text(self.path.name)}</a>' if there else text(self.path.name))
+
+
+def _listed(runs: list[_Run]) -> str:
+    rows = [(r.name, r.picture, r.judged, f"{r.said('volume')} {r.unit}", r.said("k1"), r.said("k2")) for r in runs]
+    head = ("run", "", "confidence, motion", "volume (± 90 %)", "k1", "k2")
+    return table(rows, head, numeric=(3, 4, 5), label="runs")
+
+
+def _compared(a: _Run, b: _Run) -> str:
+    """Quantity by quantity, and whether the two intervals overlap."""
+    rows = []
+    for quantity in QUANTITIES:
+        one, two = a.value(quantity), b.value(quantity)
+        apart, meet = "–", "–"
+        if one is not None and two is not None:
+            share = not quantity.startswith("k") and one
+            apart = f"{100 * (two / one - 1):+.2f} %" if share else f"{two - one:+.4f}"
+            first, second = a.bounds(quantity), b.bounds(quantity)
+            if first and second:
+                meet = "yes" if first[0] <= second[1] and second[0] <= first[1] else "no"
+        rows.append((quantity, a.said(quantity), b.said(quantity), apart.replace("-", "−"), meet))
+    note = "" if a.metric == b.metric else "<p>One of the two has no scale: only k1 and k2 can be compared.</p>"
+    return note + table(
+        rows, ("", a.path.name, b.path.name, "second less first", "intervals overlap"), label="two runs"
+    )
