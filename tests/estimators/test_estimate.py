@@ -6,7 +6,6 @@ import json
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -186,12 +185,10 @@ def test_prior_of_ratios_alone(tmp_path: Path) -> None:
 
 
 def test_command_line(tmp_path: Path) -> None:
-    begun = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "massprops_cli.main", "estimate", "--help"], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0 and "--prior" in done.stdout
-    assert time.monotonic() - begun < 3  # 0.3 s on a machine that does nothing else: see the benchmarks
     absent = subprocess.run(
         [sys.executable, "-m", "massprops_cli.main", "estimate", str(tmp_path / "no"), "-o", str(tmp_path / "o")],
         capture_output=True, text=True, check=False,
