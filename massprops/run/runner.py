@@ -239,7 +239,8 @@ class _Chain:
         partial = facts.get("partial") if isinstance(facts, dict) else None
         if partial and not outcome.exit_code and not outcome.partial:
             outcome.partial = str(partial)
-            if self.begun:
+            # a disk that was full then may have kept the last command from writing it
+            if self.begun or not (self.run / "work" / "stopped.json").is_file():
                 self._write_stopped(3, outcome.partial, name)
 
     def _write_stopped(self, code: int, reason: str, stage: str) -> None:

@@ -51,7 +51,7 @@ STAGES = {
             job.warn("careful")
             value = float((job.work("first") / "n").read_text()) * (job.options.density or 1000.0)
             (job.out / "value").write_text(repr(value))
-            return {"value": value}
+            return {"value": value, "partial": "half of it" if (job.run / "half").exists() else None}
     """,
     "crosscheck": """
         READS, OPTIONS = ("second",), ()
@@ -105,6 +105,18 @@ def go(run: Path, package: str, **options):  # type: ignore[no-untyped-def]
 
 def calls(run: Path) -> list[str]:
     return (run / "calls").read_text().split()
+
+
+def test_why_a_run_is_partial_is_written_by_the_next_command_where_it_is_missing(run: Path, package: str) -> None:
+    """A disk that was full at that moment leaves everything but this file."""
+    (run / "half").write_text("")
+    stopped = run / "work" / "stopped.json"
+    assert go(run, package).exit_code == 3
+    before = json.loads(stopped.read_text())
+    assert before == {"exit_code": 3, "reason": "half of it", "stage": "second"}
+    stopped.unlink()
+    assert go(run, package).exit_code == 3
+    assert json.loads(stopped.read_text()) == before and calls(run) == ["first", "second"]
 
 
 def test_finished_stages_are_not_run_again_and_options_reach_their_dependents_only(run: Path, package: str) -> None:
