@@ -34,7 +34,8 @@ def render(body: Body, meshes: Mapping[str, str]) -> bytes:
         recording = rr.RecordingStream("massprops", recording_id=body.name)
         recording.save(str(path))
         _log_body(rr, recording, body)
-        if body.run is not None:
+        # what `massprops mass` made has no cameras
+        if body.run is not None and (body.run / "work" / "sfm").is_dir():
             _log_cameras(rr, recording, read_cameras(body, NAME))
         recording.flush()
         recording.disconnect()
