@@ -120,4 +120,4 @@ def test_bounces_of_a_tossed_cube(real_data: Path) -> None:
     print(f"\nbounces right {right} of 4 (wanted: 3), free flights none {free} of 4")
     assert free == 4
     if right < 3:
-        pytest.xfail(f"{right} of 4 bounces, 3 wanted: a steady wheel in a thin body passes for the others")
+        pytest.xfail(f"{right} of 4 bounces, 3 wanted: a steady wheel in a body of free inertia passes for the others")
