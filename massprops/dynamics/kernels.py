@@ -44,10 +44,15 @@ def cross(ax: N, ay: N, az: N, bx: N, by: N, bz: N) -> tuple[N, N, N]:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-def euler_acceleration(
-    ixx: N, iyy: N, izz: N, ixy: N, ixz: N, iyz: N, wx: N, wy: N, wz: N, tx: N, ty: N, tz: N
-) -> tuple[N, N, N]:
-    """Euler's equations: w_dot = I^-1 (torque - w x I w), body axes; products as tensor elements."""
+def euler_acceleration(six: tuple, w: tuple, torque: tuple) -> tuple[N, N, N]:
+    """Euler's equations: w_dot = I^-1 (torque - w x I w), body axes.
+
+    Args:
+        six: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, products as tensor elements; w: 3 rates; torque: 3.
+    """
+    ixx, iyy, izz, ixy, ixz, iyz = six
+    wx, wy, wz = w
+    tx, ty, tz = torque
     hx, hy, hz = symmetric_times(ixx, iyy, izz, ixy, ixz, iyz, wx, wy, wz)
     gx, gy, gz = cross(wx, wy, wz, hx, hy, hz)
     return symmetric_solve(ixx, iyy, izz, ixy, ixz, iyz, tx - gx, ty - gy, tz - gz)

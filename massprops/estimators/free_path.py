@@ -13,7 +13,9 @@ from massprops.dynamics.kernels import euler_acceleration, quaternion_rate
 def free_slope(y, I, out):  # type: ignore[no-untyped-def]
     """Derivative of attitude and rates y (7,) into out (7,), for inertia I = (xx, yy, zz, xy, xz, yz)."""
     out[0], out[1], out[2], out[3] = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
-    out[4], out[5], out[6] = euler_acceleration(I[0], I[1], I[2], I[3], I[4], I[5], y[4], y[5], y[6], 0.0, 0.0, 0.0)
+    out[4], out[5], out[6] = euler_acceleration(
+        (I[0], I[1], I[2], I[3], I[4], I[5]), (y[4], y[5], y[6]), (0.0, 0.0, 0.0)
+    )
 
 
 def free_turn(y, I, time, largest_turn, work):  # type: ignore[no-untyped-def]

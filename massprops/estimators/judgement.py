@@ -51,14 +51,16 @@ def judged(found: Estimate, problem: Problem) -> Estimate:
     """
     found = _possible(found)
     if not found.observable:
-        return replace(
-            found, k1=None, k2=None, k_covariance=None, principal_axes=None, axes_covariance=None, reliable=False,
-            because=found.reason,
-        )  # fmt: skip
+        return replace(without_ratios(found), reliable=False, because=found.reason)
     if not found.converged:
         return replace(found, reliable=False, because=found.reason)
     because = _size(found, problem) or _halves(found)
     return replace(found, reliable=not because, because=because)
+
+
+def without_ratios(found: Estimate) -> Estimate:
+    """The estimate of a motion that does not show the ratios."""
+    return replace(found, k1=None, k2=None, k_covariance=None, principal_axes=None, axes_covariance=None)
 
 
 def against(found: Estimate, reference: Estimate) -> Estimate:

@@ -15,6 +15,7 @@ Body axes are the camera's at the first epoch, exactly; how far images can carry
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from massprops.dynamics.quaternion import (
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.inertia_parameters import from_inertia
 from massprops.estimators.inertia_parameters import inertia as tensor_of
-from massprops.estimators.ranging.filter import BASE, RangeStart, range_filtered, ratios_over
+from massprops.estimators.ranging.filter import BASE, RangeData, RangeStart, range_filtered, ratios_over
 from massprops.estimators.ranging.first_frames import fit_first
 from massprops.estimators.result import ratios
 from massprops.sequence.data import Environment, Orbit
@@ -119,7 +120,7 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
         return np.concatenate(
             [
                 quaternion_rate(*y[:7]),
-                euler_acceleration(*six, *y[4:7], *torque),
+                euler_acceleration(six, y[4:7], torque),
                 y[10:],
                 differential_gravity(MU, *l, *y[7:10]),
             ]
@@ -178,39 +179,14 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     ranges = np.linalg.norm(truth["r"], axis=1) + c["sigma_range_m"] * rng.standard_normal(len(C))
     start = _start(c, truth, uv[0], rng)
     lens = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0])
-    environment, camera = _environment(c), truth["camera"]
+    data = RangeData(truth["times"], lens, uv, sigma_px, ranges, c["sigma_range_m"], _environment(c), truth["camera"])
     begin, at = start, 0
     if c["batch_windows"]:
         *windows, n = c["batch_windows"]
-        fit = fit_first(
-            start,
-            truth["times"][:n],
-            lens,
-            uv[:n],
-            sigma_px,
-            ranges[:n],
-            c["sigma_range_m"],
-            environment,
-            camera[:n],
-            tuple(windows),
-            two_sided=True,
-        )
-        begin, at = fit.last, n - 1
+        begin, at = fit_first(start, data.first(n), tuple(windows), two_sided=True).last, n - 1
     uv[: at + 1], ranges[: at + 1] = (np.nan, np.nan) if at else (uv[: at + 1], ranges[: at + 1])
-    run = range_filtered(
-        begin,
-        truth["times"][at:],
-        lens,
-        uv[at:],
-        sigma_px,
-        ranges[at:],
-        c["sigma_range_m"],
-        environment,
-        c["turn_noise_rad2_s3"],
-        0.0,
-        camera[at:],
-        gate=1e9,
-    )
+    rest = replace(data, times=data.times[at:], uv=uv[at:], ranges=ranges[at:], camera=truth["camera"][at:])
+    run = range_filtered(begin, rest, c["turn_noise_rad2_s3"], 0.0, gate=1e9)
     truth = {k: v if k == "times" else v[[0, *range(at, len(v))]] for k, v in truth.items()}
     return _scores(c, truth, points, start, run)
 

@@ -19,7 +19,7 @@ TINY = 1e-150
 @numba.njit(cache=True)
 def _slope(y, six):  # type: ignore[no-untyped-def]
     a, b, c, d = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
-    e, f, g = euler_acceleration(six[0], six[1], six[2], six[3], six[4], six[5], y[4], y[5], y[6], 0j, 0j, 0j)
+    e, f, g = euler_acceleration((six[0], six[1], six[2], six[3], six[4], six[5]), (y[4], y[5], y[6]), (0j, 0j, 0j))
     return np.array([a, b, c, d, e, f, g])
 
 

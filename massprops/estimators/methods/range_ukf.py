@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, multiply, rotate, rotation_matrix
 from massprops.errors import NotPossible
-from massprops.estimators.attitude_information import shown_by
+from massprops.estimators import verdict
+from massprops.estimators.begin import longest
 from massprops.estimators.chaser_path import chaser_path
 from massprops.estimators.inertia_parameters import inertia as tensor_of
 from massprops.estimators.momentum import ratio_covariance
@@ -17,6 +18,7 @@ from massprops.estimators.principal.run import mean_turn
 from massprops.estimators.problem import Problem
 from massprops.estimators.ranging.filter import (
     BASE,
+    RangeData,
     RangeRun,
     RangeStart,
     inertia_covariance,
@@ -60,43 +62,53 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
         raise NotPossible(f"{NAME}: the tracks do not place the features")
     first = int(np.searchsorted(problem.times, start.times[0] - 1e-9))
     times = problem.times[first:]
-    chosen = _chosen(problem, start, first)
+    chosen = longest(start.features, problem.seen[first:, 0].sum(axis=0), MOST_FEATURES, 3)
     if len(chosen) < 3:
         raise NotPossible(f"{NAME}: fewer than three features could be placed")
-    uv = np.ascontiguousarray(problem.uv[first:, 0, chosen])
-    ranges = problem.range_m[first:].copy()
-    lens, sigma_px = problem.cameras[0].intrinsics, problem.alike * float(problem.sigma_px[0])
     camera = chaser_path(problem.environment, times).q
-    begin = _begin(problem, prior, start, chosen, camera)
-    n = _window(times, start)
-    windows = tuple(k for k in (6, 9, 14, 21, 32, 48, 72, 108, 162, 243) if k < n)
     shift = problem.environment
     if problem.environment.orbit is not None and times[0] > 0:
         shift = replace(problem.environment, orbit=_later(problem.environment.orbit, float(times[0])))
-    clock = times - times[0]
-    fit = fit_first(
-        begin, clock[:n], lens, uv[:n], sigma_px, ranges[:n], problem.sigma_range, shift, camera[:n], windows
+    data = RangeData(
+        times=times - times[0],
+        intrinsics=problem.cameras[0].intrinsics,
+        uv=np.ascontiguousarray(problem.uv[first:, 0, chosen]),
+        sigma_px=problem.alike * float(problem.sigma_px[0]),
+        ranges=problem.range_m[first:].copy(),
+        sigma_range=problem.sigma_range,
+        environment=shift,
+        camera=camera,
     )
-    at = n - 1
-    rest_uv, rest_ranges = uv[at:].copy(), ranges[at:].copy()
-    rest_uv[0], rest_ranges[0] = np.nan, np.nan
+    n = _window(times, start)
+    windows = tuple(k for k in (6, 9, 14, 21, 32, 48, 72, 108, 162, 243) if k < n)
+    fit = fit_first(_begin(problem, prior, start, chosen, camera), data.first(n), windows)
     speed = float(np.linalg.norm(fit.first.w))
     noise = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
-    later = shift if shift.orbit is None else replace(shift, orbit=_later(shift.orbit, float(clock[at])))
-    run = range_filtered(
-        fit.last,
-        clock[at:] - clock[at],
-        lens,
-        rest_uv,
-        sigma_px,
-        rest_ranges,
-        problem.sigma_range,
-        later,
-        noise**2,
-        PUSH**2,
-        camera[at:],
-    )
-    return _estimate(problem, start, own, first, chosen, fit, run, at, camera)
+    run = range_filtered(fit.last, _rest(data, n - 1), noise**2, PUSH**2)
+    return _estimate(problem, start, own, Passage(first, chosen, camera, fit, run))
+
+
+@dataclass(frozen=True)
+class Passage:
+    """From which epoch, the features carried, cam0 to inertial (n, 4), the batch fit to the first frames, and the run
+    of the filter from its last one on."""
+
+    first: int
+    chosen: np.ndarray
+    camera: np.ndarray
+    fit: BatchFit
+    run: RangeRun
+
+
+def _rest(data: RangeData, at: int) -> RangeData:
+    """The data from epoch `at` on, with nothing measured there, which the batch fit has used."""
+    uv, ranges = data.uv[at:].copy(), data.ranges[at:].copy()
+    uv[0], ranges[0] = np.nan, np.nan
+    later = data.environment
+    if later.orbit is not None:
+        later = replace(later, orbit=_later(later.orbit, float(data.times[at])))
+    camera = None if data.camera is None else data.camera[at:]
+    return replace(data, times=data.times[at:] - data.times[at], uv=uv, ranges=ranges, environment=later, camera=camera)
 
 
 def _start_of(problem: Problem, prior: Prior, start: Any) -> tuple[Any, str]:
@@ -108,14 +120,6 @@ def _start_of(problem: Problem, prior: Prior, start: Any) -> tuple[Any, str]:
             return start, "attitude0"
         return first_guess(problem, prior), "attitude0"
     raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
-
-
-def _chosen(problem: Problem, start: Any, first: int) -> np.ndarray:
-    """Features to carry: placed by the start, the longest seen first."""
-    count = problem.seen[first:, 0].sum(axis=0)
-    known = np.isfinite(start.features[:, 0]) & (count > 2)
-    order = np.lexsort((np.arange(len(count)), -count))
-    return np.sort(order[known[order]][:MOST_FEATURES])
 
 
 def _window(times: np.ndarray, start: Any) -> int:
@@ -182,72 +186,30 @@ def _later(orbit: Any, seconds: float) -> Any:
     return replace(orbit, true_anomaly_rad=float(2 * np.arctan(np.sqrt((1 + e) / (1 - e)) * np.tan(E / 2))))
 
 
-def _estimate(
-    problem: Problem,
-    start: Any,
-    own: str,
-    first: int,
-    chosen: np.ndarray,
-    fit: BatchFit,
-    run: RangeRun,
-    at: int,
-    camera: np.ndarray,
-) -> Estimate:
-    times = problem.times[first:]
+def _estimate(problem: Problem, start: Any, own: str, passage: Passage) -> Estimate:
+    fit, run, back = passage.fit, passage.run, conjugate(passage.camera)
+    times = problem.times[passage.first :]
+    at = len(fit.y) - 1
     y = np.concatenate([fit.y[:at], np.concatenate([run.q, run.w, run.r, run.v], axis=1)])
     block = np.concatenate([fit.block[:at], run.block])
-    s = np.concatenate([np.repeat(run.s[:1], at, axis=0), run.s])
-    k_run, k_covariance = ratios_over(s, block)
+    k_run, k_covariance = ratios_over(np.concatenate([np.repeat(run.s[:1], at, axis=0), run.s]), block)
+    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", block), 0.0))
     tensor = tensor_of(run.s[-1])
     _, axes = ratios(tensor)
     axes = axes * (1.0 if np.linalg.det(axes) > 0 else -1.0)
-    back = conjugate(camera)
-    q, w, f = multiply(back, y[:, :4]), y[:, 4:7], run.f
-    # principal axes against the attitudes: what the filter's own body axes are off by cancels
-    J = np.zeros((3, BASE))
-    J[:, :3] = np.eye(3)
-    J[:, 6:11] = axes @ ratio_jacobian(run.s[-1])[1]
-    spread = J @ run.block[-1] @ J.T
-    if own == "attitude0":
-        variance = np.square(problem.sigma_attitude[first:]) + np.einsum("nii->n", block[:, :3, :3])
-        turn, extra = mean_turn(problem.attitude[first:], q, variance)
-        R = rotation_matrix(turn)
-        q, w, f, axes, tensor = multiply(q, conjugate(turn)), w @ R.T, f @ R.T, R @ axes, R @ tensor @ R.T
-        spread = R @ spread @ R.T + extra * np.eye(3)
-    finite = bool(np.isfinite(y).all() and np.isfinite(run.P).all())
-    share = run.refused / max(run.refused + run.used, 1)
-    reason = ""
-    if not finite:
-        reason = "the filter's state is not finite"
-    elif not fit.converged:
-        reason = "the fit to the first frames found no rest: they do not fix the motion and the inertia together"
-    elif share > 0.3:
-        reason = f"{share:.0%} of the measurements were refused"
-    elif fit.square > 4.0:
-        reason = f"the fit to the first frames leaves residuals of {np.sqrt(fit.square):.1f} sigma"
-    elif run.innovation > 4.0:
-        reason = f"its innovations are {np.sqrt(run.innovation):.1f} times their sigma"
-    converged, observable = not reason, True
-    if converged:
-        weight = _weight(problem, first, fit, y)
-        shown = shown_by(times[-1] - times[::-1], weight[::-1], q[-1], -w[-1], tensor)
-        reason = shown.reason or _symmetric(k_run[-1], k_covariance[-1], start)
-        observable = not reason
-    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", block), 0.0))
-    return Estimate(
+    found = Estimate(
         name=NAME,
-        converged=converged,
-        observable=observable,
-        reason=reason,
+        converged=False,
+        observable=False,
         k1=float(k_run[-1, 0]),
         k2=float(k_run[-1, 1]),
         k_covariance=k_covariance[-1],
         inertia=tensor,
         principal_axes=axes,
-        axes_covariance=spread,
+        axes_covariance=_axes_covariance(run, axes),
         times=times,
-        q=q,
-        w=w,
+        q=multiply(back, y[:, :4]),
+        w=y[:, 4:7],
         position=rotate(back, y[:, 7:10]),
         velocity=rotate(back, y[:, 10:13]),
         sigma_attitude=sigma[:, :3],
@@ -256,33 +218,64 @@ def _estimate(
         sigma_velocity=sigma[:, 14:17],
         k_history=k_run,
         k_sigma_history=np.sqrt(np.maximum(np.einsum("nii->ni", k_covariance), 0.0)),
-        features=f,
-        feature_ids=problem.features[chosen],
+        features=run.f,
+        feature_ids=problem.features[passage.chosen],
         body_frame=own,
         innovation=run.innovation,
         gated=run.refused + fit.outliers,
         used=run.used + fit.rows,
-        warnings=(),
+    )
+    if own == "attitude0":
+        variance = np.square(problem.sigma_attitude[passage.first :]) + np.einsum("nii->n", block[:, :3, :3])
+        found = _in_body_axes(found, *mean_turn(problem.attitude[passage.first :], found.q, variance))
+    finite = bool(np.isfinite(y).all() and np.isfinite(run.P).all())
+    failed = verdict.failure(finite, run.used, run.refused, run.innovation) or _unfit(fit)
+    hidden = "" if failed else _hidden(problem, start, passage, found, np.linalg.norm(y[:, 7:10], axis=1))
+    return verdict.concluded(found, failed, hidden)
+
+
+def _axes_covariance(run: RangeRun, axes: np.ndarray) -> np.ndarray:
+    """(3, 3) of the principal axes against the attitudes: what the filter's own body axes are off by cancels."""
+    J = np.zeros((3, BASE))
+    J[:, :3] = np.eye(3)
+    J[:, 6:11] = axes @ ratio_jacobian(run.s[-1])[1]
+    covariance: np.ndarray = J @ run.block[-1] @ J.T
+    return covariance
+
+
+def _in_body_axes(found: Estimate, turn: np.ndarray, extra: float) -> Estimate:
+    """The estimate in body axes to which `turn` (4,) leads, known to a variance of `extra` [rad^2]."""
+    R = rotation_matrix(turn)
+    return replace(
+        found,
+        q=multiply(found.q, conjugate(turn)),
+        w=found.w @ R.T,
+        features=found.features @ R.T,
+        principal_axes=R @ found.principal_axes,
+        inertia=R @ found.inertia @ R.T,
+        axes_covariance=R @ found.axes_covariance @ R.T + extra * np.eye(3),
     )
 
 
-def _symmetric(k: np.ndarray, covariance: np.ndarray, start: Any) -> str:
-    """Why the principal axes are not determined, or an empty string."""
-    near = np.abs(k) < SURE * np.sqrt(np.diag(covariance))
-    if start.momentum is not None:
-        gaps = ratio_covariance(start.inertia, start.momentum.covariance)[2]
-        near &= np.diff(np.linalg.eigvalsh(start.inertia)) < 3.0 * gaps
-    if near.any():
-        which = "I1 and I2" if near[0] else "I2 and I3"
-        return f"the body is symmetric within what the motion shows ({which} are equal): its axes are not determined"
+def _unfit(fit: BatchFit) -> str:
+    """Why the fit to the first frames is not to be believed; empty when it may be."""
+    if not fit.converged:
+        return "the fit to the first frames found no rest: they do not fix the motion and the inertia together"
+    if fit.square > verdict.LARGEST_SQUARE:
+        return f"the fit to the first frames leaves residuals of {np.sqrt(fit.square):.1f} sigma"
     return ""
 
 
-def _weight(problem: Problem, first: int, fit: BatchFit, y: np.ndarray) -> np.ndarray:
-    """One over the variance of the attitude that each epoch's pixels fix [rad^-2]."""
-    f = fit.first.f - fit.first.f.mean(axis=0)
+def _hidden(problem: Problem, start: Any, passage: Passage, found: Estimate, distance: np.ndarray) -> str:
+    """Why the ratios or the axes cannot be told; empty when they can. distance: (n,) [m]."""
+    assert found.q is not None and found.w is not None and found.inertia is not None and found.sigma_k is not None
+    f = passage.fit.first.f - passage.fit.first.f.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum(f * f, axis=1)) * 2 / 3))
     pixel = float(problem.sigma_px[0]) / float(problem.cameras[0].intrinsics[0])
-    count = np.minimum(problem.seen[first:, 0].sum(axis=1), MOST_FEATURES)
-    distance = np.linalg.norm(y[:, 7:10], axis=1)
-    return np.where(count >= 3, count * (size / (pixel * distance)) ** 2, 0.0)
+    count = np.minimum(problem.seen[passage.first :, 0].sum(axis=1), MOST_FEATURES)
+    weight = verdict.track_weight(count, size, pixel, distance)
+    near = np.abs([found.k1, found.k2]) < SURE * found.sigma_k
+    if start.momentum is not None:
+        gaps = ratio_covariance(start.inertia, start.momentum.covariance)[2]
+        near &= np.diff(np.linalg.eigvalsh(start.inertia)) < 3.0 * gaps
+    return verdict.unseen(found.times, weight, found.q[-1], found.w[-1], found.inertia) or verdict.symmetric(near)

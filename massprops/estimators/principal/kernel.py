@@ -6,6 +6,8 @@ was too far off for that (after an occlusion, with precise cameras), they are li
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -32,6 +34,48 @@ LOOSE = 100.0
 """The gate's factor while the point of linearisation is still being found."""
 BENT = 0.3
 """Sigmas of a measurement that a linear prediction may be off before the update is done again at its result."""
+
+
+class State(NamedTuple):
+    """Changed in place: x (19,) q T to inertial 4, w 3, k 2, r 3, v 3, axes (T to body) 4; f (m, 3) features in T;
+    P (17 + 3 m, 17 + 3 m)."""
+
+    x: np.ndarray
+    f: np.ndarray
+    P: np.ndarray
+
+
+class Epochs(NamedTuple):
+    """times (n,) [s]; uv (n, c, m, 2); attitude (n, 4) body to cam0, NaN where none, and its variance (n,) [rad^2];
+    camera (n, 4) cam0 to inertial; chaser (n, 3) [m]."""
+
+    times: np.ndarray
+    uv: np.ndarray
+    attitude: np.ndarray
+    variance: np.ndarray
+    camera: np.ndarray
+    chaser: np.ndarray
+
+
+class Rig(NamedTuple):
+    """Cameras: lens (c, 4), turn (c, 3, 3), shift (c, 3), variance (c,) of a pixel [px^2]."""
+
+    lens: np.ndarray
+    turn: np.ndarray
+    shift: np.ndarray
+    variance: np.ndarray
+
+
+class Linear(NamedTuple):
+    """A linearisation: d (D,) from the prior's state to where it is taken, dx (D,) correction of the prior's state,
+    pixel (c, m, 2) predicted there and H (c, m, 2, 9) their derivatives, tally (4,): passed, refused, sum of squares,
+    rows."""
+
+    d: np.ndarray
+    dx: np.ndarray
+    pixel: np.ndarray
+    H: np.ndarray
+    tally: np.ndarray
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -96,8 +140,9 @@ def _absorb(P, dx, columns, H, z, R, gate):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sight(x, f, R, C, lens, turn, shift, H):  # type: ignore[no-untyped-def]
-    """Pixel of a feature f (3,) and, in H (2, 9), its derivative by attitude, position and the feature."""
+def _sight(x, f, R, C, rig, c, H):  # type: ignore[no-untyped-def]
+    """Pixel of a feature f (3,) in camera c and, in H (2, 9), its derivative by attitude, position and the feature."""
+    lens, turn, shift = rig.lens[c], rig.turn[c], rig.shift[c]
     X, Y = np.empty(3), np.empty(3)
     for a in range(3):
         X[a] = x[9 + a] + R[a, 0] * f[0] + R[a, 1] * f[1] + R[a, 2] * f[2]
@@ -123,19 +168,13 @@ def _sight(x, f, R, C, lens, turn, shift, H):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _round(
-    x, f, d, P, dx, uv, seen_q, seen_variance, c_q, lens, turn, shift, variance, widen, loose, tally, linear, pixel
-):  # type: ignore[no-untyped-def]
-    """One epoch's measurements linearised at the state (x, f), which lies d from the prior's.
-
-    P comes as the prior's and leaves as the posterior's; dx: correction of the prior's state. tally: passed, refused,
-    sum of squares, rows. pixel (c, m, 2): seen from (x, f); linear: its derivative by the state (c, m, 2, 9).
-    """
-    dx[:] = 0.0
-    tally[:] = 0.0
-    R, C, B = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+def _absorb_pixels(state, epochs, e, rig, P, gate, at):  # type: ignore[no-untyped-def]
+    """The pixels of epoch e, into P and `at`."""
+    x, f = state.x, state.f
+    uv, camera, tally = epochs.uv[e], epochs.camera[e], at.tally
+    R, C = np.empty((3, 3)), np.empty((3, 3))
     matrix_of(x[0], x[1], x[2], x[3], R)
-    matrix_of(c_q[0], c_q[1], c_q[2], c_q[3], C)
+    matrix_of(camera[0], camera[1], camera[2], camera[3], C)
     z, R2, columns = np.empty(2), np.zeros((2, 2)), np.empty(9, np.int64)
     for i in range(uv.shape[1]):
         for b in range(3):
@@ -143,62 +182,77 @@ def _round(
         for c in range(uv.shape[0]):
             if not np.isfinite(uv[c, i, 0]):
                 continue
-            H = linear[c, i]
-            pixel[c, i, 0], pixel[c, i, 1], ahead = _sight(x, f[i], R, C, lens[c], turn[c], shift[c], H)
+            H = at.H[c, i]
+            at.pixel[c, i, 0], at.pixel[c, i, 1], ahead = _sight(x, f[i], R, C, rig, c, H)
             for a in range(2):
-                z[a] = uv[c, i, a] - pixel[c, i, a]
+                z[a] = uv[c, i, a] - at.pixel[c, i, a]
                 for b in range(9):
-                    z[a] += H[a, b] * d[columns[b]]
-            R2[0, 0] = R2[1, 1] = variance[c] * widen
-            good = False
+                    z[a] += H[a, b] * at.d[columns[b]]
+            R2[0, 0] = R2[1, 1] = rig.variance[c]
+            good, near = False, 0.0
             if ahead:
-                near, good = _absorb(P, dx, columns, H, z, R2, GATE_2 * loose)
+                near, good = _absorb(P, at.dx, columns, H, z, R2, gate)
             if good:
                 tally[0] += 1
                 tally[2] += near
                 tally[3] += 2
             else:
                 tally[1] += 1
-    if np.isfinite(seen_q[0]):
-        z3, H3, R3 = np.empty(3), np.zeros((3, 6)), np.zeros((3, 3))
-        columns3 = np.array([0, 1, 2, AXES, AXES + 1, AXES + 2])
-        b = _joined(c_q, x[0:4], x[15:19])
-        z3[0], z3[1], z3[2] = turn_between(b[0], b[1], b[2], b[3], seen_q[0], seen_q[1], seen_q[2], seen_q[3])
-        matrix_of(x[15], x[16], x[17], x[18], B)
-        for a in range(3):
-            for c in range(3):
-                H3[a, c], H3[a, 3 + c] = B[a, c], -B[a, c]
-            for c in range(6):
-                z3[a] += H3[a, c] * d[columns3[c]]
-            R3[a, a] = seen_variance * widen
-        near, good = _absorb(P, dx, columns3, H3, z3, R3, GATE_3 * loose)
-        if good:
-            tally[0] += 1
-            tally[2] += near
-            tally[3] += 3
-        else:
-            tally[1] += 1
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _bent(x, f, change, uv, c_q, lens, turn, shift, variance, linear, pixel):  # type: ignore[no-untyped-def]
+def _round(state, epochs, e, rig, P, loose, at):  # type: ignore[no-untyped-def]
+    """Epoch e's measurements linearised at the state, which lies at.d from the prior's.
+
+    P comes as the prior's and leaves as the posterior's; loose: the gate's factor.
+    """
+    at.dx[:] = 0.0
+    at.tally[:] = 0.0
+    _absorb_pixels(state, epochs, e, rig, P, GATE_2 * loose, at)
+    x, seen, camera, tally = state.x, epochs.attitude[e], epochs.camera[e], at.tally
+    if not np.isfinite(seen[0]):
+        return
+    B = np.empty((3, 3))
+    z, H, R = np.empty(3), np.zeros((3, 6)), np.zeros((3, 3))
+    columns = np.array([0, 1, 2, AXES, AXES + 1, AXES + 2])
+    b = _joined(camera, x[0:4], x[15:19])
+    z[0], z[1], z[2] = turn_between(b[0], b[1], b[2], b[3], seen[0], seen[1], seen[2], seen[3])
+    matrix_of(x[15], x[16], x[17], x[18], B)
+    for a in range(3):
+        for c in range(3):
+            H[a, c], H[a, 3 + c] = B[a, c], -B[a, c]
+        for c in range(6):
+            z[a] += H[a, c] * at.d[columns[c]]
+        R[a, a] = epochs.variance[e]
+    near, good = _absorb(P, at.dx, columns, H, z, R, GATE_3 * loose)
+    if good:
+        tally[0] += 1
+        tally[2] += near
+        tally[3] += 3
+    else:
+        tally[1] += 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _bent(state, change, epochs, e, rig, at):  # type: ignore[no-untyped-def]
     """Largest difference, in sigmas, between a pixel and its linear prediction after a change of the state."""
+    x, f, uv, camera = state.x, state.f, epochs.uv[e], epochs.camera[e]
     R, C, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((2, 9))
     matrix_of(x[0], x[1], x[2], x[3], R)
-    matrix_of(c_q[0], c_q[1], c_q[2], c_q[3], C)
+    matrix_of(camera[0], camera[1], camera[2], camera[3], C)
     most = 0.0
     for i in range(uv.shape[1]):
         for c in range(uv.shape[0]):
             if not np.isfinite(uv[c, i, 0]):
                 continue
-            u, v, _ = _sight(x, f[i], R, C, lens[c], turn[c], shift[c], H)
+            u, v, _ = _sight(x, f[i], R, C, rig, c, H)
             for a in range(2):
-                off = (u if a == 0 else v) - pixel[c, i, a]
+                off = (u if a == 0 else v) - at.pixel[c, i, a]
                 for b in range(3):
-                    off -= linear[c, i, a, b] * change[b]
-                    off -= linear[c, i, a, 3 + b] * change[PLACE + b]
-                    off -= linear[c, i, a, 6 + b] * change[POINTS + 3 * i + b]
-                most = max(most, abs(off) / np.sqrt(variance[c]))
+                    off -= at.H[c, i, a, b] * change[b]
+                    off -= at.H[c, i, a, 3 + b] * change[PLACE + b]
+                    off -= at.H[c, i, a, 6 + b] * change[POINTS + 3 * i + b]
+                most = max(most, abs(off) / np.sqrt(rig.variance[c]))
     return most
 
 
@@ -217,69 +271,67 @@ def _moved(x0, f0, d, x, f):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def run(
-    times, x, f, P, lens, turn, shift, uv, variance, seen_q, seen_variance, chaser_q, chaser, mu, turn_noise, push_noise
-):  # type: ignore[no-untyped-def]
+def _carried(state, epochs, e, mu, noise, F):  # type: ignore[no-untyped-def]
+    """The state from the epoch before e to e, in place; noise: densities as of `run`."""
+    x, P, chaser = state.x, state.P, epochs.chaser
+    gap = epochs.times[e] - epochs.times[e - 1]
+    speed = np.sqrt(x[4] * x[4] + x[5] * x[5] + x[6] * x[6])
+    steps = 1
+    if speed * gap > LARGEST_TURN and speed < FASTEST:
+        steps = int(min(2000.0, np.ceil(speed * gap / LARGEST_TURN)))
+    h = gap / steps
+    for s in range(steps):
+        l0 = chaser[e - 1] + (chaser[e] - chaser[e - 1]) * (s / steps)
+        l1 = chaser[e - 1] + (chaser[e] - chaser[e - 1]) * ((s + 1) / steps)
+        step(x[0:4], x[4:7], x[7:9], x[9:12], x[12:15], h, mu, l0, l1, F)
+        predict(P, F, h, noise[0], noise[1])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def run(state, epochs, rig, mu, noise):  # type: ignore[no-untyped-def]
     """The whole filter, from the state and covariance at the first epoch.
 
     Args:
-        times: (n,). x (19,): q T to inertial 4, w 3, k 2, r 3, v 3, axes (T to body) 4 at the first epoch; f (m, 3) in
-            T and P (D, D), D = 17 + 3 m, changed in place.
-        lens (c, 4), turn (c, 3, 3), shift (c, 3): cameras; uv (n, c, m, 2); variance (c,) [px^2].
-        seen_q (n, 4) body to cam0, NaN where none; seen_variance (n,) [rad^2].
-        chaser_q (n, 4) cam0 to inertial; chaser (n, 3) [m]; mu.
-        turn_noise: [rad^2/s^3]; push_noise: [m^2/s^3].
+        state, epochs, rig: `State`, `Epochs`, `Rig`. noise: densities of angular acceleration [rad^2/s^3] and of
+        acceleration [m^2/s^3].
 
     Returns:
         out (n, 19): x at each epoch; sigma (n, 17); total (4,): passed, refused, sum of squared normalised
         innovations, number of rows.
     """
-    n, cams, m = uv.shape[0], uv.shape[1], uv.shape[2]
+    x, f, P = state
+    n, cams, m = epochs.uv.shape[0], epochs.uv.shape[1], epochs.uv.shape[2]
     D = P.shape[0]
     out, sigma, total = np.empty((n, 19)), np.empty((n, POINTS)), np.zeros(4)
     F, work = np.empty((POINTS, POINTS)), np.empty((D, D))
-    dx, d, change = np.zeros(D), np.zeros(D), np.zeros(D)
-    x0, f0, tally = x.copy(), f.copy(), np.zeros(4)
-    linear, pixel = np.empty((cams, m, 2, 9)), np.empty((cams, m, 2))
+    change = np.zeros(D)
+    at = Linear(np.zeros(D), np.zeros(D), np.empty((cams, m, 2)), np.empty((cams, m, 2, 9)), np.zeros(4))
+    x0, f0 = x.copy(), f.copy()
     for e in range(n):
         if e > 0:
-            gap = times[e] - times[e - 1]
-            speed = np.sqrt(x[4] * x[4] + x[5] * x[5] + x[6] * x[6])
-            steps = 1
-            if speed * gap > LARGEST_TURN and speed < FASTEST:
-                steps = int(min(2000.0, np.ceil(speed * gap / LARGEST_TURN)))
-            h = gap / steps
-            for s in range(steps):
-                l0 = chaser[e - 1] + (chaser[e] - chaser[e - 1]) * (s / steps)
-                l1 = chaser[e - 1] + (chaser[e] - chaser[e - 1]) * ((s + 1) / steps)
-                step(x[0:4], x[4:7], x[7:9], x[9:12], x[12:15], h, mu, l0, l1, F)
-                predict(P, F, h, turn_noise, push_noise)
+            _carried(state, epochs, e, mu, noise, F)
         x0[:] = x
         f0[:] = f
-        d[:] = 0.0
-        widen, loose = 1.0, LOOSE
+        at.d[:] = 0.0
+        loose = LOOSE
         for attempt in range(MOST_ROUNDS):
-            last = attempt == MOST_ROUNDS - 1
-            if last:
+            if attempt == MOST_ROUNDS - 1:
                 loose = 1.0
             work[:] = P
-            _round(
-                x, f, d, work, dx, uv[e], seen_q[e], seen_variance[e], chaser_q[e], lens, turn, shift, variance,
-                widen, loose, tally, linear, pixel,
-            )  # fmt: skip
+            _round(state, epochs, e, rig, work, loose, at)
             for i in range(D):
-                change[i] = dx[i] - d[i]
-            if not np.isfinite(np.sum(dx)):
+                change[i] = at.dx[i] - at.d[i]
+            if not np.isfinite(np.sum(at.dx)):
                 break
-            d[:] = dx
-            _moved(x0, f0, d, x, f)
-            bent = _bent(x, f, change, uv[e], chaser_q[e], lens, turn, shift, variance, linear, pixel)
+            at.d[:] = at.dx
+            _moved(x0, f0, at.d, x, f)
+            bent = _bent(state, change, epochs, e, rig, at)
             if bent < BENT:
                 if loose == 1.0:
                     break
                 loose = 1.0
         P[:] = work
-        total += tally
+        total += at.tally
         out[e] = x
         for a in range(POINTS):
             sigma[e, a] = np.sqrt(max(P[a, a], 0.0))

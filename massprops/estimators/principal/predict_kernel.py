@@ -8,6 +8,8 @@ The paper's three inertia ratios p are two degrees of freedom: p_x = (I_y - I_z)
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -36,79 +38,96 @@ def rate_derivatives(w, k1, k2, M, N):  # type: ignore[no-untyped-def]
     N[2, 0], N[2, 1] = -pz * w[0] * w[1], -b / a * w[0] * w[1]
 
 
+class Slopes(NamedTuple):
+    """Derivatives at the four stages of a Runge-Kutta step: attitude (4, 4), rate, position and velocity (4, 3), and of
+    rate and turn (4, 3, 5) by rate and ratios at the start."""
+
+    q: np.ndarray
+    w: np.ndarray
+    r: np.ndarray
+    v: np.ndarray
+    W: np.ndarray
+    T: np.ndarray
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slope(y, W, T, k, l, mu, s, d):  # type: ignore[no-untyped-def]
+    """Derivatives at y = (q 4, w 3, r 3, v 3), W and T (3, 5) into stage s of the slopes d; l: the chaser [m]."""
+    M, N = np.empty((3, 3)), np.empty((3, 2))
+    six = (np.exp(-k[1]), 1.0, np.exp(k[0]), 0.0, 0.0, 0.0)
+    d.q[s, 0], d.q[s, 1], d.q[s, 2], d.q[s, 3] = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
+    d.w[s, 0], d.w[s, 1], d.w[s, 2] = euler_acceleration(six, (y[4], y[5], y[6]), (0.0, 0.0, 0.0))
+    for i in range(3):
+        d.r[s, i] = y[10 + i]
+        d.v[s, i] = 0.0
+    if mu > 0.0:
+        d.v[s, 0], d.v[s, 1], d.v[s, 2] = differential_gravity(mu, l[0], l[1], l[2], y[7], y[8], y[9])
+    rate_derivatives(y[4:7], k[0], k[1], M, N)
+    for j in range(5):
+        for i in range(3):
+            d.W[s, i, j] = M[i, 0] * W[0, j] + M[i, 1] * W[1, j] + M[i, 2] * W[2, j]
+            if j >= 3:
+                d.W[s, i, j] += N[i, j - 3]
+        d.T[s, 0, j] = W[0, j] - (y[5] * T[2, j] - y[6] * T[1, j])
+        d.T[s, 1, j] = W[1, j] - (y[6] * T[0, j] - y[4] * T[2, j])
+        d.T[s, 2, j] = W[2, j] - (y[4] * T[1, j] - y[5] * T[0, j])
+
+
 @numba.njit(cache=True, error_model="numpy")
 def step(q, w, k, r, v, h, mu, l0, l1, F):  # type: ignore[no-untyped-def]
     """One Runge-Kutta step of length h in place, and the transition F (17, 17) of the errors."""
-    Ix, Iz = np.exp(-k[1]), np.exp(k[0])
-    M, N = np.empty((3, 3)), np.empty((3, 2))
     start = q.copy()
-    dq, dw, dr, dv = np.empty((4, 4)), np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
-    dW, dT = np.empty((4, 3, 5)), np.empty((4, 3, 5))
+    d = Slopes(
+        np.empty((4, 4)), np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3, 5)), np.empty((4, 3, 5))
+    )
     W, T = np.zeros((3, 5)), np.zeros((3, 5))
-    for i in range(3):
-        W[i, i] = 1.0
-    qs, ws, rs, vs, Ws, Ts = q.copy(), w.copy(), r.copy(), v.copy(), W.copy(), T.copy()
+    y, l = np.empty(13), np.empty(3)
     for s in range(4):
         c = 0.0 if s == 0 else (1.0 if s == 3 else 0.5)
-        if s > 0:
-            for i in range(4):
-                qs[i] = q[i] + c * h * dq[s - 1, i]
-            for i in range(3):
-                ws[i] = w[i] + c * h * dw[s - 1, i]
-                rs[i] = r[i] + c * h * dr[s - 1, i]
-                vs[i] = v[i] + c * h * dv[s - 1, i]
-                for j in range(5):
-                    Ws[i, j] = W[i, j] + c * h * dW[s - 1, i, j]
-                    Ts[i, j] = T[i, j] + c * h * dT[s - 1, i, j]
-        dq[s, 0], dq[s, 1], dq[s, 2], dq[s, 3] = quaternion_rate(qs[0], qs[1], qs[2], qs[3], ws[0], ws[1], ws[2])
-        dw[s, 0], dw[s, 1], dw[s, 2] = euler_acceleration(
-            Ix, 1.0, Iz, 0.0, 0.0, 0.0, ws[0], ws[1], ws[2], 0.0, 0.0, 0.0
-        )
+        before = max(s - 1, 0)
+        for i in range(4):
+            y[i] = q[i] + c * h * d.q[before, i] if s > 0 else q[i]
         for i in range(3):
-            dr[s, i] = vs[i]
-            dv[s, i] = 0.0
-        if mu > 0.0:
-            dv[s, 0], dv[s, 1], dv[s, 2] = differential_gravity(
-                mu,
-                l0[0] + c * (l1[0] - l0[0]),
-                l0[1] + c * (l1[1] - l0[1]),
-                l0[2] + c * (l1[2] - l0[2]),
-                rs[0],
-                rs[1],
-                rs[2],
-            )
-        rate_derivatives(ws, k[0], k[1], M, N)
-        for j in range(5):
-            for i in range(3):
-                dW[s, i, j] = M[i, 0] * Ws[0, j] + M[i, 1] * Ws[1, j] + M[i, 2] * Ws[2, j]
-                if j >= 3:
-                    dW[s, i, j] += N[i, j - 3]
-            dT[s, 0, j] = Ws[0, j] - (ws[1] * Ts[2, j] - ws[2] * Ts[1, j])
-            dT[s, 1, j] = Ws[1, j] - (ws[2] * Ts[0, j] - ws[0] * Ts[2, j])
-            dT[s, 2, j] = Ws[2, j] - (ws[0] * Ts[1, j] - ws[1] * Ts[0, j])
+            y[4 + i] = w[i] + c * h * d.w[before, i] if s > 0 else w[i]
+            y[7 + i] = r[i] + c * h * d.r[before, i] if s > 0 else r[i]
+            y[10 + i] = v[i] + c * h * d.v[before, i] if s > 0 else v[i]
+            l[i] = l0[i] + c * (l1[i] - l0[i])
+            for j in range(5):
+                W[i, j] = 1.0 if i == j else 0.0
+                T[i, j] = 0.0
+                if s > 0:
+                    W[i, j] = W[i, j] + c * h * d.W[before, i, j]
+                    T[i, j] = T[i, j] + c * h * d.T[before, i, j]
+        _slope(y, W, T, k, l, mu, s, d)
     size = 0.0
     for i in range(4):
-        q[i] += h / 6 * (dq[0, i] + 2 * dq[1, i] + 2 * dq[2, i] + dq[3, i])
+        q[i] += h / 6 * (d.q[0, i] + 2 * d.q[1, i] + 2 * d.q[2, i] + d.q[3, i])
         size += q[i] * q[i]
     for i in range(4):
         q[i] /= np.sqrt(size)
     for i in range(3):
-        w[i] += h / 6 * (dw[0, i] + 2 * dw[1, i] + 2 * dw[2, i] + dw[3, i])
-        r[i] += h / 6 * (dr[0, i] + 2 * dr[1, i] + 2 * dr[2, i] + dr[3, i])
-        v[i] += h / 6 * (dv[0, i] + 2 * dv[1, i] + 2 * dv[2, i] + dv[3, i])
+        w[i] += h / 6 * (d.w[0, i] + 2 * d.w[1, i] + 2 * d.w[2, i] + d.w[3, i])
+        r[i] += h / 6 * (d.r[0, i] + 2 * d.r[1, i] + 2 * d.r[2, i] + d.r[3, i])
+        v[i] += h / 6 * (d.v[0, i] + 2 * d.v[1, i] + 2 * d.v[2, i] + d.v[3, i])
+    _transition(start, q, h, mu, l0, d, F)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _transition(before, after, h, mu, l0, d, F):  # type: ignore[no-untyped-def]
+    """Writes the transition of the errors over a step from attitude `before` to `after`, with the slopes d."""
     F[:] = 0.0
     for i in range(POINTS):
         F[i, i] = 1.0
     R0, R1 = np.empty((3, 3)), np.empty((3, 3))
-    matrix_of(start[0], start[1], start[2], start[3], R0)
-    matrix_of(q[0], q[1], q[2], q[3], R1)
+    matrix_of(before[0], before[1], before[2], before[3], R0)
+    matrix_of(after[0], after[1], after[2], after[3], R1)
     for i in range(3):
         for j in range(3):
             F[i, j] = R1[0, i] * R0[0, j] + R1[1, i] * R0[1, j] + R1[2, i] * R0[2, j]
         for j in range(5):
-            F[i, RATE + j] = h / 6 * (dT[0, i, j] + 2 * dT[1, i, j] + 2 * dT[2, i, j] + dT[3, i, j])
+            F[i, RATE + j] = h / 6 * (d.T[0, i, j] + 2 * d.T[1, i, j] + 2 * d.T[2, i, j] + d.T[3, i, j])
             F[RATE + i, RATE + j] = (1.0 if i == j else 0.0) + h / 6 * (
-                dW[0, i, j] + 2 * dW[1, i, j] + 2 * dW[2, i, j] + dW[3, i, j]
+                d.W[0, i, j] + 2 * d.W[1, i, j] + 2 * d.W[2, i, j] + d.W[3, i, j]
             )
         F[PLACE + i, SPEED + i] = h
     if mu > 0.0:

@@ -142,43 +142,38 @@ def filtered(
     push_noise: float,
 ) -> Filtered:
     """Runs the compiled filter; arrays as in `Problem`, noise densities [rad^2/s^3] and [m^2/s^3]."""
-    from massprops.estimators.principal.kernel import run
+    from massprops.estimators.principal.kernel import Epochs, Rig, State, run
 
-    f, P = start.f.copy(), start.P.copy()
     c = len(cameras)
-    lens = np.array([x.intrinsics for x in cameras], float).reshape(c, 4)
     x = np.concatenate([start.q, start.w, start.k, start.r, start.v, start.axes]).astype(float)
+    state = State(x, start.f.copy(), start.P.copy())
+    rig = Rig(
+        lens=np.array([x.intrinsics for x in cameras], float).reshape(c, 4),
+        turn=np.array([camera.R for camera in cameras], float).reshape(c, 3, 3),
+        shift=np.array([camera.t for camera in cameras], float).reshape(c, 3),
+        variance=np.asarray(sigma_px, float) ** 2,
+    )
+    epochs = (times, uv, attitude, np.asarray(sigma_attitude, float) ** 2, path.q, path.place)
     out, sigma, total = run(
-        np.ascontiguousarray(times, float),
-        x,
-        f,
-        P,
-        lens,
-        np.array([camera.R for camera in cameras], float).reshape(c, 3, 3),
-        np.array([camera.t for camera in cameras], float).reshape(c, 3),
-        np.ascontiguousarray(uv, float),
-        np.asarray(sigma_px, float) ** 2,
-        np.ascontiguousarray(attitude, float),
-        np.asarray(sigma_attitude, float) ** 2,
-        np.ascontiguousarray(path.q, float),
-        np.ascontiguousarray(path.place, float),
+        state,
+        Epochs(*(np.ascontiguousarray(array, float) for array in epochs)),
+        rig,
         float(path.mu),
-        float(turn_noise),
-        float(push_noise),
+        (float(turn_noise), float(push_noise)),
     )
     return Filtered(
-        out[:, :4],
-        out[:, 4:7],
-        out[:, 7:9],
-        out[:, 9:12],
-        out[:, 12:15],
-        out[:, 15:19],
-        sigma,
-        f,
-        P,
-        int(total[0]),
-        int(total[1]),
-        float(total[2]) / max(float(total[3]), 1.0),
+        q=out[:, :4],
+        w=out[:, 4:7],
+        k=out[:, 7:9],
+        r=out[:, 9:12],
+        v=out[:, 12:15],
+        axes=out[:, 15:19],
+        sigma=sigma,
+        f=state.f,
+        P=state.P,
+        passed=int(total[0]),
+        refused=int(total[1]),
+        innovation=float(total[2]) / max(float(total[3]), 1.0),
     )
 
 

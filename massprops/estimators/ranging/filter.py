@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.chaser_path import chaser_path
+from massprops.estimators.chaser_path import ChaserPath, chaser_path
 from massprops.estimators.inertia_parameters import from_inertia, inertia
 from massprops.estimators.result import ratios
 from massprops.sequence.data import Environment
@@ -51,67 +51,77 @@ class RangeRun:
     innovation: float
 
 
+@dataclass(frozen=True)
+class RangeData:
+    """What one camera and a range sensor measured over n epochs.
+
+    Attributes:
+        times: (n,) [s] since the environment's first timestamp; intrinsics: (4,).
+        uv: (n, m, 2) of cam0, NaN where not seen; sigma_px. ranges: (n,) [m], NaN where none; sigma_range [m].
+        camera: (n, 4) attitude of cam0 (to inertial) where it is not the environment's.
+    """
+
+    times: np.ndarray
+    intrinsics: np.ndarray
+    uv: np.ndarray
+    sigma_px: float
+    ranges: np.ndarray
+    sigma_range: float
+    environment: Environment
+    camera: np.ndarray | None = None
+
+    def first(self, n: int) -> RangeData:
+        """The first n epochs."""
+        camera = None if self.camera is None else self.camera[:n]
+        return replace(self, times=self.times[:n], uv=self.uv[:n], ranges=self.ranges[:n], camera=camera)
+
+    def leader(self) -> tuple[ChaserPath, np.ndarray]:
+        """The chaser at the epochs, its axes those of cam0, and where it is half-way between them (n - 1, 3) [m]."""
+        path = chaser_path(self.environment, self.times)
+        middle = np.zeros((max(len(self.times) - 1, 0), 3))
+        if path.mu > 0:
+            around = Surroundings(self.environment)
+            middle = np.stack(np.broadcast_arrays(*around.position(0.5 * (self.times[1:] + self.times[:-1]))), axis=-1)
+        return path if self.camera is None else replace(path, q=self.camera), middle
+
+
 def range_filtered(
-    start: RangeStart,
-    times: np.ndarray,
-    intrinsics: np.ndarray,
-    uv: np.ndarray,
-    sigma_px: float,
-    ranges: np.ndarray,
-    sigma_range: float,
-    environment: Environment,
-    turn_noise: float,
-    push_noise: float,
-    camera: np.ndarray | None = None,
-    gate: float = GATE,
+    start: RangeStart, data: RangeData, turn_noise: float, push_noise: float, gate: float = GATE
 ) -> RangeRun:
-    """Runs the compiled filter over n epochs.
+    """Runs the compiled filter.
 
     Args:
-        times: (n,) [s] since the environment's first timestamp; intrinsics: (4,); uv: (n, m, 2) of cam0, NaN where not
-        seen; ranges: (n,) [m], NaN where none; turn_noise [rad^2/s^3], push_noise [m^2/s^3]; camera: (n, 4) attitude
-        of cam0 (to inertial) where it is not the environment's; gate: squared sigmas.
+        turn_noise [rad^2/s^3]; push_noise [m^2/s^3]; gate: squared sigmas.
     """
-    from massprops.estimators.ranging.kernel import run
+    from massprops.estimators.ranging.kernel import Moving, Rule, run
 
-    path = chaser_path(environment, times)
-    middle = np.zeros((max(len(times) - 1, 0), 3))
-    if path.mu > 0:
-        around = Surroundings(environment)
-        middle = np.stack(np.broadcast_arrays(*around.position(0.5 * (times[1:] + times[:-1]))), axis=-1)
+    path, middle = data.leader()
     y = np.concatenate([start.q, start.w, start.r, start.v]).astype(float)
-    f, P, s = start.f.copy(), start.P.copy(), from_inertia(start.tensor)
-    out, block, tally = run(
-        np.ascontiguousarray(times, float),
-        y,
-        s,
-        f,
-        P,
-        np.asarray(intrinsics, float),
-        np.ascontiguousarray(uv, float),
-        float(sigma_px) ** 2,
-        np.ascontiguousarray(ranges, float),
-        float(sigma_range) ** 2 if np.isfinite(sigma_range) else 1.0,
-        np.ascontiguousarray(path.q if camera is None else camera, float),
-        np.ascontiguousarray(path.place, float),
-        np.ascontiguousarray(middle, float),
-        float(path.mu),
-        float(turn_noise),
-        float(push_noise),
-        float(gate),
+    P = start.P.copy()
+    state = Moving(y, from_inertia(start.tensor), start.f.copy(), P, np.zeros_like(P))
+    rule = Rule(
+        lens=np.asarray(data.intrinsics, float),
+        pixel_variance=float(data.sigma_px) ** 2,
+        range_variance=float(data.sigma_range) ** 2 if np.isfinite(data.sigma_range) else 1.0,
+        gate=float(gate),
+        mu=float(path.mu),
+        turn_noise=float(turn_noise),
+        push_noise=float(push_noise),
     )
+    arrays = (data.times, data.uv, data.ranges, path.q, path.place, middle)
+    out, block, tally = run(state, *(np.ascontiguousarray(x, float) for x in arrays), rule)
     return RangeRun(
-        out[:, :4],
-        out[:, 4:7],
-        out[:, 7:10],
-        out[:, 10:13],
-        out[:, 13:],
-        block,
-        f,
-        P,
-        int(tally[0]),
-        int(tally[1]),
-        float(tally[2]) / max(float(tally[3]), 1.0),
+        q=out[:, :4],
+        w=out[:, 4:7],
+        r=out[:, 7:10],
+        v=out[:, 10:13],
+        s=out[:, 13:],
+        block=block,
+        f=state.f,
+        P=P,
+        used=int(tally[0]),
+        refused=int(tally[1]),
+        innovation=float(tally[2]) / max(float(tally[3]), 1.0),
     )
 
 
@@ -158,14 +168,3 @@ def ratios_over(s: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarra
     k, _ = ratios(inertia(s))
     by_k, _ = ratio_jacobian(s)
     return k, by_k @ block[:, 6:11, 6:11] @ np.swapaxes(by_k, -1, -2)
-
-
-__all__ = [
-    "BASE",
-    "RangeRun",
-    "RangeStart",
-    "inertia_covariance",
-    "range_filtered",
-    "ratio_jacobian",
-    "ratios_over",
-]

@@ -13,11 +13,8 @@ import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_matrix
 from massprops.dynamics.quaternion import rotation_vector as turn_of
-from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.chaser_path import chaser_path
 from massprops.estimators.inertia_parameters import from_inertia, inertia
-from massprops.estimators.ranging.filter import BASE, RangeStart
-from massprops.sequence.data import Environment
+from massprops.estimators.ranging.filter import BASE, RangeData, RangeStart
 
 STEPS = np.repeat([1e-5, 1e-7, 1e-5, 1e-3, 1e-6], [3, 3, 5, 3, 3])
 """Central differences of attitude, rate, inertia, position, velocity: error of rounding and of curvature both below 1e-8."""
@@ -48,33 +45,15 @@ class BatchFit:
     converged: bool
 
 
-def fit_first(
-    start: RangeStart,
-    times: np.ndarray,
-    intrinsics: np.ndarray,
-    uv: np.ndarray,
-    sigma_px: float,
-    ranges: np.ndarray,
-    sigma_range: float,
-    environment: Environment,
-    camera: np.ndarray | None = None,
-    windows: tuple[int, ...] = (),
-    two_sided: bool = False,
-) -> BatchFit:
+def fit_first(start: RangeStart, data: RangeData, windows: tuple[int, ...] = (), two_sided: bool = False) -> BatchFit:
     """Levenberg-Marquardt on state, inertia and features, with the start's covariance as prior and Huber's loss.
 
     Args:
-        start, times (n,), ...: as for `filter.range_filtered`, n epochs in all; windows: numbers of epochs of
-        the growing window before the last, all n; two_sided: the start does not say which way the body turns across
-        the sight: the mirrored answer is followed too, until the measurements decide.
+        windows: numbers of epochs of the growing window before the last, all of the data; two_sided: the start does not
+        say which way the body turns across the sight: the mirrored answer is followed too, until the measurements
+        decide.
     """
-    path = chaser_path(environment, times)
-    middle = np.zeros((max(len(times) - 1, 0), 3))
-    if path.mu > 0:
-        around = Surroundings(environment)
-        middle = np.stack(np.broadcast_arrays(*around.position(0.5 * (times[1:] + times[:-1]))), axis=-1)
-    C = rotation_matrix(path.q if camera is None else camera)
-    task = _Task(start, times, intrinsics, uv, sigma_px, ranges, sigma_range, path, middle, C)
+    times, task = data.times, _Task(start, data)
     state = _State(start.q, start.w, from_inertia(start.tensor), start.r, start.v, start.f)
     rivals, first = [state], two_sided
     for n in (*[k for k in windows if k < len(times)], len(times)):
@@ -114,9 +93,11 @@ class _State:
 
 
 class _Task:
-    def __init__(self, start, times, intrinsics, uv, sigma_px, ranges, sigma_range, path, middle, C):  # type: ignore[no-untyped-def]
-        self.times, self.lens, self.uv, self.sigma_px = times, intrinsics, uv, sigma_px
-        self.ranges, self.sigma_range, self.path, self.middle, self.C = ranges, sigma_range, path, middle, C
+    def __init__(self, start: RangeStart, data: RangeData) -> None:
+        self.times, self.lens, self.uv, self.sigma_px = data.times, data.intrinsics, data.uv, data.sigma_px
+        self.ranges, self.sigma_range = data.ranges, data.sigma_range
+        self.path, self.middle = data.leader()
+        self.C = rotation_matrix(self.path.q)
         self.prior_state = _State(start.q, start.w, from_inertia(start.tensor), start.r, start.v, start.f)
         scale = np.sqrt(np.maximum(np.diag(start.P), 1e-24))
         self.prior = np.linalg.pinv(start.P / np.outer(scale, scale), rcond=1e-12, hermitian=True)

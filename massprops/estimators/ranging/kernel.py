@@ -11,6 +11,8 @@ and half sums (even), none with a negative weight, so P stays positive definite.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -30,6 +32,41 @@ LARGEST_TURN = 0.1
 SPREAD = np.sqrt(3.0)
 """Distance of the sigma points in standard deviations: it matches a normal distribution's fourth moment."""
 TINY = 1e-14
+
+
+class Moving(NamedTuple):
+    """The state, changed in place: y (13,) q body to inertial, w, r, v; s (5,) inertia; f (m, 3) features in body axes;
+    P (17 + 3 m, 17 + 3 m); L, room for the factor of P."""
+
+    y: np.ndarray
+    s: np.ndarray
+    f: np.ndarray
+    P: np.ndarray
+    L: np.ndarray
+
+
+class Rule(NamedTuple):
+    """lens: (4,). Variances of a pixel and of a range; gate: squared sigmas; mu: of the planet, 0 without; noise
+    densities as of `filter.range_filtered`, squared."""
+
+    lens: np.ndarray
+    pixel_variance: float
+    range_variance: float
+    gate: float
+    mu: float
+    turn_noise: float
+    push_noise: float
+
+
+class Rows(NamedTuple):
+    """Innovations of an epoch: which measurement each is (2 i + axis, or 2 m for the range), half differences and half
+    sums of the sigma points (N, rows), their value and covariance."""
+
+    index: np.ndarray
+    odd: np.ndarray
+    even: np.ndarray
+    value: np.ndarray
+    S: np.ndarray
 
 
 @numba.njit(cache=True)
@@ -62,7 +99,7 @@ def _slope(y, six, l, mu, out):  # type: ignore[no-untyped-def]
         factor = 3.0 * mu / (square * square * np.sqrt(square))
         ia, ib, ic = xx * a + xy * b + xz * c, xy * a + yy * b + yz * c, xz * a + yz * b + zz * c
         tx, ty, tz = factor * (b * ic - c * ib), factor * (c * ia - a * ic), factor * (a * ib - b * ia)
-    out[4], out[5], out[6] = euler_acceleration(xx, yy, zz, xy, xz, yz, y[4], y[5], y[6], tx, ty, tz)
+    out[4], out[5], out[6] = euler_acceleration(six, (y[4], y[5], y[6]), (tx, ty, tz))
 
 
 @numba.njit(cache=True)
@@ -134,30 +171,25 @@ def _point(y, s, L, j, g, z, t):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def predict(y, s, P, L, h, l0, lm, l1, mu, turn_noise, push_noise):  # type: ignore[no-untyped-def]
-    """State and covariance a time h later, in place."""
-    n = P.shape[0]
+def _pairs(state, h, leaders, mu):  # type: ignore[no-untyped-def]
+    """The mean a time h later (13,), and half differences and half sums (17, 17) of the sigma points about it."""
+    y, s, L = state.y, state.s, state.L
     speed = np.sqrt(y[4] * y[4] + y[5] * y[5] + y[6] * y[6])
     steps = int(min(5000.0, max(1.0, np.ceil(speed * h / LARGEST_TURN))))
-    factor(P, BASE, L)
     z, t, c = np.empty(13), np.empty(5), y.copy()
-    move(c, s, h, steps, l0, lm, l1, mu)
+    move(c, s, h, steps, leaders[0], leaders[1], leaders[2], mu)
     odd, even = np.zeros((BASE, BASE)), np.zeros((BASE, BASE))
     for j in range(BASE):
         for side in range(2):
             g = SPREAD if side == 0 else -SPREAD
             _point(y, s, L, j, g, z, t)
-            move(z, t, h, steps, l0, lm, l1, mu)
-            a, b, e = turn_between(c[0], c[1], c[2], c[3], z[0], z[1], z[2], z[3])
+            move(z, t, h, steps, leaders[0], leaders[1], leaders[2], mu)
+            turn = turn_between(c[0], c[1], c[2], c[3], z[0], z[1], z[2], z[3])
             sign = 0.5 / g
             even_share = 0.5 / SPREAD
             for i in range(BASE):
-                if i == 0:
-                    d = a
-                elif i == 1:
-                    d = b
-                elif i == 2:
-                    d = e
+                if i < 3:
+                    d = turn[i]
                 elif i < 6:
                     d = z[1 + i] - c[1 + i]
                 elif i < 11:
@@ -166,6 +198,16 @@ def predict(y, s, P, L, h, l0, lm, l1, mu, turn_noise, push_noise):  # type: ign
                     d = z[i - 4] - c[i - 4]
                 odd[i, j] += sign * d
                 even[i, j] += even_share * d
+    return c, odd, even
+
+
+@numba.njit(cache=True)
+def predict(state, h, leaders, rule):  # type: ignore[no-untyped-def]
+    """State and covariance a time h later, in place; leaders: the chaser at the start, middle and end [m]."""
+    y, P, L = state.y, state.P, state.L
+    n = P.shape[0]
+    factor(P, BASE, L)
+    c, odd, even = _pairs(state, h, leaders, rule.mu)
     mean = np.zeros(BASE)
     for i in range(BASE):
         for j in range(BASE):
@@ -187,7 +229,7 @@ def predict(y, s, P, L, h, l0, lm, l1, mu, turn_noise, push_noise):  # type: ign
         y[7 + i] = c[7 + i] + mean[11 + i]
         y[10 + i] = c[10 + i] + mean[14 + i]
     for i in range(3):
-        for first, second, noise in ((0, 3, turn_noise), (11, 14, push_noise)):
+        for first, second, noise in ((0, 3, rule.turn_noise), (11, 14, rule.push_noise)):
             a, b = first + i, second + i
             P[a, a] += noise * h * h * h / 3
             P[a, b] += noise * h * h / 2
@@ -214,30 +256,38 @@ def _sight(z, f, C, lens, first, seen, h):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def correct(y, s, f, P, L, uv, span, C, lens, pixel_variance, range_variance, gate, tally):  # type: ignore[no-untyped-def]
-    """One epoch's pixels uv (m, 2) and range, in place. tally: used, refused, sum of squares, rows."""
-    n, m = P.shape[0], f.shape[0]
+def _seen(uv, span):  # type: ignore[no-untyped-def]
+    """Which features are seen, and the numbers of what is measured: 2 i + axis of a feature, 2 m of the range."""
+    m = uv.shape[0]
     seen = np.zeros(m, np.bool_)
-    for i in range(m):
-        seen[i] = np.isfinite(uv[i, 0])
-    ranged = np.isfinite(span)
     index = np.empty(2 * m + 1, np.int64)
     count = 0
     for i in range(m):
+        seen[i] = np.isfinite(uv[i, 0])
         if seen[i]:
             index[count], index[count + 1] = 2 * i, 2 * i + 1
             count += 2
-    if ranged:
+    if np.isfinite(span):
         index[count] = 2 * m
         count += 1
+    return seen, index[:count]
+
+
+@numba.njit(cache=True)
+def _innovations(state, uv, span, C, rule):  # type: ignore[no-untyped-def]
+    """`Rows` of one epoch; P is factored into L."""
+    y, s, f, P, L = state
+    seen, index = _seen(uv, span)
+    n, m, count = P.shape[0], f.shape[0], len(index)
+    odd, even = np.zeros((n, count)), np.zeros((n, count))
+    S, v = np.zeros((count, count)), np.empty(count)
     if count == 0:
-        return
+        return Rows(index, odd, even, v, S)
     factor(P, n, L)
     z, t, g = y.copy(), s.copy(), f.copy()
     h0, hp, hm = np.zeros(2 * m + 1), np.zeros(2 * m + 1), np.zeros(2 * m + 1)
-    _sight(y, f, C, lens, 0, seen, h0)
+    _sight(y, f, C, rule.lens, 0, seen, h0)
     h0[2 * m] = np.sqrt(y[7] * y[7] + y[8] * y[8] + y[9] * y[9])
-    odd, even = np.zeros((n, count)), np.zeros((n, count))
     for j in range(n):
         first = 0 if j < BASE else (j - BASE) // 3
         for side in range(2):
@@ -249,14 +299,13 @@ def correct(y, s, f, P, L, uv, span, C, lens, pixel_variance, range_variance, ga
             for i in range(first, m):
                 for a in range(3):
                     g[i, a] = f[i, a] + amount * L[BASE + 3 * i + a, j]
-            _sight(z, g, C, lens, first, seen, h)
+            _sight(z, g, C, rule.lens, first, seen, h)
             h[2 * m] = np.sqrt(z[7] * z[7] + z[8] * z[8] + z[9] * z[9])
         z[:] = y
         for c in range(count):
             k = index[c]
             odd[j, c] = 0.5 / SPREAD * (hp[k] - hm[k])
             even[j, c] = 0.5 / SPREAD * (hp[k] + hm[k] - 2.0 * h0[k])
-    S, v = np.zeros((count, count)), np.empty(count)
     for c in range(count):
         k = index[c]
         mean = 0.0
@@ -268,46 +317,56 @@ def correct(y, s, f, P, L, uv, span, C, lens, pixel_variance, range_variance, ga
             for j in range(n):
                 total += odd[j, c] * odd[j, b] + even[j, c] * even[j, b]
             S[c, b] = S[b, c] = total
-        S[c, c] += range_variance if k == 2 * m else pixel_variance
+        S[c, c] += rule.range_variance if k == 2 * m else rule.pixel_variance
+    return Rows(index, odd, even, v, S)
+
+
+@numba.njit(cache=True)
+def _kept(rows, m, rule):  # type: ignore[no-untyped-def]
+    """Numbers of the rows that pass the gate; where most do not, all of them, with S widened."""
+    index, v, S = rows.index, rows.value, rows.S
+    count = len(index)
     ratio = np.empty(count)
     bad = 0
     for c in range(count):
         ratio[c] = v[c] * v[c] / S[c, c]
-        if ratio[c] > gate:
+        if ratio[c] > rule.gate:
             bad += 1
-    widen = 1.0
     keep = np.arange(count)
     if 2 * bad > count:
         # most disagree: the filter is at fault, or the whole frame; listen, but less
         widen = np.median(ratio)
         for c in range(count):
-            S[c, c] += (widen - 1.0) * (range_variance if index[c] == 2 * m else pixel_variance)
+            S[c, c] += (widen - 1.0) * (rule.range_variance if index[c] == 2 * m else rule.pixel_variance)
     elif bad > 0:
         left = 0
         for c in range(count):
             partner = c if index[c] == 2 * m else (c + 1 if index[c] % 2 == 0 else c - 1)
-            if ratio[c] <= gate and ratio[partner] <= gate:
+            if ratio[c] <= rule.gate and ratio[partner] <= rule.gate:
                 keep[left] = c
                 left += 1
-        tally[1] += count - left
         keep = keep[:left]
-    rows = len(keep)
-    if rows == 0:
-        return
-    K, A, w = np.empty((n, rows)), np.empty((rows, rows)), np.empty(rows)
-    for a in range(rows):
-        w[a] = v[keep[a]]
-        for b in range(rows):
-            A[a, b] = S[keep[a], keep[b]]
+    return keep
+
+
+@numba.njit(cache=True)
+def _whitened(rows, keep, L):  # type: ignore[no-untyped-def]
+    """Cross-covariance K (N, rows) and innovation (rows,) by the factor G of their covariance, K G^-T and G^-1 v: then P
+    loses the square of the first, and the step is their product."""
+    n, count = L.shape[0], len(keep)
+    K, A, w = np.empty((n, count)), np.empty((count, count)), np.empty(count)
+    for a in range(count):
+        w[a] = rows.value[keep[a]]
+        for b in range(count):
+            A[a, b] = rows.S[keep[a], keep[b]]
         for i in range(n):
             total = 0.0
             for j in range(i + 1):
-                total += L[i, j] * odd[j, keep[a]]
+                total += L[i, j] * rows.odd[j, keep[a]]
             K[i, a] = total
-    G = np.zeros((rows, rows))
-    factor(A, rows, G)
-    # K G^-T: then P loses its square, and the step is its product with G^-1 v
-    for a in range(rows):
+    G = np.zeros((count, count))
+    factor(A, count, G)
+    for a in range(count):
         inverse = 1.0 / G[a, a]
         for i in range(n):
             total = K[i, a]
@@ -318,6 +377,23 @@ def correct(y, s, f, P, L, uv, span, C, lens, pixel_variance, range_variance, ga
         for b in range(a):
             total -= w[b] * G[a, b]
         w[a] = total * inverse
+    return K, w
+
+
+@numba.njit(cache=True)
+def correct(state, uv, span, C, rule, tally):  # type: ignore[no-untyped-def]
+    """One epoch's pixels uv (m, 2) and range, in place. tally: used, refused, sum of squares, rows."""
+    y, s, f, P, L = state
+    n, m = P.shape[0], f.shape[0]
+    found = _innovations(state, uv, span, C, rule)
+    if len(found.index) == 0:
+        return
+    keep = _kept(found, m, rule)
+    rows = len(keep)
+    tally[1] += len(found.index) - rows
+    if rows == 0:
+        return
+    K, w = _whitened(found, keep, L)
     step = np.zeros(n)
     for i in range(n):
         for a in range(rows):
@@ -346,34 +422,27 @@ def correct(y, s, f, P, L, uv, span, C, lens, pixel_variance, range_variance, ga
 
 
 @numba.njit(cache=True)
-def run(
-    times, y, s, f, P, lens, uv, pixel_variance, span, range_variance, chaser_q, chaser, middle, mu,
-    turn_noise, push_noise, gate,
-):  # type: ignore[no-untyped-def]  # fmt: skip
-    """The whole filter from the first epoch, whose state and covariance are changed in place.
+def run(state, times, uv, span, camera, chaser, middle, rule):  # type: ignore[no-untyped-def]
+    """The whole filter from the first epoch, whose state is changed in place.
 
     Args:
-        times (n,); y (13,): q body to inertial, w, r, v; s (5,); f (m, 3) body axes; P (17 + 3 m, 17 + 3 m).
-        lens (4,); uv (n, m, 2); span (n,) ranges; chaser_q (n, 4) cam0 to inertial; chaser (n, 3), middle (n - 1, 3):
-        the chaser at the epochs and half-way [m]; gate: squared sigmas.
+        state: `Moving`; rule: `Rule`. times (n,); uv (n, m, 2); span (n,) ranges; camera (n, 4) cam0 to inertial;
+        chaser (n, 3), middle (n - 1, 3): the chaser at the epochs and half-way [m].
 
     Returns:
         out (n, 18): y and s; block (n, 17, 17): covariance without features; tally (4,).
     """
     n = len(times)
-    D = P.shape[0]
     out, block, tally = np.empty((n, 18)), np.empty((n, BASE, BASE)), np.zeros(4)
-    L, C = np.zeros((D, D)), np.empty((3, 3))
+    C = np.empty((3, 3))
     for e in range(n):
         if e > 0:
-            predict(
-                y, s, P, L, times[e] - times[e - 1], chaser[e - 1], middle[e - 1], chaser[e], mu, turn_noise, push_noise
-            )
-        matrix_of(chaser_q[e, 0], chaser_q[e, 1], chaser_q[e, 2], chaser_q[e, 3], C)
-        correct(y, s, f, P, L, uv[e], span[e], C, lens, pixel_variance, range_variance, gate, tally)
-        out[e, :13] = y
-        out[e, 13:] = s
-        block[e] = P[:BASE, :BASE]
+            predict(state, times[e] - times[e - 1], (chaser[e - 1], middle[e - 1], chaser[e]), rule)
+        matrix_of(camera[e, 0], camera[e, 1], camera[e, 2], camera[e, 3], C)
+        correct(state, uv[e], span[e], C, rule, tally)
+        out[e, :13] = state.y
+        out[e, 13:] = state.s
+        block[e] = state.P[:BASE, :BASE]
     return out, block, tally
 
 

@@ -1,0 +1,93 @@
+"""What the filters begin with alike: from which part of the data, with which features, how wide, how restless."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from massprops.errors import NotPossible
+from massprops.estimators.momentum import ratio_covariance
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Prior
+
+WIDER = 3.0
+"""A filter starts this many times wider than the first guess claims, for it reads the same data again."""
+WIDEST_K = 0.3
+"""1-sigma of k1, k2 and of the axes when nothing is known of them."""
+QUIET = 1e-5
+"""Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
+ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
+"""Unmodelled acceleration [m/s^2 per sqrt(s)] with the orbit known and without."""
+FIRST_TURNS, FIRST_EPOCHS = 2.0, 40
+"""The first guess is made from the data of so many turns and epochs."""
+
+
+def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
+    """The first guess from the first part of the data only; the given one where that part does not show enough."""
+    from massprops.estimators.start import first_guess
+
+    if given.early is not None:
+        return given.early
+    begin = float(given.times[0])
+    rows = min(FIRST_EPOCHS, len(given.times)) - 1
+    until = max(begin + FIRST_TURNS * 2 * np.pi / max(speed_of(given), 1e-9), float(given.times[rows]))
+    if until >= given.times[-1]:
+        return given
+    try:
+        early = first_guess(problem, prior, until_s=until)
+    except NotPossible:
+        return given
+    usable = early.inertia is not None and np.isfinite(early.w).all() and early.body_frame == given.body_frame
+    return early if usable else given
+
+
+def settled_epoch(start: Any) -> int:
+    """The first row of the start whose rates are about as good as most; the ends of a record are worse."""
+    spread = np.einsum("nii->n", start.covariance[:, 3:, 3:])
+    return int(np.argmax(spread <= 1.5 * np.nanmedian(spread)))
+
+
+def speed_of(start: Any) -> float:
+    """The start's usual angular speed [rad/s]."""
+    return float(np.nanmedian(np.linalg.norm(start.w, axis=1)))
+
+
+def restlessness(problem: Problem, prior: Prior, start: Any) -> tuple[float, float]:
+    """Unmodelled angular acceleration [rad/s^2 per sqrt(s)] and acceleration [m/s^2 per sqrt(s)]."""
+    turn = prior.process_noise if prior.process_noise is not None else QUIET * speed_of(start) ** 2
+    return turn, ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
+
+
+def ratio_sigmas(start: Any, inertia: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """1-sigma of k1, k2 (2,) and of turns about the principal axes `frame` (3,), as conserved momentum shows them."""
+    k, axes = np.full(2, WIDEST_K), np.full(3, WIDEST_K)
+    if start.momentum is not None:
+        k_covariance, axes_covariance, _ = ratio_covariance(inertia, start.momentum.covariance)
+        k = np.fmin(k, WIDER * _root(k_covariance) + 1e-6)
+        axes = np.fmin(axes, WIDER * _root(frame.T @ axes_covariance @ frame) + 1e-6)
+    return k, axes
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """Sigmas on the diagonal; NaN where rounding leaves no variance, as a nearly unobservable motion can."""
+    d = np.diag(covariance)
+    return np.sqrt(np.where(d >= 0, d, np.nan))
+
+
+def point_sigma(problem: Problem, distance: float) -> float:
+    """1-sigma in depth of one stereo point [m]."""
+    base = float(np.linalg.norm(problem.cameras[1].t - problem.cameras[0].t))
+    pixel = float(np.hypot(*(problem.sigma_px[:2] / [abs(c.intrinsics[0]) for c in problem.cameras])))
+    return distance**2 * pixel / base
+
+
+def longest(placed: np.ndarray, count: np.ndarray, most: int, least: int = 1) -> np.ndarray:
+    """Numbers of the features to carry: those placed, (m, 3) and NaN where not, the longest seen first.
+
+    Args:
+        count: (m,) sights of each; least: of one that is worth it.
+    """
+    known = np.isfinite(placed[:, 0]) & (count >= least)
+    order = np.lexsort((np.arange(len(count)), -count))
+    return np.sort(order[known[order]][:most])

@@ -1,0 +1,88 @@
+"""What a filter says of its own run, the same questions of every filter: may it be believed, does the motion show the
+ratios, are the principal axes determined. `judgement` asks every method what needs no look inside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprops.estimators.attitude_information import shown_by
+from massprops.estimators.judgement import FARTHEST, without_ratios
+from massprops.estimators.result import Estimate
+
+MOST_REFUSED = 0.3
+"""Share of refused measurements beyond which it is the filter that is wrong."""
+LARGEST_SQUARE = 4.0
+"""Mean squared innovation, in units of its covariance, of a filter whose noise is short by 2."""
+LEARNT, SHARP = 0.7, 0.05
+"""1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
+SURE = 3.0
+"""Sigmas by which two moments must differ for their axes to be determined."""
+FEWEST_POINTS = 3
+"""Features that fix an attitude."""
+
+
+def failure(finite: bool, used: int, refused: int, square: float = 0.0, k: np.ndarray | None = None) -> str:
+    """Why a run is not to be believed; empty when it may be.
+
+    Args:
+        used, refused: how many measurements; square: mean squared innovation; k: the ratios at the end.
+    """
+    share = refused / max(refused + used, 1)
+    if not finite:
+        return "the filter's state is not finite"
+    if share > MOST_REFUSED:
+        return f"{share:.0%} of the measurements were refused"
+    if square > LARGEST_SQUARE:
+        return f"the innovations are {np.sqrt(square):.1f} times what the stated noise allows"
+    if k is not None and np.abs(k).max() > FARTHEST:
+        return "the ratios ran away"
+    return ""
+
+
+def late_square(squares: np.ndarray, numbers: np.ndarray) -> float:
+    """Mean squared innovation over the second half of a run: sums (n,) of squares and how many numbers they hold."""
+    half = slice(len(squares) // 2, None)
+    return float(squares[half].sum() / max(numbers[half].sum(), 1))
+
+
+def unlearnt(sigma: np.ndarray, before: float) -> str:
+    """Why k is known no better, sigma (2,), than at the start; empty when it is."""
+    if sigma.max() > SHARP and sigma.max() > LEARNT * before:
+        return f"the motion taught nothing of the ratios: 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, as at the start"
+    return ""
+
+
+def unseen(times: np.ndarray, weight: np.ndarray, q: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> str:
+    """Why attitudes along the found motion cannot show the ratios; empty when they can.
+
+    Args:
+        weight: (n,) one over the variance of the attitude at each time [rad^-2]; q, w, inertia: (4,), (3,) and (3, 3) at
+        the last, where a filter's estimate is best.
+    """
+    # free motion runs backwards with the rates reversed
+    return shown_by(times[-1] - times[::-1], weight[::-1], q, -w, inertia).reason
+
+
+def symmetric(near: np.ndarray) -> str:
+    """What is said when neighbouring moments (2,) are equal within what the motion shows; empty when none are."""
+    if not near.any():
+        return ""
+    pair = "I1 and I2" if near[0] else "I2 and I3"
+    return f"the body is symmetric within what the motion shows ({pair} are equal): its axes are not determined"
+
+
+def track_weight(count: np.ndarray, size: float, pixel: float, distance: np.ndarray) -> np.ndarray:
+    """(n,) one over the variance of the attitude that features fix [rad^-2], 0 where too few are seen.
+
+    Args:
+        count: (n,) sights; size: spread of the features [m]; pixel: 1-sigma [rad]; distance: (n,) [m].
+    """
+    return np.where(count >= FEWEST_POINTS, count * (size / (pixel * distance)) ** 2, 0.0)
+
+
+def concluded(found: Estimate, failed: str, hidden: str) -> Estimate:
+    """The estimate of a run that failed for one reason, or whose motion hides the ratios for another; '' for neither."""
+    found = replace(found, converged=not failed, observable=not hidden, reason=failed or hidden)
+    return without_ratios(found) if hidden else found
