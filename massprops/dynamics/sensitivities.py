@@ -55,8 +55,7 @@ def sensitivities(
     six = np.array(six_of(inertia))
     moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
     flat_six, flat_p = list(six), list(np.asarray(p, float))
-    kinds = {place.start + i: q.kind for e, place, _ in acting for i, q in enumerate(e.PARAMETERS)}
-    fixed = {i for i, kind in kinds.items() if kind in ("time", *GIVEN)}
+    fixed = _fixed(acting)
     nodes = _nodes(path.steps, fastest(w0))
     first, last = nodes[:-1], nodes[1:]
     begin = path.steps.ends[nodes]
@@ -64,38 +63,10 @@ def sensitivities(
     from_y, to_y = path.y[first], path.y[last]
     for k, y in path.before.items():
         to_y[last == k] = y
-    t = begin[:-1, None] + np.array([INSIDE, 0.5, 1 - INSIDE]) * h[:, None]
-    sky = around.sky(t, acting.orbiting)
-    middle = 0.5 * (from_y + to_y)
-    ends = np.stack([from_y, middle, to_y], axis=1)
-    stage = [ends[..., i] for i in range(ny)]
-    rates = np.stack(np.broadcast_arrays(*slope(t, stage, flat_six, acting, flat_p, sky)), axis=-1)
-    ends[:, 1] += h[:, None] / 8.0 * (rates[:, 0] - rates[:, 2])
-    F = np.zeros((*t.shape, ny, ny + m))
-
-    def put(column: int, y: list, six: list, p: list) -> None:
-        for i, value in enumerate(slope(t, y, six, acting, p, sky)):
-            F[..., i, column] = np.imag(value) / STEP
-
-    for j in range(ny):
-        put(j, stepped(stage, j), flat_six, flat_p)
-    for j in range(d):
-        put(ny + 6 + j, stage, list(six + 1j * STEP * moves[j]), flat_p)
-    for j in sorted(_of_effects(acting, tuple(acting.having)) - fixed):
-        put(ny + 6 + d + j, stage, flat_six, stepped(flat_p, j))
-    hh = h[:, None, None]
-    eye = np.concatenate([np.eye(ny), np.zeros((ny, m))], axis=1)
-
-    def carried(stage_F: np.ndarray, sofar: np.ndarray) -> np.ndarray:
-        out = stage_F[..., :ny] @ sofar
-        out[..., ny:] += stage_F[..., ny:]
-        return out
-
-    K1 = F[:, 0]
-    K2 = carried(F[:, 1], eye + 0.5 * hh * K1)
-    K3 = carried(F[:, 1], eye + 0.5 * hh * K2)
-    K4 = carried(F[:, 2], eye + hh * K3)
-    M = eye + hh / 6.0 * (K1 + 2 * (K2 + K3) + K4)
+    F = _slopes_of_slopes(
+        begin, np.stack([from_y, 0.5 * (from_y + to_y), to_y], axis=1), six, moves, acting, flat_p, around
+    )
+    M = _over_steps(F, h)
     S = _at_start(q0, w0, flat_six, moves, acting, flat_p, fixed, ny)
     jumps = dict(path.steps.jumps)
     from_S, to_S = np.empty((len(h), ny, m)), np.empty((len(h), ny, m))
@@ -127,6 +98,69 @@ def _nodes(steps: Steps, speed: float) -> np.ndarray:
         else:
             found.append(np.arange(a, b))
     return np.unique(np.concatenate(found))
+
+
+def _fixed(acting: Acting) -> set[int]:
+    """Places of the parameters by which the slopes have no derivative: times of events, and what is given."""
+    kinds = {place.start + i: q.kind for e, place, _ in acting for i, q in enumerate(e.PARAMETERS)}
+    return {i for i, kind in kinds.items() if kind in ("time", *GIVEN)}
+
+
+def _slopes_of_slopes(
+    begin: np.ndarray,
+    ends: np.ndarray,
+    six: np.ndarray,
+    moves: np.ndarray,
+    acting: Acting,
+    p: list,
+    around: Surroundings,
+) -> np.ndarray:
+    """Derivatives (steps, 3, ny, ny + m) of the motion's slopes by state and parameters at start, middle and end.
+
+    Args:
+        begin: (steps + 1,) times of the steps [s].
+        ends: (steps, 3, ny) states at a step's start, the mean of both, and its end; the middle is mended in place.
+        moves: (d, 6) changes of the six elements of the inertia.
+    """
+    ny, d, flat_six = ends.shape[-1], len(moves), list(six)
+    h = np.diff(begin)
+    t = begin[:-1, None] + np.array([INSIDE, 0.5, 1 - INSIDE]) * h[:, None]
+    sky = around.sky(t, acting.orbiting)
+    stage = [ends[..., i] for i in range(ny)]
+    rates = np.stack(np.broadcast_arrays(*slope(t, stage, flat_six, acting, p, sky)), axis=-1)
+    ends[:, 1] += h[:, None] / 8.0 * (rates[:, 0] - rates[:, 2])
+    F = np.zeros((*t.shape, ny, ny + 6 + d + len(p)))
+
+    def put(column: int, y: list, six: list, p: list) -> None:
+        for i, value in enumerate(slope(t, y, six, acting, p, sky)):
+            F[..., i, column] = np.imag(value) / STEP
+
+    for j in range(ny):
+        put(j, stepped(stage, j), flat_six, p)
+    for j in range(d):
+        put(ny + 6 + j, stage, list(six + 1j * STEP * moves[j]), p)
+    for j in sorted(_of_effects(acting, tuple(acting.having)) - _fixed(acting)):
+        put(ny + 6 + d + j, stage, flat_six, stepped(p, j))
+    return F
+
+
+def _over_steps(F: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Transition (steps, ny, ny + m) over steps h (steps,), from the derivatives at start, middle and end, by the
+    Runge-Kutta method of fourth order."""
+    ny = F.shape[2]
+    hh = h[:, None, None]
+    eye = np.eye(ny, F.shape[3])
+
+    def carried(stage_F: np.ndarray, sofar: np.ndarray) -> np.ndarray:
+        out = stage_F[..., :ny] @ sofar
+        out[..., ny:] += stage_F[..., ny:]
+        return out
+
+    K1 = F[:, 0]
+    K2 = carried(F[:, 1], eye + 0.5 * hh * K1)
+    K3 = carried(F[:, 1], eye + 0.5 * hh * K2)
+    K4 = carried(F[:, 2], eye + hh * K3)
+    return np.asarray(eye + hh / 6.0 * (K1 + 2 * (K2 + K3) + K4))
 
 
 def _at_start(

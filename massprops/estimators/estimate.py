@@ -16,7 +16,7 @@ from massprops.errors import InputError, MasspropsError, NotPossible
 from massprops.estimators.outcome import Outcome
 
 if TYPE_CHECKING:
-    from massprops.estimators.prior import FilterPrior
+    from massprops.estimators.prior import FilterPrior, PriorTest
     from massprops.estimators.problem import Problem
     from massprops.estimators.result import Estimate, Prior
     from massprops.sequence.data import Sequence
@@ -127,13 +127,9 @@ def run_methods(
     from massprops.estimators.judgement import against
     from massprops.estimators.needs import unmet
 
-    skipped, able = {}, []
-    for method in chosen:
-        lack = unmet(method, problem)
-        if lack:
-            skipped[method.NAME] = lack
-        else:
-            able.append(method)
+    lacks = {method.NAME: unmet(method, problem) for method in chosen}
+    skipped = {name: lack for name, lack in lacks.items() if lack}
+    able = [method for method in chosen if method.NAME not in skipped]
     if not able:
         if named:
             raise NotPossible("; ".join(f"{name} {lack}" for name, lack in skipped.items()))
@@ -143,19 +139,7 @@ def run_methods(
     total = len(able) + 1
     progress(0, total, "start")
     start = bench.start(any(getattr(method, "BEGINS_EARLY", False) for method in able))
-    problem = bench.problem
-    verdict = None
-    if prior is not None:
-        from massprops.estimators.prior import judge
-
-        reference, plain = None, start
-        judges = [m for m in _all_methods().values() if m.NAME == REFERENCE and not unmet(m, problem)] or able[:1]
-        try:
-            reference = bench.run(judges[0], None, plain)
-        except NotPossible as stop:
-            warnings.append(f"the prior could not be checked: {judges[0].NAME}: {stop}")
-        verdict = judge(prior, reference, plain, problem)
-        warnings += verdict.warnings
+    verdict = None if prior is None else _judged_prior(prior, bench, able, start, warnings)
     belief = None if verdict is None else verdict.prior
     warnings += [line for line in getattr(start, "warnings", ()) if line not in warnings]
     estimates, cpu = [], {}
@@ -171,13 +155,31 @@ def run_methods(
         finally:
             cpu[method.NAME] = time.process_time() - begun
         if found.cpu_us_per_step is None:
-            found = replace(found, cpu_us_per_step=1e6 * cpu[method.NAME] / len(problem.times))
+            found = replace(found, cpu_us_per_step=1e6 * cpu[method.NAME] / len(bench.problem.times))
         estimates.append(found)
     progress(total, total, "")
     reference = next((e for e in estimates if e.name == REFERENCE), None)
     if reference is not None:
         estimates = [e if e is reference else against(e, reference) for e in estimates]
-    return Outcome(problem, estimates, skipped, cpu, verdict, tuple(dict.fromkeys(warnings)))
+    return Outcome(bench.problem, estimates, skipped, cpu, verdict, tuple(dict.fromkeys(warnings)))
+
+
+def _judged_prior(
+    prior: FilterPrior, bench: _Bench, able: list[ModuleType], start: Any, warnings: list[str]
+) -> PriorTest:
+    """What the data say of the prior, by the reference method where it can run; warnings are added to the list."""
+    from massprops.estimators.needs import unmet
+    from massprops.estimators.prior import judge
+
+    reference = None
+    judges = [m for m in _all_methods().values() if m.NAME == REFERENCE and not unmet(m, bench.problem)] or able[:1]
+    try:
+        reference = bench.run(judges[0], None, start)
+    except NotPossible as stop:
+        warnings.append(f"the prior could not be checked: {judges[0].NAME}: {stop}")
+    verdict = judge(prior, reference, start, bench.problem)
+    warnings += verdict.warnings
+    return verdict
 
 
 def chosen_methods(names: Iterable[str]) -> tuple[list[ModuleType], bool]:
@@ -213,9 +215,9 @@ class _Bench:
         """`first_guess` of the problem, with its early part where a method begins there; the reason when it cannot be
         had, for methods that need none. Attitudes whose errors hang together are believed less from here on."""
         from massprops.estimators.attitude_noise import believed
+        from massprops.estimators.begin import early_start
         from massprops.estimators.result import Prior
         from massprops.estimators.start import first_guess
-        from massprops.estimators.unscented.setup import early_start
 
         try:
             whole = first_guess(self.problem, Prior())

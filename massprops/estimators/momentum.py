@@ -141,26 +141,10 @@ def momentum_inertia(
     use = _plausible(w)
     starts = [physical(plain_inertia(q[rows][use], w[use]), 0.02), np.eye(3) / 3.0] if first is None else [first]
     every = Conservation(R, w, P, place)
-    inertia = starts[0]
-    for turn in range(4):
-        problem = every.of(use)
-        fits = [_least(problem, guess) for guess in (starts if turn == 0 else [inertia])]
-        inertia = min(fits, key=lambda pair: pair[0])[1]
-        at = every.at(inertia, use)
-        square = np.einsum("ni,ni->n", at.residual, at.force)
-        scale = max(float(np.median(square)) / 2.366, 1e-12)
-        keep = square < LARGEST_SQUARE * scale
-        if (keep == use).all() or keep.sum() < FEWEST:
-            break
-        use = keep
+    inertia, use = _without_outliers(every, use, starts)
     problem = every.of(use)
     at = problem.at(inertia)
-    step = 1e-5
-    total = np.array(
-        [problem.score(problem.at(inertia + s * step * E)).sum(axis=0) for E in DIRECTIONS for s in (1, -1)]
-    )
-    information = (total[::2] - total[1::2]) / (2 * step)
-    information = 0.5 * (information + information.T)
+    information = _information(problem, inertia)
     square_mean = float(np.mean(np.einsum("ni,ni->n", at.residual, at.force))) / 3.0
     spread = _long_run(problem.score(at), correlation)
     if noise is not None and noise.influence is not None:
@@ -179,6 +163,33 @@ def momentum_inertia(
         used,
         correlation,
     )
+
+
+def _without_outliers(every: Conservation, use: np.ndarray, starts: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The inertia of least cost from the best of the starts, and the epochs (n,) that fit it."""
+    inertia = starts[0]
+    for turn in range(4):
+        problem = every.of(use)
+        fits = [_least(problem, guess) for guess in (starts if turn == 0 else [inertia])]
+        inertia = min(fits, key=lambda pair: pair[0])[1]
+        at = every.at(inertia, use)
+        square = np.einsum("ni,ni->n", at.residual, at.force)
+        scale = max(float(np.median(square)) / 2.366, 1e-12)
+        keep = square < LARGEST_SQUARE * scale
+        if (keep == use).all() or keep.sum() < FEWEST:
+            break
+        use = keep
+    return inertia, use
+
+
+def _information(problem: Conservation, inertia: np.ndarray) -> np.ndarray:
+    """(5, 5) second derivative of the cost along `DIRECTIONS`, by differences of the score."""
+    step = 1e-5
+    total = np.array(
+        [problem.score(problem.at(inertia + s * step * E)).sum(axis=0) for E in DIRECTIONS for s in (1, -1)]
+    )
+    information = (total[::2] - total[1::2]) / (2 * step)
+    return np.asarray(0.5 * (information + information.T))
 
 
 def _plausible(w: np.ndarray) -> np.ndarray:

@@ -101,78 +101,121 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
     if sequence.rates is not None and sequence.rates.sigma is None and len(sequence.rates.w) >= LONG_ENOUGH:
         rates_given, memory = _thinned(sequence.rates, warnings)
         sequence = replace(sequence, rates=rates_given)
-    tracks = sequence.tracks
-    if tracks is not None and not len(tracks.feature):
-        tracks = None
-        if sequence.attitude is None and sequence.rates is None:
-            raise InputError(f"{sequence.folder or 'sequence'}: tracks0 is empty, and there is no attitude0 or imu0")
-        warnings.append("tracks0 is empty: ignored")
-    if tracks is not None and 0 not in sequence.cameras:
-        raise InputError(
-            f"{sequence.folder or 'sequence'}: tracks0 needs cam0/sensor.yaml with intrinsics: [fu, fv, cu, cv]"
-        )
-    stamps = [s.timestamp_ns for s in (tracks, sequence.rates, sequence.attitude) if s is not None]
-    if not stamps:
-        raise InputError(f"{sequence.folder or 'sequence'}: no tracks0, attitude0 or imu0: nothing to estimate from")
-    if sequence.range is not None:
-        stamps.append(sequence.range.timestamp_ns)
-    stamp = np.unique(np.concatenate(stamps))
-    if len(stamp) < FEWEST_EPOCHS:
-        raise InputError(f"{sequence.folder or 'sequence'}: {len(stamp)} epochs; motion needs at least {FEWEST_EPOCHS}")
+    sequence = _with_usable_tracks(sequence, warnings)
+    stamp = _epochs(sequence)
     n = len(stamp)
-    numbers = sorted(sequence.cameras) if tracks is not None else []
-    if tracks is not None:
-        numbers = [k for k in numbers if k == 0 or bool((tracks.camera == k).any())]
-    first = sequence.cameras.get(0)
-    cameras = tuple(pinhole_of(sequence.cameras[k], first) for k in numbers) if first is not None else ()
-    if len(cameras) == 2 and np.linalg.norm(cameras[1].t) < 1e-9:
-        raise InputError(
-            f"{sequence.folder or 'sequence'}: the stereo baseline is zero: give T_BS of cam1 in cam1/sensor.yaml"
-        )
+    numbers, cameras = _cameras(sequence)
     features = np.zeros(0, np.int64)
     uv = np.full((n, len(cameras), 0, 2), np.nan)
-    if tracks is not None:
+    if sequence.tracks is not None:
         features, uv = _tracks(sequence, numbers, stamp, most_features, warnings)
         if len(cameras) == 2 and not (np.isfinite(uv[:, 0, :, 0]) & np.isfinite(uv[:, 1, :, 0])).any():
             apart = "the two cameras never see a feature at the same time: bring tracks0 to one clock"
             if sequence.attitude is None and sequence.rates is None:
-                raise InputError(f"{sequence.folder or 'sequence'}: {apart}")
+                raise InputError(f"{_name(sequence)}: {apart}")
             warnings.append(apart)
     sigma_px = np.array([_sigma_px(sequence.cameras[k], k, warnings) for k in numbers])
-    ranges, rates = np.full(n, np.nan), np.full((n, 3), np.nan)
+    ranges, sigma_range = _ranges(sequence, stamp, warnings)
+    rates, sigma_rate = _rates(sequence, stamp, warnings)
     attitude, sigma_attitude = np.full((n, 4), np.nan), np.full(n, np.nan)
-    sigma_range = sigma_rate = np.nan
-    if sequence.range is not None and len(sequence.range.range_m):
-        ranges[np.searchsorted(stamp, sequence.range.timestamp_ns)] = sequence.range.range_m
-        sigma_range = sequence.range.sigma_m or _spread(sequence.range.range_m[:, None])
-        if sequence.range.sigma_m is None:
-            warnings.append(f"range0 states no sigma_m: {sigma_range:.3g} m estimated from the data")
-    if sequence.rates is not None and len(sequence.rates.w):
-        rates[np.searchsorted(stamp, sequence.rates.timestamp_ns)] = sequence.rates.w
-        sigma_rate = sequence.rates.sigma or _spread(sequence.rates.w)
-        if sequence.rates.sigma is None:
-            warnings.append(f"imu0 states no noise: {sigma_rate:.3g} rad/s estimated from the data")
     if sequence.attitude is not None and len(sequence.attitude.q):
         at = np.searchsorted(stamp, sequence.attitude.timestamp_ns)
         attitude[at], sigma_attitude[at] = sequence.attitude.q, sequence.attitude.sigma
     return Problem(
-        stamp,
-        (stamp - stamp[0]) * 1e-9,
-        cameras,
-        uv,
-        sigma_px,
-        features,
-        ranges,
-        float(sigma_range),
-        rates,
-        float(sigma_rate),
-        attitude,
-        sigma_attitude,
-        sequence.body,
-        sequence.environment,
-        tuple(warnings),
-        memory,
+        stamp_ns=stamp,
+        times=(stamp - stamp[0]) * 1e-9,
+        cameras=cameras,
+        uv=uv,
+        sigma_px=sigma_px,
+        features=features,
+        range_m=ranges,
+        sigma_range=float(sigma_range),
+        rates=rates,
+        sigma_rate=float(sigma_rate),
+        attitude=attitude,
+        sigma_attitude=sigma_attitude,
+        body=sequence.body,
+        environment=sequence.environment,
+        warnings=tuple(warnings),
+        rate_memory=memory,
     )
+
+
+def _name(sequence: Sequence) -> str:
+    return str(sequence.folder or "sequence")
+
+
+def _with_usable_tracks(sequence: Sequence, warnings: list[str]) -> Sequence:
+    """The sequence without tracks0 where that is empty.
+
+    Raises:
+        InputError: nothing else was measured, or the tracks' camera is not described.
+    """
+    tracks = sequence.tracks
+    if tracks is None:
+        return sequence
+    if not len(tracks.feature):
+        if sequence.attitude is None and sequence.rates is None:
+            raise InputError(f"{_name(sequence)}: tracks0 is empty, and there is no attitude0 or imu0")
+        warnings.append("tracks0 is empty: ignored")
+        return replace(sequence, tracks=None)
+    if 0 not in sequence.cameras:
+        raise InputError(f"{_name(sequence)}: tracks0 needs cam0/sensor.yaml with intrinsics: [fu, fv, cu, cv]")
+    return sequence
+
+
+def _epochs(sequence: Sequence) -> np.ndarray:
+    """(n,) all times [ns] at which something was measured.
+
+    Raises:
+        InputError: nothing that moves was, or too few.
+    """
+    moving = (sequence.tracks, sequence.rates, sequence.attitude)
+    stamps = [s.timestamp_ns for s in moving if s is not None]
+    if not stamps:
+        raise InputError(f"{_name(sequence)}: no tracks0, attitude0 or imu0: nothing to estimate from")
+    if sequence.range is not None:
+        stamps.append(sequence.range.timestamp_ns)
+    stamp: np.ndarray = np.unique(np.concatenate(stamps))
+    if len(stamp) < FEWEST_EPOCHS:
+        raise InputError(f"{_name(sequence)}: {len(stamp)} epochs; motion needs at least {FEWEST_EPOCHS}")
+    return stamp
+
+
+def _cameras(sequence: Sequence) -> tuple[list[int], tuple[Pinhole, ...]]:
+    """Numbers of the cameras that tracked something, and these.
+
+    Raises:
+        InputError: two stand in one place.
+    """
+    tracks, first = sequence.tracks, sequence.cameras.get(0)
+    if tracks is None or first is None:
+        return [], ()
+    numbers = [k for k in sorted(sequence.cameras) if k == 0 or bool((tracks.camera == k).any())]
+    cameras = tuple(pinhole_of(sequence.cameras[k], first) for k in numbers)
+    if len(cameras) == 2 and np.linalg.norm(cameras[1].t) < 1e-9:
+        raise InputError(f"{_name(sequence)}: the stereo baseline is zero: give T_BS of cam1 in cam1/sensor.yaml")
+    return numbers, cameras
+
+
+def _ranges(sequence: Sequence, stamp: np.ndarray, warnings: list[str]) -> tuple[np.ndarray, float]:
+    values, sigma, given = np.full(len(stamp), np.nan), np.nan, sequence.range
+    if given is not None and len(given.range_m):
+        values[np.searchsorted(stamp, given.timestamp_ns)] = given.range_m
+        sigma = given.sigma_m or _spread(given.range_m[:, None])
+        if given.sigma_m is None:
+            warnings.append(f"range0 states no sigma_m: {sigma:.3g} m estimated from the data")
+    return values, sigma
+
+
+def _rates(sequence: Sequence, stamp: np.ndarray, warnings: list[str]) -> tuple[np.ndarray, float]:
+    values, sigma, given = np.full((len(stamp), 3), np.nan), np.nan, sequence.rates
+    if given is not None and len(given.w):
+        values[np.searchsorted(stamp, given.timestamp_ns)] = given.w
+        sigma = given.sigma or _spread(given.w)
+        if given.sigma is None:
+            warnings.append(f"imu0 states no noise: {sigma:.3g} rad/s estimated from the data")
+    return values, sigma
 
 
 def _tracks(

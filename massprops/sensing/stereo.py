@@ -44,10 +44,35 @@ def triangulate(
     slope = shift[:2] - b * shift[2]
     with np.errstate(invalid="ignore", divide="ignore"):
         s = np.sum(slope * rows, axis=-1) / np.sum(slope * slope, axis=-1)
-    state = np.concatenate([a, s[..., None]], axis=-1)
+    begin = np.concatenate([a, s[..., None]], axis=-1)
+    weight = 1.0 / np.concatenate([sigma_a, sigma_b])
+    state, covariance, good = _least_squares(begin, a, b, weight, (turn, shift))
+    seen = _second(state, turn, shift)[0]
+    miss = np.sum((np.concatenate([a - state[..., :2], b - seen], axis=-1) * weight) ** 2, axis=-1)
+    depth = 1.0 / np.where(state[..., 2] > 0, state[..., 2], np.nan)
+    bearing = _homogeneous(state[..., :2])
+    behind = (bearing @ turn.T + state[..., 2:] * shift)[..., 2] <= 0
+    vague = state[..., 2] < SIGNIFICANT * np.sqrt(covariance[..., 2, 2])
+    lost = ~good | ~(miss < largest_miss**2) | behind | vague | ~np.isfinite(depth)
+    lever = np.zeros((*depth.shape, 3, 3))
+    lever[..., 0, 0] = lever[..., 1, 1] = depth
+    lever[..., :, 2] = -bearing * (depth * depth)[..., None]
+    lever = one.R.T @ lever
+    points = (bearing * depth[..., None]) @ one.R + one.t
+    spread = lever @ covariance @ np.swapaxes(lever, -1, -2)
+    return np.where(lost[..., None], np.nan, points), np.where(lost[..., None, None], np.nan, spread)
+
+
+def _least_squares(
+    state: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray, pose: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bearing and inverse depth (..., 3), their covariance (..., 3, 3), and where they are numbers at all.
+
+    Args:
+        a, b: (..., 2) normalised image points; weight: (4,) one over their 1-sigma; pose: turn and shift.
+    """
     for _ in range(ROUNDS):
-        seen, J = _second(state, turn, shift)
-        weight = 1.0 / np.concatenate([sigma_a, sigma_b])
+        seen, J = _second(state, *pose)
         error = np.concatenate([a - state[..., :2], b - seen], axis=-1) * weight
         full = np.zeros((*state.shape[:-1], 4, 3))
         full[..., 0, 0] = full[..., 1, 1] = 1.0
@@ -65,20 +90,7 @@ def triangulate(
         covariance = inverse / (scale[..., :, None] * scale[..., None, :])
         gradient = np.einsum("...ij,...i->...j", full, np.where(good[..., None], error, 0.0))
         state = state + np.einsum("...ij,...j->...i", covariance, gradient)
-    seen = _second(state, turn, shift)[0]
-    miss = np.sum((np.concatenate([a - state[..., :2], b - seen], axis=-1) * weight) ** 2, axis=-1)
-    depth = 1.0 / np.where(state[..., 2] > 0, state[..., 2], np.nan)
-    bearing = _homogeneous(state[..., :2])
-    behind = (bearing @ turn.T + state[..., 2:] * shift)[..., 2] <= 0
-    vague = state[..., 2] < SIGNIFICANT * np.sqrt(covariance[..., 2, 2])
-    lost = ~good | ~(miss < largest_miss**2) | behind | vague | ~np.isfinite(depth)
-    lever = np.zeros((*depth.shape, 3, 3))
-    lever[..., 0, 0] = lever[..., 1, 1] = depth
-    lever[..., :, 2] = -bearing * (depth * depth)[..., None]
-    lever = one.R.T @ lever
-    points = (bearing * depth[..., None]) @ one.R + one.t
-    spread = lever @ covariance @ np.swapaxes(lever, -1, -2)
-    return np.where(lost[..., None], np.nan, points), np.where(lost[..., None, None], np.nan, spread)
+    return state, covariance, good
 
 
 def _homogeneous(x: np.ndarray) -> np.ndarray:

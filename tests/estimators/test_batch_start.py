@@ -11,7 +11,7 @@ from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch import solve
 from massprops.estimators.batch.linearise import Predicted, predict
 from massprops.estimators.batch.measurements import measurements_of
-from massprops.estimators.batch.solve import MOST_QUICKENED, MOST_TURNED, fit
+from massprops.estimators.batch.solve import MOST_QUICKENED, MOST_TURNED, Search, fit
 from massprops.estimators.batch.start import _first_steady, batch_start
 from massprops.estimators.problem import Problem, problem_of
 from massprops.estimators.result import Prior
@@ -60,7 +60,14 @@ def test_a_wild_step_is_turned_back_before_its_motion_is_followed(
 
     monkeypatch.setattr(solve, "_step", wild)
     monkeypatch.setattr(solve, "predict", watched)
-    found = fit(problem, measurements_of(problem, observed=begun.observed), begun.state, around, begun.free, most=12)
+    found = fit(
+        problem,
+        measurements_of(problem, observed=begun.observed),
+        begun.state,
+        around,
+        begun.free,
+        search=Search(most=12),
+    )
     allowed = MOST_QUICKENED * np.linalg.norm(begun.state.w0) + MOST_TURNED / np.ptp(problem.times)
     assert refused and max(followed) <= allowed
     assert found.chi2 < 1.3 * found.freedom

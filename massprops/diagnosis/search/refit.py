@@ -11,7 +11,7 @@ from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.misfit import count, mean_square, whiteness
 from massprops.effects import effects, searched
 from massprops.estimators.batch.linearise import residuals
-from massprops.estimators.batch.solve import Fit, believed, fit
+from massprops.estimators.batch.solve import Fit, Search, believed, fit
 from massprops.estimators.batch.state import BatchState
 from massprops.estimators.methods.smoother import covariance_of
 from massprops.model import Model
@@ -124,11 +124,12 @@ def refit(
     idle: float = IDLE,
     hold: str = "",
 ) -> Scored:
-    """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.fit`, `hold` as in `free_of`."""
+    """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.Search`, `hold` as in `free_of`."""
     free = free_of(case, start, added, hold)
     with np.errstate(all="ignore"):
         # wild trial steps overflow; the search turns back from them by itself
-        found = fit(case.problem, case.fitted, start, case.around, free, case.belief, most, idle=idle, against=against)
+        search = Search(most, idle=idle, against=against)
+        found = fit(case.problem, case.fitted, start, case.around, free, case.belief, search)
     return scored(case, found, added)
 
 

@@ -13,7 +13,7 @@ from massprops.diagnosis.search.misfit import mean_square
 from massprops.diagnosis.search.refit import Scored
 from massprops.dynamics.quaternion import rotate, rotation_matrix
 from massprops.effects import Parameter
-from massprops.estimators.batch.solve import Belief, fit
+from massprops.estimators.batch.solve import Belief, Search, fit
 from massprops.estimators.batch.state import BatchState
 from massprops.model import Model
 
@@ -60,7 +60,7 @@ def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
     start = replace(state, model=Model((effect,), (np.zeros(3 * count),)))
     free = np.concatenate([case.first.free, np.ones(3 * count, bool)])
     free[12:17] = False
-    found = fit(case.problem, case.fitted, start, case.around, free, Belief(), most=12)
+    found = fit(case.problem, case.fitted, start, case.around, free, Belief(), Search(most=12))
     torque = found.state.model.values[0].reshape(-1, 3)
     return {
         "times": knots,

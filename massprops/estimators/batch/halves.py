@@ -9,7 +9,7 @@ import numpy as np
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.linearise import inertia_directions
 from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.batch.solve import Fit, covariance_of, fit
+from massprops.estimators.batch.solve import Fit, Search, covariance_of, fit
 from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Halves
@@ -24,7 +24,7 @@ def halves(problem: Problem, m: Measurements, found: Fit, around: Surroundings) 
     nothing by itself or finds no rest."""
     middle, out = problem.times[len(problem.times) // 2], []
     for inside in (problem.times < middle, problem.times >= middle):
-        part = fit(problem, _within(m, inside), found.state, around, found.free, most=MOST_ITERATIONS)
+        part = fit(problem, _within(m, inside), found.state, around, found.free, search=Search(most=MOST_ITERATIONS))
         if not part.converged:
             return None
         inertia = part.state.inertia / 3.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,99 +132,120 @@ class Linear:
 
 def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surroundings) -> Linear:
     """Residuals and derivatives at a predicted state."""
-    state = at.state
-    model = state.model
-    acting, pm = model.acting, model.flat(True)
-    sensed, ps = model.sensed, model.flat(False)
-    turn, rate = sensitivities(
-        problem.times,
-        at.trajectory,
-        state.q0,
-        state.w0,
-        state.inertia,
-        inertia_directions(state.inertia),
-        acting,
-        pm,
-        around,
-    )
-    nm, ns = len(pm), len(ps)
-    size = 17 + nm + ns
-    # place of each column of the rotation and of the path among all parameters
-    by_turn = np.r_[0:6, 12:17, 17 : 17 + nm]
-    by_path = np.r_[6:12, 17 : 17 + nm]
+    by = _Slopes(problem, at, around)
     blocks, values = [], []
-    point = np.zeros((0, 2, 3))
-    tracks = np.zeros((0, 2))
+    point, tracks = np.zeros((0, 2, 3)), np.zeros((0, 2))
     if len(m.uv):
-        slopes = pixel_slopes(problem.cameras, m.seen, at.motion, body_points(at, m), sensed, ps)
-        tracks = (m.uv - slopes.uv) / m.sigma[:, None]
-        J = np.zeros((len(m.uv), 2, size))
-        e = m.seen.epoch
-        J[:, :, by_turn] = slopes.turn @ turn[e]
-        if slopes.rate is not None:
-            J[:, :, by_turn] += slopes.rate @ rate[e]
-        J[:, :, by_path] += slopes.place @ at.dr[e]
-        if slopes.velocity is not None:
-            J[:, :, by_path] += slopes.velocity @ at.dv[e]
-        for effect, place, _ in acting:
-            if hasattr(effect, "shift"):
-                own = [float(x) for x in pm[place]]
-                for k in range(len(own)):
-                    moved = [x + (1e-30j if i == k else 0) for i, x in enumerate(own)]
-                    way = np.imag(_columns(effect.shift(problem.times, moved), len(problem.times))) / 1e-30
-                    J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
-        J[:, :, 17 + nm :] = slopes.effect
-        J /= m.sigma[:, None, None]
-        point = slopes.point / m.sigma[:, None, None]
-        blocks.append(J.reshape(-1, size))
+        tracks, J, point = _of_tracks(problem, m, at, by)
+        blocks.append(J.reshape(-1, by.size))
         values.append(tracks.reshape(-1))
     ranges, rates, attitude = _others(problem, m, at)
     if len(m.range_at):
-        J = np.zeros((len(m.range_at), size))
-        r = at.motion.r[m.range_at]
-        J[:, by_path] = np.einsum("ni,nik->nk", r / np.linalg.norm(r, axis=1, keepdims=True), at.dr[m.range_at])
-        for effect, place in sensed.having("range_offset"):
-            for k in range(place.stop - place.start):
-                moved = ps[place].astype(complex)
-                moved[k] += 1e-30j
-                J[:, 17 + nm + place.start + k] = np.imag(effect.range_offset(problem.times[m.range_at], moved)) / 1e-30
-        blocks.append(J / problem.sigma_range)
+        blocks.append(_of_ranges(problem, m, at, by) / problem.sigma_range)
         values.append(ranges)
     if len(m.rate_at):
-        J = np.zeros((len(m.rate_at), 3, size))
-        J[:, :, by_turn] = rate[m.rate_at]
-        blocks.append(J.reshape(-1, size) / problem.sigma_rate)
+        J = np.zeros((len(m.rate_at), 3, by.size))
+        J[:, :, by.turn_columns] = by.rate[m.rate_at]
+        blocks.append(J.reshape(-1, by.size) / problem.sigma_rate)
         values.append(rates.reshape(-1))
     if len(m.attitude_at):
-        J = np.zeros((len(m.attitude_at), 3, size))
-        J[:, :, by_turn] = turn[m.attitude_at]
-        for effect, place in sensed.having("turn"):
-            # the camera's own turn is small: a change of it turns the body the other way in cam0's axes
-            whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
-            own = [float(x) for x in ps[place]]
-            for k in range(len(own)):
-                moved = [x + (1e-30j if i == k else 0) for i, x in enumerate(own)]
-                way = np.imag(_columns(effect.turn(problem.times, moved), len(problem.times))) / 1e-30
-                J[:, :, 17 + nm + place.start + k] = -np.einsum("nji,nj->ni", whole, way)[m.attitude_at]
-        J /= problem.sigma_attitude[m.attitude_at, None, None]
-        blocks.append(J.reshape(-1, size))
+        blocks.append(_of_attitudes(problem, m, at, by).reshape(-1, by.size))
         values.append(attitude.reshape(-1))
-    o, a, b, c = len(m.uv), len(m.range_at), len(m.rate_at), len(m.attitude_at)
-    unit = np.concatenate(
-        [
-            np.repeat(np.arange(o), 2),
-            o + np.arange(a),
-            o + a + np.repeat(np.arange(b), 3),
-            o + a + b + np.repeat(np.arange(c), 3),
-        ]
-    ).astype(int)
+    counts = (len(m.uv), len(m.range_at), len(m.rate_at), len(m.attitude_at))
+    unit = np.repeat(np.arange(sum(counts)), np.repeat((2, 1, 3, 3), counts))
     return Linear(
         Residuals(tracks, ranges, rates, attitude),
-        np.concatenate(blocks) if blocks else np.zeros((0, size)),
+        np.concatenate(blocks) if blocks else np.zeros((0, by.size)),
         point,
         np.concatenate(values) if values else np.zeros(0),
         unit,
     )
+
+
+class _Slopes:
+    """Derivatives of rotation and rate (n, 3, columns) by the parameters, and the place of these columns, and of those
+    of the path, among all parameters."""
+
+    def __init__(self, problem: Problem, at: Predicted, around: Surroundings) -> None:
+        state = at.state
+        acting, pm = state.model.acting, state.model.flat(True)
+        self.turn, self.rate = sensitivities(
+            problem.times,
+            at.trajectory,
+            state.q0,
+            state.w0,
+            state.inertia,
+            inertia_directions(state.inertia),
+            acting,
+            pm,
+            around,
+        )
+        nm = len(pm)
+        self.sensed_from = 17 + nm
+        self.size = 17 + nm + len(state.model.flat(False))
+        self.turn_columns = np.r_[0:6, 12:17, 17 : 17 + nm]
+        self.path_columns = np.r_[6:12, 17 : 17 + nm]
+
+
+def _of_tracks(
+    problem: Problem, m: Measurements, at: Predicted, by: _Slopes
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals (o, 2) of the pixels, and their derivatives by the shared parameters and by their point, over 1-sigma."""
+    model = at.state.model
+    pm, ps = model.flat(True), model.flat(False)
+    slopes = pixel_slopes(problem.cameras, m.seen, at.motion, body_points(at, m), model.sensed, ps)
+    J = np.zeros((len(m.uv), 2, by.size))
+    e = m.seen.epoch
+    J[:, :, by.turn_columns] = slopes.turn @ by.turn[e]
+    if slopes.rate is not None:
+        J[:, :, by.turn_columns] += slopes.rate @ by.rate[e]
+    J[:, :, by.path_columns] += slopes.place @ at.dr[e]
+    if slopes.velocity is not None:
+        J[:, :, by.path_columns] += slopes.velocity @ at.dv[e]
+    for effect, place, _ in model.acting:
+        if hasattr(effect, "shift"):
+            for k, way in enumerate(_ways(effect.shift, problem.times, pm[place])):
+                J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
+    J[:, :, by.sensed_from :] = slopes.effect
+    J /= m.sigma[:, None, None]
+    return (m.uv - slopes.uv) / m.sigma[:, None], J, slopes.point / m.sigma[:, None, None]
+
+
+def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) -> np.ndarray:
+    """(k, p) [m]."""
+    sensed, ps = at.state.model.sensed, at.state.model.flat(False)
+    J = np.zeros((len(m.range_at), by.size))
+    r = at.motion.r[m.range_at]
+    J[:, by.path_columns] = np.einsum("ni,nik->nk", r / np.linalg.norm(r, axis=1, keepdims=True), at.dr[m.range_at])
+    for effect, place in sensed.having("range_offset"):
+        for k in range(place.stop - place.start):
+            moved = ps[place].astype(complex)
+            moved[k] += 1e-30j
+            J[:, by.sensed_from + place.start + k] = (
+                np.imag(effect.range_offset(problem.times[m.range_at], moved)) / 1e-30
+            )
+    return J
+
+
+def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) -> np.ndarray:
+    """(k, 3, p) over 1-sigma."""
+    sensed, ps = at.state.model.sensed, at.state.model.flat(False)
+    J = np.zeros((len(m.attitude_at), 3, by.size))
+    J[:, :, by.turn_columns] = by.turn[m.attitude_at]
+    for effect, place in sensed.having("turn"):
+        # the camera's own turn is small: a change of it turns the body the other way in cam0's axes
+        whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
+        for k, way in enumerate(_ways(effect.turn, problem.times, ps[place])):
+            J[:, :, by.sensed_from + place.start + k] = -np.einsum("nji,nj->ni", whole, way)[m.attitude_at]
+    return J / problem.sigma_attitude[m.attitude_at, None, None]
+
+
+def _ways(function: Callable[..., tuple], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
+    """Derivatives (n, 3) of an effect's `function(times, values)` by each of its values, by the complex step."""
+    own = [float(x) for x in values]
+    for k in range(len(own)):
+        moved = [x + (1e-30j if i == k else 0) for i, x in enumerate(own)]
+        yield np.imag(_columns(function(times, moved), len(times))) / 1e-30
 
 
 def _columns(parts: tuple, n: int) -> np.ndarray:

@@ -87,6 +87,55 @@ class Fit:
         return max(1, self.count - self.parameters)
 
 
+@dataclass(frozen=True)
+class Search:
+    """When a search ends.
+
+    Attributes:
+        most: iterations. tolerance: of a step, in units of the parameters' 1-sigma.
+        idle: fall of the logarithm of the cost times the measurements, per iteration, below which twice in a row it ends.
+        against: cost that the search is out to beat: it ends when twice what it gains now would not lead there.
+    """
+
+    most: int = MOST_ITERATIONS
+    tolerance: float = 1e-3
+    idle: float = 0.0
+    against: float = np.inf
+
+
+@dataclass
+class _Descent:
+    """Where a search stands: the state, what it predicts, its residuals, their weights and derivatives, and the cost."""
+
+    problem: Problem
+    m: Measurements
+    around: Surroundings
+    belief: Belief
+    state: BatchState
+    at: Predicted
+
+    def __post_init__(self) -> None:
+        self.quickest = MOST_QUICKENED * float(np.linalg.norm(self.state.w0)) + MOST_TURNED / max(
+            float(np.ptp(self.problem.times)), 1e-9
+        )
+        self.renew(self.state, self.at, residuals(self.problem, self.m, self.at))
+
+    def renew(self, state: BatchState, at: Predicted, left: Residuals) -> None:
+        """Goes to a state, and linearises there."""
+        self.state, self.at, self.weights = state, at, robust(left)
+        self.linear = linearise(self.problem, self.m, at, self.around)
+        self.cost = _cost(self.linear.residuals, self.weights, state, self.belief)
+
+    def tried(self, trial: BatchState) -> tuple[Predicted | None, Residuals | None, float]:
+        """What a state predicts, its residuals, and its cost under the present weights."""
+        if not np.linalg.norm(trial.w0) <= self.quickest:
+            return None, None, np.inf
+        with np.errstate(all="ignore"):
+            at = predict(self.problem, trial, self.around)
+            left = residuals(self.problem, self.m, at)
+            return at, left, _cost(left, self.weights, trial, self.belief)
+
+
 def fit(
     problem: Problem,
     m: Measurements,
@@ -94,83 +143,68 @@ def fit(
     around: Surroundings,
     free: np.ndarray,
     belief: Belief = Belief(),
-    most: int = MOST_ITERATIONS,
+    search: Search = Search(),
     progress: Callable[[int, float], None] = lambda i, cost: None,
-    tolerance: float = 1e-3,
-    idle: float = 0.0,
-    against: float = np.inf,
 ) -> Fit:
     """Searches the state that explains the measurements best.
 
     Args:
         free: (size,) parameters that may move; the others keep their values.
         belief: about the inertia.
-        tolerance: of a step, in units of the parameters' 1-sigma, below which the search ends.
-        idle: fall of the logarithm of the cost times the measurements, per iteration, below which twice in a row it ends.
-        against: cost that the search is out to beat: it ends when twice what it gains now would not lead there.
     """
-    state, at = start, predict(problem, start, around)
+    here = _Descent(problem, m, around, belief, start, predict(problem, start, around))
     damping = 1e-3
-    quickest = MOST_QUICKENED * float(np.linalg.norm(start.w0)) + MOST_TURNED / max(float(np.ptp(problem.times)), 1e-9)
-    weights = robust(residuals(problem, m, at))
-    linear = linearise(problem, m, at, around)
-    cost = _cost(linear.residuals, weights, state, belief)
     converged, iterations, stalled, lost = False, 0, 0, 0
-    for iterations in range(1, most + 1):
-        reduced = reduced_equations(linear, m, weights, free, state, belief)
+    for iterations in range(1, search.most + 1):
+        reduced = reduced_equations(here.linear, m, here.weights, free, here.state, belief)
         accepted = False
         while damping < LARGEST_DAMPING:
-            d, points = _step(reduced, damping, free, state)
+            d, points = _step(reduced, damping, free, here.state)
             size = reduced.significance(d[free])
-            _hold_times(d, state, problem)
-            trial = moved(state, d, points)
-            new = np.inf
-            if np.linalg.norm(trial.w0) <= quickest:
-                with np.errstate(all="ignore"):
-                    at_trial = predict(problem, trial, around)
-                    left = residuals(problem, m, at_trial)
-                    new = _cost(left, weights, trial, belief)
-            if np.isfinite(new) and new <= cost * (1 + 1e-12):
+            _hold_times(d, here.state, problem)
+            trial = moved(here.state, d, points)
+            at, left, new = here.tried(trial)
+            if np.isfinite(new) and new <= here.cost * (1 + 1e-12):
                 accepted = True
                 break
-            if size < tolerance:
+            if size < search.tolerance:
                 break
             damping *= 8.0
-        if not accepted:
+        if not accepted or at is None or left is None:
             converged = size < 0.05
             break
-        gained = cost - new
-        state, at = trial, at_trial
+        gained = here.cost - new
         progress(iterations, float(np.sqrt(2 * new / max(1, m.count))))
-        weights = robust(left)
-        linear = linearise(problem, m, at, around)
-        cost = _cost(linear.residuals, weights, state, belief)
+        here.renew(trial, at, left)
         damping = max(damping / 8.0, 1e-9)
-        if size < tolerance or (gained < 1e-7 * cost and damping < 1e-4):
+        if size < search.tolerance or (gained < 1e-7 * here.cost and damping < 1e-4):
             converged = True
             break
-        stalled = stalled + 1 if gained * m.count < idle * cost else 0
-        lost = lost + 1 if cost - 2.0 * gained * (most - iterations) > against else 0
+        stalled = stalled + 1 if gained * m.count < search.idle * here.cost else 0
+        lost = lost + 1 if here.cost - 2.0 * gained * (search.most - iterations) > search.against else 0
         if stalled == PATIENCE or lost == PATIENCE and iterations >= FIRST_JUDGED:
             break
-    weights = robust(linear.residuals)
-    reduced = reduced_equations(linear, m, weights, free, state, None)
+    return _fit_of(here, free, converged, iterations)
+
+
+def _fit_of(here: _Descent, free: np.ndarray, converged: bool, iterations: int) -> Fit:
+    m, left = here.m, here.linear.residuals
+    weights = robust(left)
     kept = weights > 0
-    dims = _dimensions(m)
     placed = len(np.unique(m.seen.feature)) if len(m.uv) else 0
     return Fit(
-        state,
-        at,
-        linear.residuals,
-        weights,
-        reduced.H,
-        free,
-        cost,
-        float(np.sum(linear.residuals.squares[kept])),
-        int(dims[kept].sum()),
-        int(free.sum()) + 3 * placed,
-        converged,
-        iterations,
+        state=here.state,
+        predicted=here.at,
+        residuals=left,
+        weights=weights,
+        information=reduced_equations(here.linear, m, weights, free, here.state, None).H,
+        free=free,
+        cost=here.cost,
+        chi2=float(np.sum(left.squares[kept])),
+        count=int(_dimensions(m)[kept].sum()),
+        parameters=int(free.sum()) + 3 * placed,
+        converged=converged,
+        iterations=iterations,
     )
 
 

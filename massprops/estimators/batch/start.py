@@ -84,15 +84,11 @@ def batch_start(
     points = np.full((m, 3), np.nan) if features is None else np.array(features, float)
     state = BatchState(q0, w0, r0, v0, moments, Model(), points)
     state = _grow(problem, start, q, state, around)
-    channels = ["range", "rates"]
-    if problem.has_attitude:
-        channels.append("attitude")
+    channels = ("rates", "attitude") if problem.has_attitude else ("rates",)
     if tracks and (own_attitudes or problem.stereo or not problem.has_attitude):
-        channels.append("tracks")
+        channels = ("range", *channels, "tracks")
     elif problem.has_tracks:
         notes.append("the attitude history of one camera's footage is used in place of the tracks it came from")
-    if "tracks" not in channels:
-        channels.remove("range")
     observed = np.zeros_like(problem.seen)
     if "tracks" in channels:
         state, observed = place_points(problem, state, around)
@@ -101,15 +97,19 @@ def batch_start(
             notes.append(f"{lost} features could not be placed: left out")
         if not observed.any():
             raise NotPossible("no feature could be placed on the body")
+    return BatchStart(state, _free(problem, "tracks" in channels), channels, frame, observed, tuple(notes))
+
+
+def _free(problem: Problem, tracked: bool) -> np.ndarray:
+    """(17,) parameters of motion and inertia that the data can move."""
     free = np.ones(17, bool)
-    if not (problem.has_attitude and "attitude" in channels):
-        free[:3] = False
-    if "tracks" not in channels:
+    free[:3] = problem.has_attitude
+    if not tracked:
         free[6:12] = False
     elif len(problem.cameras) == 1 and not problem.has_range:
         # one camera cannot tell size from distance: the distance stays
         free[8] = False
-    return BatchStart(state, free, tuple(channels), frame, observed, tuple(notes))
+    return free
 
 
 def _inertial(q: np.ndarray, times: np.ndarray, around: Surroundings) -> np.ndarray:

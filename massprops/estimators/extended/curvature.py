@@ -83,11 +83,8 @@ def image_curvature(
             mean[..., axis], spread[..., axis] = _moments(H, S[..., [[axis], [2]], [axis, 2]], focal)
             if flow:
                 V = velocity @ rows.T
-                Va, Vc = V[..., axis], V[..., 2]
                 pick = np.array([axis, 2, 3 + axis, 5])
-                H = np.zeros((B, m, 4, 4))
-                H[..., 0, 1], H[..., 0, 3], H[..., 1, 2] = 2 * Vc / C**3, -1 / C**2, -1 / C**2
-                H[..., 1, 3], H[..., 1, 1] = 2 * A / C**3, 2 * Va / C**3 - 6 * A * Vc / C**4
+                H = _flow_bend(A, C, V[..., axis], V[..., 2])
                 mean[..., 2 + axis], spread[..., 2 + axis] = _moments(H, S[..., pick[:, None], pick], focal)
                 g = (rows[axis] - (A / C)[..., None] * rows[2]) / C[..., None] * focal
                 spread[..., 2 + axis] += np.einsum("...i,...ij,...j->...", g, turning, g)
@@ -102,6 +99,14 @@ def image_curvature(
         means.append(0.5 * bend * var)
         spreads.append(0.5 * (bend * var) ** 2)
     return np.concatenate(means, axis=1), SHARED * np.concatenate(spreads, axis=1)
+
+
+def _flow_bend(A: np.ndarray, C: np.ndarray, Va: np.ndarray, Vc: np.ndarray) -> np.ndarray:
+    """Second derivatives (..., 4, 4), upper triangle, of d(A / C)/dt by A, C and their rates Va, Vc."""
+    H = np.zeros((*A.shape, 4, 4))
+    H[..., 0, 1], H[..., 0, 3], H[..., 1, 2] = 2 * Vc / C**3, -1 / C**2, -1 / C**2
+    H[..., 1, 3], H[..., 1, 1] = 2 * A / C**3, 2 * Va / C**3 - 6 * A * Vc / C**4
+    return H
 
 
 def _moving(

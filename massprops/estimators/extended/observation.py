@@ -49,14 +49,8 @@ def images(
     values, slopes, fronts = [], [], []
     each = np.arange(m)[:, None]
     for camera in cameras:
-        focal = camera.intrinsics[:2]
-        rows = camera.R @ frame.T
-        Y = state.X @ rows.T - camera.R @ camera.t
-        front = Y[..., 2] > NEAREST
-        depth = np.where(front, Y[..., 2], NEAREST)[..., None]
-        uv = Y[..., :2] / depth
-        # d(u, v)/dX and, the same, d(u_dot, v_dot)/dV: (B, m, 2, 3)
-        g = (rows[:2] - uv[..., None] * rows[2]) / depth[..., None] * focal[:, None]
+        focal, rows = camera.intrinsics[:2], camera.R @ frame.T
+        front, depth, uv, g = _seen_by(camera, rows, state.X)
         H = np.zeros((B, m, count, free.size))
         value = np.empty((B, m, count))
         value[..., :2] = uv * focal + camera.intrinsics[2:]
@@ -84,6 +78,16 @@ def images(
         outH.append(slopes[1][:, :, 0] - slopes[0][:, :, 0])
         ok.append(fronts[1][..., 0] & fronts[0][..., 0])
     return np.concatenate(out, axis=1), np.concatenate(outH, axis=1), np.concatenate(ok, axis=1)
+
+
+def _seen_by(camera: Pinhole, rows: np.ndarray, X: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Whether points X (B, m, 3) are in front of a camera, their depth (B, m, 1), normalised image (B, m, 2), and
+    d(u, v)/dX, which is d(u_dot, v_dot)/dV too (B, m, 2, 3). rows: (3, 3) inertial axes into the camera's."""
+    Y = X @ rows.T - camera.R @ camera.t
+    front = Y[..., 2] > NEAREST
+    depth = np.where(front, Y[..., 2], NEAREST)[..., None]
+    uv = Y[..., :2] / depth
+    return front, depth, uv, (rows[:2] - uv[..., None] * rows[2]) / depth[..., None] * camera.intrinsics[:2, None]
 
 
 def distance(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +142,7 @@ def euler_constraint(layout: Layout, state: State, acceleration: np.ndarray) -> 
     for i in range(free.inertia):
         k[:, i, 6 + i] += 1j * step
     w = to_body(*(q[:, i] for i in range(4)), *(W[:, i] for i in range(3)))
-    rate = euler_acceleration(*components(np.moveaxis(k, 1, -1)), w[0], w[1], w[2], 0.0, 0.0, 0.0)
+    rate = euler_acceleration(tuple(components(np.moveaxis(k, 1, -1))), (w[0], w[1], w[2]), (0.0, 0.0, 0.0))
     there = np.stack(to_reference(q[:, 0], q[:, 1], q[:, 2], q[:, 3], *rate), axis=1)
     H = np.zeros((len(state.W), 3, free.size))
     H[:, :, columns] = there.imag / step

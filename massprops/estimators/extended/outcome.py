@@ -5,18 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix
-from massprops.estimators.attitude_information import shown_by
-from massprops.estimators.extended.error_state import skew
+from massprops.estimators import verdict
+from massprops.estimators.extended.error_state import Layout, skew
 from massprops.estimators.extended.run import Passage
 from massprops.estimators.extended.setup import Setup
 from massprops.estimators.inertia_parameters import GENERAL, inertia
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, ratios
 
-LEARNT, SHARP = 0.7, 0.05
-"""1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
-SURE = 3.0
-"""Sigmas by which two moments must differ for their axes to be determined."""
 RUNAWAY, FARTHEST = 4.9, 8.0
 """|k| of no real body, and how many of the start's sigmas k can move and still be believed: where the motion hardly
 shows it, noise that the filter takes for motion drives it away, with a small covariance."""
@@ -24,57 +20,39 @@ shows it, noise that the filter takes for motion drives it away, with a small co
 
 def estimate_of(name: str, problem: Problem, setup: Setup, passage: Passage) -> Estimate:
     """The estimate in the body axes that the start chose."""
-    layout = setup.layout
-    times = problem.times[setup.first :]
+    times, layout, P, points = problem.times[setup.first :], setup.layout, passage.P, setup.points
     q, W, r, v, parameters = (
         np.stack([getattr(s, part)[0] for s in passage.states]) for part in ("q", "W", "r", "velocity", "k")
     )
-    P = passage.P
     back = np.stack([setup.surroundings.camera_frame(float(t))[0].T for t in times])
-    R = rotation_matrix(q)
-    w = np.einsum("nji,nj->ni", R, W)
-    body_w = np.zeros((len(times), 3, layout.size))
-    body_w[:, :, layout.w] = np.swapaxes(R, 1, 2)
-    body_w[:, :, layout.theta] = skew(w)
-    moving = np.zeros((len(times), 3, layout.size))
-    moving[:, :, layout.u] = np.eye(3)
-    moving[:, :, layout.w] = -skew(r)
-    moving[:, :, layout.r] = skew(W)
+    w, by_w, by_v = _body_rates(layout, q, W, r)
     tensor = inertia(parameters)
     k, axes = ratios(tensor)
     J = ratio_jacobian(parameters)
     shape = J @ P[:, layout.k, layout.k] @ np.swapaxes(J, 1, 2)
-    k_sigma = np.sqrt(np.maximum(np.einsum("nii->ni", shape), 0.0))[:, :2]
     last_axes = axes[-1] * np.array([1.0, 1.0, np.sign(np.linalg.det(axes[-1]))])
-    reason = _failure(passage, bool(np.isfinite(P).all() and np.isfinite(q).all()))
-    converged, observable = not reason, True
-    if converged:
-        reason = _hidden(problem, setup, passage, k[-1], k_sigma[-1], q, w, tensor[-1], times)
-        observable = not reason
     known = np.isfinite(passage.points[:, 0])
-    points = setup.points
-    return Estimate(
+    found = Estimate(
         name=name,
-        converged=converged,
-        observable=observable,
-        reason=reason,
-        k1=float(k[-1, 0]) if observable else None,
-        k2=float(k[-1, 1]) if observable else None,
-        k_covariance=shape[-1, :2, :2] if observable else None,
+        converged=False,
+        observable=False,
+        k1=float(k[-1, 0]),
+        k2=float(k[-1, 1]),
+        k_covariance=shape[-1, :2, :2],
         inertia=tensor[-1],
-        principal_axes=last_axes if observable else None,
-        axes_covariance=last_axes @ shape[-1, 2:, 2:] @ last_axes.T if observable else None,
+        principal_axes=last_axes,
+        axes_covariance=last_axes @ shape[-1, 2:, 2:] @ last_axes.T,
         times=times,
         q=multiply(from_rotation_matrix(back), q),
         w=w,
         position=np.einsum("nij,nj->ni", back, r) if points else None,
         velocity=np.einsum("nij,nj->ni", back, v) if points else None,
         sigma_attitude=np.sqrt(np.einsum("nii->ni", P[:, layout.theta, layout.theta])),
-        sigma_w=_spread(body_w, P),
+        sigma_w=_spread(by_w, P),
         sigma_position=_spread(back, P[:, layout.r, layout.r]) if points else None,
-        sigma_velocity=_spread(back @ moving, P) if points else None,
+        sigma_velocity=_spread(back @ by_v, P) if points else None,
         k_history=k,
-        k_sigma_history=k_sigma,
+        k_sigma_history=np.sqrt(np.maximum(np.einsum("nii->ni", shape), 0.0))[:, :2],
         features=passage.points[known] if points else None,
         feature_ids=problem.features[known] if points else None,
         body_frame=setup.body_frame,
@@ -82,8 +60,25 @@ def estimate_of(name: str, problem: Problem, setup: Setup, passage: Passage) -> 
         gated=int(passage.gated.sum()),
         used=int(passage.numbers.sum()),
         cpu_us_per_step=1e6 * passage.cpu_s / max(len(times), 1),
-        warnings=(),
     )
+    finite = bool(np.isfinite(P).all() and np.isfinite(q).all())
+    square = verdict.late_square(passage.squares, passage.numbers)
+    failed = verdict.failure(finite, found.used, found.gated, square)
+    return verdict.concluded(found, failed, "" if failed else _hidden(problem, setup, passage, found, q[-1]))
+
+
+def _body_rates(layout: Layout, q: np.ndarray, W: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Body rates (n, 3), and the derivatives (n, 3, size) of them and of the centre's velocity by the error."""
+    R = rotation_matrix(q)
+    w = np.einsum("nji,nj->ni", R, W)
+    by_w = np.zeros((len(q), 3, layout.size))
+    by_w[:, :, layout.w] = np.swapaxes(R, 1, 2)
+    by_w[:, :, layout.theta] = skew(w)
+    by_v = np.zeros((len(q), 3, layout.size))
+    by_v[:, :, layout.u] = np.eye(3)
+    by_v[:, :, layout.w] = -skew(r)
+    by_v[:, :, layout.r] = skew(W)
+    return w, by_w, by_v
 
 
 def ratio_jacobian(parameters: np.ndarray) -> np.ndarray:
@@ -117,54 +112,27 @@ def _spread(J: np.ndarray, P: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.maximum(np.einsum("nai,nij,naj->na", J, P, J, optimize=True), 0.0)))
 
 
-def _failure(passage: Passage, finite: bool) -> str:
-    half = slice(len(passage.squares) // 2, None)
-    late = float(passage.squares[half].sum() / max(int(passage.numbers[half].sum()), 1))
-    share = float(passage.gated.sum() / max(passage.gated.sum() + passage.numbers.sum(), 1))
-    if not finite:
-        return "the filter's state is not finite"
-    if share > 0.3:
-        return f"{share:.0%} of the measurements were refused"
-    if late > 4.0:
-        return f"the innovations are {np.sqrt(late):.1f} times what the stated noise allows"
-    return ""
-
-
-def _hidden(
-    problem: Problem,
-    setup: Setup,
-    passage: Passage,
-    k: np.ndarray,
-    sigma: np.ndarray,
-    q: np.ndarray,
-    w: np.ndarray,
-    tensor: np.ndarray,
-    times: np.ndarray,
-) -> str:
-    """Why the ratios cannot be told from this motion; empty when they can."""
+def _hidden(problem: Problem, setup: Setup, passage: Passage, found: Estimate, q: np.ndarray) -> str:
+    """Why the ratios cannot be told from this motion; empty when they can. q: (4,) at the end, to inertial axes."""
+    assert found.k_history is not None and found.k_sigma_history is not None
+    assert found.w is not None and found.inertia is not None
+    k, sigma = found.k_history[-1], found.k_sigma_history[-1]
     before, _ = ratios(inertia(setup.state.k[0]))
     if np.abs(k).max() > RUNAWAY or np.abs(k - before).max() > FARTHEST * setup.k_sigma:
         return "the motion hardly shows the ratios: they ran away from where they began"
-    if sigma.max() > SHARP and sigma.max() > LEARNT * setup.k_sigma:
-        return f"the motion taught nothing of the ratios: 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, as at the start"
-    weight = _weight(problem, setup, passage, times)
-    # free motion runs backwards with the rates reversed: from the end, where the estimate is best
-    shown = shown_by(times[-1] - times[::-1], weight[::-1], q[-1], -w[-1], tensor)
-    if shown.reason:
-        return str(shown.reason)
-    if (np.abs(k) < SURE * sigma).any():
-        pair = "I1 and I2" if abs(k[0]) < SURE * sigma[0] else "I2 and I3"
-        return f"the body is symmetric within what the motion shows ({pair} are equal): its axes are not determined"
-    return ""
+    return (
+        verdict.unlearnt(sigma, setup.k_sigma)
+        or verdict.unseen(found.times, _weight(problem, setup, passage), q, found.w[-1], found.inertia)
+        or verdict.symmetric(np.abs(k) < verdict.SURE * sigma)
+    )
 
 
-def _weight(problem: Problem, setup: Setup, passage: Passage, times: np.ndarray) -> np.ndarray:
+def _weight(problem: Problem, setup: Setup, passage: Passage) -> np.ndarray:
     """(n,) one over the variance of the attitude that each epoch's measurements fix [rad^-2], 0 where there are none."""
     if setup.points:
         distance = np.array([np.linalg.norm(s.r[0]) for s in passage.states])
         pixel = float(np.mean(problem.sigma_px)) / float(problem.cameras[0].intrinsics[0])
-        count = passage.numbers / 2.0
-        return np.where(count >= 3, count * (setup.size / (pixel * distance)) ** 2, 0.0)
+        return verdict.track_weight(passage.numbers / 2.0, setup.size, pixel, distance)
     if setup.share[1] > 0:
         sigma = problem.sigma_attitude[setup.first :]
         good = np.isfinite(sigma) & (sigma > 0)

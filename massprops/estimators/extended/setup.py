@@ -10,6 +10,7 @@ import numpy as np
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotate, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.attitude_information import ratio_directions
+from massprops.estimators.begin import WIDER, WIDEST_K, early_start, point_sigma, restlessness, settled_epoch, speed_of
 from massprops.estimators.extended.error_state import Layout, State, covariance_of, state_of
 from massprops.estimators.extended.transition import ProcessNoise
 from massprops.estimators.inertia_parameters import GENERAL, from_inertia
@@ -18,16 +19,7 @@ from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.estimators.surroundings import Surroundings, surroundings_of
-from massprops.estimators.unscented.setup import early_start, point_sigma, settled_epoch
 
-WIDER = 3.0
-"""The filter starts this many times wider than the first guess claims, for it reads the same data again."""
-WIDEST_K = 0.3
-"""1-sigma of k1, k2 and of the axes when nothing is known of them."""
-QUIET = 1e-5
-"""Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
-ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
-"""Unmodelled acceleration [m/s^2 per sqrt(s)] with the orbit known and without."""
 CENTRE_SHARE = 0.3
 """1-sigma of the centre of mass at the start, as a share of the features' spread."""
 SLOTS = 16
@@ -86,64 +78,86 @@ def setup(problem: Problem, prior: Prior, given: Any) -> Setup:
     around = surroundings_of(problem.environment)
     C, _ = around.camera_frame(float(start.times[row]))
     q = multiply(from_rotation_matrix(C), start.q[row])[None]
-    points = problem.has_tracks and start.features is not None and start.position is not None
-    features, slots, size = np.zeros((0, 3)), np.zeros(0, int), 0.0
-    position, velocity = np.zeros(3), np.zeros(3)
+    body = _body(problem, start, row, first, C)
+    layout = Layout(len(body.slots), GENERAL)
+    state = state_of(
+        body.position[None],
+        body.velocity[None],
+        start.w[row][None],
+        q,
+        body.features[None],
+        from_inertia(inertia)[None],
+    )
     doubt = start.covariance[row] * (WIDER * problem.alike) ** 2
-    fine = 1.0
-    if points:
-        known = np.flatnonzero(np.isfinite(start.features[:, 0]))
-        size = float(
-            np.sqrt(np.mean(np.sum((start.features[known] - start.features[known].mean(axis=0)) ** 2, axis=1)))
-        )
-        slots = _first_slots(problem, known, first)
-        features = np.where((slots >= 0)[:, None], start.features[slots], 0.0)
-        position = C @ start.position[row]
-        velocity = np.zeros(3) if start.velocity is None else C @ start.velocity
-        fine = _fine(problem, start, row)
-    m = len(slots)
-    layout = Layout(m, GENERAL)
-    state = state_of(position[None], velocity[None], start.w[row][None], q, features[None], from_inertia(inertia)[None])
-    speed = float(np.nanmedian(np.linalg.norm(start.w, axis=1)))
     length = max(float(start.times[-1] - start.times[0]), 1e-9)
-    place = np.array([fine**2 if slot >= 0 else 4 * size**2 for slot in slots])
-    centre = CENTRE_SHARE * size if points else 1.0
+    centre = CENTRE_SHARE * body.size if body.points else 1.0
+    place = np.array([body.fine**2 if slot >= 0 else 4 * body.size**2 for slot in body.slots])
+    R = rotation_matrix(q)
     P = covariance_of(
         layout,
         state,
         centre**2 * np.eye(3),
-        ((10 * fine / length) ** 2 + (speed * centre) ** 2) * np.eye(3),
-        rotation_matrix(q) @ (doubt[3:, 3:] + 1e-18 * np.eye(3)) @ np.swapaxes(rotation_matrix(q), -1, -2),
+        ((10 * body.fine / length) ** 2 + (speed_of(start) * centre) ** 2) * np.eye(3),
+        R @ (doubt[3:, 3:] + 1e-18 * np.eye(3)) @ np.swapaxes(R, -1, -2),
         doubt[:3, :3] + 1e-12 * np.eye(3),
         spread,
-        (place[:, None, None] + (centre**2 if points else 0.0)) * np.eye(3),
+        (place[:, None, None] + (centre**2 if body.points else 0.0)) * np.eye(3),
     )
-    quiet = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
-    push = ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
     own = start.body_frame == "own"
-    share = (0.0, 1.0 if problem.has_attitude else 0.0)
-    if points:
-        weight = ATTITUDE_SHARE[problem.stereo] if problem.has_attitude and not own else 0.0
-        share = (1.0 - weight, weight)
     return Setup(
-        layout,
-        state,
-        P,
-        slots,
-        first,
-        size,
-        share,
+        layout=layout,
+        state=state,
+        P=P,
+        slots=body.slots,
+        first=first,
+        size=body.size,
+        share=_share(problem, body.points, own),
         # imu0 and the tracks need not share body axes
-        problem.has_rates and not points and (problem.has_attitude or own),
-        points and problem.has_range,
-        _k_sigma(inertia, spread),
-        ProcessNoise(quiet, push, 1e-9),
-        around,
-        2.0 * float(np.nanmax(np.linalg.norm(start.w, axis=1))),
-        start.body_frame,
-        bool(start.scaled),
-        tuple(start.warnings),
+        rates=problem.has_rates and not body.points and (problem.has_attitude or own),
+        ranges=body.points and problem.has_range,
+        k_sigma=_k_sigma(inertia, spread),
+        noise=ProcessNoise(*restlessness(problem, prior, start), 1e-9),
+        surroundings=around,
+        largest_rate=2.0 * float(np.nanmax(np.linalg.norm(start.w, axis=1))),
+        body_frame=start.body_frame,
+        scaled=bool(start.scaled),
+        warnings=tuple(start.warnings),
     )
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Whether features are tracked; which are in the slots (m,) and where, body axes (m, 3), their spread and the 1-sigma
+    of one's place [m]; the centre of mass and its velocity, inertial axes from the chaser (3,)."""
+
+    points: bool
+    slots: np.ndarray
+    features: np.ndarray
+    size: float
+    fine: float
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+def _body(problem: Problem, start: Any, row: int, first: int, C: np.ndarray) -> _Body:
+    """What the filter carries besides rotation; C: (3, 3) cam0 axes into inertial ones."""
+    if not (problem.has_tracks and start.features is not None and start.position is not None):
+        return _Body(False, np.zeros(0, int), np.zeros((0, 3)), 0.0, 1.0, np.zeros(3), np.zeros(3))
+    known = np.flatnonzero(np.isfinite(start.features[:, 0]))
+    away = start.features[known] - start.features[known].mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+    slots = _first_slots(problem, known, first)
+    features = np.where((slots >= 0)[:, None], start.features[slots], 0.0)
+    velocity = np.zeros(3) if start.velocity is None else C @ start.velocity
+    return _Body(True, slots, features, size, _fine(problem, start, row), C @ start.position[row], velocity)
+
+
+def _share(problem: Problem, points: bool, own: bool) -> tuple[float, float]:
+    """Weights of the evidence of tracks and attitude0, 0 where not used."""
+    if not points:
+        return 0.0, 1.0 if problem.has_attitude else 0.0
+    weight = ATTITUDE_SHARE[problem.stereo] if problem.has_attitude and not own else 0.0
+    return 1.0 - weight, weight
 
 
 def _inertia(prior: Prior, start: Any, wider: float) -> tuple[np.ndarray | None, np.ndarray]:

@@ -94,59 +94,54 @@ def update(
     """
     B, n = P.shape[:2]
     if bend is not None:
-        plain, mean = observe, bend[0]
-        sigma = np.sqrt(sigma**2 + bend[1])
-
-        def observe(state: State, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            residual, H = plain(state, runs)
-            return residual - mean[runs], H
-
+        observe, sigma = _bent(observe, bend[0]), np.sqrt(sigma**2 + bend[1])
     S = square_root(P) if root is None else root
     weight = np.where(np.isfinite(sigma), 1.0 / sigma, 0.0)
     y = np.zeros((B, n))
     now = state
-    runs = np.arange(B)
     if begin is not None:
         y, now = np.linalg.solve(S, difference(layout, begin, state)[..., None])[..., 0], begin
-    residual, A = _whitened(observe, now, runs, weight, S)
+    residual, A = _whitened(observe, now, np.arange(B), weight, S)
     cost = np.sum(residual**2, axis=-1) + np.sum(y**2, axis=-1)
-    step, gain = _newton(A, residual, y)
-    size = np.ones(B)
-    count = np.ones(B, int)
     if rule.iterations == 1:
-        y, now = step, retract(layout, state, _apply(S, step))
-    else:
-        active = np.ones(B, bool)
-        for _ in range(3 * rule.iterations):
-            runs = np.flatnonzero(active)
-            if not len(runs):
-                break
-            trial = y[runs] + size[runs, None] * step[runs]
-            there = retract(layout, state.take(runs), _apply(S[runs], trial))
-            res, slope = _whitened(observe, there, runs, weight[runs], S[runs])
-            value = np.sum(res**2, axis=-1) + np.sum(trial**2, axis=-1)
-            better = value <= cost[runs] * (1 + 1e-12) + 1e-12
-            if rule.paper is not None:
-                better = np.isfinite(value)
-            size[runs[~better]] *= 0.5
-            active[runs[size[runs] < SMALLEST_STEP]] = False
-            took = runs[better]
-            if not len(took):
-                continue
-            before = now.take(took)
-            y[took], cost[took], A[took] = trial[better], value[better], slope[better]
-            now = now.put(took, there.take(better))
-            residual[took] = res[better]
-            step[took], gain[took] = _newton(slope[better], res[better], trial[better])
-            size[took] = 1.0
-            count[took] += 1
-            if rule.paper is None:
-                arrived = gain[took] < rule.tolerance**2
-            else:
-                arrived = _change(before, now.take(took)) < rule.paper
-            active[took[arrived | (count[took] > rule.iterations)]] = False
-    P = _posterior(S, A)
-    return Updated(now, P, cost, count)
+        step, _ = _newton(A, residual, y)
+        return Updated(retract(layout, state, _apply(S, step)), _posterior(S, A), cost, np.ones(B, int))
+    step, gain = _newton(A, residual, y)
+    size, count, active = np.ones(B), np.ones(B, int), np.ones(B, bool)
+    for _ in range(3 * rule.iterations):
+        runs = np.flatnonzero(active)
+        if not len(runs):
+            break
+        trial = y[runs] + size[runs, None] * step[runs]
+        there = retract(layout, state.take(runs), _apply(S[runs], trial))
+        res, slope = _whitened(observe, there, runs, weight[runs], S[runs])
+        value = np.sum(res**2, axis=-1) + np.sum(trial**2, axis=-1)
+        better = np.isfinite(value) if rule.paper else value <= cost[runs] * (1 + 1e-12) + 1e-12
+        size[runs[~better]] *= 0.5
+        active[runs[size[runs] < SMALLEST_STEP]] = False
+        took = runs[better]
+        if not len(took):
+            continue
+        before = now.take(took)
+        y[took], cost[took], A[took] = trial[better], value[better], slope[better]
+        now = now.put(took, there.take(better))
+        step[took], gain[took] = _newton(slope[better], res[better], trial[better])
+        size[took] = 1.0
+        count[took] += 1
+        near = gain[took] < rule.tolerance**2
+        arrived = _change(before, now.take(took)) < rule.paper if rule.paper else near
+        active[took[arrived | (count[took] > rule.iterations)]] = False
+    return Updated(now, _posterior(S, A), cost, count)
+
+
+def _bent(observe: Observe, mean: np.ndarray) -> Observe:
+    """`observe`, less the mean (B, rows) of the measurement's second order."""
+
+    def corrected(state: State, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        residual, H = observe(state, runs)
+        return residual - mean[runs], H
+
+    return corrected
 
 
 def update_again(

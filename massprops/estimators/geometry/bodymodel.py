@@ -139,13 +139,18 @@ def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: i
     used &= spread_out(np.broadcast_to(np.nan_to_num(body), measured.shape), good)
     q[~used], shift[~used], pose_covariance[~used] = np.nan, np.nan, np.nan
     outliers = int((seen & used[:, None] & ~good).sum())
-    column = np.flatnonzero(good[used].any(axis=0))
-    if not len(column):
-        return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers, np.full((n, 3, 0), np.nan))
-    one = np.ix_(used, column)
-    shared = np.full((n, 3, min(MODES, 3 * len(column))), np.nan)
-    shared[used] = shared_error(q[used], body[column], information[one] / scale, good[one], MODES)
+    shared = _shared(q, body, information / scale, good, used)
     return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers, shared)
+
+
+def _shared(q: np.ndarray, body: np.ndarray, information: np.ndarray, good: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """(n, 3, k) how the used epochs' attitudes share the errors of the body's points (`shared_error`)."""
+    column = np.flatnonzero(good[used].any(axis=0))
+    shared = np.full((len(q), 3, min(MODES, 3 * len(column))), np.nan)
+    if len(column):
+        one = np.ix_(used, column)
+        shared[used] = shared_error(q[used], body[column], information[one], good[one], MODES)
+    return shared
 
 
 def _join(

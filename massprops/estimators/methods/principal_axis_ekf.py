@@ -9,7 +9,8 @@ import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotate, rotation_matrix
 from massprops.errors import NotPossible
-from massprops.estimators.attitude_information import shown_by
+from massprops.estimators import verdict
+from massprops.estimators.begin import WIDER, longest, ratio_sigmas, restlessness
 from massprops.estimators.chaser_path import ChaserPath, chaser_path
 from massprops.estimators.geometry.stereo_path import linear_path
 from massprops.estimators.momentum import ratio_covariance
@@ -31,16 +32,10 @@ NAME = "principal-axis-ekf"
 ORDER = 60
 SENTENCE = "least-squares inertia, one principal frame for good, then an extended Kalman filter in it (hu2024)"
 NEEDS = ("stereo|attitude",)
-WIDER = 3.0
-"""The filter starts this many times wider than least squares claims, for it reads the same data again."""
 MOST_FEATURES = 24
 """Feature points that the filter carries: the longest seen."""
 SURE = 5.0
 """Sigmas by which two moments must differ to have axes of their own."""
-ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
-"""Unmodelled acceleration [m/s^2 sqrt(s)] with the orbit known and without."""
-QUIET = 1e-5
-"""Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
 
 
 def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
@@ -54,10 +49,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     points = problem.stereo and start.features is not None and start.position is not None
     if not points and not problem.has_attitude:
         raise NotPossible(f"{NAME}: neither stereo points nor attitude0 to filter")
-    speed = float(np.median(np.linalg.norm(start.w, axis=-1)))
-    noise = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
-    push = ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
-    return _estimate(problem, start, followed(problem, prior, start, noise, push))
+    return _estimate(problem, start, followed(problem, prior, start, *restlessness(problem, prior, start)))
 
 
 @dataclass(frozen=True)
@@ -86,7 +78,9 @@ def followed(
     moments, frame = unique_frame(start.inertia)
     path = chaser_path(problem.environment, problem.times[first:])
     points = problem.stereo and start.features is not None and start.position is not None
-    chosen = _longest(problem, start) if points else np.zeros(0, int)
+    chosen = np.zeros(0, int)
+    if points:
+        chosen = longest(start.features, problem.seen.sum(axis=(0, 1)), MOST_FEATURES)
     begin = _begin(problem, prior, start, frame, moments, chosen, points, path)
     if turn is not None:
         begin, frame = in_other_frame(begin, turn), frame @ turn
@@ -114,14 +108,6 @@ def run_over(
     )
 
 
-def _longest(problem: Problem, start: Any) -> np.ndarray:
-    """Features to carry: placed by the start, the longest seen first."""
-    both = problem.seen.sum(axis=(0, 1))
-    known = np.isfinite(start.features[:, 0]) & (both > 0)
-    order = np.lexsort((np.arange(len(both)), -both))
-    return np.sort(order[known[order]][:MOST_FEATURES])
-
-
 def _begin(
     problem: Problem,
     prior: Prior,
@@ -136,11 +122,7 @@ def _begin(
     f = start.features[chosen] if points else np.zeros((0, 3))
     camera = path.q[0]
     spread = WIDER * np.sqrt(np.maximum(np.diagonal(start.covariance[0]), 0.0))
-    k, axes = np.array([0.3, 0.3]), np.full(3, 0.3)
-    if start.momentum is not None:
-        k_covariance, axes_covariance, _ = ratio_covariance(start.inertia, start.momentum.covariance)
-        k = np.fmin(k, WIDER * _root(k_covariance) + 1e-6)
-        axes = np.fmin(axes, WIDER * _root(frame.T @ axes_covariance @ frame) + 1e-6)
+    k, axes = ratio_sigmas(start, start.inertia, frame)
     if prior.inertia is not None and start.momentum is None:
         k = k if prior.k_sigma is None else prior.k_sigma
         axes = axes if prior.axes_sigma is None else prior.axes_sigma
@@ -161,12 +143,6 @@ def _begin(
     return start_in_frame(
         frame, q, start.w[0], ratios_of_moments(moments), r, v, f, sigma, body_fixed=not points, place=place
     )
-
-
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """Sigmas on the diagonal; NaN where rounding leaves no variance, as a nearly unobservable motion can."""
-    d = np.diag(covariance)
-    return np.sqrt(np.where(d >= 0, d, np.nan))
 
 
 def _placed(
@@ -194,63 +170,25 @@ def _placed(
 
 
 def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
-    frame, first, points = followed.frame, followed.first, followed.points
-    run, camera, chosen = followed.run, followed.camera, followed.chosen
-    times = problem.times[first:]
-    own = "own"
-    if not points:
-        turn, spread, own = run.axes[-1], None, "attitude0"
-    elif problem.has_attitude:
-        own = "attitude0"
-        variance = np.square(problem.sigma_attitude[first:]) + np.sum(run.sigma[:, :3] ** 2, axis=1)
-        turn, extra = mean_turn(problem.attitude[first:], multiply(conjugate(camera), run.q), variance)
-        spread = axes_against_features(run.f, run.P) + extra * np.eye(3)
-    else:
-        turn, spread = from_rotation_matrix(frame), axes_against_features(run.f, run.P)
+    first, points, run = followed.first, followed.points, followed.run
+    back = conjugate(followed.camera)
+    own, turn, spread = _body(problem, followed)
     axes = rotation_matrix(turn)
-    if spread is None:
-        spread = run.P[8:11, 8:11]
     k = run.k[-1]
     moments = np.array([1.0, np.exp(k[1]), np.exp(k[0] + k[1])])
-    inertia = axes @ np.diag(moments) @ axes.T / moments.sum()
-    back = conjugate(camera)
-    q = multiply(multiply(back, run.q), conjugate(turn))
-    w = run.w @ axes.T
-    weight = _weight(problem, first, run, points)
-    finite = bool(np.isfinite(run.q).all() and np.isfinite(run.k).all() and np.isfinite(run.P).all())
-    share = run.refused / max(run.passed + run.refused, 1)
-    reason = ""
-    if not finite:
-        reason = "the filter's state is not finite"
-    elif share > 0.3:
-        reason = f"{share:.0%} of the measurements were refused"
-    elif np.abs(k).max() > 8:
-        reason = "the ratios ran away"
-    converged = not reason
-    observable = True
-    if finite and not reason:
-        # free motion runs backwards with the rates reversed: from the end, where the estimate is best
-        back_q = multiply(run.q[-1], conjugate(turn))
-        shown = shown_by(times[-1] - times[::-1], weight[::-1], back_q, -w[-1], inertia)
-        reason = shown.reason or _symmetric(run, start)
-        observable = not reason
-    order = [2, 1, 0]
-    ascending = axes[:, order] * np.array([1.0, 1.0, -1.0])
-    P_k = run.P[6:8, 6:8]
-    return Estimate(
+    found = Estimate(
         name=NAME,
-        converged=converged,
-        observable=observable,
-        reason=reason,
+        converged=False,
+        observable=False,
         k1=float(k[0]),
         k2=float(k[1]),
-        k_covariance=P_k,
-        inertia=inertia,
-        principal_axes=ascending,
+        k_covariance=run.P[6:8, 6:8],
+        inertia=axes @ np.diag(moments) @ axes.T / moments.sum(),
+        principal_axes=axes[:, [2, 1, 0]] * np.array([1.0, 1.0, -1.0]),
         axes_covariance=axes @ spread @ axes.T,
-        times=times,
-        q=q,
-        w=w,
+        times=problem.times[first:],
+        q=multiply(multiply(back, run.q), conjugate(turn)),
+        w=run.w @ axes.T,
         position=rotate(back, run.r) if points else None,
         velocity=rotate(back, run.v) if points else None,
         sigma_attitude=run.sigma[:, :3],
@@ -260,13 +198,31 @@ def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
         k_history=run.k,
         k_sigma_history=run.sigma[:, 6:8],
         features=run.f @ axes.T if points else None,
-        feature_ids=problem.features[chosen] if points else None,
+        feature_ids=problem.features[followed.chosen] if points else None,
         body_frame=own,
         innovation=run.innovation,
         gated=run.refused,
         used=run.passed,
-        warnings=(),
     )
+    finite = bool(np.isfinite(run.q).all() and np.isfinite(run.k).all() and np.isfinite(run.P).all())
+    failed, hidden = verdict.failure(finite, run.passed, run.refused, k=k), ""
+    if not failed:
+        weight, q = _weight(problem, first, run, points), multiply(run.q[-1], conjugate(turn))
+        hidden = verdict.unseen(found.times, weight, q, found.w[-1], found.inertia) or _symmetric(run, start)
+    return verdict.concluded(found, failed, hidden)
+
+
+def _body(problem: Problem, followed: Followed) -> tuple[str, np.ndarray, np.ndarray]:
+    """Name of the body axes, the turn (4,) from the principal frame to them, covariance (3, 3) of the principal axes."""
+    run, first = followed.run, followed.first
+    if not followed.points:
+        return "attitude0", run.axes[-1], run.P[8:11, 8:11]
+    spread = axes_against_features(run.f, run.P)
+    if not problem.has_attitude:
+        return "own", from_rotation_matrix(followed.frame), spread
+    variance = np.square(problem.sigma_attitude[first:]) + np.sum(run.sigma[:, :3] ** 2, axis=1)
+    turn, extra = mean_turn(problem.attitude[first:], multiply(conjugate(followed.camera), run.q), variance)
+    return "attitude0", turn, spread + extra * np.eye(3)
 
 
 def _symmetric(run: Filtered, start: Any) -> str:
@@ -275,10 +231,7 @@ def _symmetric(run: Filtered, start: Any) -> str:
     if start.momentum is not None:
         moments = np.linalg.eigvalsh(start.inertia)
         near |= np.diff(moments) < 3.0 * ratio_covariance(start.inertia, start.momentum.covariance)[2]
-    if near.any():
-        which = "I1 and I2" if near[0] else "I2 and I3"
-        return f"the body is symmetric within what the motion shows ({which} are equal): its axes are not determined"
-    return ""
+    return verdict.symmetric(near)
 
 
 def _weight(problem: Problem, first: int, run: Filtered, points: bool) -> np.ndarray:
@@ -288,7 +241,5 @@ def _weight(problem: Problem, first: int, run: Filtered, points: bool) -> np.nda
         return np.where(np.isfinite(sigma), 1.0 / np.square(np.where(np.isfinite(sigma), sigma, 1.0)), 0.0)
     spread = run.f - run.f.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum(spread * spread, axis=1)) * 2 / 3))
-    distance = np.linalg.norm(run.r, axis=1)
     pixel = float(np.mean(problem.sigma_px)) / float(problem.cameras[0].intrinsics[0])
-    count = problem.seen[first:].sum(axis=(1, 2))
-    return np.where(count >= 3, count * (size / (pixel * distance)) ** 2, 0.0)
+    return verdict.track_weight(problem.seen[first:].sum(axis=(1, 2)), size, pixel, np.linalg.norm(run.r, axis=1))

@@ -147,21 +147,52 @@ def result(
     covariance: np.ndarray | None = None,
 ) -> Estimate:
     """The fit as an `Estimate`, with the covariance (size, size) of its parameters where it is not the plain one."""
-    state = found.state
+    state, motion = found.state, found.predicted.motion
     covariance = covariance_of(found) if covariance is None else covariance
     k, axes, slopes, turns = ratio_slopes(state.inertia)
     block = covariance[12:17, 12:17]
     k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
-    sigma = np.sqrt(np.diag(k_covariance))
-    reason = rival or _unobservable(sigma, axes_covariance, state.w0, axes)
-    misfit = found.chi2 / found.freedom
-    converged = found.converged and np.isfinite(found.cost)
-    said = reason
-    if not said and not converged:
-        said = f"no rest after {found.iterations} iterations"
-    if not said and misfit > MISFIT:
-        said = f"residuals are {np.sqrt(misfit):.2g} times the stated noise: the model lacks something, try diagnose"
-    observable = not reason
+    hidden = rival or _unobservable(np.sqrt(np.diag(k_covariance)), axes_covariance, state.w0, axes)
+    tracked = "tracks" in first.channels
+    sigma = _sigmas(problem, found, around, covariance)
+    cam = motion.turn
+    placed = first.observed.any(axis=(0, 1)) if first.observed.size else np.zeros(len(problem.features), bool)
+    return Estimate(
+        name=NAME,
+        converged=bool(found.converged and np.isfinite(found.cost)),
+        observable=not hidden,
+        reason=hidden or _unfit(found),
+        k1=None if hidden else float(k[0]),
+        k2=None if hidden else float(k[1]),
+        k_covariance=k_covariance,
+        inertia=state.inertia / 3.0,
+        principal_axes=None if hidden else axes,
+        axes_covariance=None if hidden else axes_covariance,
+        times=problem.times,
+        q=multiply(from_rotation_matrix(cam), found.predicted.q) if around.lvlh else found.predicted.q,
+        w=motion.w,
+        position=np.einsum("nij,nj->ni", cam, motion.r) if tracked else None,
+        velocity=np.einsum("nij,nj->ni", cam, motion.v) if tracked else None,
+        sigma_attitude=sigma[0],
+        sigma_w=sigma[1],
+        sigma_position=sigma[2] if tracked else None,
+        sigma_velocity=sigma[3] if tracked else None,
+        features=state.points[placed] if tracked else None,
+        feature_ids=problem.features[placed] if tracked else None,
+        body_frame=first.body_frame,
+        innovation=float(found.chi2 / found.freedom),
+        gated=int((found.weights == 0).sum()),
+        used=int(found.count),
+        cpu_us_per_step=1e6 * seconds / len(problem.times),
+        warnings=first.notes,
+    )
+
+
+def _sigmas(
+    problem: Problem, found: Fit, around: Surroundings, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """1-sigma (n, 3) of attitude, rates, position and velocity."""
+    state = found.state
     turn, rate = sensitivities(
         problem.times,
         found.predicted.trajectory,
@@ -175,45 +206,23 @@ def result(
     )
     nm = state.motion_count
     by_turn, by_path = np.r_[0:6, 12:17, 17 : 17 + nm], np.r_[6:12, 17 : 17 + nm]
-    own = covariance[np.ix_(by_turn, by_turn)]
-    path = covariance[np.ix_(by_path, by_path)]
 
-    def spread(J: np.ndarray, C: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.maximum(np.einsum("nij,jk,nik->ni", J, C, J), 0.0))
+    def spread(J: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        own = covariance[np.ix_(rows, rows)]
+        return np.asarray(np.sqrt(np.maximum(np.einsum("nij,jk,nik->ni", J, own, J), 0.0)))
 
-    tracked = "tracks" in first.channels
-    cam = found.predicted.motion.turn
-    q = multiply(from_rotation_matrix(cam), found.predicted.q) if around.lvlh else found.predicted.q
-    placed = first.observed.any(axis=(0, 1)) if first.observed.size else np.zeros(len(problem.features), bool)
-    return Estimate(
-        NAME,
-        bool(converged),
-        observable,
-        said,
-        float(k[0]) if observable else None,
-        float(k[1]) if observable else None,
-        k_covariance,
-        state.inertia / 3.0,
-        axes if observable else None,
-        axes_covariance if observable else None,
-        problem.times,
-        q,
-        found.predicted.motion.w,
-        np.einsum("nij,nj->ni", cam, found.predicted.motion.r) if tracked else None,
-        np.einsum("nij,nj->ni", cam, found.predicted.motion.v) if tracked else None,
-        spread(turn, own),
-        spread(rate, own),
-        spread(found.predicted.dr, path) if tracked else None,
-        spread(found.predicted.dv, path) if tracked else None,
-        features=state.points[placed] if tracked else None,
-        feature_ids=problem.features[placed] if tracked else None,
-        body_frame=first.body_frame,
-        innovation=float(misfit),
-        gated=int((found.weights == 0).sum()),
-        used=int(found.count),
-        cpu_us_per_step=1e6 * seconds / len(problem.times),
-        warnings=first.notes,
-    )
+    at = found.predicted
+    return spread(turn, by_turn), spread(rate, by_turn), spread(at.dr, by_path), spread(at.dv, by_path)
+
+
+def _unfit(found: Fit) -> str:
+    """Why the fit does not explain the data; empty when it does."""
+    if not (found.converged and np.isfinite(found.cost)):
+        return f"no rest after {found.iterations} iterations"
+    misfit = found.chi2 / found.freedom
+    if misfit > MISFIT:
+        return f"residuals are {np.sqrt(misfit):.2g} times the stated noise: the model lacks something, try diagnose"
+    return ""
 
 
 def _unobservable(sigma: np.ndarray, axes_covariance: np.ndarray, w0: np.ndarray, axes: np.ndarray) -> str:

@@ -20,9 +20,10 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
+    from massprops.estimators.begin import early_start
     from massprops.estimators.unscented.features import run_through
     from massprops.estimators.unscented.outcome import estimate_of
-    from massprops.estimators.unscented.setup import early_start, setup
+    from massprops.estimators.unscented.setup import setup
     from massprops.estimators.unscented.state import Settings
 
     ready = setup(problem, prior, early_start(problem, prior, start))

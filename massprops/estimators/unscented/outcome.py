@@ -5,18 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
-from massprops.estimators.attitude_information import shown_by
+from massprops.estimators import verdict
+from massprops.estimators.extended.error_state import skew
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.estimators.unscented.features import Passage
 from massprops.estimators.unscented.setup import Setup
-
-LEARNT = 0.7
-"""Posterior over prior 1-sigma of k above which the motion is said to have taught nothing, where it is also large."""
-SHARP = 0.05
-"""1-sigma of k that counts as known whatever the prior."""
-SURE = 3.0
-"""Sigmas by which two moments must differ for their axes to be determined."""
+from massprops.estimators.unscented.state import Run, State
 
 
 def estimate_of(
@@ -28,57 +23,59 @@ def estimate_of(
         times: (n,) of the run's epochs [s].
     """
     run, last = passage.run, passage.run.last
-    finite = all(np.isfinite(x).all() for x in (run.w, run.q, run.k, last.P))
     own, turn, axes_covariance = _body(problem, setup, passage, times)
     body = rotation_matrix(turn)  # principal axes as columns, in body axes
-    q, w = multiply(run.q, conjugate(turn)), run.w @ body.T
     moments, order, to_sorted = sorted_moments(run.k[-1])
-    places = last.places()
+    places, sigma, moving = last.places(), run.sigma, setup.state.moving
     P_k = to_sorted @ last.P[places["k"], places["k"]] @ to_sorted.T
-    k = np.array([np.log(moments[0] / moments[1]), np.log(moments[1] / moments[2])])
     columns = body[:, order]
     columns = columns * np.array([1.0, 1.0, np.sign(np.linalg.det(columns))])
-    inertia = columns @ np.diag(moments) @ columns.T / moments.sum()
-    innovation = float(run.nis.sum() / max(run.used.sum(), 1))
-    reason = _failure(run, finite)
-    converged, observable = not reason, True
-    if converged:
-        reason = _hidden(setup, np.sqrt(np.diag(P_k)), k, q, w, inertia, times, run)
-        observable = not reason
-    sigma = run.sigma
-    moving = setup.state.moving
-    at = places["position"] if moving else None
     known = np.isfinite(passage.points[:, 0])
-    return Estimate(
+    found = Estimate(
         name=name,
-        converged=converged,
-        observable=observable,
-        reason=reason,
-        k1=float(k[0]) if observable else None,
-        k2=float(k[1]) if observable else None,
-        k_covariance=P_k if observable else None,
-        inertia=inertia,
-        principal_axes=columns if observable else None,
-        axes_covariance=body @ axes_covariance @ body.T if observable else None,
+        converged=False,
+        observable=False,
+        k1=float(np.log(moments[0] / moments[1])),
+        k2=float(np.log(moments[1] / moments[2])),
+        k_covariance=P_k,
+        inertia=columns @ np.diag(moments) @ columns.T / moments.sum(),
+        principal_axes=columns,
+        axes_covariance=body @ axes_covariance @ body.T,
         times=times,
-        q=q,
-        w=w,
+        q=multiply(run.q, conjugate(turn)),
+        w=run.w @ body.T,
         position=run.position if moving else None,
         velocity=run.velocity if moving else None,
         sigma_attitude=sigma[:, 3:6],
         sigma_w=sigma[:, :3],
-        sigma_position=sigma[:, at] if at is not None else None,
+        sigma_position=sigma[:, places["position"]] if moving else None,
         sigma_velocity=sigma[:, places["velocity"]] if moving else None,
         k_history=run.k @ to_sorted.T,
         k_sigma_history=np.sqrt(np.einsum("ai,nij,aj->na", to_sorted, run.block[:, 6:8, 6:8], to_sorted)),
         features=passage.points[known] @ body.T if moving else None,
         feature_ids=problem.features[known] if moving else None,
         body_frame=own,
-        innovation=innovation,
+        innovation=float(run.nis.sum() / max(run.used.sum(), 1)),
         gated=int(run.gated.sum()),
         used=int(run.used.sum()),
         cpu_us_per_step=1e6 * run.cpu_s / max(len(times), 1),
         warnings=warnings,
+    )
+    finite = all(np.isfinite(x).all() for x in (run.w, run.q, run.k, last.P))
+    failed = verdict.failure(finite, found.used, found.gated, verdict.late_square(run.nis, run.used), run.k[-1])
+    return verdict.concluded(found, failed, "" if failed else _hidden(setup, run, found))
+
+
+def _hidden(setup: Setup, run: Run, found: Estimate) -> str:
+    """Why the ratios cannot be told from this motion; empty when they can."""
+    assert found.q is not None and found.w is not None and found.inertia is not None and found.sigma_k is not None
+    variance = np.mean(run.sigma[:, 3:6] ** 2, axis=1)
+    weight = np.where(run.used > 0, 1.0 / np.maximum(variance, 1e-16), 0.0)
+    k = np.array([found.k1, found.k2])
+    return (
+        verdict.unlearnt(found.sigma_k, max(float(setup.k_sigma.max()), 1e-12))
+        or verdict.unseen(found.times, weight, found.q[-1], found.w[-1], found.inertia)
+        or verdict.symmetric(np.abs(k) < verdict.SURE * found.sigma_k)
     )
 
 
@@ -112,49 +109,13 @@ def _body(problem: Problem, setup: Setup, passage: Passage, times: np.ndarray) -
     return "attitude0", mean * np.sign(mean[0] or 1.0), covariance + extra * np.eye(3)
 
 
-def axes_covariance_of(last) -> np.ndarray:  # type: ignore[no-untyped-def]
+def axes_covariance_of(last: State) -> np.ndarray:
     """(3, 3) of a small turn of the principal frame against the feature points."""
     f, at = last.features, last.places()["features"]
     if len(f) < 2:
         return last.P[3:6, 3:6]
-    from massprops.estimators.extended.error_state import skew
-
     # the turn that best explains an error of the points, weighted by how well each is known
     J = np.concatenate([skew(p) for p in f])
     weight = 1.0 / np.maximum(np.diag(last.P[at, at]), 1e-300)
     back = np.linalg.pinv((J.T * weight) @ J) @ (J.T * weight)
     return back @ last.P[at, at] @ back.T
-
-
-def _failure(run, finite: bool) -> str:  # type: ignore[no-untyped-def]
-    tail = slice(len(run.nis) // 2, None)
-    late = float(run.nis[tail].sum() / max(run.used[tail].sum(), 1))
-    share = float(run.gated.sum() / max(run.gated.sum() + run.used.sum(), 1))
-    if not finite:
-        return "the filter's state is not finite"
-    if share > 0.3:
-        return f"{share:.0%} of the measurements were rejected"
-    if late > 4.0:
-        return f"the innovations are {np.sqrt(late):.1f} times what the stated noise allows"
-    if np.abs(run.k[-1]).max() > 4.9:
-        return "the ratios ran away"
-    return ""
-
-
-def _hidden(  # type: ignore[no-untyped-def]
-    setup: Setup, sigma_k: np.ndarray, k: np.ndarray, q, w, inertia, times, run
-) -> str:
-    """Why the ratios cannot be told from this motion; empty when they can."""
-    before = max(float(setup.k_sigma.max()), 1e-12)
-    if sigma_k.max() > SHARP and sigma_k.max() > LEARNT * before:
-        return f"the motion taught nothing of the ratios: 1-sigma {sigma_k[0]:.2g}, {sigma_k[1]:.2g}, as at the start"
-    variance = np.mean(run.sigma[:, 3:6] ** 2, axis=1)
-    weight = np.where(run.used > 0, 1.0 / np.maximum(variance, 1e-16), 0.0)
-    # free motion runs backwards with the rates reversed: from the end, where the estimate is best
-    shown = shown_by(times[-1] - times[::-1], weight[::-1], q[-1], -w[-1], inertia)
-    if shown.reason:
-        return str(shown.reason)
-    if (np.abs(k) < SURE * sigma_k).any():
-        pair = "I1 and I2" if abs(k[0]) < SURE * sigma_k[0] else "I2 and I3"
-        return f"the body is symmetric within what the motion shows ({pair} are equal): its axes are not determined"
-    return ""

@@ -9,23 +9,23 @@ import numpy as np
 
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
 from massprops.errors import NotPossible
+from massprops.estimators.begin import (
+    WIDER,
+    WIDEST_K,
+    longest,
+    point_sigma,
+    ratio_sigmas,
+    restlessness,
+    settled_epoch,
+)
 from massprops.estimators.chaser_path import chaser_path
+from massprops.estimators.extended.error_state import skew
 from massprops.estimators.free_fit import FreeFit, free_fit
-from massprops.estimators.momentum import DIRECTIONS, ratio_covariance
+from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior, ratios
 from massprops.estimators.unscented.state import Measurements, Noise, State
 
-WIDER = 3.0
-"""The filter starts this many times wider than the first guess claims, for it reads the same data again."""
-WIDEST_K = 0.3
-"""1-sigma of k1 and k2 when nothing is known of them."""
-QUIET = 1e-5
-"""Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
-ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
-"""Unmodelled acceleration [m/s^2 sqrt(s)] with the orbit known and without."""
-FIRST_TURNS, FIRST_EPOCHS = 2.0, 40
-"""The first guess is made from the data of so many turns and epochs."""
 MOST_FEATURES = 16
 """Features carried at a time."""
 
@@ -51,32 +51,6 @@ class Setup:
     frame: np.ndarray
     k_sigma: np.ndarray
     warnings: tuple[str, ...] = ()
-
-
-def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
-    """The first guess from the first part of the data only; the given one where that part does not show enough."""
-    from massprops.estimators.start import first_guess
-
-    if given.early is not None:
-        return given.early
-    speed = float(np.nanmedian(np.linalg.norm(given.w, axis=1)))
-    begin = float(given.times[0])
-    rows = min(FIRST_EPOCHS, len(given.times)) - 1
-    until = max(begin + FIRST_TURNS * 2 * np.pi / max(speed, 1e-9), float(given.times[rows]))
-    if until >= given.times[-1]:
-        return given
-    try:
-        early = first_guess(problem, prior, until_s=until)
-    except NotPossible:
-        return given
-    usable = early.inertia is not None and np.isfinite(early.w).all() and early.body_frame == given.body_frame
-    return early if usable else given
-
-
-def settled_epoch(start: Any) -> int:
-    """The first row of the start whose rates are about as good as most; the ends of a record are worse."""
-    spread = np.einsum("nii->n", start.covariance[:, 3:, 3:])
-    return int(np.argmax(spread <= 1.5 * np.nanmedian(spread)))
 
 
 def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES) -> Setup:
@@ -109,56 +83,75 @@ def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES)
     else:
         row = int(np.argmin(np.abs(start.times - problem.times[fit.rows[0]])))
         first, q, w = int(fit.rows[0]), fit.q, fit.w
-    points = problem.stereo and start.features is not None and start.position is not None
-    attitude = not points and problem.has_attitude
-    # imu0 and the tracks need not share body axes
-    rates = problem.has_rates and not points
-    turn = from_rotation_matrix(frame)
-    features, position, velocity = np.zeros((0, 3)), np.zeros(3), np.zeros(3)
-    chosen = np.zeros(0, int)
-    others = [np.full(3, 1e-9)]
-    if points:
-        # the principal frame belongs to the dynamics: tracks do not fix it, so features and attitude turn with it
-        chosen = _longest(problem, start, first, most)
-        features = start.features[chosen] @ frame
-        velocity = np.zeros(3) if start.velocity is None else start.velocity
-        position = start.position[row]
-        if start.velocity is not None:
-            position = position + (problem.times[first] - start.times[row]) * velocity
-        place = point_sigma(problem, float(np.linalg.norm(position)))
-        length = max(float(start.times[-1] - start.times[0]), 1e-9)
-        others = [np.full(3, place), np.full(3, 10 * place / length), np.full(3 * len(chosen), place)]
+    seen = _carried(problem, start, row, first, most)
+    # the principal frame belongs to the dynamics: tracks do not fix it, so features and attitude turn with it
+    features = seen.features @ frame
     if fit is not None and prior.inertia is None:
-        P, k_sigma = _fitted_covariance(fit, frame, k, features, np.concatenate(others))
+        P, k_sigma = _fitted_covariance(fit, frame, k, features, seen.others)
     else:
+        rotation = start.covariance[row] if fit is None else fit.covariance[:6, :6]
         k_sigma, axes_sigma = _sigmas(prior, start, inertia, frame)
-        spread = np.maximum(np.einsum("nii->ni", start.covariance)[row], 0.0)
-        if fit is not None:
-            spread = np.diag(fit.covariance)[:6]
-        spread = WIDER * np.sqrt(spread)
-        sigma = [np.full(3, max(spread[3:].max(), 1e-9)), np.full(3, max(spread[:3].max(), 1e-6)), k_sigma, *others]
-        if not points and not attitude:
-            sigma[1] = np.full(3, 1e-6)
-        P = _with_frame(np.diag(np.concatenate(sigma) ** 2), features, w @ frame, axes_sigma, frame)
-    speed = float(np.nanmedian(np.linalg.norm(start.w, axis=1)))
-    push = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
-    drift = ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
-    step = float(np.median(np.diff(problem.times)))
-    noise = Noise(w=push**2, attitude=push**2 * step**2 / 3.0, k=1e-14, velocity=drift**2)
+        sigma = np.concatenate([*_rotation_sigmas(rotation, problem, seen.points), k_sigma, seen.others])
+        P = _with_frame(np.diag(sigma**2), features, w @ frame, axes_sigma, frame)
+    turn = from_rotation_matrix(frame)
     state = State(
         w=w @ frame,
         q=multiply(q, turn),
         k=k,
         features=features,
         P=P,
-        axes=np.array([1.0, 0, 0, 0]) if points else conjugate(turn),
-        position=position,
-        velocity=velocity,
-        axes_free=not points,
-        moving=points,
+        axes=np.array([1.0, 0, 0, 0]) if seen.points else conjugate(turn),
+        position=seen.position,
+        velocity=seen.velocity,
+        axes_free=not seen.points,
+        moving=seen.points,
     )
-    sensors = (attitude, rates, points and problem.has_range)
-    return Setup(state, chosen, noise, first, points, sensors, frame, k_sigma, tuple(start.warnings))
+    # imu0 and the tracks need not share body axes
+    points = seen.points
+    sensors = (not points and problem.has_attitude, not points and problem.has_rates, points and problem.has_range)
+    noise = _noise(problem, prior, start)
+    return Setup(state, seen.chosen, noise, first, seen.points, sensors, frame, k_sigma, tuple(start.warnings))
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """Whether stereo points are filtered, which (m,), where they are in the start's body axes (m, 3), position and
+    velocity of the centre of mass, and the 1-sigma of all that is not rotation."""
+
+    points: bool
+    chosen: np.ndarray
+    features: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    others: np.ndarray
+
+
+def _carried(problem: Problem, start: Any, row: int, first: int, most: int) -> _Carried:
+    """What the filter carries besides rotation at epoch `first`, near the start's `row`."""
+    if not (problem.stereo and start.features is not None and start.position is not None):
+        return _Carried(False, np.zeros(0, int), np.zeros((0, 3)), np.zeros(3), np.zeros(3), np.full(3, 1e-9))
+    chosen = longest(start.features, problem.seen[first:].sum(axis=(0, 1)), most)
+    velocity = np.zeros(3) if start.velocity is None else start.velocity
+    position = start.position[row]
+    if start.velocity is not None:
+        position = position + (problem.times[first] - start.times[row]) * velocity
+    place = point_sigma(problem, float(np.linalg.norm(position)))
+    length = max(float(start.times[-1] - start.times[0]), 1e-9)
+    others = [np.full(3, place), np.full(3, 10 * place / length), np.full(3 * len(chosen), place)]
+    return _Carried(True, chosen, start.features[chosen], position, velocity, np.concatenate(others))
+
+
+def _rotation_sigmas(covariance: np.ndarray, problem: Problem, points: bool) -> tuple[np.ndarray, np.ndarray]:
+    """1-sigma of rates and attitude (3,) to start with, from the covariance of attitude and rates (6, 6)."""
+    spread = WIDER * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    attitude = max(spread[:3].max(), 1e-6) if points or problem.has_attitude else 1e-6
+    return np.full(3, max(spread[3:].max(), 1e-9)), np.full(3, attitude)
+
+
+def _noise(problem: Problem, prior: Prior, start: Any) -> Noise:
+    push, drift = restlessness(problem, prior, start)
+    step = float(np.median(np.diff(problem.times)))
+    return Noise(w=push**2, attitude=push**2 * step**2 / 3.0, k=1e-14, velocity=drift**2)
 
 
 def _fitted_covariance(
@@ -201,8 +194,6 @@ def _fitted_covariance(
 
 def _lever(size: int, features: np.ndarray, w: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """(N, 3): what a turn of the principal frame in the body does to rates, attitude, axes and features."""
-    from massprops.estimators.extended.error_state import skew
-
     J = np.zeros((size, 3))
     J[3:6] = np.eye(3)
     J[:3] = skew(w)
@@ -223,31 +214,12 @@ def _with_frame(
 
 def _sigmas(prior: Prior, start: Any, inertia: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """1-sigma of k1, k2 and of the axes (about the principal axes) to start with."""
-    k, axes = np.full(2, WIDEST_K), np.full(3, WIDEST_K)
     if prior.inertia is not None:
+        k, axes = np.full(2, WIDEST_K), np.full(3, WIDEST_K)
         k = k if prior.k_sigma is None else np.asarray(prior.k_sigma, float)
         axes = axes if prior.axes_sigma is None else np.asarray(prior.axes_sigma, float)
         return np.minimum(k, 1.0), np.minimum(axes, WIDEST_K)
-    if start.momentum is not None:
-        k_covariance, axes_covariance, _ = ratio_covariance(inertia, start.momentum.covariance)
-        k = np.minimum(k, WIDER * np.sqrt(np.maximum(np.diag(k_covariance), 0)) + 1e-6)
-        axes = np.minimum(axes, WIDER * np.sqrt(np.maximum(np.diag(frame.T @ axes_covariance @ frame), 0)) + 1e-6)
-    return k, axes
-
-
-def point_sigma(problem: Problem, distance: float) -> float:
-    """1-sigma in depth of one stereo point [m]."""
-    base = float(np.linalg.norm(problem.cameras[1].t - problem.cameras[0].t))
-    pixel = float(np.hypot(*(problem.sigma_px[:2] / [abs(c.intrinsics[0]) for c in problem.cameras])))
-    return distance**2 * pixel / base
-
-
-def _longest(problem: Problem, start: Any, first: int, most: int) -> np.ndarray:
-    """Features placed by the start and seen soon, the longest seen first."""
-    both = problem.seen[first:].sum(axis=(0, 1))
-    known = np.isfinite(start.features[:, 0]) & (both > 0)
-    order = np.lexsort((np.arange(len(both)), -both))
-    return np.sort(order[known[order]][:most])
+    return ratio_sigmas(start, inertia, frame)
 
 
 def measurements(
