@@ -38,8 +38,8 @@ def command(
     from massprops.core.files import plain
     from massprops.effect_file import with_effects
     from massprops.estimators.documents import document as document_of
-    from massprops.estimators.estimate import estimate_all, write_outcome
-    from massprops.report.estimates import check_place
+    from massprops.estimators.estimate import estimate_all
+    from massprops.report.estimates import check_place, write_estimates
     from massprops_cli.progress import StageProgress
 
     given = (source, *(p for p in (prior, model) if p is not None))
@@ -54,7 +54,7 @@ def command(
             model,
         )
     if out is not None:
-        write_outcome(outcome, out, source, given[1:], force)
+        write_estimates(outcome, out, source, given[1:], force)
         document = json.loads((out / "estimates.json").read_text())
     else:
         document = plain(document_of(outcome, str(source)))

@@ -34,8 +34,9 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from massprops.effect_contract import GIVEN, KNOWN_NEEDS, Parameter, changes_motion, faults, first_line
+from massprops.effect_contract import GIVEN, KNOWN_NEEDS, Parameter, changes_motion, faults
 from massprops.errors import InputError
+from massprops.packaged import packaged
 
 _added: dict[str, ModuleType] = {}
 """Effects of the user's own files, by name."""
@@ -77,24 +78,7 @@ def refused() -> dict[str, str]:
 @cache
 def _packaged() -> tuple[dict[str, ModuleType], dict[str, str]]:
     """Effects of installed packages, entry points of the group `massprops.effects`, and those refused."""
-    from importlib.metadata import entry_points
-
-    found: dict[str, ModuleType] = {}
-    wrong: dict[str, str] = {}
-    for point in entry_points(group="massprops.effects"):
-        try:
-            module = point.load()
-            fault = faults(module)
-        except Exception as error:  # noqa: BLE001  a package's own code
-            wrong[point.name] = f"it cannot be loaded: {first_line(error)}"
-            continue
-        if not fault and (module.NAME in catalogue() or module.NAME in found):
-            fault = f"its NAME {module.NAME!r} is taken"
-        if fault:
-            wrong[point.name] = fault
-        else:
-            found[module.NAME] = module
-    return found, wrong
+    return packaged("massprops.effects", faults, catalogue())
 
 
 @cache

@@ -240,17 +240,18 @@ def estimate(
     from massprops.api.results import Estimates
     from massprops.api.sources import as_path
     from massprops.effect_file import with_effects
-    from massprops.estimators.estimate import estimate_all, silent, write_outcome
+    from massprops.estimators.estimate import estimate_all, silent
+    from massprops.report.estimates import write_estimates
 
     given = as_path(source)
     methods = [method] if isinstance(method, str) else list(method or ["all"])
     tell = None if progress is None else lambda done, total, what: progress(what, done, total)
     with with_effects(_paths(effect)):
         outcome = estimate_all(given, methods, prior, tell or silent, model)  # type: ignore[arg-type]
-    more = [Path(p) for p in (prior, model) if isinstance(p, str | PathLike)]
+    more = tuple(Path(p) for p in (prior, model) if isinstance(p, str | PathLike))
 
     def write(folder: Path) -> Path:
-        return write_outcome(outcome, folder, given, more, force)
+        return write_estimates(outcome, folder, given, more, force)
 
     if out is not None:
         write(Path(out))

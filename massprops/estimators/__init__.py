@@ -1,5 +1,1 @@
-"""One file per method, one interface."""
-
-from massprops.estimators.estimate import estimate
-
-__all__ = ["estimate"]
+"""Estimators of motion and inertia ratios: `estimate` runs them, `methods` holds one file each."""

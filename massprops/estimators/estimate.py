@@ -38,43 +38,6 @@ def silent(done: int, total: int, what: str = "") -> None:
     """Progress that says nothing."""
 
 
-def estimate(
-    source: str | Path | Sequence,
-    methods: Iterable[str] = ("all",),
-    prior: str | Path | Prior | None = None,
-    out: str | Path | None = None,
-    progress: Progress = silent,
-    model: str | Path | None = None,
-    force: bool = False,
-) -> list[Estimate]:
-    """Motion and inertia ratios of a sequence by several estimators.
-
-    Args:
-        source: sequence folder, run folder, or a `Sequence`.
-        methods: names of estimators, or `all`.
-        prior: file of `massprops export --to filter`, or a `Prior`.
-        out: folder for `estimates.json`, one CSV of the state history per estimator, and `report.html`.
-        progress: told of each method.
-        model: `model.yaml` of `massprops diagnose`, for the methods that take one.
-        force: files in `out` that no `estimate` wrote may be replaced.
-
-    Returns:
-        one estimate per method that could run.
-
-    Raises:
-        InputError: unknown method, unreadable sequence or prior.
-        NotPossible: every method asked for by name needs what the sequence lacks.
-
-    Example:
-        >>> [(e.name, e.k1, e.k2) for e in massprops.estimate("runs/demo")]  # doctest: +SKIP
-    """
-    outcome = estimate_all(source, methods, prior, progress, model)
-    if out is not None:
-        more = [Path(p) for p in (prior, model) if isinstance(p, str | Path)]
-        write_outcome(outcome, out, source, more, force)
-    return outcome.estimates
-
-
 def estimate_all(
     source: str | Path | Sequence,
     methods: Iterable[str] = ("all",),
@@ -83,10 +46,20 @@ def estimate_all(
     model: str | Path | None = None,
     body_known: bool = True,
 ) -> Outcome:
-    """As `estimate`, with what was skipped, the judgement of the prior and the problem itself.
+    """Motion and inertia ratios of a sequence by several estimators; with what was skipped, the judgement of the prior and
+    the problem itself.
 
     Args:
+        source: sequence folder, run folder, or a `Sequence`.
+        methods: names of estimators, or `all`.
+        prior: file of `massprops export --to filter`, or a `Prior`.
+        progress: told of each method.
+        model: `model.yaml` of `massprops diagnose`, for the methods that take one.
         body_known: False hides `body.yaml` from the estimators, for a comparison with the mesh that wrote it.
+
+    Raises:
+        InputError: unknown method, unreadable sequence or prior.
+        NotPossible: every method asked for by name needs what the sequence lacks.
     """
     from massprops.estimators.problem import problem_of
     from massprops.sequence.read import read_sequence
@@ -281,28 +254,3 @@ def _read_model(path: str | Path | None) -> Any:
     from massprops.model import load_model
 
     return load_model(path)
-
-
-def write_outcome(
-    outcome: Outcome,
-    out: str | Path,
-    source: Any = None,
-    more: Iterable[Path] = (),
-    force: bool = False,
-) -> Path:
-    """`estimates.json`, one CSV per estimator and `report.html`, all of them or none.
-
-    Of an earlier `estimate` of the same data in the folder, the methods that did not run this time stay.
-
-    Args:
-        source: sequence or run folder, None for data in memory.
-        more: further files that the estimates rest on.
-        force: files in the folder that no `estimate` wrote may be replaced.
-
-    Raises:
-        InputError: the folder holds a run, a sequence or somebody's files, or cannot be written.
-    """
-    from massprops.report.estimates import write_estimates
-
-    given = None if source is None or not isinstance(source, str | Path) else source
-    return write_estimates(outcome, Path(out), given, tuple(more), force)

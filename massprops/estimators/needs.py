@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from types import ModuleType
 
 from massprops.estimators.problem import Problem
@@ -31,12 +30,10 @@ def has(problem: Problem, word: str) -> bool:
 
 def unmet(method: ModuleType, problem: Problem) -> str:
     """What the sequence lacks for a method, in one line; empty when it lacks nothing."""
-    needs = getattr(method, "NEEDS", ())
-    entries = [needs] if isinstance(needs, str) else list(needs)
     missing = []
-    for entry in entries:
-        words = [word for word in re.split(r"[^a-z]+", entry) if word in SAID]
-        if words and not any(has(problem, word) for word in words):
+    for entry in method.NEEDS:
+        words = entry.split("|")
+        if not any(has(problem, word) for word in words):
             missing.append(" or ".join(SAID[word] for word in words))
     if missing:
         return "needs " + ", and ".join(missing)

@@ -42,13 +42,21 @@ def check_place(folder: Path, inputs: tuple[Path, ...] = (), force: bool = False
 
 
 def write_estimates(
-    outcome: Outcome, folder: Path, source: str | Path | None, more: tuple[Path, ...] = (), force: bool = False
+    outcome: Outcome, folder: Path, source: Any = None, more: tuple[Path, ...] = (), force: bool = False
 ) -> Path:
-    """Writes `estimates.json`, one CSV per estimator and `report.html`; see `write_outcome`.
+    """Writes `estimates.json`, one CSV per estimator and `report.html`, all of them or none.
+
+    Of an earlier `estimate` of the same data in the folder, the methods that did not run this time stay.
+
+    Args:
+        source: sequence or run folder; anything else is data in memory.
+        more: further files that the estimates rest on.
+        force: files in the folder that no `estimate` wrote may be replaced.
 
     Raises:
         InputError: as `check_place`, or the folder cannot be written.
     """
+    source = source if isinstance(source, str | Path) else None
     inputs = more if source is None else (Path(source), *more)
     check_place(folder, inputs, force)
     truth = None if source is None else truth_of(source)

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from estimators.made_sequence import AXES, TRUE_K, make_sequence, simple_method
 
+from massprops import estimate
 from massprops.errors import InputError, NotPossible
 from massprops.estimators import methods as registry
-from massprops.estimators.estimate import estimate, estimate_all
+from massprops.estimators.estimate import estimate_all
 from massprops.estimators.prior import read_filter, read_prior
 from massprops.mass.ratio_space import inertia_of
 
@@ -73,15 +74,15 @@ def test_another_method_later_leaves_the_first_ones_history(monkeypatch: pytest.
     found = {"simple": simple_method(), "other": simple_method("other")}
     monkeypatch.setattr(registry, "methods", lambda: found)
     folder, out = make_sequence(tmp_path / "<img src=x onerror=alert(1)>"), tmp_path / "out"
-    estimate(folder, ["simple"], out=out)
+    estimate(folder, out, method="simple")
     history = (out / "simple.csv").read_text()
-    estimate(folder, ["other"], out=out)
+    estimate(folder, out, method="other")
     content = json.loads((out / "estimates.json").read_text())
     assert sorted(e["name"] for e in content["estimators"]) == ["other", "simple"]
     assert (out / "simple.csv").read_text() == history and (out / "other.csv").is_file()
     page = (out / "report.html").read_text()
     assert "simple.csv" in page and "<img src=x" not in page and "&lt;img src=x" in page
-    estimate(make_sequence(tmp_path / "two", attitude=True), ["other"], out=out)
+    estimate(make_sequence(tmp_path / "two", attitude=True), out, method="other")
     content = json.loads((out / "estimates.json").read_text())
     assert [e["name"] for e in content["estimators"]] == ["other"], "of other data nothing stays in sight"
     assert not (out / "simple.csv").exists()
@@ -91,9 +92,9 @@ def test_another_method_later_leaves_the_first_ones_history(monkeypatch: pytest.
 def test_named_method_without_its_sensor_is_not_possible(two_methods: None, tmp_path: Path) -> None:
     folder = make_sequence(tmp_path / "seq")
     with pytest.raises(NotPossible, match="ranger needs ranges"):
-        estimate(folder, ["ranger"])
+        estimate(folder, method="ranger")
     with pytest.raises(InputError, match="no such estimator; there are simple, ranger and all"):
-        estimate(folder, ["kalman"])
+        estimate(folder, method="kalman")
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError, ValueError, IndexError, OverflowError])

@@ -1,7 +1,8 @@
 """One file per estimator, found by its name.
 
 Each file has `NAME`, `SENTENCE` (one line for users), `NEEDS` (what the sequence must hold) and
-`estimate(problem, prior, start) -> Estimate`. Adding a file adds the estimator.
+`estimate(problem, prior, start) -> Estimate`. Adding a file adds the estimator; so does an installed package, by an entry
+point of the group `massprops.estimators` whose value is such a module.
 
 `NEEDS` is a tuple of the words tracks, stereo, range, rates, attitude, all of which must be there; alternatives in one
 entry are parted by `|`: ("stereo", "range"), ("attitude|rates",). A file may also have `unmet(problem) -> str`, one
@@ -16,11 +17,30 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from massprops.estimators.method_contract import faults
+from massprops.packaged import packaged
+
 
 @cache
 def methods() -> dict[str, ModuleType]:
     """The estimators by name, in the order of their `ORDER`, then name."""
+    found = {**own(), **_packaged()[0]}
+    return dict(sorted(found.items(), key=lambda pair: (getattr(pair[1], "ORDER", 50), pair[0])))
+
+
+@cache
+def own() -> dict[str, ModuleType]:
+    """The estimators that are files of massprops, by name."""
     files = (p.stem for p in Path(__file__).parent.glob("*.py") if not p.stem.startswith("_"))
     found = [import_module(f"{__name__}.{stem}") for stem in sorted(files)]
-    named = [m for m in found if hasattr(m, "NAME")]
-    return {m.NAME: m for m in sorted(named, key=lambda m: (getattr(m, "ORDER", 50), m.NAME))}
+    return {module.NAME: module for module in found}
+
+
+def refused() -> dict[str, str]:
+    """Entry points of installed packages that are left out, with what is wrong with them."""
+    return _packaged()[1]
+
+
+@cache
+def _packaged() -> tuple[dict[str, ModuleType], dict[str, str]]:
+    return packaged("massprops.estimators", faults, own())

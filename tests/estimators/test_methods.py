@@ -1,0 +1,137 @@
+"""Every estimator passes the same list, and one more needs one file."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tumbling import scene
+
+from massprops.estimators.estimate import run_methods
+from massprops.estimators.method_contract import faults
+from massprops.estimators.methods import methods, own
+from massprops.estimators.needs import unmet
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate
+
+BLIND = {"range-ukf": {"stereo": False, "attitude": True, "range_sigma": 0.02}}
+"""What an estimator is tried on where stereo tracks alone are not what it reads."""
+
+
+def seen_by(name: str) -> Problem:
+    return scene(2, n=100, **BLIND.get(name, {})).problem
+
+
+def ran(name: str, problem: Problem) -> Estimate:
+    outcome = run_methods(problem, [methods()[name]])
+    assert not outcome.skipped, outcome.skipped
+    return outcome.estimates[0]
+
+
+def frozen(problem: Problem) -> Problem:
+    """The same with arrays that nobody can write to."""
+    copies = {}
+    for field in fields(problem):
+        value = getattr(problem, field.name)
+        if isinstance(value, np.ndarray):
+            copies[field.name] = value.copy()
+            copies[field.name].flags.writeable = False
+    return replace(problem, **copies)
+
+
+@pytest.fixture(scope="module", params=own())
+def found(request: pytest.FixtureRequest) -> Estimate:
+    return ran(request.param, frozen(seen_by(request.param)))
+
+
+@pytest.mark.parametrize("name", own())
+def test_its_file_says_what_it_must(name: str) -> None:
+    method = own()[name]
+    assert faults(method) == ""
+    assert Path(str(method.__file__)).stem == name.replace("-", "_")
+
+
+@pytest.mark.parametrize("name", own())
+def test_what_is_missing_is_named(name: str) -> None:
+    problem = seen_by(name)
+    blank = {part: np.full_like(getattr(problem, part), np.nan) for part in ("uv", "range_m", "rates", "attitude")}
+    assert not unmet(own()[name], problem)
+    assert unmet(own()[name], replace(problem, **blank)).startswith("needs ")
+
+
+def test_the_answer_is_right_and_says_how_sure_it_is(found: Estimate) -> None:
+    truth = scene(2, n=100, **BLIND.get(found.name, {})).k
+    assert found.converged and found.observable and found.reason == ""
+    assert found.sigma_k is not None and (found.sigma_k > 0).all()
+    off = np.array([found.k1, found.k2]) - truth
+    assert (np.abs(off) < 5 * found.sigma_k + 1e-3).all() and np.abs(off).max() < 0.1
+
+
+def test_shapes_and_what_must_hold_of_them(found: Estimate) -> None:
+    n = len(found.times)
+    assert n > 10 and (np.diff(found.times) > 0).all()
+    assert found.q is not None and found.w is not None and found.inertia is not None
+    assert found.q.shape == (n, 4) and np.allclose(np.linalg.norm(found.q, axis=1), 1)
+    assert found.w.shape == (n, 3)
+    for name in ("sigma_attitude", "sigma_w", "position", "velocity", "sigma_position", "sigma_velocity"):
+        value = getattr(found, name)
+        assert value is None or value.shape == (n, 3), name
+        assert value is None or not name.startswith("sigma") or np.nanmin(value) >= 0, name
+    for name in ("k_history", "k_sigma_history"):
+        assert getattr(found, name) is None or getattr(found, name).shape == (n, 2), name
+    assert np.isclose(np.trace(found.inertia), 1.0) and np.allclose(found.inertia, found.inertia.T)
+    assert found.principal_axes is not None and np.isclose(np.linalg.det(found.principal_axes), 1.0)
+    assert found.k_covariance is not None and found.axes_covariance is not None
+    for covariance, size in ((found.k_covariance, 2), (found.axes_covariance, 3)):
+        assert covariance.shape == (size, size) and np.allclose(covariance, covariance.T)
+        assert np.linalg.eigvalsh(covariance).min() > -1e-12
+    moments = np.linalg.eigvalsh(found.inertia)
+    assert np.allclose(np.log(moments[:2] / moments[1:]), [found.k1, found.k2], atol=1e-9)
+    assert found.body_frame in ("own", "attitude0") and found.used > 0 and found.gated >= 0
+    assert (found.features is None) == (found.feature_ids is None)
+
+
+def test_the_same_data_give_the_same_answer(found: Estimate) -> None:
+    again = ran(found.name, seen_by(found.name))
+    for field in fields(found):
+        if field.name != "cpu_us_per_step":
+            a, b = getattr(found, field.name), getattr(again, field.name)
+            assert np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else str(a) == str(b), field.name
+
+
+GOOD = '''
+"""The first guess itself."""
+from massprops.estimators.result import Estimate, ratios
+
+NAME = "first-guess"
+SENTENCE = "the first guess itself"
+NEEDS = ("stereo|attitude",)
+
+
+def estimate(problem, prior, start):
+    k, _ = ratios(start.inertia)
+    return Estimate(NAME, True, True, k1=float(k[0]), k2=float(k[1]), inertia=start.inertia, times=start.times, q=start.q)
+'''
+
+
+def test_a_package_brings_an_estimator_in_one_file(tmp_path: Path) -> None:
+    """An entry point is known like a file of massprops; a bad one is left out, with the reason."""
+    (tmp_path / "good_method.py").write_text(GOOD)
+    (tmp_path / "bad_method.py").write_text(GOOD.replace("stereo|attitude", "sonar"))
+    info = tmp_path / "plug-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plug\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[massprops.estimators]\ngood = good_method\nbad = bad_method\n")
+    code = f"""
+import sys; sys.path.insert(0, {str(tmp_path)!r})
+import massprops
+from massprops.estimators.methods import refused
+found = massprops.estimate(massprops.simulate("tracks", frames=60, seed=3), method="first-guess")
+print(found[0].name, list(refused().values()))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("first-guess ['NEEDS must be a tuple of any of: tracks")
