@@ -20,6 +20,7 @@ from massprops.dynamics.quaternion import (
     rotation_vector,
 )
 from massprops.estimators.chaser_path import chaser_path
+from massprops.estimators.compiling import compiled
 from massprops.estimators.momentum import DIRECTIONS, physical
 from massprops.estimators.problem import Problem
 
@@ -89,6 +90,9 @@ def free_fit(problem: Problem, start: Any) -> FreeFit | None:
 
 
 Guess = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Attitude, rates, inertia."""
+Found = tuple[Guess, float, np.ndarray]
+"""With the root mean square residual and covariance (11, 11)."""
 
 
 def _begin(times: np.ndarray, values: np.ndarray) -> Guess:
@@ -98,7 +102,7 @@ def _begin(times: np.ndarray, values: np.ndarray) -> Guess:
     return values[0], turn / (times[1] - times[0]), np.eye(3) / 3.0
 
 
-def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess, count: int):  # type: ignore[no-untyped-def]
+def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess, count: int) -> Found | None:
     while True:
         found = _fitted(times[:count], values[:count], sigma[:count], guess)
         if found is None or count == len(times):
@@ -109,23 +113,12 @@ def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gues
 
 def free_paths(times: np.ndarray, guesses: list[Guess]) -> list[np.ndarray]:
     """States (n, 7), attitude and body rates, of free motion at times (n,) from each guess at the first of them."""
-    run = _kernel()
+    run = compiled("free_path", "massprops.dynamics.kernels", "massprops.estimators.free_path")
     out = []
     for q, w, I in guesses:
         six = np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
         out.append(run(np.concatenate([q, w]), six, times, LARGEST_TURN))
     return out
-
-
-def _kernel():  # type: ignore[no-untyped-def]
-    try:
-        from massprops.estimators.compiling import compiled
-
-        return compiled("free_path", "massprops.dynamics.kernels", "massprops.estimators.free_path")
-    except ImportError:
-        from massprops.estimators.free_path import free_path
-
-        return free_path
 
 
 def _residuals(times: np.ndarray, values: np.ndarray, guesses: list[Guess]) -> np.ndarray:
@@ -136,7 +129,7 @@ def _residuals(times: np.ndarray, values: np.ndarray, guesses: list[Guess]) -> n
     return rotation_vector(multiply(conjugate(states[:, :, :4]), values))
 
 
-def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess):  # type: ignore[no-untyped-def]
+def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess) -> Found | None:
     """Levenberg-Marquardt, derivatives by differences, outliers weighed down: guess, residual, covariance (11, 11)."""
     damping, cost = 1e-4, np.inf
     gauge = 1e12 if values.shape[1] == 3 else 0.0  # rates say nothing of the attitude

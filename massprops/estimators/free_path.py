@@ -10,7 +10,7 @@ import numpy as np
 from massprops.dynamics.kernels import euler_acceleration, quaternion_rate
 
 
-def free_slope(y, I, out):  # type: ignore[no-untyped-def]
+def free_slope(y: np.ndarray, I: np.ndarray, out: np.ndarray) -> None:
     """Derivative of attitude and rates y (7,) into out (7,), for inertia I = (xx, yy, zz, xy, xz, yz)."""
     out[0], out[1], out[2], out[3] = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
     out[4], out[5], out[6] = euler_acceleration(
@@ -18,7 +18,7 @@ def free_slope(y, I, out):  # type: ignore[no-untyped-def]
     )
 
 
-def free_turn(y, I, time, largest_turn, work):  # type: ignore[no-untyped-def]
+def free_turn(y: np.ndarray, I: np.ndarray, time: float, largest_turn: float, work: np.ndarray) -> None:
     """Moves y (7,) on by `time` [s] in place (Runge and Kutta, fourth order), at most largest_turn [rad] a step; the
     attitude stays a unit quaternion. work: (5, 7)."""
     turn = np.sqrt(y[4] ** 2 + y[5] ** 2 + y[6] ** 2) * abs(time)
@@ -45,7 +45,7 @@ def free_turn(y, I, time, largest_turn, work):  # type: ignore[no-untyped-def]
         y[i] /= size
 
 
-def free_path(y0, I, times, largest_turn):  # type: ignore[no-untyped-def]
+def free_path(y0: np.ndarray, I: np.ndarray, times: np.ndarray, largest_turn: float) -> np.ndarray:
     """States (n, 7) at times (n,) from y0 (7,) at the first: attitude, then rates in body axes."""
     out, y, work = np.empty((times.shape[0], 7)), np.empty(7), np.empty((5, 7))
     for i in range(7):
@@ -57,7 +57,7 @@ def free_path(y0, I, times, largest_turn):  # type: ignore[no-untyped-def]
     return out
 
 
-def free_windows(tau, w, I, largest_turn):  # type: ignore[no-untyped-def]
+def free_windows(tau: np.ndarray, w: np.ndarray, I: np.ndarray, largest_turn: float) -> np.ndarray:
     """Attitudes (r, L, 4) at times tau (r, L) [s], which ascend through zero, of bodies that have the rates w (r, 3) and
     no turn at time zero; I and largest_turn as of the others."""
     r, L = tau.shape

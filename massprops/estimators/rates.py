@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -143,7 +145,7 @@ def _sweep(q: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(rotation_vector(multiply(conjugate(q[:-1]), q[1:])), axis=1)))
 
 
-def _best_size(times: np.ndarray, fit, n: int, sweep: float) -> int:  # type: ignore[no-untyped-def]
+def _best_size(times: np.ndarray, fit: Callable[..., Any], n: int, sweep: float) -> int:
     rows = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(int))
     best, least = min(n, SIZES[0]), np.inf
     for size in SIZES:

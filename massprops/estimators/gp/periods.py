@@ -8,6 +8,7 @@ as the spacing of others.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -144,7 +145,7 @@ def frequency_step(
     return left, np.linalg.lstsq(information, gradient, rcond=None)[0], information
 
 
-def _solver(gram, ridge):  # type: ignore[no-untyped-def]
+def _solver(gram: np.ndarray, ridge: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     from scipy.linalg import cho_factor, cho_solve
 
     scale = np.mean(np.diag(gram))

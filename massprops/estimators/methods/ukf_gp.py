@@ -13,6 +13,7 @@ import numpy as np
 
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
+from massprops.estimators.unscented.state import Measurements, Settings
 
 NAME = "ukf-gp"
 ORDER = 40
@@ -32,7 +33,6 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     from massprops.estimators.unscented.occlusion import fill_gap, gap_rows, with_gap_epochs
     from massprops.estimators.unscented.outcome import estimate_of
     from massprops.estimators.unscented.setup import setup
-    from massprops.estimators.unscented.state import Settings
 
     ready = setup(problem, prior, early_start(problem, prior, start))
     longer, gaps = with_gap_epochs(problem, ready)
@@ -56,7 +56,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     return replace(found, cpu_us_per_step=None) if not np.isfinite(found.cpu_us_per_step or 0.0) else found
 
 
-def _until(rows, n: int):  # type: ignore[no-untyped-def]
+def _until(rows: Measurements, n: int) -> Measurements:
     """The first n epochs."""
     cut = {
         name: None if getattr(rows, name) is None else getattr(rows, name)[:n]

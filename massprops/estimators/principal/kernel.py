@@ -79,7 +79,7 @@ class Linear(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _inverse(S):  # type: ignore[no-untyped-def]
+def _inverse(S: np.ndarray) -> np.ndarray:
     """Of a (2, 2) by hand, which is many times quicker, or any other."""
     if len(S) != 2:
         return np.ascontiguousarray(np.linalg.inv(S))
@@ -95,7 +95,9 @@ def _inverse(S):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _absorb(P, dx, columns, H, z, R, gate):  # type: ignore[no-untyped-def]
+def _absorb(
+    P: np.ndarray, dx: np.ndarray, columns: np.ndarray, H: np.ndarray, z: np.ndarray, R: np.ndarray, gate: float
+) -> tuple[float, bool]:
     """One block of rows: measurement minus prediction z, Jacobian H on `columns`, noise R. Returns its normalised
     squared innovation, and whether it passed the gate; an accepted block changes P and the correction dx."""
     D, rows = P.shape[0], len(z)
@@ -140,7 +142,9 @@ def _absorb(P, dx, columns, H, z, R, gate):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sight(x, f, R, C, rig, c, H):  # type: ignore[no-untyped-def]
+def _sight(
+    x: np.ndarray, f: np.ndarray, R: np.ndarray, C: np.ndarray, rig: Rig, c: int, H: np.ndarray
+) -> tuple[float, float, bool]:
     """Pixel of a feature f (3,) in camera c and, in H (2, 9), its derivative by attitude, position and the feature."""
     lens, turn, shift = rig.lens[c], rig.turn[c], rig.shift[c]
     X, Y = np.empty(3), np.empty(3)
@@ -168,7 +172,7 @@ def _sight(x, f, R, C, rig, c, H):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _absorb_pixels(state, epochs, e, rig, P, gate, at):  # type: ignore[no-untyped-def]
+def _absorb_pixels(state: State, epochs: Epochs, e: int, rig: Rig, P: np.ndarray, gate: float, at: Linear) -> None:
     """The pixels of epoch e, into P and `at`."""
     x, f = state.x, state.f
     uv, camera, tally = epochs.uv[e], epochs.camera[e], at.tally
@@ -201,7 +205,7 @@ def _absorb_pixels(state, epochs, e, rig, P, gate, at):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _round(state, epochs, e, rig, P, loose, at):  # type: ignore[no-untyped-def]
+def _round(state: State, epochs: Epochs, e: int, rig: Rig, P: np.ndarray, loose: float, at: Linear) -> None:
     """Epoch e's measurements linearised at the state, which lies at.d from the prior's.
 
     P comes as the prior's and leaves as the posterior's; loose: the gate's factor.
@@ -234,7 +238,7 @@ def _round(state, epochs, e, rig, P, loose, at):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _bent(state, change, epochs, e, rig, at):  # type: ignore[no-untyped-def]
+def _bent(state: State, change: np.ndarray, epochs: Epochs, e: int, rig: Rig, at: Linear) -> float:
     """Largest difference, in sigmas, between a pixel and its linear prediction after a change of the state."""
     x, f, uv, camera = state.x, state.f, epochs.uv[e], epochs.camera[e]
     R, C, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((2, 9))
@@ -257,7 +261,7 @@ def _bent(state, change, epochs, e, rig, at):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _moved(x0, f0, d, x, f):  # type: ignore[no-untyped-def]
+def _moved(x0: np.ndarray, f0: np.ndarray, d: np.ndarray, x: np.ndarray, f: np.ndarray) -> None:
     """Writes the state d from (x0, f0) into (x, f)."""
     x[0], x[1], x[2], x[3] = turned(x0[0], x0[1], x0[2], x0[3], d[0], d[1], d[2])
     x[15], x[16], x[17], x[18] = turned(x0[15], x0[16], x0[17], x0[18], d[AXES], d[AXES + 1], d[AXES + 2])
@@ -271,7 +275,7 @@ def _moved(x0, f0, d, x, f):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _carried(state, epochs, e, mu, noise, F):  # type: ignore[no-untyped-def]
+def _carried(state: State, epochs: Epochs, e: int, mu: float, noise: tuple[float, float], F: np.ndarray) -> None:
     """The state from the epoch before e to e, in place; noise: densities as of `run`."""
     x, P, chaser = state.x, state.P, epochs.chaser
     gap = epochs.times[e] - epochs.times[e - 1]
@@ -288,7 +292,9 @@ def _carried(state, epochs, e, mu, noise, F):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def run(state, epochs, rig, mu, noise):  # type: ignore[no-untyped-def]
+def run(
+    state: State, epochs: Epochs, rig: Rig, mu: float, noise: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The whole filter, from the state and covariance at the first epoch.
 
     Args:
@@ -339,7 +345,7 @@ def run(state, epochs, rig, mu, noise):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _joined(c, q, a):  # type: ignore[no-untyped-def]
+def _joined(c: np.ndarray, q: np.ndarray, a: np.ndarray) -> np.ndarray:
     """c^-1 q a^-1 of unit quaternions (4,)."""
     b = np.empty(4)
     b[0] = c[0] * q[0] + c[1] * q[1] + c[2] * q[2] + c[3] * q[3]

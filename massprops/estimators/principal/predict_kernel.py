@@ -26,7 +26,7 @@ LARGEST_TURN = 0.05
 
 
 @numba.njit(cache=True, error_model="numpy")
-def rate_derivatives(w, k1, k2, M, N):  # type: ignore[no-untyped-def]
+def rate_derivatives(w: np.ndarray, k1: float, k2: float, M: np.ndarray, N: np.ndarray) -> None:
     """Euler's equations in the principal frame: writes d(w_dot)/dw (3, 3) and d(w_dot)/dk (3, 2) (hu2024 eq 30)."""
     a, b = np.exp(k1), np.exp(-k2)
     px, py, pz = (1.0 - a) / b, a - b, (b - 1.0) / a
@@ -51,7 +51,9 @@ class Slopes(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _slope(y, W, T, k, l, mu, s, d):  # type: ignore[no-untyped-def]
+def _slope(
+    y: np.ndarray, W: np.ndarray, T: np.ndarray, k: np.ndarray, l: np.ndarray, mu: float, s: int, d: Slopes
+) -> None:
     """Derivatives at y = (q 4, w 3, r 3, v 3), W and T (3, 5) into stage s of the slopes d; l: the chaser [m]."""
     M, N = np.empty((3, 3)), np.empty((3, 2))
     six = (np.exp(-k[1]), 1.0, np.exp(k[0]), 0.0, 0.0, 0.0)
@@ -74,7 +76,18 @@ def _slope(y, W, T, k, l, mu, s, d):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def step(q, w, k, r, v, h, mu, l0, l1, F):  # type: ignore[no-untyped-def]
+def step(
+    q: np.ndarray,
+    w: np.ndarray,
+    k: np.ndarray,
+    r: np.ndarray,
+    v: np.ndarray,
+    h: float,
+    mu: float,
+    l0: np.ndarray,
+    l1: np.ndarray,
+    F: np.ndarray,
+) -> None:
     """One Runge-Kutta step of length h in place, and the transition F (17, 17) of the errors."""
     start = q.copy()
     d = Slopes(
@@ -113,7 +126,9 @@ def step(q, w, k, r, v, h, mu, l0, l1, F):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _transition(before, after, h, mu, l0, d, F):  # type: ignore[no-untyped-def]
+def _transition(
+    before: np.ndarray, after: np.ndarray, h: float, mu: float, l0: np.ndarray, d: Slopes, F: np.ndarray
+) -> None:
     """Writes the transition of the errors over a step from attitude `before` to `after`, with the slopes d."""
     F[:] = 0.0
     for i in range(POINTS):
@@ -143,7 +158,7 @@ def _transition(before, after, h, mu, l0, d, F):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def predict(P, F, h, turn_noise, push_noise):  # type: ignore[no-untyped-def]
+def predict(P: np.ndarray, F: np.ndarray, h: float, turn_noise: float, push_noise: float) -> None:
     """P <- F P F^T + Q; only the rows of attitude, rate, place and speed change."""
     D = P.shape[0]
     column = np.empty(POINTS)

@@ -32,6 +32,7 @@ LARGEST_TURN = 0.1
 SPREAD = np.sqrt(3.0)
 """Distance of the sigma points in standard deviations: it matches a normal distribution's fourth moment."""
 TINY = 1e-14
+Six = tuple[float, float, float, float, float, float]
 
 
 class Moving(NamedTuple):
@@ -70,7 +71,7 @@ class Rows(NamedTuple):
 
 
 @numba.njit(cache=True)
-def six_elements(s):  # type: ignore[no-untyped-def]
+def six_elements(s: np.ndarray) -> Six:
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz of the five parameters (see `inertia_parameters.components`)."""
     d1, d3 = np.exp(s[0]), np.exp(-s[1])
     return (
@@ -84,7 +85,7 @@ def six_elements(s):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _slope(y, six, l, mu, out):  # type: ignore[no-untyped-def]
+def _slope(y: np.ndarray, six: Six, l: np.ndarray, mu: float, out: np.ndarray) -> None:
     """Rates of y = (q 4, w 3, r 3, v 3) with gravity-gradient torque and differential gravity (volpe2017 eq 18)."""
     out[0], out[1], out[2], out[3] = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
     xx, yy, zz, xy, xz, yz = six
@@ -103,7 +104,9 @@ def _slope(y, six, l, mu, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def move(y, s, h, steps, l0, lm, l1, mu):  # type: ignore[no-untyped-def]
+def move(
+    y: np.ndarray, s: np.ndarray, h: float, steps: int, l0: np.ndarray, lm: np.ndarray, l1: np.ndarray, mu: float
+) -> None:
     """y = (q, w, r, v) a time h later, in place; l0, lm, l1: the chaser at the start, middle and end [m]."""
     six = six_elements(s)
     k1, k2, k3, k4, z, l = np.empty(13), np.empty(13), np.empty(13), np.empty(13), np.empty(13), np.empty(3)
@@ -135,7 +138,7 @@ def move(y, s, h, steps, l0, lm, l1, mu):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def factor(P, columns, L):  # type: ignore[no-untyped-def]
+def factor(P: np.ndarray, columns: int, L: np.ndarray) -> None:
     """The first columns of L with P = L L^T; a direction without variance gets none."""
     n = P.shape[0]
     for j in range(columns):
@@ -159,7 +162,7 @@ def factor(P, columns, L):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _point(y, s, L, j, g, z, t):  # type: ignore[no-untyped-def]
+def _point(y: np.ndarray, s: np.ndarray, L: np.ndarray, j: int, g: float, z: np.ndarray, t: np.ndarray) -> None:
     """The sigma point g standard deviations along column j: writes the motion z (13,) and the inertia t (5,)."""
     z[0], z[1], z[2], z[3] = turned(y[0], y[1], y[2], y[3], g * L[0, j], g * L[1, j], g * L[2, j])
     for i in range(3):
@@ -171,7 +174,9 @@ def _point(y, s, L, j, g, z, t):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _pairs(state, h, leaders, mu):  # type: ignore[no-untyped-def]
+def _pairs(
+    state: Moving, h: float, leaders: tuple[np.ndarray, np.ndarray, np.ndarray], mu: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The mean a time h later (13,), and half differences and half sums (17, 17) of the sigma points about it."""
     y, s, L = state.y, state.s, state.L
     speed = np.sqrt(y[4] * y[4] + y[5] * y[5] + y[6] * y[6])
@@ -202,7 +207,7 @@ def _pairs(state, h, leaders, mu):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def predict(state, h, leaders, rule):  # type: ignore[no-untyped-def]
+def predict(state: Moving, h: float, leaders: tuple[np.ndarray, np.ndarray, np.ndarray], rule: Rule) -> None:
     """State and covariance a time h later, in place; leaders: the chaser at the start, middle and end [m]."""
     y, P, L = state.y, state.P, state.L
     n = P.shape[0]
@@ -238,7 +243,9 @@ def predict(state, h, leaders, rule):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _sight(z, f, C, lens, first, seen, h):  # type: ignore[no-untyped-def]
+def _sight(
+    z: np.ndarray, f: np.ndarray, C: np.ndarray, lens: np.ndarray, first: int, seen: np.ndarray, h: np.ndarray
+) -> None:
     """Predicted pixels of the seen features from number `first` on, into h (2 m,)."""
     R = np.empty((3, 3))
     matrix_of(z[0], z[1], z[2], z[3], R)
@@ -256,7 +263,7 @@ def _sight(z, f, C, lens, first, seen, h):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _seen(uv, span):  # type: ignore[no-untyped-def]
+def _seen(uv: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
     """Which features are seen, and the numbers of what is measured: 2 i + axis of a feature, 2 m of the range."""
     m = uv.shape[0]
     seen = np.zeros(m, np.bool_)
@@ -274,7 +281,7 @@ def _seen(uv, span):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _innovations(state, uv, span, C, rule):  # type: ignore[no-untyped-def]
+def _innovations(state: Moving, uv: np.ndarray, span: float, C: np.ndarray, rule: Rule) -> Rows:
     """`Rows` of one epoch; P is factored into L."""
     y, s, f, P, L = state
     seen, index = _seen(uv, span)
@@ -322,7 +329,7 @@ def _innovations(state, uv, span, C, rule):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _kept(rows, m, rule):  # type: ignore[no-untyped-def]
+def _kept(rows: Rows, m: int, rule: Rule) -> np.ndarray:
     """Numbers of the rows that pass the gate; where most do not, all of them, with S widened."""
     index, v, S = rows.index, rows.value, rows.S
     count = len(index)
@@ -350,7 +357,7 @@ def _kept(rows, m, rule):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _whitened(rows, keep, L):  # type: ignore[no-untyped-def]
+def _whitened(rows: Rows, keep: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cross-covariance K (N, rows) and innovation (rows,) by the factor G of their covariance, K G^-T and G^-1 v: then P
     loses the square of the first, and the step is their product."""
     n, count = L.shape[0], len(keep)
@@ -381,7 +388,7 @@ def _whitened(rows, keep, L):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def correct(state, uv, span, C, rule, tally):  # type: ignore[no-untyped-def]
+def correct(state: Moving, uv: np.ndarray, span: float, C: np.ndarray, rule: Rule, tally: np.ndarray) -> None:
     """One epoch's pixels uv (m, 2) and range, in place. tally: used, refused, sum of squares, rows."""
     y, s, f, P, L = state
     n, m = P.shape[0], f.shape[0]
@@ -422,7 +429,16 @@ def correct(state, uv, span, C, rule, tally):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def run(state, times, uv, span, camera, chaser, middle, rule):  # type: ignore[no-untyped-def]
+def run(
+    state: Moving,
+    times: np.ndarray,
+    uv: np.ndarray,
+    span: np.ndarray,
+    camera: np.ndarray,
+    chaser: np.ndarray,
+    middle: np.ndarray,
+    rule: Rule,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The whole filter from the first epoch, whose state is changed in place.
 
     Args:
@@ -447,7 +463,9 @@ def run(state, times, uv, span, camera, chaser, middle, rule):  # type: ignore[n
 
 
 @numba.njit(cache=True)
-def trajectories(times, y, s, chaser, middle, mu):  # type: ignore[no-untyped-def]
+def trajectories(
+    times: np.ndarray, y: np.ndarray, s: np.ndarray, chaser: np.ndarray, middle: np.ndarray, mu: float
+) -> np.ndarray:
     """Motion (b, n, 13) at the times from b states y (b, 13) at the first of them and inertias s (b, 5)."""
     b, n = y.shape[0], len(times)
     out = np.empty((b, n, 13))

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+Quaternion = tuple[float, float, float, float]
+
 
 class Moving(NamedTuple):
     """The state, changed in place. Fields as of `State`."""

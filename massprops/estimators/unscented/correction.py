@@ -20,7 +20,7 @@ from massprops.estimators.unscented.algebra import (
     take_rows,
     upper_factor,
 )
-from massprops.estimators.unscented.arguments import Moving, Residual
+from massprops.estimators.unscented.arguments import Channels, Epochs, Moving, Quaternion, Record, Residual, Rule
 from massprops.estimators.unscented.components import feature_motion, image, product, turn_between, turned, unit
 from massprops.estimators.unscented.prediction import bounded, offsets, perturbed, propagate
 
@@ -28,14 +28,14 @@ SMALL = 200_000
 """Products up to which BLAS is used: it is quicker than the loops, and keeps to one thread."""
 
 
-def head_and_each(channels):  # type: ignore[no-untyped-def]
+def head_and_each(channels: Channels) -> tuple[int, int]:
     """How many measurements come before the features', and how many each feature has."""
     extras = channels.extras
     each = 2 * channels.lens.shape[0] * (2 if channels.flow else 1) + (1 if channels.disparity else 0)
     return extras[0] + extras[1] + extras[2], each
 
 
-def sensor_sight(h, s, extras, mid):  # type: ignore[no-untyped-def]
+def sensor_sight(h: np.ndarray, s: Moving, extras: tuple[int, int, int], mid: Quaternion) -> None:
     """Predicted attitude (a turn from `mid`), rates and range, those in use, into h."""
     w, q, a, o = s.w, s.q, s.axes, 0
     if extras[0]:
@@ -50,7 +50,9 @@ def sensor_sight(h, s, extras, mid):  # type: ignore[no-untyped-def]
         h[o] = np.sqrt(r[0] ** 2 + r[1] ** 2 + r[2] ** 2)
 
 
-def sight(h, used, first, s, channels, mid, still):  # type: ignore[no-untyped-def]
+def sight(
+    h: np.ndarray, used: np.ndarray, first: int, s: Moving, channels: Channels, mid: Quaternion, still: bool
+) -> None:
     """Predicted measurements of a state from feature `first` on (and the sensors' when it is 0), into h."""
     head, each = head_and_each(channels)
     if first == 0 and head > 0:
@@ -75,7 +77,7 @@ def sight(h, used, first, s, channels, mid, still):  # type: ignore[no-untyped-d
             h[o + 2 * cams] = h[o + 2] - h[o]
 
 
-def first_columns(index, count, channels, features):  # type: ignore[no-untyped-def]
+def first_columns(index: np.ndarray, count: int, channels: Channels, features: int) -> np.ndarray:
     """(features + 1,) the first of the measurements `index` that belongs to each feature or a later one."""
     head, each = head_and_each(channels)
     start = np.zeros(features + 1, np.int64)
@@ -88,7 +90,7 @@ def first_columns(index, count, channels, features):  # type: ignore[no-untyped-
     return start
 
 
-def displace(point, s, U, j, g, rule, pinned):  # type: ignore[no-untyped-def]
+def displace(point: Moving, s: Moving, U: np.ndarray, j: int, g: float, rule: Rule, pinned: bool) -> None:
     """Writes into `point` the rotation, axes and position of the sigma point g along row j of U."""
     _, nd, tr, _ = offsets(rule)
     if j < nd:
@@ -106,7 +108,16 @@ def displace(point, s, U, j, g, rule, pinned):  # type: ignore[no-untyped-def]
             point.velocity[i] = s.velocity[i] + g * U[j, tr + 3 + i]
 
 
-def sigma_points(s, U, index, used, start, channels, rule, pinned):  # type: ignore[no-untyped-def]
+def sigma_points(
+    s: Moving,
+    U: np.ndarray,
+    index: np.ndarray,
+    used: np.ndarray,
+    start: np.ndarray,
+    channels: Channels,
+    rule: Rule,
+    pinned: bool,
+) -> tuple[np.ndarray, Quaternion, np.ndarray]:
     """Measurements predicted from the mean (ny,), the attitude there, and half differences and half sums of the pairs
     of sigma points (2, N + 3, nu), whose last rows are zero."""
     n, m, nu, ny = U.shape[1], s.features.shape[0], index.shape[0], channels.group.shape[0]
@@ -149,7 +160,9 @@ def sigma_points(s, U, index, used, start, channels, rule, pinned):  # type: ign
     return h0, mid, both
 
 
-def residual_of(both, index, h0, value, variance, rule):  # type: ignore[no-untyped-def]
+def residual_of(
+    both: np.ndarray, index: np.ndarray, h0: np.ndarray, value: np.ndarray, variance: np.ndarray, rule: Rule
+) -> Residual:
     """What was measured less what the sigma points foresee, with its variance."""
     odd, even = both[0], both[1]
     nu = odd.shape[1]
@@ -166,7 +179,7 @@ def residual_of(both, index, h0, value, variance, rule):  # type: ignore[no-unty
     return Residual(off, mean, spread, noise)
 
 
-def gated(r, both, index, group, gate):  # type: ignore[no-untyped-def]
+def gated(r: Residual, both: np.ndarray, index: np.ndarray, group: np.ndarray, gate: float) -> tuple[int, float]:
     """How many measurements pass, moved to the front, and the factor on their noise."""
     odd, even = both[0], both[1]
     nu, bad = index.shape[0], 0
@@ -194,7 +207,9 @@ def gated(r, both, index, group, gate):  # type: ignore[no-untyped-def]
     return keep, 1.0
 
 
-def factored(both, U, start, r, nu, inflate, rule):  # type: ignore[no-untyped-def]
+def factored(
+    both: np.ndarray, U: np.ndarray, start: np.ndarray, r: Residual, nu: int, inflate: float, rule: Rule
+) -> np.ndarray:
     """The factor of the innovations' covariance S, and what it makes of cross-covariance and innovation (nu, nu + N + 1).
 
     [S, cross-covariance, innovation] is summed row by row, four sigma-point pairs at a time; zero rows make the count
@@ -230,12 +245,12 @@ def factored(both, U, start, r, nu, inflate, rule):  # type: ignore[no-untyped-d
     return T
 
 
-def blas_is_quicker(both, nu):  # type: ignore[no-untyped-def]
+def blas_is_quicker(both: np.ndarray, nu: int) -> bool:
     """Whether all measurements stand side by side and are few."""
     return nu == both.shape[2] and 2 * (both.shape[1] - 3) * nu * nu <= SMALL
 
 
-def reduce_covariance(P, T, small):  # type: ignore[no-untyped-def]
+def reduce_covariance(P: np.ndarray, T: np.ndarray, small: bool) -> None:
     """Takes from P what the measurements tell."""
     n, nu = P.shape[0], T.shape[0]
     if small:
@@ -264,7 +279,7 @@ def reduce_covariance(P, T, small):  # type: ignore[no-untyped-def]
             P[a, b] = P[b, a]
 
 
-def add_step(s, step, rule):  # type: ignore[no-untyped-def]
+def add_step(s: Moving, step: np.ndarray, rule: Rule) -> None:
     """The state moved by an error (N,), in place."""
     na, nd, tr, off = offsets(rule)
     q, a = s.q, s.axes
@@ -289,7 +304,7 @@ def add_step(s, step, rule):  # type: ignore[no-untyped-def]
             s.features[i, c] += step[off + 3 * i + c]
 
 
-def measured(z, variance, channels, features):  # type: ignore[no-untyped-def]
+def measured(z: np.ndarray, variance: np.ndarray, channels: Channels, features: int) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the measurements there are (nu,), and which features have any."""
     head, each = head_and_each(channels)
     index = np.empty(z.shape[0], np.int64)
@@ -304,7 +319,7 @@ def measured(z, variance, channels, features):  # type: ignore[no-untyped-def]
     return index[:nu], used
 
 
-def correct(s, epochs, t, channels, rule, tally):  # type: ignore[no-untyped-def]
+def correct(s: Moving, epochs: Epochs, t: int, channels: Channels, rule: Rule, tally: np.ndarray) -> None:
     """The measurements of epoch t, in place. tally: normalised innovation squared, used, gated."""
     P, m = s.P, s.features.shape[0]
     value, variance = epochs.z[t], epochs.variance[t]
@@ -353,7 +368,7 @@ def correct(s, epochs, t, channels, rule, tally):  # type: ignore[no-untyped-def
     bounded(s.w, P, offsets(rule)[0])
 
 
-def run_loop(s, epochs, channels, rule, record):  # type: ignore[no-untyped-def]
+def run_loop(s: Moving, epochs: Epochs, channels: Channels, rule: Rule, record: Record) -> None:
     """All epochs; the state ends at the last one."""
     P, nb, mean = s.P, record.block.shape[1], record.mean
     for t in range(epochs.dt.shape[0]):

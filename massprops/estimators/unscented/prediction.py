@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.estimators.unscented.algebra import upper_factor
+from massprops.estimators.unscented.arguments import Moving, Quaternion, Rule
 from massprops.estimators.unscented.components import product, torque_free, turn_between, turned, unit
 
 WIDEST_RATE, WIDEST_TURN, WIDEST_RATIO = 10.0, 3.0, 2.0
@@ -15,7 +16,7 @@ BEYOND = 1e9
 """Sum of squares of rates and turns [rad, s] of a propagation that has left all meaning."""
 
 
-def offsets(rule):  # type: ignore[no-untyped-def]
+def offsets(rule: Rule) -> tuple[int, int, int, int]:
     """How many components the attitude's error has, and where axes, position and features begin in the whole error."""
     na = 4 if rule.additive else 3
     nd = 5 + na
@@ -23,14 +24,14 @@ def offsets(rule):  # type: ignore[no-untyped-def]
     return na, nd, tr, tr + (6 if rule.moving else 0)
 
 
-def perturbed(q, U, j, g, additive):  # type: ignore[no-untyped-def]
+def perturbed(q: np.ndarray, U: np.ndarray, j: int, g: float, additive: bool) -> Quaternion:
     """A sigma point's attitude, g along row j of U: turned, or with the four components added."""
     if additive:
         return unit(q[0] + g * U[j, 3], q[1] + g * U[j, 4], q[2] + g * U[j, 5], q[3] + g * U[j, 6])
     return turned(q[0], q[1], q[2], q[3], g * U[j, 3], g * U[j, 4], g * U[j, 5])
 
 
-def bounded(w, P, na):  # type: ignore[no-untyped-def]
+def bounded(w: np.ndarray, P: np.ndarray, na: int) -> None:
     """Holds rates and covariance where a long time without measurements would take them past all meaning."""
     speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
     if not speed <= FASTEST:
@@ -45,7 +46,7 @@ def bounded(w, P, na):  # type: ignore[no-untyped-def]
                 P[j, i] *= f
 
 
-def step_count(s, dt, rule):  # type: ignore[no-untyped-def]
+def step_count(s: Moving, dt: float, rule: Rule) -> int:
     """Runge-Kutta steps that the fastest sigma point needs."""
     w, P = s.w, s.P
     speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) + rule.gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
@@ -54,7 +55,7 @@ def step_count(s, dt, rule):  # type: ignore[no-untyped-def]
     return min(max(1, int(np.ceil(speed * abs(dt) / rule.largest_turn))), most)
 
 
-def carried_points(s, U, dt, rule):  # type: ignore[no-untyped-def]
+def carried_points(s: Moving, U: np.ndarray, dt: float, rule: Rule) -> tuple[tuple[float, ...], np.ndarray, np.ndarray]:
     """The mean dt later (7,), and half differences and half sums (nd, nf) of the pairs of sigma points about it."""
     na = 4 if rule.additive else 3
     nd, nf = 5 + na, 3 + na
@@ -92,7 +93,9 @@ def carried_points(s, U, dt, rule):  # type: ignore[no-untyped-def]
     return centre, odd, even
 
 
-def recombined(P, U, odd, even, mean, excess):  # type: ignore[no-untyped-def]
+def recombined(
+    P: np.ndarray, U: np.ndarray, odd: np.ndarray, even: np.ndarray, mean: np.ndarray, excess: float
+) -> None:
     """Writes the carried covariance into P: rates and attitude from the sigma points, the rest as it was."""
     n, (nd, nf) = P.shape[0], odd.shape
     for a in range(nf):
@@ -111,7 +114,7 @@ def recombined(P, U, odd, even, mean, excess):  # type: ignore[no-untyped-def]
             P[a, b] = P[b, a]
 
 
-def translated(s, F, at):  # type: ignore[no-untyped-def]
+def translated(s: Moving, F: np.ndarray, at: int) -> None:
     """Position and velocity, whose errors begin at `at`, by their transition F (6, 6), in place."""
     P, old = s.P, np.empty(6)
     for i in range(3):
@@ -138,7 +141,7 @@ def translated(s, F, at):  # type: ignore[no-untyped-def]
                     P[c, at + i] = total
 
 
-def propagate(s, dt, F, spin, rule):  # type: ignore[no-untyped-def]
+def propagate(s: Moving, dt: float, F: np.ndarray, spin: np.ndarray, rule: Rule) -> None:
     """State and covariance dt later, in place."""
     w, q, P = s.w, s.q, s.P
     na, nd, tr, _ = offsets(rule)
