@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.diagnosis.momentum_balance import skew
 from massprops.diagnosis.record import Record
 from massprops.documents.tables import ACCELEROMETER
+from massprops.dynamics.quaternion import skew
 from massprops.errors import NotPossible
 from massprops.sequence.data import Sequence
 

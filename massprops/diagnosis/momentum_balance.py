@@ -30,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.diagnosis.motion_path import MotionPath
+from massprops.dynamics.quaternion import skew
 
 INERTIA = 5
 """Columns of the inertia: the ways one of trace 3 can change."""
@@ -221,14 +222,6 @@ class Balance:
     def _answer(self) -> np.ndarray:
         """(n, 3, 3) how the rate answers a turn from the path: I^-1 [R^T L]x."""
         return np.asarray(np.linalg.inv(self.inertia) @ skew(self.momentum))
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with skew(v) x = v x x."""
-    out = np.zeros((*v.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
 
 
 def _march(

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.geometry.alignment import cross_matrix, inverse_of
+from massprops.dynamics.quaternion import rotation_matrix, skew
+from massprops.estimators.geometry.alignment import inverse_of
 from massprops.estimators.rates import LocalFit
 
 FEWEST = 6
@@ -274,7 +274,7 @@ class Conservation:
         R, Rt = self.R, np.swapaxes(self.R, 1, 2)
         h = self.w @ inertia
         lever = np.empty((len(h), 3, 6))
-        lever[:, :, :3] = -cross_matrix(h)
+        lever[:, :, :3] = -skew(h)
         lever[:, :, 3:] = inertia
         carried = self.P @ np.swapaxes(lever, 1, 2)
         S = lever @ carried

@@ -9,12 +9,12 @@ import pytest
 
 from massprops.campaigns.papers import _pesce2017_limit as paper_limit
 from massprops.campaigns.papers import pesce2017
+from massprops.campaigns.papers._pesce2017_differentiator import slope
 from massprops.campaigns.papers._pesce2017_run import rows_of, simulate
 from massprops.dynamics.quaternion import from_rotation_vector, normalise, rotation_matrix
 from massprops.estimators import inertia_parameters as shape
 from massprops.estimators.extended import observation
 from massprops.estimators.extended.curvature import cross_covariance
-from massprops.estimators.extended.differentiator import slope
 from massprops.estimators.extended.error_state import Layout, State, difference, retract, state_of
 from massprops.estimators.extended.transition import ProcessNoise, predict, transition
 from massprops.estimators.extended.update import EKF, IEKF, square_root, update

@@ -8,24 +8,21 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.papers._pesce2017_columns import COLUMNS
+from massprops.campaigns.papers._pesce2017_differentiator import rates_from_flow, slope
+from massprops.campaigns.papers._pesce2017_together import update_again, update_together
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import position_velocity
-from massprops.dynamics.quaternion import angle_between, from_rotation_matrix, normalise, rotate
+from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_matrix, multiply, normalise, rotate
 from massprops.dynamics.rigid_body import angular_acceleration, propagate
 from massprops.estimators.extended.curvature import bends, constraint_curvature, image_curvature
-from massprops.estimators.extended.differentiator import rates_from_flow, slope
-from massprops.estimators.extended.error_state import Layout, State, covariance_of, difference, state_of
+from massprops.estimators.extended.error_state import Layout, State, covariance_of, cross, difference, state_of
 from massprops.estimators.extended.observation import euler_constraint, for_layout, images
-from massprops.estimators.extended.together import update_together
 from massprops.estimators.extended.transition import (
     ProcessNoise,
     predict,
-    relative_attitude,
-    relative_rate,
-    relative_velocity,
     transition,
 )
-from massprops.estimators.extended.update import Observe, Rule, Updated, update, update_again
+from massprops.estimators.extended.update import Observe, Rule, Updated, update
 from massprops.estimators.inertia_parameters import from_ratios, principal_prior, ratios_jacobian, ratios_of
 from massprops.estimators.surroundings import Surroundings
 from massprops.sensing.pinhole import Pinhole
@@ -288,6 +285,27 @@ class _Rates:
         times, rates, covariance = (np.array(part) for part in zip(*self.window, strict=True))
         self.window = []
         return slope(times, rates, covariance)
+
+
+def relative_rate(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
+    """The paper's omega (B, 3): target's less leader's angular velocity, in the leader's axes (eq 1) [rad/s]."""
+    return _in_axes(state.W - camera_rate, camera_axes)
+
+
+def relative_attitude(state: State, camera_quaternion: np.ndarray) -> np.ndarray:
+    """(B, 4) body to the chaser's axes."""
+    return multiply(conjugate(camera_quaternion)[None], state.q)
+
+
+def relative_velocity(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
+    """The paper's rho_dot (B, 3): velocity of the centre of mass as seen in the leader's turning axes [m/s]."""
+    return _in_axes(state.velocity - cross(camera_rate, state.r), camera_axes)
+
+
+def _in_axes(x: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Vectors (B, 3) in the axes (3, 3) columns; one product for each run, since BLAS takes another kernel for another
+    number of rows."""
+    return np.asarray((axes.T @ x[..., None])[..., 0])
 
 
 def errors(setup: Setup, step: int, state: State, truth: State) -> np.ndarray:

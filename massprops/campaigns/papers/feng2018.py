@@ -21,10 +21,11 @@ from massprops.dynamics.quaternion import (
     multiply,
     rotate,
     rotation_matrix,
+    skew,
 )
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
-from massprops.estimators.geometry.alignment import cross_matrix, q_method
+from massprops.estimators.geometry.alignment import q_method
 from massprops.estimators.methods import momentum_ls
 from massprops.estimators.momentum import momentum_inertia, physical, plain_inertia
 from massprops.estimators.problem import Problem
@@ -210,10 +211,10 @@ def _chain_covariance(
     by_place = np.zeros((n, m + 1, 6, 3))
     by_speed = np.zeros((n, m + 1, 6, 3))
     for i in range(m):
-        lever = inverse @ cross_matrix(arm[:, i])
+        lever = inverse @ skew(arm[:, i])
         by_place[:, i, :3] = lever
         # fast = spin x arm + error: an error of the arm leaves -spin x error in the equation
-        by_place[:, i, 3:] = -lever @ cross_matrix(spin)
+        by_place[:, i, 3:] = -lever @ skew(spin)
         by_speed[:, i, 3:] = lever
     by_place[:, m], by_speed[:, m] = -by_place[:, :m].sum(axis=1), -by_speed[:, :m].sum(axis=1)
     total = np.einsum("nmai,nmij,nmbj->nab", by_place, covariance, by_place)
@@ -222,7 +223,7 @@ def _chain_covariance(
     turn = np.zeros((n, 6, 6))
     turn[:, :3, :3] = turn[:, 3:, 3:] = np.swapaxes(R, 1, 2)
     # the rates are turned into body axes by an attitude that is off by the same error
-    turn[:, 3:, :3] = np.swapaxes(R, 1, 2) @ cross_matrix(spin)
+    turn[:, 3:, :3] = np.swapaxes(R, 1, 2) @ skew(spin)
     return np.asarray(turn @ total @ np.swapaxes(turn, 1, 2))
 
 

@@ -14,6 +14,13 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._hu2024_frames import (
+    Growth,
+    attitude_of_points,
+    determined_frames,
+    growing_inertia,
+    local_rates,
+)
 from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.quaternion import (
@@ -29,13 +36,6 @@ from massprops.estimators.chaser_path import chaser_path
 from massprops.estimators.geometry.alignment import inverse_of
 from massprops.estimators.methods.principal_axis_ekf import followed, run_over
 from massprops.estimators.principal.frame import SignRule, sign_rule, unique_frame
-from massprops.estimators.principal.frame_growth import (
-    Growth,
-    attitude_of_points,
-    determined_frames,
-    growing_inertia,
-    local_rates,
-)
 from massprops.estimators.principal.run import start_in_frame
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior

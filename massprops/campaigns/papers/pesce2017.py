@@ -202,5 +202,5 @@ def _limit_notes(good: list[dict[str, Any]], case: str) -> list[str]:
         "over the last 10 s: " + "; ".join(f"{name} {spread(f'best_steady_{name}')}" for name in names),
         "the paper gives the steady state of one run, to hold against the last 10 s; it prints no omega at 5e-5",
         "share of our runs that end no worse than it: " + ", ".join(share),
-        "the first 10 s of images are one update (`estimators.extended.together`)",
+        "the first 10 s of images are one update",
     ]

@@ -12,7 +12,7 @@ from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
 from massprops.estimators.batch.linearise import Predicted, predict
 from massprops.estimators.batch.measurements import Measurements, measurements_of
-from massprops.estimators.batch.solve import Belief, fit
+from massprops.estimators.batch.solve import Belief, Search, fit
 from massprops.estimators.batch.state import BatchState, physical
 from massprops.estimators.problem import Problem
 from massprops.estimators.start import Start
@@ -207,7 +207,7 @@ def _doubled(
         m = measurements_of(still, inside, channels=("attitude",))
         if len(m.attitude_at) >= 6:
             last = int(np.flatnonzero(inside)[-1]) + 1
-            found = fit(_until(still, last), m, blank, quiet, free, Belief(weak=1.0), most=25)
+            found = fit(_until(still, last), m, blank, quiet, free, Belief(weak=1.0), Search(most=25))
             blank, misfit = found.state, found.chi2 / found.freedom
         if span >= whole:
             return blank, misfit

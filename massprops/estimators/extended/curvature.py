@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprops.estimators.extended.error_state import Layout, State, cross, skew
+from massprops.dynamics.quaternion import skew
+from massprops.estimators.extended.error_state import Layout, State, cross
 from massprops.estimators.extended.observation import NEAREST
 from massprops.sensing.pinhole import Pinhole
 

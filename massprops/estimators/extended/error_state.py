@@ -25,6 +25,7 @@ from massprops.dynamics.quaternion import (
     rotate,
     rotation_matrix,
     rotation_vector,
+    skew,
 )
 from massprops.estimators.inertia_parameters import within
 
@@ -134,15 +135,6 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     out[..., 0] = x
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
     out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with skew(a) b = a x b."""
-    out = np.zeros((*v.shape, 3), v.dtype)
-    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
     return out
 
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
-from massprops.estimators.extended.error_state import Layout, State, cross, skew, xi
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector, skew
+from massprops.estimators.extended.error_state import Layout, State, cross, xi
 from massprops.estimators.inertia_parameters import components
 from massprops.sensing.pinhole import Pinhole
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix, skew
 from massprops.estimators import verdict
-from massprops.estimators.extended.error_state import Layout, skew
+from massprops.estimators.extended.error_state import Layout
 from massprops.estimators.extended.run import Passage
 from massprops.estimators.extended.setup import Setup
 from massprops.estimators.inertia_parameters import GENERAL, inertia

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics.orbit import position_velocity
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
+from massprops.dynamics.quaternion import rotation_matrix, skew
 from massprops.estimators.extended.curvature import cross_covariance
-from massprops.estimators.extended.error_state import Layout, State, additive_columns, cross, skew, xi
+from massprops.estimators.extended.error_state import Layout, State, additive_columns, cross, xi
 from massprops.estimators.inertia_parameters import components
 from massprops.estimators.surroundings import Surroundings
 
@@ -196,24 +196,3 @@ def _additive(layout: Layout, F: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> 
     whole = into @ F @ back
     whole[:, layout.theta, layout.theta] += q1[:, :, None] * q0[:, None, :]
     return whole
-
-
-def relative_rate(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
-    """The paper's omega (B, 3): target's less leader's angular velocity, in the leader's axes (eq 1) [rad/s]."""
-    return _in_axes(state.W - camera_rate, camera_axes)
-
-
-def relative_attitude(state: State, camera_quaternion: np.ndarray) -> np.ndarray:
-    """(B, 4) body to the chaser's axes."""
-    return multiply(conjugate(camera_quaternion)[None], state.q)
-
-
-def relative_velocity(state: State, camera_axes: np.ndarray, camera_rate: np.ndarray) -> np.ndarray:
-    """The paper's rho_dot (B, 3): velocity of the centre of mass as seen in the leader's turning axes [m/s]."""
-    return _in_axes(state.velocity - cross(camera_rate, state.r), camera_axes)
-
-
-def _in_axes(x: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Vectors (B, 3) in the axes (3, 3) columns; one product for each run, since BLAS takes another kernel for another
-    number of rows."""
-    return np.asarray((axes.T @ x[..., None])[..., 0])

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.estimators.extended.error_state import Layout, State, difference, mirrored, retract
+from massprops.estimators.extended.error_state import Layout, State, difference, retract
 
 Observe = Callable[[State, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`observe(state, runs)`: residuals measured less predicted (b, rows) and derivatives of the predicted (b, rows, n) for
@@ -142,48 +142,6 @@ def _bent(observe: Observe, mean: np.ndarray) -> Observe:
         return residual - mean[runs], H
 
     return corrected
-
-
-def update_again(
-    layout: Layout,
-    state: State,
-    P: np.ndarray,
-    observe: Observe,
-    sigma: np.ndarray,
-    rule: Rule,
-    bend: Callable[[State, np.ndarray], np.ndarray],
-    suspect: Callable[[State, np.ndarray], np.ndarray],
-) -> Updated:
-    """`update`, done again with wider measurements where its own answer is so uncertain that they bend over it.
-
-    There the cost can have two valleys (Necker's reversal: depths mirrored and the turn across the sight reversed give
-    nearly the same images), of which the search finds the nearer and its covariance knows nothing of the other: both
-    are searched and the deeper one is taken.
-
-    Args:
-        bend: variance (b, rows) of the second order over a state and covariance.
-        suspect: (b,) True where the bend may matter, quickly told.
-    """
-    done = update(layout, state, P, observe, sigma, rule)
-    runs = np.flatnonzero(suspect(done.state, done.P))
-    if not len(runs):
-        return done
-    before, found, P0 = state.take(runs), done.state.take(runs), P[runs]
-
-    def own(s: State, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return observe(s, runs[which])
-
-    other = update(layout, before, P0, own, sigma[runs], rule, begin=mirrored(found))
-    better = other.cost < done.cost[runs]
-    found = found.put(better, other.state.take(better))
-    answer = done.P[runs]
-    answer[better] = other.P[better]
-    wide = np.sqrt(sigma[runs] ** 2 + bend(found, answer))
-    again = update(layout, before, P0, own, wide, rule, begin=found)
-    P, cost, count = done.P.copy(), done.cost.copy(), done.iterations.copy()
-    P[runs], cost[runs] = again.P, again.cost
-    count[runs] += other.iterations + again.iterations
-    return Updated(done.state.put(runs, again.state), P, cost, count)
 
 
 def whitened(observe: Observe, state: State, sigma: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

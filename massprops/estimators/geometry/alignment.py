@@ -115,12 +115,3 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
         done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
     done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
     return 0.5 * (done + np.swapaxes(done, -1, -2)) / both
-
-
-def cross_matrix(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with cross_matrix(v) a = v x a."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
-    return out

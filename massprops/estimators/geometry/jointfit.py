@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
-from massprops.estimators.geometry.alignment import cross_matrix, inverse_of
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix, skew
+from massprops.estimators.geometry.alignment import inverse_of
 
 LARGEST_TURN = 0.3
 
@@ -28,7 +28,7 @@ def joint_step(
     error = np.where(use[..., None], seen - shift[:, None] - arm, 0.0)
     W = np.where(use[..., None, None], information, 0.0)
     by_pose = np.zeros((n, m, 3, 6))
-    by_pose[..., :3] = -cross_matrix(arm)
+    by_pose[..., :3] = -skew(arm)
     by_pose[..., 3:] = np.eye(3)
     WP, WR = W @ by_pose, W @ R[:, None]
     flat = np.swapaxes(WP.reshape(n, 3 * m, 6), 1, 2)
@@ -65,7 +65,7 @@ def shared_error(q: np.ndarray, body: np.ndarray, information: np.ndarray, use: 
     R = rotation_matrix(q)
     W = np.where(use[..., None, None], information, 0.0)
     by_pose = np.zeros((n, m, 3, 6))
-    by_pose[..., :3] = -cross_matrix(body @ np.swapaxes(R, 1, 2))
+    by_pose[..., :3] = -skew(body @ np.swapaxes(R, 1, 2))
     by_pose[..., 3:] = np.eye(3)
     WP = W @ by_pose
     flat = np.swapaxes(WP.reshape(n, 3 * m, 6), 1, 2)

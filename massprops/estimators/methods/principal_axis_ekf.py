@@ -11,6 +11,7 @@ from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multi
 from massprops.errors import NotPossible
 from massprops.estimators import verdict
 from massprops.estimators.begin import WIDER, longest, ratio_sigmas, restlessness
+from massprops.estimators.body_frame import mean_turn
 from massprops.estimators.chaser_path import ChaserPath, chaser_path
 from massprops.estimators.geometry.stereo_path import linear_path
 from massprops.estimators.momentum import ratio_covariance
@@ -21,7 +22,6 @@ from massprops.estimators.principal.run import (
     axes_against_features,
     filtered,
     in_other_frame,
-    mean_turn,
     start_in_frame,
 )
 from massprops.estimators.problem import Problem

@@ -11,10 +11,10 @@ from massprops.dynamics.quaternion import conjugate, multiply, rotate, rotation_
 from massprops.errors import NotPossible
 from massprops.estimators import verdict
 from massprops.estimators.begin import longest
+from massprops.estimators.body_frame import mean_turn
 from massprops.estimators.chaser_path import chaser_path
 from massprops.estimators.inertia_parameters import inertia as tensor_of
 from massprops.estimators.momentum import ratio_covariance
-from massprops.estimators.principal.run import mean_turn
 from massprops.estimators.problem import Problem
 from massprops.estimators.ranging.filter import (
     BASE,

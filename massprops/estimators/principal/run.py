@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, skew
 from massprops.estimators.chaser_path import ChaserPath
 from massprops.sensing.pinhole import Pinhole
 
@@ -88,11 +88,11 @@ def start_in_frame(
     P[np.diag_indices(len(P))] = diagonal
     shared = np.zeros((len(P), 3))
     shared[:3] = np.eye(3)
-    shared[3:6] = cross_matrix(w)
+    shared[3:6] = skew(w)
     if body_fixed:
         shared[8:11] = np.eye(3)
     for i in range(m):
-        shared[BASE + 3 * i : BASE + 3 * i + 3] = cross_matrix(f[i])
+        shared[BASE + 3 * i : BASE + 3 * i + 3] = skew(f[i])
     if place is not None:
         at = np.r_[11:17, BASE : BASE + 3 * m]
         turned = np.zeros((len(at), len(at)))
@@ -179,27 +179,6 @@ def filtered(
 
 def axes_against_features(f: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Covariance (3, 3) of the principal axes against the feature points (m, 3), from the filter's P."""
-    C = np.concatenate([cross_matrix(x) for x in f])
+    C = np.concatenate([skew(x) for x in f])
     W = np.linalg.pinv(C)
     return W @ P[BASE:, BASE:] @ W.T
-
-
-def mean_turn(attitude: np.ndarray, q: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weighted mean turn (4,) from a filter's axes, of attitude q, to those of `attitude`, and the variance of its mean.
-
-    Args:
-        attitude, q: (n, 4), both to cam0; variance: (n,) of their difference [rad^2].
-    """
-    there = np.isfinite(attitude[:, 0]) & np.isfinite(variance)
-    turns = multiply(conjugate(attitude[there]), q[there])
-    # the last epochs know q best, and its early errors are shared by many epochs
-    weight = 1.0 / variance[there] ** 2
-    mean: np.ndarray = np.linalg.eigh((turns * weight[:, None]).T @ turns)[1][:, -1]
-    spread = float(np.sum(weight**2 * variance[there]) / np.sum(weight) ** 2)
-    return (mean if mean[0] >= 0 else -mean), spread
-
-
-def cross_matrix(v: np.ndarray) -> np.ndarray:
-    """(3, 3) with cross_matrix(v) a = v x a."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

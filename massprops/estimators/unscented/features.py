@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.extended.error_state import skew
+from massprops.dynamics.quaternion import rotation_matrix, skew
 from massprops.estimators.problem import Problem
 from massprops.estimators.unscented.setup import MOST_FEATURES, Setup, measurements
 from massprops.estimators.unscented.state import Measurements, Run, Settings, State, filter_epochs

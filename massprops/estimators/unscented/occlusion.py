@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, rotation_matrix
+from massprops.dynamics.quaternion import from_rotation_matrix, rotation_matrix, skew
 from massprops.estimators.problem import Problem
 from massprops.estimators.unscented.features import Passage
 from massprops.estimators.unscented.foresight import foresee_features
@@ -144,8 +144,6 @@ def _attitudes(columns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _cross_matrix(v: np.ndarray) -> np.ndarray:
-    from massprops.estimators.extended.error_state import skew
-
     return np.asarray(skew(v))
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, skew
 from massprops.estimators import verdict
-from massprops.estimators.extended.error_state import skew
+from massprops.estimators.body_frame import mean_turn
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.estimators.unscented.features import Passage
@@ -97,16 +97,13 @@ def _body(problem: Problem, setup: Setup, passage: Passage, times: np.ndarray) -
         return ("attitude0" if setup.sensors[0] else "own"), turn, body.T @ last.P[at, at] @ body
     covariance = axes_covariance_of(last)
     epochs = np.searchsorted(problem.times, times - 1e-9)
-    there = np.flatnonzero(np.isfinite(problem.attitude[epochs, 0])) if problem.has_attitude else np.zeros(0, int)
-    if not len(there):
+    measured = problem.attitude[epochs]
+    if not np.isfinite(measured[:, 0]).any():
         return "own", np.array([1.0, 0, 0, 0]), covariance
     # tracks and attitude0 come from the same images: with stereo points attitude0 only names the body axes
-    turns = multiply(conjugate(problem.attitude[epochs[there]]), run.q[there])
-    variance = np.square(problem.sigma_attitude[epochs[there]]) + np.sum(run.sigma[there, 3:6] ** 2, axis=1)
-    weight = 1.0 / variance**2  # the late epochs know the principal frame best, and early errors are shared by many
-    mean = np.linalg.eigh((turns * weight[:, None]).T @ turns)[1][:, -1]
-    extra = float(np.sum(weight**2 * variance) / np.sum(weight) ** 2)
-    return "attitude0", mean * np.sign(mean[0] or 1.0), covariance + extra * np.eye(3)
+    variance = np.square(problem.sigma_attitude[epochs]) + np.sum(run.sigma[:, 3:6] ** 2, axis=1)
+    mean, extra = mean_turn(measured, run.q, variance)
+    return "attitude0", mean, covariance + extra * np.eye(3)
 
 
 def axes_covariance_of(last: State) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, skew
 from massprops.errors import NotPossible
 from massprops.estimators.begin import (
     WIDER,
@@ -19,7 +19,6 @@ from massprops.estimators.begin import (
     settled_epoch,
 )
 from massprops.estimators.chaser_path import chaser_path
-from massprops.estimators.extended.error_state import skew
 from massprops.estimators.free_fit import FreeFit, free_fit
 from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.problem import Problem

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprops.estimators.extended.error_state import skew
+from massprops.dynamics.quaternion import skew
 from massprops.sensing.pinhole import Pinhole
 
 
