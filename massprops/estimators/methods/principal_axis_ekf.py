@@ -176,6 +176,7 @@ def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
     axes = rotation_matrix(turn)
     k = run.k[-1]
     moments = np.array([1.0, np.exp(k[1]), np.exp(k[0] + k[1])])
+    inertia, w = axes @ np.diag(moments) @ axes.T / moments.sum(), run.w @ axes.T
     found = Estimate(
         name=NAME,
         converged=False,
@@ -183,12 +184,12 @@ def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
         k1=float(k[0]),
         k2=float(k[1]),
         k_covariance=run.P[6:8, 6:8],
-        inertia=axes @ np.diag(moments) @ axes.T / moments.sum(),
+        inertia=inertia,
         principal_axes=axes[:, [2, 1, 0]] * np.array([1.0, 1.0, -1.0]),
         axes_covariance=axes @ spread @ axes.T,
         times=problem.times[first:],
         q=multiply(multiply(back, run.q), conjugate(turn)),
-        w=run.w @ axes.T,
+        w=w,
         position=rotate(back, run.r) if points else None,
         velocity=rotate(back, run.v) if points else None,
         sigma_attitude=run.sigma[:, :3],
@@ -208,7 +209,7 @@ def _estimate(problem: Problem, start: Any, followed: Followed) -> Estimate:
     failed, hidden = verdict.failure(finite, run.passed, run.refused, k=k), ""
     if not failed:
         weight, q = _weight(problem, first, run, points), multiply(run.q[-1], conjugate(turn))
-        hidden = verdict.unseen(found.times, weight, q, found.w[-1], found.inertia) or _symmetric(run, start)
+        hidden = verdict.unseen(found.times, weight, q, w[-1], inertia) or _symmetric(run, start)
     return verdict.concluded(found, failed, hidden)
 
 

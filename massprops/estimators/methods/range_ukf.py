@@ -194,7 +194,7 @@ def _estimate(problem: Problem, start: Any, own: str, passage: Passage) -> Estim
     block = np.concatenate([fit.block[:at], run.block])
     k_run, k_covariance = ratios_over(np.concatenate([np.repeat(run.s[:1], at, axis=0), run.s]), block)
     sigma = np.sqrt(np.maximum(np.einsum("nii->ni", block), 0.0))
-    tensor = tensor_of(run.s[-1])
+    tensor, q = tensor_of(run.s[-1]), multiply(back, y[:, :4])
     _, axes = ratios(tensor)
     axes = axes * (1.0 if np.linalg.det(axes) > 0 else -1.0)
     found = Estimate(
@@ -208,7 +208,7 @@ def _estimate(problem: Problem, start: Any, own: str, passage: Passage) -> Estim
         principal_axes=axes,
         axes_covariance=_axes_covariance(run, axes),
         times=times,
-        q=multiply(back, y[:, :4]),
+        q=q,
         w=y[:, 4:7],
         position=rotate(back, y[:, 7:10]),
         velocity=rotate(back, y[:, 10:13]),
@@ -227,7 +227,7 @@ def _estimate(problem: Problem, start: Any, own: str, passage: Passage) -> Estim
     )
     if own == "attitude0":
         variance = np.square(problem.sigma_attitude[passage.first :]) + np.einsum("nii->n", block[:, :3, :3])
-        found = _in_body_axes(found, *mean_turn(problem.attitude[passage.first :], found.q, variance))
+        found = _in_body_axes(found, *mean_turn(problem.attitude[passage.first :], q, variance))
     finite = bool(np.isfinite(y).all() and np.isfinite(run.P).all())
     failed = verdict.failure(finite, run.used, run.refused, run.innovation) or _unfit(fit)
     hidden = "" if failed else _hidden(problem, start, passage, found, np.linalg.norm(y[:, 7:10], axis=1))
@@ -245,12 +245,14 @@ def _axes_covariance(run: RangeRun, axes: np.ndarray) -> np.ndarray:
 
 def _in_body_axes(found: Estimate, turn: np.ndarray, extra: float) -> Estimate:
     """The estimate in body axes to which `turn` (4,) leads, known to a variance of `extra` [rad^2]."""
+    assert found.q is not None and found.w is not None and found.inertia is not None
+    assert found.principal_axes is not None and found.axes_covariance is not None
     R = rotation_matrix(turn)
     return replace(
         found,
         q=multiply(found.q, conjugate(turn)),
         w=found.w @ R.T,
-        features=found.features @ R.T,
+        features=None if found.features is None else found.features @ R.T,
         principal_axes=R @ found.principal_axes,
         inertia=R @ found.inertia @ R.T,
         axes_covariance=R @ found.axes_covariance @ R.T + extra * np.eye(3),
