@@ -64,7 +64,10 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
     left = spread_out(points, seen)
     while left.any() and (best is None or left.sum() > best.used.sum()):
         start = int(np.argmax(left))
-        motion = _grow(points, covariance, seen, start, seed)
+        growth = _Growth(points, covariance, seen, start, seed)
+        growth.spread()
+        growth.polish()
+        motion = growth.motion()
         left &= ~motion.used
         left[start] = False
         if best is None or motion.used.sum() > best.used.sum():
@@ -72,112 +75,200 @@ def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> Bo
     return best
 
 
-def _grow(points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: int, seed: int) -> BodyMotion:
-    """The epochs that share points with epoch `start`, directly or through others."""
-    n, m = seen.shape
-    rng = np.random.default_rng(seed)
-    information = np.zeros_like(covariance)
-    information[seen] = inverse_of(covariance[seen])
-    size = np.einsum("nmii->nm", np.where(seen[..., None, None], covariance, np.inf))
-    measured = np.where(seen[..., None], points, 0.0)
-    q, shift = np.full((n, 4), np.nan), np.full((n, 3), np.nan)
-    pose_covariance = np.full((n, 6, 6), np.nan)
-    used = np.zeros(n, bool)
-    good = np.zeros((n, m), bool)
-    centre = points[start, seen[start]].mean(axis=0)
-    body = np.where(seen[start][:, None], points[start] - centre, np.nan)
-    vague = np.where(seen[start][:, None, None], covariance[start], np.nan)
-    used[start], q[start], shift[start] = True, [1.0, 0, 0, 0], centre
-    good[start] = seen[start]
-    scale, least, reach = 1.0, 6, FIRST_REACH
-    for _ in range(WAVES):
-        known: np.ndarray = np.isfinite(body).all(axis=-1)
-        common: np.ndarray = seen & known & ~used[:, None]
-        enough = np.flatnonzero(common.sum(axis=1) >= least)
-        inside = np.flatnonzero(used)[[0, -1]]
-        # a body known from few epochs is vague: those near in time join first, then twice as far
-        rows = enough[(enough >= inside[0] - reach) & (enough <= inside[1] + reach)]
-        reach = min(2 * reach, n)
-        if len(rows) < len(enough) and not len(rows):
-            continue
-        joined = 0
-        if len(rows):
-            found = _join(
-                np.where(known[:, None], body, 0.0),
-                np.where(known[:, None, None], vague, 0.0),
-                measured[rows],
-                covariance[rows] * scale,
-                1.0 / size[rows],
-                common[rows],
-                rng,
-            )
-            ok, q_rows, shift_rows, good_rows = found
-            joined = int(ok.sum())
-            used[rows[ok]], q[rows[ok]], shift[rows[ok]] = True, q_rows[ok], shift_rows[ok]
-            good[rows[ok]] = good_rows[ok]
-        if not joined:
-            if least == 3:
+class _Growth:
+    """The epochs that share points with epoch `start`, directly or through others, with the body that they show.
+
+    Attributes: as of `BodyMotion`, with shift for origin, body (m, 3) for points; vague: (m, 3, 3) covariance of body.
+    """
+
+    def __init__(self, points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: int, seed: int) -> None:
+        n, m = seen.shape
+        self.rng = np.random.default_rng(seed)
+        self.seen, self.stated = seen, covariance
+        self.information = np.zeros_like(covariance)
+        self.information[seen] = inverse_of(covariance[seen])
+        self.size = np.einsum("nmii->nm", np.where(seen[..., None, None], covariance, np.inf))
+        self.measured = np.where(seen[..., None], points, 0.0)
+        self.q, self.shift = np.full((n, 4), np.nan), np.full((n, 3), np.nan)
+        self.covariance = np.full((n, 6, 6), np.nan)
+        self.used = np.zeros(n, bool)
+        self.good = np.zeros((n, m), bool)
+        centre = points[start, seen[start]].mean(axis=0)
+        self.body = np.where(seen[start][:, None], points[start] - centre, np.nan)
+        self.vague = np.where(seen[start][:, None, None], covariance[start], np.nan)
+        self.used[start], self.q[start], self.shift[start] = True, [1.0, 0, 0, 0], centre
+        self.good[start] = seen[start]
+        self.scale = 1.0
+
+    def spread(self) -> None:
+        """Lets epochs join in waves until none does any more."""
+        least, reach, n = 6, FIRST_REACH, len(self.used)
+        for _ in range(WAVES):
+            known: np.ndarray = np.isfinite(self.body).all(axis=-1)
+            common: np.ndarray = self.seen & known & ~self.used[:, None]
+            enough = np.flatnonzero(common.sum(axis=1) >= least)
+            inside = np.flatnonzero(self.used)[[0, -1]]
+            # a body known from few epochs is vague: those near in time join first, then twice as far
+            rows = enough[(enough >= inside[0] - reach) & (enough <= inside[1] + reach)]
+            reach = min(2 * reach, n)
+            if len(rows) < len(enough) and not len(rows):
+                continue
+            if not (len(rows) and self._join(rows, common[rows], known)):
+                if least == 3:
+                    break
+                least = {6: 5, 5: 4}.get(least, 3)
+                continue
+            least = 6
+            fresh: np.ndarray = self.used[:, None] & self.seen & ~known
+            self.body = np.where(known[:, None], self.body, self._points(fresh)[0])
+            for _ in range(STEPS):
+                self._step(self.good | fresh)
+            self._settle()
+            self.vague = self._points(self.good)[1] * self.scale
+
+    def polish(self) -> None:
+        """Refines poses and body together until the residuals' size stays."""
+        for turn in range(MOST_POLISH):
+            before = self.scale
+            self._step(self.good)
+            self._from_neighbours()
+            self._settle()
+            if turn + 1 >= POLISH and abs(self.scale - before) < 0.02 * before:
                 break
-            least = {6: 5, 5: 4}.get(least, 3)
-            continue
-        least = 6
-        fresh: np.ndarray = used[:, None] & seen & ~known
-        body = np.where(known[:, None], body, _points(q, shift, measured, information, fresh, used)[0])
-        for _ in range(STEPS):
-            q, shift, body = _together(q, shift, body, measured, information, good | fresh, used)
-        q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
-        body, good = _doubted(q, shift, body, measured, information / scale, seen, good, used)
-        vague = _points(q, shift, measured, information, good, used)[1] * scale
-    for turn in range(MOST_POLISH):
-        before = scale
-        q, shift, body = _together(q, shift, body, measured, information, good, used)
-        q, shift = _from_neighbours(q, shift, body, measured, information / scale, seen, used)
-        q, shift, pose_covariance, good, scale = _refine(q, shift, body, measured, information, seen, used, scale)
-        body, good = _doubted(q, shift, body, measured, information / scale, seen, good, used)
-        if turn + 1 >= POLISH and abs(scale - before) < 0.02 * before:
-            break
-    used &= spread_out(np.broadcast_to(np.nan_to_num(body), measured.shape), good)
-    q[~used], shift[~used], pose_covariance[~used] = np.nan, np.nan, np.nan
-    outliers = int((seen & used[:, None] & ~good).sum())
-    shared = _shared(q, body, information / scale, good, used)
-    return BodyMotion(used, q, shift, pose_covariance, body, good, scale, outliers, shared)
 
+    def motion(self) -> BodyMotion:
+        """What has been found, without epochs whose points lie on a line."""
+        used, good = self.used, self.good
+        used &= spread_out(np.broadcast_to(np.nan_to_num(self.body), self.measured.shape), good)
+        self.q[~used], self.shift[~used], self.covariance[~used] = np.nan, np.nan, np.nan
+        outliers = int((self.seen & used[:, None] & ~good).sum())
+        column = np.flatnonzero(good[used].any(axis=0))
+        shared = np.full((len(used), 3, min(MODES, 3 * len(column))), np.nan)
+        if len(column):
+            one = np.ix_(used, column)
+            information = self.information[one] / self.scale
+            shared[used] = shared_error(self.q[used], self.body[column], information, good[one], MODES)
+        return BodyMotion(used, self.q, self.shift, self.covariance, self.body, good, self.scale, outliers, shared)
 
-def _shared(q: np.ndarray, body: np.ndarray, information: np.ndarray, good: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """(n, 3, k) how the used epochs' attitudes share the errors of the body's points (`shared_error`)."""
-    column = np.flatnonzero(good[used].any(axis=0))
-    shared = np.full((len(q), 3, min(MODES, 3 * len(column))), np.nan)
-    if len(column):
+    def _join(self, rows: np.ndarray, use: np.ndarray, known: np.ndarray) -> int:
+        """Takes in those of the epochs `rows`, with points `use` (k, m) in common, that fit the known body: how many."""
+        body = np.where(known[:, None], self.body, 0.0)
+        vague = np.where(known[:, None, None], self.vague, 0.0)
+        seen, covariance = self.measured[rows], self.stated[rows] * self.scale
+        every = np.broadcast_to(body, seen.shape)
+        q, shift = horn(every, seen, np.where(use, 1.0 / self.size[rows], 0.0))
+        information = _with_body(q, vague, covariance, use)
+        q, shift, _, near = align(body, seen, information, use, q, shift)
+        good = use & (near <= LARGEST_MAHALANOBIS)
+        ok = _enough(good, use)
+        for k in np.flatnonzero(~ok):
+            tried = _consensus(body, vague, seen[k], covariance[k], use[k], self.rng)
+            if tried is None:
+                continue
+            again = align(body, seen[k : k + 1], tried[3][None], tried[2][None], tried[0][None], tried[1][None])
+            q[k], shift[k] = again[0][0], again[1][0]
+            good[k] = tried[2] & (again[3][0] <= LARGEST_MAHALANOBIS)
+            ok[k] = _enough(good[k : k + 1], use[k : k + 1])[0]
+        ok = ok & spread_out(every, good)
+        self.used[rows[ok]], self.q[rows[ok]], self.shift[rows[ok]] = True, q[ok], shift[ok]
+        self.good[rows[ok]] = good[ok]
+        return int(ok.sum())
+
+    def _settle(self) -> None:
+        """Poses against the body as it is, which measurements fit, how large the residuals are; then the body's points
+        that most of their measurements contradict."""
+        known, used = np.isfinite(self.body).all(axis=-1), self.used
+        use = self.seen & known & used[:, None]
+        q, shift = self.q.copy(), self.shift.copy()
+        solid = np.where(known[:, None], self.body, 0.0)
+        q[used], shift[used], covariance, near = align(
+            solid,
+            self.measured[used],
+            self.information[used] / self.scale,
+            use[used],
+            q[used],
+            shift[used],
+            soft=1,
+            hard=2,
+        )
+        whole, good = np.full((len(q), 6, 6), np.nan), np.zeros_like(use)
+        whole[used], good[used] = covariance, near <= LARGEST_MAHALANOBIS
+        finite = near[np.isfinite(near)]
+        counts = use[used].sum()
+        freedom = max(0.1, 1.0 - (6.0 * used.sum() + 3.0 * known.sum()) / max(3.0 * counts, 1.0))
+        asked = self.scale * float(np.median(finite)) / (MEDIAN_SQUARE * freedom) if len(finite) else 1.0
+        self.q, self.shift, self.covariance, self.good, self.scale = q, shift, whole, good, max(1.0, asked)
+        self._replace_doubted()
+
+    def _from_neighbours(self) -> None:
+        """Finds poses again from those of the epochs before and after, where that fits better.
+
+        Four points whose depth is as uncertain as the body is deep fit two attitudes; the wrong one has odd neighbours.
+        """
+        rows = np.flatnonzero(self.used)
+        known = np.isfinite(self.body).all(axis=-1)
+        use, solid = self.seen[rows] & known, np.where(np.isfinite(self.body), self.body, 0.0)
+        measured, information = self.measured[rows], self.information[rows] / self.scale
+        q, shift = self.q.copy(), self.shift.copy()
+        for away in (1, -1, 1, -1):
+            near = align(solid, measured, information, use, q[rows], shift[rows], soft=0, hard=1)[3]
+            order = np.clip(np.arange(len(rows)) - away, 0, len(rows) - 1)
+            tried = align(solid, measured, information, use, q[rows[order]], shift[rows[order]], hard=2)
+            better = _misfit(tried[3], use) < _misfit(near, use) - LARGEST_MAHALANOBIS / 2
+            q[rows[better]], shift[rows[better]] = tried[0][better], tried[1][better]
+        self.q, self.shift = q, shift
+
+    def _points(self, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted mean of each point over the epochs in body axes (m, 3), covariance (m, 3, 3); NaN where none is used."""
+        used = self.used
+        R = rotation_matrix(self.q[used])
+        weight = np.where(use[used][..., None, None], self.information[used], 0.0)
+        arm = self.measured[used] - self.shift[used][:, None]
+        turned = np.swapaxes(R, 1, 2)[:, None] @ weight
+        total = (turned @ R[:, None]).sum(axis=0)
+        side = np.einsum("nmij,nmj->mi", turned, arm)
+        spread = inverse_of(total)
+        some = use[used].any(axis=0)
+        points = np.einsum("mij,mj->mi", spread, side)
+        return np.where(some[:, None], points, np.nan), np.where(some[:, None, None], spread, np.nan)
+
+    def _replace_doubted(self) -> None:
+        """Places points that most of their measurements contradict anew at the median of them, or forgets them."""
+        body, good, information = self.body.copy(), self.good.copy(), self.information / self.scale
+        shown = self.seen & self.used[:, None]
+        for j in np.flatnonzero(np.isfinite(body).all(axis=-1) & (2 * good.sum(axis=0) < shown.sum(axis=0))):
+            rows = np.flatnonzero(shown[:, j])
+            R = rotation_matrix(self.q[rows])
+            arm = self.measured[rows, j] - self.shift[rows]
+            place, fits = _median_place(R, arm, information[rows, j])
+            good[:, j] = False
+            good[rows, j] = fits
+            body[j] = place if 2 * fits.sum() >= len(rows) else np.nan
+        self.body, self.good = body, good & np.isfinite(body).all(axis=-1)
+
+    def _step(self, use: np.ndarray) -> None:
+        """One step of all poses and the body together, by the measurements `use` (n, m)."""
+        used, column = self.used, np.flatnonzero(use[self.used].any(axis=0))
         one = np.ix_(used, column)
-        shared[used] = shared_error(q[used], body[column], information[one], good[one], MODES)
-    return shared
+        self.q[used], self.shift[used], self.body[column] = joint_step(
+            self.q[used], self.shift[used], self.body[column], self.measured[one], self.information[one], use[one]
+        )
 
 
-def _join(
-    body: np.ndarray,
-    vague: np.ndarray,
-    seen: np.ndarray,
-    covariance: np.ndarray,
-    weight: np.ndarray,
-    use: np.ndarray,
-    rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Which epochs fit the body, their poses, and the measurements that fit."""
-    every = np.broadcast_to(body, seen.shape)
-    q, shift = horn(every, seen, np.where(use, weight, 0.0))
-    information = _with_body(q, vague, covariance, use)
-    q, shift, _, near = align(body, seen, information, use, q, shift)
-    good = use & (near <= LARGEST_MAHALANOBIS)
-    ok = _enough(good, use)
-    for k in np.flatnonzero(~ok):
-        tried = _consensus(body, vague, seen[k], covariance[k], use[k], rng)
-        if tried is None:
-            continue
-        again = align(body, seen[k : k + 1], tried[3][None], tried[2][None], tried[0][None], tried[1][None])
-        q[k], shift[k] = again[0][0], again[1][0]
-        good[k] = tried[2] & (again[3][0] <= LARGEST_MAHALANOBIS)
-        ok[k] = _enough(good[k : k + 1], use[k : k + 1])[0]
-    return ok & spread_out(every, good), q, shift, good
+def _median_place(R: np.ndarray, arm: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A body point (3,) near the median of its sights, arms (k, 3) turned by R (k, 3, 3), and which of them fit it."""
+    place = np.median(np.einsum("nji,nj->ni", R, arm), axis=0)
+    for _ in range(4):
+        error = arm - R @ place
+        near = np.einsum("ni,nij,nj->n", error, information, error)
+        fits = near <= LARGEST_MAHALANOBIS
+        if not fits.any():
+            fits = near <= np.median(near)
+        turned = np.swapaxes(R[fits], 1, 2) @ information[fits]
+        total = (turned @ R[fits]).sum(axis=0)
+        place = inverse_of(total) @ np.einsum("nij,nj->i", turned, arm[fits])
+    error = arm - R @ place
+    return place, np.einsum("ni,nij,nj->n", error, information, error) <= LARGEST_MAHALANOBIS
 
 
 def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
@@ -215,126 +306,5 @@ def _consensus(
     return (q[best], shift[best], fits[best], information[best]) if fits[best].sum() >= 3 else None
 
 
-def _refine(
-    q: np.ndarray,
-    shift: np.ndarray,
-    body: np.ndarray,
-    measured: np.ndarray,
-    information: np.ndarray,
-    seen: np.ndarray,
-    used: np.ndarray,
-    scale: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    known = np.isfinite(body).all(axis=-1)
-    use = seen & known & used[:, None]
-    q, shift = q.copy(), shift.copy()
-    solid = np.where(known[:, None], body, 0.0)
-    q[used], shift[used], covariance, near = align(
-        solid, measured[used], information[used] / scale, use[used], q[used], shift[used], soft=1, hard=2
-    )
-    whole, good = np.full((len(q), 6, 6), np.nan), np.zeros_like(use)
-    whole[used], good[used] = covariance, near <= LARGEST_MAHALANOBIS
-    finite = near[np.isfinite(near)]
-    counts = use[used].sum()
-    freedom = max(0.1, 1.0 - (6.0 * used.sum() + 3.0 * known.sum()) / max(3.0 * counts, 1.0))
-    asked = scale * float(np.median(finite)) / (MEDIAN_SQUARE * freedom) if len(finite) else 1.0
-    return q, shift, whole, good, max(1.0, asked)
-
-
-def _from_neighbours(
-    q: np.ndarray,
-    shift: np.ndarray,
-    body: np.ndarray,
-    measured: np.ndarray,
-    information: np.ndarray,
-    seen: np.ndarray,
-    used: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Poses found again from those of the epochs before and after, where that fits better.
-
-    Four points whose depth is as uncertain as the body is deep fit two attitudes; the wrong one has odd neighbours.
-    """
-    rows = np.flatnonzero(used)
-    use = seen[rows] & np.isfinite(body).all(axis=-1)
-    solid = np.where(np.isfinite(body), body, 0.0)
-    q, shift = q.copy(), shift.copy()
-    for away in (1, -1, 1, -1):
-        near = align(solid, measured[rows], information[rows], use, q[rows], shift[rows], soft=0, hard=1)[3]
-        order = np.clip(np.arange(len(rows)) - away, 0, len(rows) - 1)
-        tried = align(solid, measured[rows], information[rows], use, q[rows[order]], shift[rows[order]], hard=2)
-        better = _misfit(tried[3], use) < _misfit(near, use) - LARGEST_MAHALANOBIS / 2
-        q[rows[better]], shift[rows[better]] = tried[0][better], tried[1][better]
-    return q, shift
-
-
 def _misfit(near: np.ndarray, use: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(use, np.minimum(near, LARGEST_MAHALANOBIS), 0.0).sum(axis=1))
-
-
-def _points(
-    q: np.ndarray, shift: np.ndarray, measured: np.ndarray, information: np.ndarray, use: np.ndarray, used: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted mean of each point over the epochs in body axes (m, 3), covariance (m, 3, 3); NaN where none is used."""
-    R = rotation_matrix(q[used])
-    weight = np.where(use[used][..., None, None], information[used], 0.0)
-    arm = measured[used] - shift[used][:, None]
-    turned = np.swapaxes(R, 1, 2)[:, None] @ weight
-    total = (turned @ R[:, None]).sum(axis=0)
-    side = np.einsum("nmij,nmj->mi", turned, arm)
-    spread = inverse_of(total)
-    some = use[used].any(axis=0)
-    points = np.einsum("mij,mj->mi", spread, side)
-    return np.where(some[:, None], points, np.nan), np.where(some[:, None, None], spread, np.nan)
-
-
-def _doubted(
-    q: np.ndarray,
-    shift: np.ndarray,
-    body: np.ndarray,
-    measured: np.ndarray,
-    information: np.ndarray,
-    seen: np.ndarray,
-    good: np.ndarray,
-    used: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points that most of their measurements contradict, placed anew at the median of them, or forgotten."""
-    body, good = body.copy(), good.copy()
-    shown = seen & used[:, None]
-    for j in np.flatnonzero(np.isfinite(body).all(axis=-1) & (2 * good.sum(axis=0) < shown.sum(axis=0))):
-        rows = np.flatnonzero(shown[:, j])
-        R = rotation_matrix(q[rows])
-        arm = measured[rows, j] - shift[rows]
-        place = np.median(np.einsum("nji,nj->ni", R, arm), axis=0)
-        for _ in range(4):
-            error = arm - R @ place
-            near = np.einsum("ni,nij,nj->n", error, information[rows, j], error)
-            fits = near <= LARGEST_MAHALANOBIS
-            if not fits.any():
-                fits = near <= np.median(near)
-            turned = np.swapaxes(R[fits], 1, 2) @ information[rows[fits], j]
-            total = (turned @ R[fits]).sum(axis=0)
-            place = inverse_of(total) @ np.einsum("nij,nj->i", turned, arm[fits])
-        error = arm - R @ place
-        fits = np.einsum("ni,nij,nj->n", error, information[rows, j], error) <= LARGEST_MAHALANOBIS
-        good[:, j] = False
-        good[rows, j] = fits
-        body[j] = place if 2 * fits.sum() >= len(rows) else np.nan
-    return body, good & np.isfinite(body).all(axis=-1)
-
-
-def _together(
-    q: np.ndarray,
-    shift: np.ndarray,
-    body: np.ndarray,
-    measured: np.ndarray,
-    information: np.ndarray,
-    use: np.ndarray,
-    used: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    q, shift, body = q.copy(), shift.copy(), body.copy()
-    column = np.flatnonzero(use[used].any(axis=0))
-    one = np.ix_(used, column)
-    q[used], shift[used], body[column] = joint_step(
-        q[used], shift[used], body[column], measured[one], information[one], use[one]
-    )
-    return q, shift, body
