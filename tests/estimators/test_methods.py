@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tumbling import scene
+from tumbling import Scene, scene
 
 from massprops.estimators.estimate import run_methods
 from massprops.estimators.method_contract import faults
@@ -18,12 +18,16 @@ from massprops.estimators.needs import unmet
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 
-BLIND = {"range-ukf": {"stereo": False, "attitude": True, "range_sigma": 0.02}}
+BLIND = {"range-ukf": {"n": 240, "stereo": False, "attitude": True, "range_sigma": 0.02}}
 """What an estimator is tried on where stereo tracks alone are not what it reads."""
 
 
+def scene_of(name: str) -> Scene:
+    return scene(1, **{"n": 100, **BLIND.get(name, {})})
+
+
 def seen_by(name: str) -> Problem:
-    return scene(2, n=100, **BLIND.get(name, {})).problem
+    return scene_of(name).problem
 
 
 def ran(name: str, problem: Problem) -> Estimate:
@@ -58,7 +62,7 @@ def test_what_is_missing_is_named(name: str) -> None:
 
 
 def test_the_answer_is_right_and_says_how_sure_it_is(found: Estimate) -> None:
-    truth = scene(2, n=100, **BLIND.get(found.name, {})).k
+    truth = scene_of(found.name).k
     assert found.converged and found.observable and found.reason == ""
     assert found.sigma_k is not None and (found.sigma_k > 0).all()
     off = np.array([found.k1, found.k2]) - truth
