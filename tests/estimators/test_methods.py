@@ -18,12 +18,13 @@ from massprops.estimators.needs import unmet
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 
-BLIND = {"range-ukf": {"n": 240, "stereo": False, "attitude": True, "range_sigma": 0.02}}
-"""What an estimator is tried on where stereo tracks alone are not what it reads."""
+BLIND = {"range-ukf": (1, {"stereo": False, "attitude": True, "range_sigma": 0.02})}
+"""Seed and set-up of what an estimator is tried on where stereo tracks alone are not what it reads."""
 
 
 def scene_of(name: str) -> Scene:
-    return scene(1, **{"n": 100, **BLIND.get(name, {})})
+    seed, more = BLIND.get(name, (0, {}))
+    return scene(seed, **more)
 
 
 def seen_by(name: str) -> Problem:
