@@ -163,7 +163,7 @@ def _check(
     found = judge.decide(compared, mesh, centre, tumble, free, joint)
     result = document(mesh, compared, found, centre, residuals, outcome.skipped)
     result["fused"] = None
-    if draws is not None and found.verdict == "consistent" and best.found.reliable:
+    if draws is not None and best is not None and best.found.reliable and found.verdict == "consistent":
         result["fused"] = {"with": found.rests_on, **fuse(draws, mesh, motion)}
     return CrossCheck(folder, result, outcome.estimates, outcome.warnings)
 
