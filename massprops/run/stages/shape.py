@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
+from massprops.core.files import hash_of
 from massprops.core.inputs import read_image
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
@@ -307,8 +308,9 @@ def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
         return _image(job, views, i), region.mask(views, i)
 
     points, _ = dense_points(
-        views, image, near.xyz, near.obs_view, near.obs_point, REFERENCES, job.seed, job.threads, job.progress, PIXELS
-    )
+        views, image, near.xyz, near.obs_view, near.obs_point, REFERENCES, job.seed, job.threads, job.progress, PIXELS,
+        job.parts.within(hash_of([views.names, region.centre, region.radius])),
+    )  # fmt: skip
     cloud = Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__))
     good = cloud.is_finite
     return cloud.take(np.flatnonzero(good)).finite(), points.rgb[good]
