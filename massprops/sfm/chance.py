@@ -40,7 +40,7 @@ def expected_by_chance(distance: np.ndarray, random: np.ndarray) -> float:
         k = int(np.count_nonzero(distance < reach))
         if k <= PARAMETERS:
             continue
-        share = max(np.count_nonzero(random < reach), 1) / max(len(random), 1)
+        share = max(int(np.count_nonzero(random < reach)), 1) / max(len(random), 1)
         tests = np.log(len(DISTANCES) * (n - PARAMETERS)) + _choices(n, k) + _choices(k, PARAMETERS)
         least = min(least, tests + (k - PARAMETERS) * np.log(share))
     return float(least)
