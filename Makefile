@@ -5,7 +5,8 @@
 # make test-without-pycolmap  passes the tests of all but `reconstruct`, for Linux on arm64
 # make docs   builds the documentation into build/docs, with every link checked
 # make gallery  runs the scripts of the gallery and makes their pictures; SHORT=1 runs a short form and keeps nothing
-# make fuzz   gives mutated files to every reader (slow); what it finds goes into tests/fuzz/corpus
+# make fuzz   gives mutated files to every reader (slow), then such as reach new lines where atheris can be installed; what
+#             is found goes into tests/fuzz/corpus
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 \
 	&& { echo $$p; break; }; done)
@@ -70,7 +71,9 @@ gallery: $(VENV)/.installed-docs
 	SHORT=$(SHORT) $(THREADS) $(BIN)/python docs/gallery $(ONLY)
 
 fuzz: $(VENV)/.installed-dev
+	-$(BIN)/python -m pip install --quiet "atheris>=3"
 	$(THREADS) nice -n 10 $(BIN)/python -m tests.fuzz --inputs 20000
+	$(THREADS) nice -n 10 $(BIN)/python -m tests.fuzz.guided --inputs 20000
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check massprops cli tests

@@ -40,7 +40,7 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):  # type: ignore[misc
         self.sizes: dict[str, int] = {}
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        event = self.peek_event()
+        event: Any = self.peek_event()
         anchor = event.anchor
         alias = isinstance(event, yaml.AliasEvent)
         if alias and anchor in self.open:

@@ -44,7 +44,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     from massprops.documents.bounded_yaml import Bounded
 
     try:
-        content = yaml.load(text, Loader=Bounded)
+        content = yaml.load(text, Loader=Bounded)  # type: ignore[arg-type]
     except yaml.MarkedYAMLError as error:
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise InputError(

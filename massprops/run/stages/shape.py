@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
+from massprops.core.files import hash_of
 from massprops.core.inputs import read_image
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
@@ -307,7 +308,8 @@ def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
         return _image(job, views, i), region.mask(views, i)
 
     options = DenseOptions(REFERENCES, job.seed, job.threads, PIXELS)
-    points, _ = dense_points(views, image, near, options, job.progress)
+    parts = job.parts.within(hash_of([views.names, region.centre, region.radius]))
+    points, _ = dense_points(views, image, near, options, job.progress, parts)
     cloud = Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__))
     good = cloud.is_finite
     return cloud.take(np.flatnonzero(good)).finite(), points.rgb[good]
