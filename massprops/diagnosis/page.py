@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.report.html import number, plot, table, text
+from massprops.report.law import law_section
 from massprops.report.page import document as whole_page
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ def page(d: BalanceDiagnosis) -> str:
         ("gap", "The gap before and after", _gap(d)),
         ("where", "Where", _where(d.document)),
         ("candidates", "Candidates", _candidates(d.document)),
+        ("law", "A discovered law", law_section(d.document.get("law"))),
         ("wheel", "Momentum of the wheel", _wheel(d)),
         ("torque", "A torque that nothing is known of", _torque(d)),
         ("notes", "Notes", _notes(d.document)),

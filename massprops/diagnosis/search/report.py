@@ -11,6 +11,7 @@ from massprops.diagnosis.search.result import Diagnosis
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
 from massprops.report.html import number, plot, table, text
+from massprops.report.law import law_section
 from massprops.report.page import document as whole_page
 
 BINS = 120
@@ -25,6 +26,7 @@ def page(d: Diagnosis) -> str:
         ("gap", "The gap before and after", _gap(d)),
         ("where", "Where", _where(d)),
         ("candidates", "Candidates", _candidates(d.document)),
+        ("law", "A discovered law", law_section(d.document.get("law"))),
         ("motion", "Momentum and energy", _motion(d)),
         ("torque", "Torque recovered without a model", _torque(d)),
         ("notes", "Notes", _notes(d.document)),
