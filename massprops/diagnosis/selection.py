@@ -154,9 +154,8 @@ def _alone(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothesi
     best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
     begun = [(s.terms[0], start) for s in best for start in (s.start, BALL)]
     if len(best) > 1:
-        begun = _by_short_fits(record, begun)
-        again = [(t, s) for term, own in begun for t in variants(term, gap) for s in (own, BALL)]
-        begun = _by_short_fits(record, [*begun, *again]) if again else begun
+        # variants of all of them at once: a knock's length decides how well each moment does
+        begun = _by_short_fits(record, begun + [(v, BALL) for s in best for v in variants(s.terms[0], gap)])
     begun += [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
     found = [_admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
     fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
