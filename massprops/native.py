@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from importlib.util import find_spec
 from pathlib import Path
@@ -106,4 +107,8 @@ def advice(message: str) -> str:
     for library, package in PACKAGES.items():
         if library in message:
             return f"type: sudo apt-get install {package}"
+    other = re.search(r"\b(lib[\w+.-]*?)\.so\.(\d+)", message)
+    if other:  # as Debian's policy names the packages of libraries (section 8.1)
+        name = other[1].lower().replace("_", "-")
+        return f"type: sudo apt-get install {name}{'-' if name[-1].isdigit() else ''}{other[2]}"
     return "run 'massprops doctor'"

@@ -19,7 +19,6 @@ from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
 from massprops.report.data import read_json
 from massprops.report.html import Safe, number, plot, table, text
 from massprops.report.page import document as page
-from massprops.report.ratio_plane import ratio_plane
 from massprops.sequence.truth import Truth
 
 MOST_POINTS = 400
@@ -142,73 +141,76 @@ def _overlaid(what: str, unit: str, curves: dict[str, tuple[np.ndarray, np.ndarr
 
 
 def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> str:
-    """What was read, every method in one table, and the ratios in their plane."""
-    true = None if truth is None else true_ratios(truth)
-    parts = [_read(content), _methods(content, truth is not None)]
-    if true is not None:
-        k = ", ".join(f"k{i + 1} = {number(v, 5)}" for i, v in enumerate(true))
-        parts.append(f'<p class="soft">Truth: {k}. Errors are over the second half.</p>')
-    if outcome.skipped:
-        lines = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in outcome.skipped.items())
-        parts.append(f"<h3>Not run</h3><ul>{lines}</ul>")
-    sound = [e for e in content["estimators"] if e["converged"] and e["observable"]]
-    if sound:
-        own = {} if true is None else {"name": "truth", "k1": float(true[0]), "k2": float(true[1])}
-        parts.append(f'<div class="narrow">{ratio_plane(own, sound, "smoother")}</div>')
-    return "".join(parts)
+    from massprops.report.ratio_plane import ratio_plane
 
-
-def _read(content: dict[str, Any]) -> str:
-    """Reason, warnings, what was measured, and what became of the prior."""
-    parts = [f'<div class="stopped">{text(content["reason"])}</div>'] if content["reason"] else []
-    parts += [f'<div class="warning">{text(line)}</div>' for line in content["warnings"]]
-    said = ", ".join(f"{count} {name}" for name, count in content["measured"].items() if count)
+    parts = [f'<div class="warning">{text(line)}</div>' for line in content["warnings"]]
+    if content["reason"]:
+        parts.insert(0, f'<div class="stopped">{text(content["reason"])}</div>')
+    measured = content["measured"]
+    said = ", ".join(f"{count} {name}" for name, count in measured.items() if count)
     parts.append(f"<p>{content['epochs']} epochs over {number(content['seconds'], 4)} s: {text(said)}.</p>")
     if (prior := content["prior"]) is not None:
         p = f", p = {number(prior['p_value'], 2)}" if prior["p_value"] is not None else ""
         judge = f" by {prior['reference']}" if prior["reference"] else ""
         parts.append(f"<p>Prior: <b>{text(prior['verdict'])}</b>{text(judge)}{p}.</p>")
+    own = content["against_truth"] or {}
+    rows = [_row(e, None if truth is None else own.get(e["name"]) or {}) for e in content["estimators"]]
+    parts.append(table(rows, HEAD if truth is None else HEAD + HEAD_OF_TRUTH))
+    if truth is not None:
+        k = true_ratios(truth)
+        if k is not None:
+            parts.append(
+                f'<p class="soft">Truth: k1 = {number(k[0], 5)}, k2 = {number(k[1], 5)}. Errors are over the second half.</p>'
+            )
+    if outcome.skipped:
+        lines = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in outcome.skipped.items())
+        parts.append(f"<h3>Not run</h3><ul>{lines}</ul>")
+    sound = [e for e in content["estimators"] if e["converged"] and e["observable"]]
+    if sound:
+        true = None if truth is None else true_ratios(truth)
+        own = {} if true is None else {"name": "truth", "k1": float(true[0]), "k2": float(true[1])}
+        parts.append(f'<div class="narrow">{ratio_plane(own, sound, "smoother")}</div>')
     return "".join(parts)
 
 
-HEAD = (
-    "method",
-    "k1 (± 1σ)",
-    "k2 (± 1σ)",
-    "rate [°/s]",
-    "converged",
-    "observable",
-    "reliable",
-    "innovation",
-    "µs a step",
-)
-HEAD_OF_ERRORS = ("k1 error", "k2 error", "attitude rms [°]", "rate rms [°/s]", "axes off [°]")
+HEAD = [
+    *(
+        "method",
+        "k1 (± 1σ)",
+        "k2 (± 1σ)",
+        "rate [°/s]",
+        "converged",
+        "observable",
+        "reliable",
+        "innovation",
+        "µs a step",
+    )
+]
+HEAD_OF_TRUTH = ["k1 error", "k2 error", "attitude rms [°]", "rate rms [°/s]", "axes off [°]"]
 
 
-def _methods(content: dict[str, Any], with_errors: bool) -> str:
-    """One row a method, its reason below its name."""
-    rows, errors = [], content["against_truth"] or {}
-    for e in content["estimators"]:
-        why = e.get("because") or e["reason"]
-        note = f'<span class="below">{text(why)}</span>' if why else ""
-        row = [
-            Safe(text(e["name"]) + note),
-            _with_sigma(e["k1"], e["sigma_k1"]),
-            _with_sigma(e["k2"], e["sigma_k2"]),
-            number(np.degrees(e["rate"]["speed_rad_s"]), 4) if e["rate"] else "–",
-            *("yes" if e.get(what) else "no" for what in ("converged", "observable", "reliable")),
-            number(e["innovation"], 3),
-            number(e["cpu_us_per_step"], 3),
+def _row(e: dict[str, Any], error: dict[str, Any] | None) -> list[Any]:
+    """One method's row; error: its errors against the truth, None where there is none."""
+    why = e.get("because") or e["reason"]
+    note = f'<span class="below">{text(why)}</span>' if why else ""
+    row = [
+        Safe(text(e["name"]) + note),
+        _with_sigma(e["k1"], e["sigma_k1"]),
+        _with_sigma(e["k2"], e["sigma_k2"]),
+        number(np.degrees(e["rate"]["speed_rad_s"]), 4) if e["rate"] else "–",
+        *("yes" if e.get(name) else "no" for name in ("converged", "observable", "reliable")),
+        number(e["innovation"], 3),
+        number(e["cpu_us_per_step"], 3),
+    ]
+    if error is not None:
+        row += [
+            number(error.get("k1_error"), 2),
+            number(error.get("k2_error"), 2),
+            number(_deg(error.get("attitude_rms_rad")), 2),
+            number(_deg(error.get("rate_rms_rad_s")), 2),
+            number(error.get("axes_error_deg"), 2),
         ]
-        rows.append(row + (_errors(errors.get(e["name"]) or {}) if with_errors else []))
-    return table(rows, HEAD + (HEAD_OF_ERRORS if with_errors else ()))
-
-
-def _errors(error: dict[str, Any]) -> list[str]:
-    """The cells under `HEAD_OF_ERRORS`."""
-    degrees = (_deg(error.get("attitude_rms_rad")), _deg(error.get("rate_rms_rad_s")))
-    values = (error.get("k1_error"), error.get("k2_error"), *degrees, error.get("axes_error_deg"))
-    return [number(value, 2) for value in values]
+    return row
 
 
 def _earlier(entry: dict[str, Any]) -> str:

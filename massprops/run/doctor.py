@@ -53,7 +53,9 @@ def examine() -> list[Finding]:
             found.append(Finding(name, True, known.get(name, "")))
         else:
             last = (done.stderr.strip().splitlines() or [f"died with code {done.returncode}"])[-1]
-            found.append(Finding(name, False, f"{last}; {_advice(name, last)}"))
+            last = last.removeprefix("massprops.errors.InputError: ")
+            todo = _advice(name, last)
+            found.append(Finding(name, False, last if todo in last else f"{last}; {todo}"))
     free = shutil.disk_usage(Path.cwd()).free / 1e9
     found.append(
         Finding(

@@ -133,6 +133,12 @@ def _image(folder: Path, name: str) -> object:
     return load(folder / name, 64), found
 
 
+def _mask(folder: Path, name: str) -> object:
+    from massprops.capture.given import load_mask
+
+    return load_mask(folder / name, (16, 12), (16, 12))
+
+
 def _video(folder: Path, name: str) -> object:
     from massprops.capture.video import read_video
 
@@ -286,6 +292,7 @@ def targets() -> dict[str, Callable[[], Target]]:
         "meshes": lambda: Target(_mesh_seeds(), _mesh),
         "runs": lambda: Target(_run_seeds(), _run, _box_run),
         "images": lambda: Target(_image_seeds(), _image),
+        "masks": lambda: Target(_image_seeds(), _mask),
         "videos": lambda: Target(_video_seeds(), _video),
         "options": lambda: Target({"options.txt": [o.encode() for o in OPTIONS]}, _options),
     }

@@ -15,7 +15,6 @@ from fake_run import HOSTILE, add_crosscheck, add_everything, make_run, spacecra
 
 from massprops.report import write_report
 from massprops.report.html import between, number, text
-from massprops.report.law import law_section
 from massprops.report.meshes import Shape, lighten, read_shape
 from massprops.report.page import UNREADABLE, all_sections, page
 from massprops.report.scene import Scene
@@ -303,26 +302,3 @@ def test_everything_a_run_may_have_stands_on_its_page(tmp_path: Path) -> None:
     # given 0.3 px to each coordinate of each observation
     shown = re.search(r"the median is ([0-9.]+) px", found.words)
     assert shown is not None and float(shown.group(1)) == pytest.approx(0.3 * 2**0.5, abs=0.05)
-
-
-def test_a_discovered_law_is_shown_with_its_terms_or_with_why_there_is_none() -> None:
-    term = {
-        "term": "max(0, s_z) along <x>",
-        "coefficient": 8e-5,
-        "sigma": 1e-6,
-        "unit": "rad s^-2",
-        "probability": 0.97,
-    }
-    left = {"fitted": {"before": 4.1, "after": 1.0}, "held_out": {"before": 3.9, "after": None}}
-    law = {
-        "formula": "torque = 8e-05 [max(0, s_z) along <x>]",
-        "stated": True,
-        "because": None,
-        "terms": [term],
-        **left,
-    }
-    section = law_section(law)
-    assert "Stated" in section and "along &lt;x&gt;" in section and "law.py" in section and "0.97" in section
-    assert "Not stated: two fit" in law_section({**law, "stated": False, "because": "two fit"})
-    assert "asks for no term" in law_section({"formula": None, "terms": [], "because": "the record asks for no term"})
-    assert law_section(None) == ""

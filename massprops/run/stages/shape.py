@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
+from massprops.core.files import hash_of
 from massprops.core.inputs import read_image
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
@@ -297,7 +298,7 @@ def placement_folder(work: Path, number: int) -> Path:
 
 def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
     """Dense points of the region, whatever they belong to, and their colours (n, 3) uint8."""
-    from massprops.dense.reconstruct import dense_points
+    from massprops.dense.reconstruct import DenseOptions, dense_points
     from massprops.surface.cloud import Cloud
 
     # the depth range of a view comes from its sparse points
@@ -306,9 +307,9 @@ def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         return _image(job, views, i), region.mask(views, i)
 
-    points, _ = dense_points(
-        views, image, near.xyz, near.obs_view, near.obs_point, REFERENCES, job.seed, job.threads, job.progress, PIXELS
-    )
+    options = DenseOptions(REFERENCES, job.seed, job.threads, PIXELS)
+    parts = job.parts.within(hash_of([views.names, region.centre, region.radius]))
+    points, _ = dense_points(views, image, near, options, job.progress, parts)
     cloud = Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__))
     good = cloud.is_finite
     return cloud.take(np.flatnonzero(good)).finite(), points.rgb[good]
