@@ -311,7 +311,7 @@ def placement_folder(work: Path, number: int) -> Path:
 
 def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
     """Dense points of the region, whatever they belong to, and their colours (n, 3) uint8."""
-    from massprops.dense.reconstruct import dense_points
+    from massprops.dense.reconstruct import DenseOptions, dense_points
     from massprops.surface.cloud import Cloud
 
     # the depth range of a view comes from its sparse points
@@ -320,10 +320,9 @@ def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         return _image(job, views, i), region.mask(views, i)
 
-    points, _ = dense_points(
-        views, image, near.xyz, near.obs_view, near.obs_point, REFERENCES, job.seed, job.threads, job.progress, PIXELS,
-        job.parts.within(hash_of([views.names, region.centre, region.radius])),
-    )  # fmt: skip
+    options = DenseOptions(REFERENCES, job.seed, job.threads, PIXELS)
+    parts = job.parts.within(hash_of([views.names, region.centre, region.radius]))
+    points, _ = dense_points(views, image, near, options, job.progress, parts)
     cloud = Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__))
     good = cloud.is_finite
     return cloud.take(np.flatnonzero(good)).finite(), points.rgb[good]
