@@ -11,7 +11,8 @@ from massprops.documents.campaign import CampaignFile
 from massprops.documents.environment import EnvironmentFile
 from massprops.documents.fields import field_of, inner
 from massprops.documents.filter import FilterFile
-from massprops.documents.loading import DEEPEST, LARGEST_BYTES, MOST_VALUES
+from massprops.documents.limits import DEEPEST, MOST_VALUES
+from massprops.documents.loading import LARGEST_BYTES
 from massprops.documents.massprops_json import MassFile
 from massprops.documents.model import ModelFile
 from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.geometry.epipolar import fundamental, sampson
 from massprops.sfm.distinct import APART, angles
 from massprops.sfm.points import SparsePoints, project_camera
 from massprops.views import Views
@@ -148,17 +149,10 @@ def _within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.n
 
 
 def off_line(views: Views, pair: tuple[int, int], ray: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(k,) Sampson distance of rays (k, 3) of two views from their epipolar geometry [px] (Hartley and Zisserman 2004,
-    eq. 11.9)."""
+    """(k,) distance of rays (k, 3) of two views from their epipolar geometry [px] (`sampson`)."""
     i, j = pair
-    R = views.R[j] @ views.R[i].T
-    t = views.t[j] - R @ views.t[i]
-    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-    F = np.linalg.inv(views.K[j]).T @ cross @ R @ np.linalg.inv(views.K[i])
-    x, y = ray @ views.K[i].T, other @ views.K[j].T
-    Fx, Fy = x @ F.T, y @ F
-    size = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
-    return np.abs(np.einsum("ki,ki->k", y, Fx)) / np.maximum(size, 1e-300)
+    F = fundamental((views.K[i], views.K[j]), (views.R[i], views.R[j]), (views.t[i], views.t[j]))
+    return sampson(F, ray @ views.K[i].T, other @ views.K[j].T)
 
 
 def joined(first: np.ndarray, second: np.ndarray) -> np.ndarray:
