@@ -159,7 +159,7 @@ class _Growth:
         q, shift = horn(every, seen, np.where(use, 1.0 / self.size[rows], 0.0))
         information = _with_body(q, vague, covariance, use)
         q, shift, _, near = align(body, seen, information, use, q, shift)
-        good = use & (near <= LARGEST_MAHALANOBIS)
+        good: np.ndarray = use & (near <= LARGEST_MAHALANOBIS)
         ok = _enough(good, use)
         for k in np.flatnonzero(~ok):
             tried = _consensus(body, vague, seen[k], covariance[k], use[k], self.rng)
@@ -177,8 +177,9 @@ class _Growth:
     def _settle(self) -> None:
         """Poses against the body as it is, which measurements fit, how large the residuals are; then the body's points
         that most of their measurements contradict."""
-        known, used = np.isfinite(self.body).all(axis=-1), self.used
-        use = self.seen & known & used[:, None]
+        used = self.used
+        known: np.ndarray = np.isfinite(self.body).all(axis=-1)
+        use: np.ndarray = self.seen & known & used[:, None]
         q, shift = self.q.copy(), self.shift.copy()
         solid = np.where(known[:, None], self.body, 0.0)
         q[used], shift[used], covariance, near = align(
@@ -228,7 +229,7 @@ class _Growth:
         total = (turned @ R[:, None]).sum(axis=0)
         side = np.einsum("nmij,nmj->mi", turned, arm)
         spread = inverse_of(total)
-        some = use[used].any(axis=0)
+        some: np.ndarray = use[used].any(axis=0)
         points = np.einsum("mij,mj->mi", spread, side)
         return np.where(some[:, None], points, np.nan), np.where(some[:, None, None], spread, np.nan)
 

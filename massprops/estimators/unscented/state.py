@@ -196,8 +196,16 @@ def filter_epochs(state: State, seen: Measurements, noise: Noise, settings: Sett
     assert ny == sum(seen.extras) + m * seen.per_feature, "channels and features disagree"
     leading = state.places(settings.additive)["k"].stop
     record = Record(np.zeros((n, 19)), np.zeros((n, size)), np.zeros((n, leading, leading)), np.zeros((n, 3)))
-    parts = [np.array(x, float) for x in (state.w, state.q, state.k, state.axes, state.position, state.velocity)]
-    moving = Moving(*parts, np.array(state.features, float).reshape(m, 3), np.array(state.P, float))
+    moving = Moving(
+        w=np.array(state.w, float),
+        q=np.array(state.q, float),
+        k=np.array(state.k, float),
+        axes=np.array(state.axes, float),
+        position=np.array(state.position, float),
+        velocity=np.array(state.velocity, float),
+        features=np.array(state.features, float).reshape(m, 3),
+        P=np.array(state.P, float),
+    )
     rule = Rule(
         noise=noise.diagonal(state, settings.additive),
         gamma=float(settings.alpha * np.sqrt(size + settings.kappa)),
