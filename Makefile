@@ -25,8 +25,10 @@ $(VENV)/.installed: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e .
 	@touch $@
 
+# nerfbaselines reads Nerfstudio's data sets; what it asks for besides, an old numpy among it, is for training.
 $(VENV)/.installed-dev: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e ".[dev,consumers]"
+	$(BIN)/python -m pip install --quiet --no-deps "nerfbaselines>=1.2"
 	@touch $@ $(VENV)/.installed
 
 install: $(VENV)/.installed

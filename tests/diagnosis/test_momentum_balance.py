@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from report.browser import BROWSER, check_page
 from scipy.integrate import solve_ivp
 
 from massprops.diagnosis.conserved_start import conserved, conserved_across
@@ -212,6 +213,8 @@ def test_the_command_names_drag_and_writes_what_it_promises(tmp_path, capsys) ->
     assert model.value("drag-by-axis") == pytest.approx(truth, abs=0.1)
     assert np.abs(model.inertia - INERTIA).max() < 0.05
     assert "<svg" in (tmp_path / "out" / "report.html").read_text() and "drag-by-axis" in capsys.readouterr().out
+    if BROWSER is not None:
+        check_page(tmp_path / "out" / "report.html", tmp_path)
 
 
 def test_free_rotation_is_given_no_effect() -> None:
