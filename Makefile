@@ -25,8 +25,10 @@ $(VENV)/.installed: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e .
 	@touch $@
 
+# nerfbaselines reads Nerfstudio's data sets; what it asks for besides, an old numpy among it, is for training.
 $(VENV)/.installed-dev: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e ".[dev,consumers]"
+	$(BIN)/python -m pip install --quiet --no-deps "nerfbaselines>=1.2"
 	@touch $@ $(VENV)/.installed
 
 install: $(VENV)/.installed
@@ -39,16 +41,18 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed-dev
 	$(THREADS) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench"
 
-# Kernels of BLAS, of the compiled loops and of OpenCV that any processor has: other last bits than its own ones give.
-# What a processor lacks can be turned off all the same; nothing is turned on.
+# Kernels of BLAS, of numpy, of the compiled loops and of OpenCV that any processor has: other last bits than its own ones
+# give. What a processor lacks can be turned off all the same; nothing is turned on.
 PLAIN_BLAS := $(if $(filter x86_64 amd64,$(shell uname -m)),Nehalem,ARMV8)
 OTHER_MACHINE := OPENBLAS_CORETYPE=$(PLAIN_BLAS) OPENCV_CPU_DISABLE=AVX512-SKX,AVX2,FP16 \
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-generic
+NUMPYS := from numpy._core._multiarray_umath import __cpu_dispatch__ as d, __cpu_features__ as f; print(*(x for x in d if f[x]))
 NUMERICAL := tests/estimators/test_ekf.py tests/estimators/test_ukf.py tests/estimators/test_batch_step.py \
 	tests/dense/test_dense.py tests/surface/test_surface.py
 
 test-other-machine: $(VENV)/.installed-dev
-	$(THREADS) $(OTHER_MACHINE) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
+	$(THREADS) $(OTHER_MACHINE) NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(NUMPYS)')" \
+		$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
 
 # What is tested where pycolmap cannot be installed (Linux on arm64).
 WITHOUT_PYCOLMAP := tests/api tests/campaign tests/core tests/crosscheck tests/diagnose tests/diagnosis tests/docs tests/documents \

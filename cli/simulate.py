@@ -52,6 +52,8 @@ class Options:
 def command(given: Options) -> None:
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
 
+    What is not given is the scenario's own.
+
     Example: massprops simulate spacecraft -o sequences/one --frames 72 --size 640x480 --video
 
     Example: massprops simulate tracks -o sequences/two --effects viscous-damping:6

@@ -62,7 +62,7 @@ def reconstruct(
         sparse: existing COLMAP model to use in place of our own.
         dense_views: most reference views of the dense stereo; 0: chosen.
         density: constant density [kg/m^3]; not given: 1000, as water, and said so.
-        scale: metres per model unit; a model unit is the object's greatest length, so: its length [m].
+        scale: the object's greatest length, from tip to tip [m]; not given: it is the unit, and only ratios are claimed.
         scale_sigma: relative 1-sigma of a given length.
         distance: distance between two points, each "x,y,z" in model units or a picked name, and the metres.
         marker: ArUco DICTIONARY:SIDE_METRES or ChArUco DICTIONARY:COLSxROWS:SQUARE_METRES in view.
@@ -366,7 +366,7 @@ def export(
 
     Args:
         source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh` in metres.
-        to: filter, urdf, mjcf, sdf, usd, basilisk, csv, json, colmap-text, nerfstudio, tum, rerun.
+        to: the format: filter, urdf, mjcf, sdf, usd, basilisk, csv, json, colmap-text, nerfstudio, tum, rerun.
         out: file to write; default: in the run, or beside the mesh file, by its name. In Python a mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.

@@ -60,6 +60,10 @@ class Hypothesis:
         """Of the effects in it."""
         return (("internal-rotor",) if self.wheel else ()) + tuple(t.name for t in self.terms)
 
+    def term(self, name: str) -> Term:
+        """The effect of that name."""
+        return next(t for t in self.terms if t.name == name)
+
 
 @dataclass(frozen=True, kw_only=True)
 class HypothesisFit:
@@ -150,7 +154,7 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     path, rows = record.path, record.rows
     balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
     parts = _parts(record, hypothesis, guess, balance)
-    over = 1.0 / np.repeat(rows.sigma, 3)
+    over = 1.0 / rows.spread
     blocks = []
     for name, rate, columns, sd, kind in parts:
         del rate
@@ -188,7 +192,7 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
         latent = next(b.columns for b in blocks if b.name == "latent torque") @ post.mean["latent torque"]
     found = HypothesisFit(
         hypothesis=hypothesis, record=record, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
-        evidence=post.evidence - float(np.sum(np.log(np.repeat(rows.sigma, 3)))), noise=post.noise, posterior=post,
+        evidence=post.evidence - float(np.sum(np.log(rows.spread))), noise=post.noise, posterior=post,
         values={t.name: t.values(post.mean[t.name], post.covariance[t.name])[0] for t in hypothesis.terms},
         covariance={t.name: t.values(post.mean[t.name], post.covariance[t.name])[1] for t in hypothesis.terms},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
@@ -275,9 +279,9 @@ def term_gain(fit: HypothesisFit, term: Term) -> float:
     balance = Balance(
         path=record.path, shape=fit.shape, momentum=guess_momentum, rate=fit.rate, rows=record.rows
     )  # fmt: skip
-    sigma = np.repeat(record.rows.sigma, 3) * np.resize(fit.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
+    sigma = record.rows.spread * np.resize(fit.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
     columns = balance.columns(forcing_of(term, record.path, fit.rate, fit.inertia, record.sky))
-    over = (np.repeat(record.rows.sigma, 3) / sigma)[:, None]
+    over = (record.rows.spread / sigma)[:, None]
     fixed = np.concatenate([b.columns for b in fit.blocks], axis=1) * over
     sd = np.concatenate([fit.posterior.sd[b.name] for b in fit.blocks])
     return block_gain(*reduced(fixed, sd, columns.reshape(len(sigma), -1) / sigma[:, None], fit.y * over[:, 0]))
