@@ -7,8 +7,14 @@ import stat
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
+from massprops.core.processes import overheard
 from massprops.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pymeshlab
 
 
 def prepare_numba_cache() -> None:
@@ -76,6 +82,28 @@ def load_open3d() -> ModuleType:
     except (ImportError, OSError) as error:
         raise InputError(f"open3d cannot be loaded: {error}; {advice(str(error))}") from None
     return open3d
+
+
+def mesh_set(vertices: np.ndarray, faces: np.ndarray) -> pymeshlab.MeshSet:
+    """A mesh in MeshLab's hands: vertices (v, 3), faces (f, 3).
+
+    What MeshLab prints of parts of its own that it cannot load, on standard output, is kept from there.
+
+    Raises:
+        InputError: the part that meshes cannot be loaded; says what is missing, and what to type.
+    """
+    import numpy as np
+
+    with overheard() as said:
+        import pymeshlab
+
+        made = pymeshlab.MeshSet(verbose=False)
+    if not hasattr(made, "meshing_decimation_quadric_edge_collapse"):
+        why = re.search(r"lib[\w.+-]+\.so[\w.]*: cannot open shared object file", "".join(said))
+        reason = why[0] if why else "the part of it that meshes cannot be loaded"
+        raise InputError(f"pymeshlab cannot be used: {reason}; {advice(reason)}")
+    made.add_mesh(pymeshlab.Mesh(np.asarray(vertices, float), np.asarray(faces, np.int32)))
+    return made
 
 
 WITHOUT_PYCOLMAP = (

@@ -19,7 +19,7 @@ LIBRARIES = {
     "pycolmap": "import zlib, pycolmap",
     "open3d": "from massprops.native import load_open3d; load_open3d()",
     "trimesh": "import trimesh",
-    "pymeshlab": "import pymeshlab; pymeshlab.MeshSet",
+    "pymeshlab": "from massprops.native import mesh_set; mesh_set([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])",
     "PyMaxflow": "import maxflow",
     "PyAV": "import av; av.codec.Codec('h264', 'r')",
     "pyyaml": "import yaml",

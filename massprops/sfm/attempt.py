@@ -286,7 +286,9 @@ def _first_pairs(
     n = len(names)
     if footage.rig:
         return _rig_pairs(footage, names, options)
-    if n <= (16 if footage.ordered and not faint else options.exhaustive_below):
+    # photographs of one minute may show one side from three heights, and what is unique of a pattern links few of them
+    neighbours = footage.ordered and not faint and not (repeats and not footage.moving_pictures)
+    if n <= (16 if neighbours else options.exhaustive_below):
         index = pairing.exhaustive(n)
     elif repeats:
         index = pairing.near(n, options.distinct_overlap)
