@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import io
 import os
 import signal
 import sys
@@ -66,7 +67,7 @@ def muffled() -> Iterator[None]:
 
 @contextlib.contextmanager
 def overheard() -> Iterator[list[str]]:
-    """Keeps what native code prints away from both standard streams, of the whole process while it lasts.
+    """Keeps what libraries print, native code too, away from both standard streams, of the whole process while it lasts.
 
     Gives a list that holds what was printed, when it is over. Some libraries tell on standard output what they miss as
     they are loaded, where a result belongs.
@@ -76,8 +77,10 @@ def overheard() -> Iterator[list[str]]:
         with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or none
             sys.stdout.flush()
         reals = [(handle, _turned_away(handle, file.fileno())) for handle in (1, 2)]
+        printed = io.StringIO()
         try:
-            yield said
+            with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+                yield said
         finally:
             ctypes.CDLL(None).fflush(None)  # C keeps lines back where it does not write to a terminal
             for handle, real in reals:
@@ -85,7 +88,7 @@ def overheard() -> Iterator[list[str]]:
                     os.dup2(real, handle)
                     os.close(real)
             file.seek(0)
-            said.append(file.read().decode(errors="replace"))
+            said.append(file.read().decode(errors="replace") + printed.getvalue())
 
 
 def _turned_away(handle: int, target: int | None = None) -> int:

@@ -46,9 +46,10 @@ def test_what_native_code_prints_is_overheard_on_both_streams(capfd: pytest.Capt
     with overheard() as said:
         ctypes.CDLL(None).puts(b"of a library")
         os.write(2, b"and more\n")
+        print("by way of Python")
     print("after")
     assert capfd.readouterr() == ("before\nafter\n", "")
-    assert sorted(said[0].splitlines()) == ["and more", "of a library"]
+    assert sorted(said[0].splitlines()) == ["and more", "by way of Python", "of a library"]
 
 
 def test_a_mesh_library_without_its_parts_is_one_line(tmp_path: Path) -> None:
