@@ -24,7 +24,7 @@ LARGEST_TURN = 0.7
 ORDER = 5
 """Of the differences that noise is taken from. A racquet turning at 15 rad/s, seen 100 times a second, still shows in third
 ones: two to three times the noise."""
-FEWEST_NEAR = 8
+FEWEST_NEAR = 15
 WHOLE_COUNTS = 4.0
 """Samples about one that its noise is taken from, at least, and as how many more the whole record's noise counts."""
 STATED_ROWS = 100.0

@@ -224,7 +224,8 @@ def may_be_named(c: Candidate, base: HypothesisFit, unknown: HypothesisFit) -> b
     """Whether an effect beats the unknown torque, explains most by itself, and is away from nothing."""
     if c.evidence < unknown.evidence + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
-    if rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
+    small = base.record.stated and within_noise(c.alone)
+    if not small and rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
         return False
     if base.record.stated and rms(c.alone.residual) > criteria.LEFT_OF_STATED:
         return False

@@ -13,7 +13,15 @@ from massprops.diagnosis.effect_search import widening
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import SECONDS, pairs, seconds
 from massprops.diagnosis.record import Record, record_of_rates
-from massprops.diagnosis.selection import Candidate, Selection, asks_for_two, rms, usable_effects, without_effects
+from massprops.diagnosis.selection import (
+    Candidate,
+    Selection,
+    asks_for_two,
+    may_be_named,
+    rms,
+    usable_effects,
+    without_effects,
+)
 
 DRAG = np.array([0.6, 0.3, 0.9])
 TORQUE = np.array([3.0, -2.0, 1.5])
@@ -70,3 +78,15 @@ def test_sigmas_grow_where_neighbours_are_alike() -> None:
         runs[:, k] += 0.9 * runs[:, k - 1]
     scatter = runs.mean(axis=1).std() / (runs.std() / np.sqrt(400))
     assert scatter == pytest.approx(widening(runs.T), rel=0.25)
+
+
+def test_a_small_effect_that_leaves_the_stated_noise_may_be_named() -> None:
+    small = record_of_rates(tumble(lambda t, w: -0.05 * DRAG * w, rate=100.0))
+    base, unknown = without_effects(small)
+    fit = alone(small, "drag-by-axis")
+    assert unknown is not base and 1.1 < rms(base.residual) < 2.0 * rms(fit.residual), (
+        "more than half of the misfit is noise"
+    )
+    assert may_be_named(Candidate(alone=fit), base, unknown)
+    idle = alone(record_of_rates(tumble(rate=100.0)), "drag-by-axis")
+    assert not may_be_named(Candidate(alone=idle), base, unknown)
