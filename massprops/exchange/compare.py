@@ -220,6 +220,11 @@ def _rows(ours: MassProperties, cad: MassProperties, interval: dict[str, Any], l
     return rows
 
 
+def spoken(quantity: str) -> str:
+    """The name of a row in words: `center_of_mass_x` is "centre of mass x"."""
+    return quantity.replace("center_of_mass_", "centre of mass ").replace("axis_", "axis of I")
+
+
 def axis_angles(ours: np.ndarray, cad: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """(3,) angles [deg] of our principal axes to the CAD's, whatever their sign.
 
