@@ -23,9 +23,9 @@ def speed() -> dict[str, Any]:
 
     Returns:
         ukf_us_per_step: the paper's model with its four quaternion components: 24 states, 45 measurements, fourth-order
-        Runge-Kutta, compiled, after loading, the best of thirty passes over 500 steps; gp_gpy_ratio: GPy's CPU time over
-        ours to train on the same 1000 samples with the same kernel, None without GPy (then `gpy` says so); gp_cpu_s,
-        gpy_cpu_s; gp_rmse, gpy_rmse: errors over the next 2000 s [rad].
+        Runge-Kutta, compiled, after loading, the best of thirty passes over 500 steps; ukf_numpy_us_per_step: without
+        numba; gp_gpy_ratio: GPy's CPU time over ours to train on the same 1000 samples with the same kernel, None
+        without GPy (then `gpy` says so); gp_cpu_s, gpy_cpu_s; gp_rmse, gpy_rmse: errors over the next 2000 s [rad].
     """
     return {**_filter_speed(), **_process_speed()}
 
@@ -52,18 +52,25 @@ def _filter_speed() -> dict[str, Any]:
     Q = c["process_noise"]
     noise = Noise(w=Q["w"], attitude=Q["q"], k=Q["k"], features=Q["features"])
 
-    settings = Settings(gate=0.0, additive=True, largest_turn=c["largest_turn_rad"])
-
-    def once() -> Run:
+    def once(backend: str) -> Run:
+        settings = Settings(gate=0.0, additive=True, backend=backend, largest_turn=c["largest_turn_rad"])
         return filter_epochs(state, seen, noise, settings)
 
-    once()
-    passes = [once() for _ in range(PASSES)]
-    return {
-        "states": len(state.P),
-        "measurements": seen.z.shape[1],
-        "ukf_us_per_step": min(1e6 * run.cpu_s / len(run.w) for run in passes),
-    }
+    out: dict[str, Any] = {"states": len(state.P), "measurements": seen.z.shape[1]}
+    try:
+        once("numba")
+        passes = [once("numba") for _ in range(PASSES)]
+        out["ukf_us_per_step"] = min(1e6 * run.cpu_s / len(run.w) for run in passes)
+    except ImportError:
+        out["ukf_us_per_step"] = None
+        out["numba"] = "not installed"
+    plain = once("numpy")
+    out["ukf_numpy_us_per_step"] = 1e6 * plain.cpu_s / len(plain.w)
+    if out["ukf_us_per_step"] is not None:
+        out["ukf_numpy_difference"] = float(
+            max(np.abs(getattr(plain, name) - getattr(passes[0], name)).max() for name in ("w", "q", "k", "sigma"))
+        )
+    return out
 
 
 def with_fourth_component(state: State) -> np.ndarray:

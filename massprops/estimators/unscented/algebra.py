@@ -8,16 +8,7 @@ LOST = 1e-13
 """A pivot below this share of its diagonal is rounding, and is held there."""
 
 
-def add_rows(
-    T: np.ndarray,
-    row: int,
-    first: int,
-    width: int,
-    A: np.ndarray,
-    k: int,
-    place: int,
-    factors: tuple[float, float, float, float],
-) -> None:
+def add_rows(T, row, first, width, A, k, place, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
     """T[row, first : first + width] += f0 A[k, place :] + f1 A[k + 1, ...] + f2 ... + f3 ..., in one pass.
 
     Indices are unsigned, and rows are not sliced: a check for negative ones, or the counting of references to a view,
@@ -25,12 +16,11 @@ def add_rows(
     """
     r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
-    f0, f1, f2, f3 = factors
     for i in range(np.uint64(width)):
         T[r, a + i] += f0 * A[k0, b + i] + f1 * A[k1, b + i] + f2 * A[k2, b + i] + f3 * A[k3, b + i]
 
 
-def take_rows(T: np.ndarray, row: int, first: int, width: int, A: np.ndarray, k: int, place: int, column: int) -> None:
+def take_rows(T, row, first, width, A, k, place, column):  # type: ignore[no-untyped-def]
     """T[row, first : first + width] -= sum over eight rows j from k of A[j, column] A[j, place :]."""
     r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
@@ -44,7 +34,7 @@ def take_rows(T: np.ndarray, row: int, first: int, width: int, A: np.ndarray, k:
         T[r, a + i] -= one + two
 
 
-def add_pairs(T: np.ndarray, row: int, width: int, A: np.ndarray, B: np.ndarray, k: int) -> None:
+def add_pairs(T, row, width, A, B, k):  # type: ignore[no-untyped-def]
     """T[row, row : row + width] += sum over four rows j from k of A[j, row] A[j, row :] + B[j, row] B[j, row :]."""
     r = np.uint64(row)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
@@ -57,7 +47,7 @@ def add_pairs(T: np.ndarray, row: int, width: int, A: np.ndarray, B: np.ndarray,
         T[r, c] += one + two
 
 
-def upper_factor(T: np.ndarray, rows: int) -> None:
+def upper_factor(T, rows):  # type: ignore[no-untyped-def]
     """First `rows` rows of U with A = U^T U, written over T = [A, B] with zeros below the diagonal; never fails.
 
     Columns beyond the square become U^-T B.
@@ -71,7 +61,7 @@ def upper_factor(T: np.ndarray, rows: int) -> None:
             take_rows(T, i, i, width, T, k, i, i)
             k += 8
         if k + 4 <= i:
-            add_rows(T, i, i, width, T, k, i, (-T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i]))
+            add_rows(T, i, i, width, T, k, i, -T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i])
             k += 4
         while k < i:
             f, j = T[k, i], np.uint64(k)
@@ -87,17 +77,7 @@ def upper_factor(T: np.ndarray, rows: int) -> None:
             T[i, c] = 0.0
 
 
-def difference(
-    odd: np.ndarray,
-    even: np.ndarray,
-    row: int,
-    first: int,
-    last: int,
-    plus: np.ndarray,
-    minus: np.ndarray,
-    middle_point: np.ndarray,
-    half: float,
-) -> None:
+def difference(odd, even, row, first, last, plus, minus, middle_point, half):  # type: ignore[no-untyped-def]
     """Half difference and half sum of a pair of sigma points' measurements, scaled, into columns first to last."""
     r, a = np.uint64(row), np.uint64(first)
     for i in range(np.uint64(last - first)):
@@ -106,9 +86,7 @@ def difference(
         even[r, c] = half * (plus[c] + minus[c] - 2.0 * middle_point[c])
 
 
-def add_to_mean(
-    mean: np.ndarray, spread: np.ndarray, odd: np.ndarray, even: np.ndarray, row: int, spreads: bool
-) -> None:
+def add_to_mean(mean, spread, odd, even, row, spreads):  # type: ignore[no-untyped-def]
     """mean += even[row]; and spread += odd[row]^2 + even[row]^2 when it is wanted."""
     r = np.uint64(row)
     for c in range(np.uint64(mean.shape[0])):
@@ -118,7 +96,7 @@ def add_to_mean(
             spread[c] += odd[r, c] * odd[r, c] + even[r, c] * even[r, c]
 
 
-def middle(values: np.ndarray) -> float:
+def middle(values):  # type: ignore[no-untyped-def]
     """The median, for short arrays."""
     n = values.shape[0]
     sorted_values = values.copy()

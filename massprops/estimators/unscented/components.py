@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.kernels import cross, principal_acceleration, quaternion_rate, to_reference
-from massprops.estimators.unscented.arguments import Channels
 
 N = Any
 """A component: number or array."""
@@ -48,15 +47,10 @@ def turn_between(qw: N, qx: N, qy: N, qz: N, pw: N, px: N, py: N, pz: N) -> tupl
     return factor * x, factor * y, factor * z
 
 
-def torque_free(w: tuple, q: tuple, k: tuple, dt: float, steps: int) -> tuple[N, N, N, N, N, N, N]:
-    """Rates and attitude after dt of torque-free motion, principal axes: `steps` Runge-Kutta steps of fourth order.
-
-    Args:
-        w: 3, q: 4, k: 2 components.
-    """
-    wx, wy, wz = w
-    qw, qx, qy, qz = q
-    k1, k2 = k
+def torque_free(
+    wx: N, wy: N, wz: N, qw: N, qx: N, qy: N, qz: N, k1: N, k2: N, dt: float, steps: int
+) -> tuple[N, N, N, N, N, N, N]:
+    """Rates and attitude after dt of torque-free motion, principal axes: `steps` Runge-Kutta steps of fourth order."""
     i1, i3 = np.exp(k1), np.exp(-k2)
     a, b, c = (1.0 - i3) / i1, i3 - i1, (i1 - 1.0) / i3
     h = dt / steps
@@ -88,16 +82,14 @@ def torque_free(w: tuple, q: tuple, k: tuple, dt: float, steps: int) -> tuple[N,
     return wx, wy, wz, qw, qx, qy, qz
 
 
-def image(channels: Channels, c: int, place: tuple, pace: tuple) -> tuple[N, N, N, N]:
-    """Image position in camera c, and its rate, of a point at `place` moving at `pace` in the chaser's frame.
+def image(
+    fu: N, fv: N, cu: N, cv: N, R: N, tx: N, ty: N, tz: N, x: N, y: N, z: N, vx: N, vy: N, vz: N
+) -> tuple[N, N, N, N]:
+    """Image position and its rate of a point (x, y, z) moving at (vx, vy, vz) in the chaser's frame.
 
     A point at or behind the camera's plane is held at a small positive depth, so that a stray sigma point stays finite.
     """
-    fu, fv, cu, cv = channels.lens[c, 0], channels.lens[c, 1], channels.lens[c, 2], channels.lens[c, 3]
-    R, shift = channels.turn[c], channels.shift
-    x, y, z = place
-    vx, vy, vz = pace
-    dx, dy, dz = x - shift[c, 0], y - shift[c, 1], z - shift[c, 2]
+    dx, dy, dz = x - tx, y - ty, z - tz
     depth = np.maximum(R[2, 0] * dx + R[2, 1] * dy + R[2, 2] * dz, 1e-3)
     inverse = 1.0 / depth
     u = (R[0, 0] * dx + R[0, 1] * dy + R[0, 2] * dz) * inverse

@@ -1,14 +1,12 @@
-"""Data of the unscented filter, and the call that runs it."""
+"""Data of the unscented filter, and the call that runs it compiled or with numpy alone."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from massprops.estimators.unscented.arguments import Channels, Epochs, Moving, Record, Rule
 from massprops.sensing.pinhole import Pinhole as Camera
 
 KERNEL = (
@@ -29,6 +27,7 @@ class Settings:
         gate: innovations beyond this many sigma are rejected with all measurements of their group; 0 for none.
         largest_turn: rotation per Runge-Kutta step [rad].
         additive: the paper's additive quaternion, four components, in place of the three of a multiplicative error.
+        backend: `numba`, `numpy`, or `auto` (numba where it is installed).
     """
 
     alpha: float = 0.1
@@ -37,6 +36,7 @@ class Settings:
     gate: float = 5.0
     largest_turn: float = 0.1
     additive: bool = False
+    backend: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -182,10 +182,18 @@ class Run:
     cpu_s: float
 
 
-def _kernel() -> Callable[..., None]:
-    from massprops.estimators.compiling import compiled
+def _kernel(backend: str):  # type: ignore[no-untyped-def]
+    if backend != "numpy":
+        try:
+            from massprops.estimators.compiling import compiled
 
-    return compiled("run_loop", *KERNEL)
+            return compiled("run_loop", *KERNEL)
+        except ImportError:
+            if backend == "numba":
+                raise
+    from massprops.estimators.unscented.arrays import run_loop
+
+    return run_loop
 
 
 def filter_epochs(state: State, seen: Measurements, noise: Noise, settings: Settings | None = None) -> Run:
@@ -194,77 +202,62 @@ def filter_epochs(state: State, seen: Measurements, noise: Noise, settings: Sett
     n, ny = seen.z.shape
     size, m = len(state.P), len(state.features)
     assert ny == sum(seen.extras) + m * seen.per_feature, "channels and features disagree"
-    leading = state.places(settings.additive)["k"].stop
-    record = Record(np.zeros((n, 19)), np.zeros((n, size)), np.zeros((n, leading, leading)), np.zeros((n, 3)))
-    moving = Moving(
-        w=np.array(state.w, float),
-        q=np.array(state.q, float),
-        k=np.array(state.k, float),
-        axes=np.array(state.axes, float),
-        position=np.array(state.position, float),
-        velocity=np.array(state.velocity, float),
-        features=np.array(state.features, float).reshape(m, 3),
-        P=np.array(state.P, float),
-    )
-    rule = Rule(
-        noise=noise.diagonal(state, settings.additive),
-        gamma=float(settings.alpha * np.sqrt(size + settings.kappa)),
-        excess=float(settings.beta - settings.alpha**2),
-        gate=float(settings.gate),
-        largest_turn=float(settings.largest_turn),
-        additive=settings.additive,
-        axes=state.axes_free,
-        moving=state.moving,
-    )
-    run_loop = _kernel()
-    begin = time.process_time()
-    run_loop(moving, _epochs(seen), _channels(seen, m), rule, record)
-    spent = time.process_time() - begin
-    w, q, k, axes, position, velocity = np.split(record.mean, [3, 7, 9, 13, 16], axis=1)
-    return Run(
-        w=w,
-        q=q,
-        k=k,
-        axes=axes,
-        position=position,
-        velocity=velocity,
-        sigma=record.sigma,
-        block=record.block,
-        nis=record.tally[:, 0],
-        used=record.tally[:, 1].astype(int),
-        gated=record.tally[:, 2].astype(int),
-        last=replace(state, **moving._asdict()),
-        cpu_s=spent,
-    )
-
-
-def _epochs(seen: Measurements) -> Epochs:
-    """The measurements' arrays, where there are none those that change nothing."""
-    n = len(seen.dt)
+    gamma = settings.alpha * np.sqrt(size + settings.kappa)
+    excess = settings.beta - settings.alpha**2
+    c = len(seen.cameras)
+    z = np.array(seen.z, float)
+    attitude = np.zeros((n, 4)) if seen.attitude is None else np.ascontiguousarray(seen.attitude, float)
     F = seen.transition
     if F is None:
         F = np.broadcast_to(np.eye(6), (n, 6, 6)).copy()
         F[:, :3, 3:] = seen.dt[:, None, None] * np.eye(3)
-    return Epochs(
-        dt=np.ascontiguousarray(seen.dt, float),
-        transition=np.ascontiguousarray(F, float),
-        spin=np.tile([1.0, 0, 0, 0], (n, 1)) if seen.spin is None else np.ascontiguousarray(seen.spin, float),
-        z=np.array(seen.z, float),
-        variance=np.ascontiguousarray(seen.variance, float),
-        attitude=np.zeros((n, 4)) if seen.attitude is None else np.ascontiguousarray(seen.attitude, float),
-        pinned=np.zeros(n, bool) if seen.pinned is None else np.ascontiguousarray(seen.pinned),
+    spin = np.tile([1.0, 0, 0, 0], (n, 1)) if seen.spin is None else np.ascontiguousarray(seen.spin, float)
+    pinned = np.zeros(n, bool) if seen.pinned is None else np.ascontiguousarray(seen.pinned)
+    parts = [np.array(x, float) for x in (state.w, state.q, state.k, state.axes, state.position, state.velocity)]
+    features, P = np.array(state.features, float).reshape(m, 3), np.array(state.P, float)
+    leading = state.places(settings.additive)["k"].stop
+    mean, sigma = np.zeros((n, 19)), np.zeros((n, size))
+    block, tally = np.zeros((n, leading, leading)), np.zeros((n, 3))
+    run_loop = _kernel(settings.backend)
+    arguments = (
+        *parts,
+        features,
+        P,
+        np.ascontiguousarray(seen.dt, float),
+        np.ascontiguousarray(F, float),
+        spin,
+        z,
+        np.ascontiguousarray(seen.variance, float),
+        attitude,
+        pinned,
+        np.ascontiguousarray(seen.reference, float),
+        np.array([x.intrinsics for x in seen.cameras], float).reshape(c, 4),
+        np.array([x.R for x in seen.cameras], float).reshape(c, 3, 3),
+        np.array([x.t for x in seen.cameras], float).reshape(c, 3),
+        seen.groups(m),
+        noise.diagonal(state, settings.additive),
+        seen.disparity,
+        seen.flow,
+        seen.extras,
+        float(gamma),
+        float(excess),
+        float(settings.gate),
+        float(settings.largest_turn),
+        settings.additive,
+        state.axes_free,
+        state.moving,
+        mean,
+        sigma,
+        block,
+        tally,
     )
-
-
-def _channels(seen: Measurements, features: int) -> Channels:
-    c = len(seen.cameras)
-    return Channels(
-        lens=np.array([x.intrinsics for x in seen.cameras], float).reshape(c, 4),
-        turn=np.array([x.R for x in seen.cameras], float).reshape(c, 3, 3),
-        shift=np.array([x.t for x in seen.cameras], float).reshape(c, 3),
-        group=seen.groups(features),
-        reference=np.ascontiguousarray(seen.reference, float),
-        disparity=seen.disparity,
-        flow=seen.flow,
-        extras=seen.extras,
+    begin = time.process_time()
+    run_loop(*arguments)
+    spent = time.process_time() - begin
+    w, q, k, axes, position, velocity = parts
+    last = replace(state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features, P=P)
+    w_out, q_out, k_out, axes_out, position_out, velocity_out = np.split(mean, [3, 7, 9, 13, 16], axis=1)
+    used, gated = tally[:, 1].astype(int), tally[:, 2].astype(int)
+    return Run(
+        w_out, q_out, k_out, axes_out, position_out, velocity_out, sigma, block, tally[:, 0], used, gated, last, spent
     )
