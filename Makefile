@@ -83,6 +83,8 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check massprops cli tests
 	$(BIN)/ruff format --check massprops cli tests
 	$(BIN)/mypy
+	$(BIN)/python -m tests.house
+	$(BIN)/python -m pytest -q tests/core/test_import_graph.py
 
 clean:
 	rm -rf $(VENV) runs build *.egg-info

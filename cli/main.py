@@ -38,7 +38,7 @@ COMMANDS = {
 
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
-USAGE = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+USAGE: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 """What typer raises for a command line it cannot read, whichever click it carries."""
 
 

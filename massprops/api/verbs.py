@@ -39,21 +39,6 @@ if TYPE_CHECKING:
     Place = str | PathLike[str]
     Progress = Callable[[str, int, int], None]
 
-__all__ = [
-    "campaign",
-    "compare",
-    "crosscheck",
-    "diagnose",
-    "estimate",
-    "export",
-    "mass_properties",
-    "masks",
-    "reconstruct",
-    "reproduce",
-    "sequence_from_arrays",
-    "simulate",
-]
-
 
 @with_options(ReconstructOptions, RECONSTRUCT)
 def reconstruct(
@@ -209,8 +194,9 @@ def estimate(
     """
     from massprops.api.results import Estimates
     from massprops.api.sources import as_path
+    from massprops.core.progress import silent
     from massprops.effect_file import with_effects
-    from massprops.estimators.estimate import estimate_all, silent, write_outcome
+    from massprops.estimators.estimate import estimate_all, write_outcome
 
     given = as_path(source)
     methods = [method] if isinstance(method, str) else list(method or ["all"])
@@ -253,7 +239,7 @@ def crosscheck(
     """
     from massprops.api.sources import as_path
     from massprops.consistency.crosscheck import crosscheck as check
-    from massprops.consistency.crosscheck import silent
+    from massprops.core.progress import silent
 
     methods = [method] if isinstance(method, str) else list(method or ["all"])
     tell = silent if progress is None else lambda done, total, what: progress(what, done, total)

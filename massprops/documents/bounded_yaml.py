@@ -14,7 +14,7 @@ from yaml.resolver import Resolver
 from massprops.documents.limits import DEEPEST, LARGEST_WHOLE, MOST_VALUES, shown
 
 try:  # libyaml where PyYAML was built with it, else PyYAML itself, ten times slower
-    from yaml._yaml import CParser as Parser  # type: ignore[import-not-found]
+    from yaml._yaml import CParser as Parser
 except ImportError:
     from yaml import parser, reader, scanner
 
@@ -27,7 +27,7 @@ except ImportError:
             parser.Parser.__init__(self)
 
 
-class Bounded(Composer, SafeConstructor, Resolver, Parser):  # type: ignore[misc]
+class Bounded(Composer, SafeConstructor, Resolver, Parser):
     """The safe loader that refuses what goes beyond a limit."""
 
     def __init__(self, stream: str) -> None:

@@ -77,7 +77,7 @@ def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
         InputError: flat, too small or too large for its numbers, or too far from its origin.
     """
     vertices = np.asarray(mesh.vertices, float)
-    if len(vertices) < 4:
+    if not len(vertices):
         raise InputError("mesh is flat: it encloses no volume; give a solid")
     largest = float(np.abs(vertices).max())
     if largest > LARGEST_COORDINATE:
@@ -97,7 +97,7 @@ def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
             "--scale"
         )
     spread = np.linalg.svd(vertices - middle, compute_uv=False)
-    if spread[2] <= FLAT * spread[0]:
+    if len(vertices) < 4 or spread[2] <= FLAT * spread[0]:
         raise InputError("mesh is flat: it encloses no volume; give a solid")
 
 

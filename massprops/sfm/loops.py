@@ -73,7 +73,8 @@ def match_predicted(
         points = to_points(model, ids)
         number = dict(zip(views.names, ids, strict=True))
         row = {n: i for i, n in enumerate(views.names)}
-        placed = {n: place(views, points, i, found.features[n][0][:, :2] - 0.5) for n, i in row.items()}
+        lent = fresh or set()
+        placed = {n: place(views, points, i, found.features[n][0][:, :2] - 0.5, n in lent) for n, i in row.items()}
         chosen = set(views.names) if fresh is None else fresh
         pairs = sorted({*_next(views, footage), *_facing(views, points, footage, options, NEXT + 1)})
         pairs = [pair for pair in pairs if chosen.intersection(pair)]

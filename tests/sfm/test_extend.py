@@ -8,8 +8,9 @@ import pytest
 import test_mapping
 
 from massprops.sfm.attempt import SfmOptions, _first_pairs
-from massprops.sfm.extend import borne_out, take_out_contradicted
+from massprops.sfm.extend import _pairs_of, _restore, borne_out, take_out_contradicted, take_out_unmatched
 from massprops.sfm.loops import _forget
+from massprops.sfm.match_parts import taken
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +38,19 @@ def test_an_image_in_its_place_stays_and_one_elsewhere_goes(solved):
     assert sorted(model.reg_image_ids()) == ids[:-1]
 
 
+def test_an_image_that_sees_little_of_what_is_before_it_goes(solved):
+    model = pycolmap.Reconstruction(solved[0])
+    ids = sorted(model.reg_image_ids())
+    names = {model.image(i).name for i in ids[-2:]}
+    take_out_unmatched(model, names)
+    assert sorted(model.reg_image_ids()) == ids
+    for k, feature in enumerate(list(model.image(ids[-1]).points2D)):
+        if feature.has_point3D() and model.image(ids[-1]).num_points3D > 8:
+            model.delete_observation(ids[-1], k)
+    take_out_unmatched(model, names)
+    assert sorted(model.reg_image_ids()) == ids[:-1]
+
+
 def test_matches_with_images_that_are_not_placed_are_kept(solved, tmp_path):
     database = tmp_path / "copy.db"
     database.write_bytes(solved[1].read_bytes())
@@ -52,6 +66,25 @@ def test_matches_with_images_that_are_not_placed_are_kept(solved, tmp_path):
     assert pairs() == before - gone and len(gone) == len(ids) - 2
     _forget(database, ids[:-1], set(ids))
     assert pairs() == {p for p in before if ids[-1] in p} != set()
+
+
+def test_an_image_gets_its_own_matches_back(solved, tmp_path):
+    database = tmp_path / "copy.db"
+    database.write_bytes(solved[1].read_bytes())
+
+    def matches():
+        with pycolmap.Database.open(database) as db:
+            return {p: np.asarray(m).tolist() for p, m in zip(*db.read_all_matches(), strict=True)}
+
+    before = matches()
+    rows = taken(database, _pairs_of(database, 3))
+    with pycolmap.Database.open(database) as db:
+        db.delete_matches(1, 3)
+        db.write_matches(1, 3, np.array([[0, 1], [1, 0]], np.uint32))
+        db.delete_matches(3, 4)
+    assert matches() != before
+    _restore(database, 3, rows)
+    assert matches() == before
 
 
 def test_photographs_of_a_pattern_are_compared_with_all_others():
