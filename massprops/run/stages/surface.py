@@ -154,12 +154,12 @@ def _surface(
         if place.get("middle") is None:
             raise
     middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
-    surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
+    surface = surface_of_outlines(views, masks, middle, radius, job.progress, support)
     if grey:
         # what the Sun lights of this first surface says where the Sun is, and so what is body in the dark
         spared = spare_unlit(views, masks, grey, surface.cloud, job.seed)
         if spared is not masks:
-            return surface_of_outlines(views, spared, middle, radius, job.seed, job.progress, support), spared
+            return surface_of_outlines(views, spared, middle, radius, job.progress, support), spared
     return surface, masks
 
 
