@@ -332,6 +332,47 @@ def support_agreement(views: Views, maps: Occlusion, vertices: np.ndarray, faces
     return float(np.median(drawn_agreement(views, maps, [(vertices, faces)])))
 
 
+def hidden_by(views: Views, maps: Occlusion, vertices: np.ndarray, faces: np.ndarray) -> Occlusion:
+    """The maps where a measured shape, vertices (v, 3) and faces (f, 3), hides the surroundings too.
+
+    No view sees the support through what stereo has measured, though a grey thing on a grey cloth looks like it.
+    """
+    import cv2
+
+    from massprops.geometry.rasterise import silhouette
+
+    states = []
+    for i, state in enumerate(maps.state):
+        size = (int(views.size[i, 0]), int(views.size[i, 1]))
+        drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], size).astype(np.float32)
+        share = cv2.resize(drawn, state.shape[::-1], interpolation=cv2.INTER_AREA)
+        states.append(np.where(share > 0.5, -1, state).astype(np.int8))
+    return Occlusion(states, maps.cell)
+
+
+def held_share(views: Views, vertices: np.ndarray, faces: np.ndarray, xyz: np.ndarray) -> float:
+    """Median over the views of the share of points (m, 3) that fall on a shape's silhouette, or beside it by a cell.
+
+    What stereo measured of an object is part of it: a hull that leaves it out is the hull of a part.
+    """
+    import cv2
+
+    from massprops.geometry.rasterise import silhouette
+
+    shares = []
+    for i in range(len(views)):
+        w, h = (int(x) for x in views.size[i])
+        drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], (w, h)).astype(np.uint8)
+        side = 2 * int(np.ceil(CELL * min(h, w) / 480)) + 1
+        near = cv2.dilate(drawn, np.ones((side, side), np.uint8)) > 0
+        pixel, ahead = _pixels(views, i, xyz)
+        at = np.rint(pixel[ahead]).astype(int)
+        at = at[(at >= 0).all(1) & (at < [w, h]).all(1)]
+        if len(at):
+            shares.append(float(near[at[:, 1], at[:, 0]].mean()))
+    return float(np.median(shares)) if shares else 0.0
+
+
 def settled(label: np.ndarray, agreement: np.ndarray) -> np.ndarray:
     """(n,) the placement that each image shows, by where the support is hidden in it; -1 where that does not tell.
 

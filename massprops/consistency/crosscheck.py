@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,10 @@ from massprops.consistency.jackknife import at_least
 from massprops.consistency.trust import enter_verdict
 from massprops.core.files import json_text
 from massprops.core.outputs import Outputs, claim, deliver, verify
+from massprops.core.progress import Progress, silent
 from massprops.core.shown import Shown, number
 from massprops.errors import InputError, NotPossible
 
-Progress = Callable[[int, int, str], None]
 STILL = "the object is still: nothing moves, so nothing shows its inertia"
 OWNER = "crosscheck"
 READ = ("massprops.json", "mesh.ply", "work/sfm", "work/surface", "work/scale")
@@ -64,10 +64,6 @@ class CrossCheck(Shown):
     def facts(self) -> dict[str, str]:
         """Verdict, its probability and reason."""
         return {"verdict": self.verdict, "p": number(self.p_value), "reason": self.reason}
-
-
-def silent(done: int, total: int, what: str = "") -> None:
-    """Progress that says nothing."""
 
 
 def crosscheck(

@@ -21,6 +21,7 @@ from massprops.core.parts import Parts
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.sfm import pairs as pairing
+from massprops.sfm.chance import drop_chance
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, match_distinct, repeating
@@ -181,6 +182,8 @@ def attempt(
     descriptors = [features[n][1] for n in names]
     first = _first_pairs(footage, names, descriptors, options, repeats, faint)
     compare(first)
+    if special:
+        drop_chance(database, options.seed)
     models: list[pycolmap.Reconstruction] = []
     try:
         models = mapped(database, footage, work / "models", mapping, len(names), progress)
@@ -194,6 +197,8 @@ def attempt(
         new = _unseen([(names[i], names[j]) for i, j in more], first)
         if new:
             compare(new)
+            if special:
+                drop_chance(database, options.seed)
             again = mapped(database, footage, work / "again", mapping, len(names), progress)
             if _most(again) >= found.registered:
                 found = replace(found, models=again)
@@ -281,7 +286,9 @@ def _first_pairs(
     n = len(names)
     if footage.rig:
         return _rig_pairs(footage, names, options)
-    if n <= (16 if footage.ordered and not faint else options.exhaustive_below):
+    # photographs of one minute may show one side from three heights, and what is unique of a pattern links few of them
+    neighbours = footage.ordered and not faint and not (repeats and not footage.moving_pictures)
+    if n <= (16 if neighbours else options.exhaustive_below):
         index = pairing.exhaustive(n)
     elif repeats:
         index = pairing.near(n, options.distinct_overlap)

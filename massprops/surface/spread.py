@@ -72,13 +72,13 @@ def replicates(
         if patch[end_face[e]] >= 0:
             lengths += offset[:, patch[end_face[e]]] * pull[e]
 
-    measured = measured_modes(vertices, faces, surface.observed, length, surface.hull.pixel)
-    modes = np.concatenate([measured, fill_modes(vertices, faces, surface.observed, length, surface.inferred)])
+    of_measured = measured_modes(vertices, faces, surface.observed, length, surface.hull.pixel)
+    modes = np.concatenate([of_measured, fill_modes(vertices, faces, surface.observed, length, surface.inferred)])
     drawn = rng.standard_normal((count, len(modes)))
     if not surface.observed.any():
         # a hull holds its body: what it hides is inward
-        drawn[:, len(measured)] = -np.abs(drawn[:, len(measured)])
-        drawn[:, len(measured) + 1 :] *= 0.5
+        drawn[:, len(of_measured)] = -np.abs(drawn[:, len(of_measured)])
+        drawn[:, len(of_measured) + 1 :] *= 0.5
     rows += drawn @ (modes @ response)
     for e in (0, 1):
         lengths += drawn @ modes[:, end_face[e]] * pull[e]
