@@ -297,6 +297,17 @@ class HiddenShape:
     faces: np.ndarray
     agreement: float
 
+    def holds(self, xyz: np.ndarray) -> float:
+        """Share of points (m, 3) within the hull or next to its boundary."""
+        import trimesh
+        from scipy.spatial import cKDTree
+
+        few = xyz[:: max(1, len(xyz) // 2000)]
+        edge = float(np.linalg.norm(self.vertices[self.faces[0, 1]] - self.vertices[self.faces[0, 0]]))
+        near = cKDTree(self.vertices).query(few)[0] < 2 * edge
+        inside = trimesh.Trimesh(self.vertices, self.faces, process=False).contains(few[~near])
+        return float((near.sum() + inside.sum()) / max(len(few), 1))
+
 
 NEARBY = 12
 """Cells about a silhouette in which the surroundings should show, or else speak against it."""
