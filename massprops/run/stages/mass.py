@@ -65,6 +65,8 @@ def run(job: Job) -> dict:
             half_width=0.5 * (high - low) / properties.volume,
             filled=described["filled_fraction"],
             inferred=inferred,
+            hollow_possible=float(surface.get("hollow_possible", 0.0)),
+            hollow_likely=float(surface.get("hollow_likely", 0.0)),
             images=int(sfm["given"]),
             used=sum(p["images"] for p in join["joined"]),
             unjoined=len(join["unjoined"]),
