@@ -5,7 +5,8 @@
 # make test-without-pycolmap  passes the tests of all but `reconstruct`, for Linux on arm64
 # make docs   builds the documentation into build/docs, with every link checked
 # make gallery  runs the scripts of the gallery and makes their pictures; SHORT=1 runs a short form and keeps nothing
-# make fuzz   gives mutated files to every reader (slow); what it finds goes into tests/fuzz/corpus
+# make fuzz   gives mutated files to every reader (slow), then such as reach new lines where atheris can be installed; what
+#             is found goes into tests/fuzz/corpus
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 \
 	&& { echo $$p; break; }; done)
@@ -24,8 +25,10 @@ $(VENV)/.installed: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e .
 	@touch $@
 
+# nerfbaselines reads Nerfstudio's data sets; what it asks for besides, an old numpy among it, is for training.
 $(VENV)/.installed-dev: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e ".[dev,consumers]"
+	$(BIN)/python -m pip install --quiet --no-deps "nerfbaselines>=1.2"
 	@touch $@ $(VENV)/.installed
 
 install: $(VENV)/.installed
@@ -38,16 +41,18 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed-dev
 	$(THREADS) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench"
 
-# Kernels of BLAS, of the compiled loops and of OpenCV that any processor has: other last bits than its own ones give.
-# What a processor lacks can be turned off all the same; nothing is turned on.
+# Kernels of BLAS, of numpy, of the compiled loops and of OpenCV that any processor has: other last bits than its own ones
+# give. What a processor lacks can be turned off all the same; nothing is turned on.
 PLAIN_BLAS := $(if $(filter x86_64 amd64,$(shell uname -m)),Nehalem,ARMV8)
 OTHER_MACHINE := OPENBLAS_CORETYPE=$(PLAIN_BLAS) OPENCV_CPU_DISABLE=AVX512-SKX,AVX2,FP16 \
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-generic
+NUMPYS := from numpy._core._multiarray_umath import __cpu_dispatch__ as d, __cpu_features__ as f; print(*(x for x in d if f[x]))
 NUMERICAL := tests/estimators/test_ekf.py tests/estimators/test_ukf.py tests/estimators/test_batch_step.py \
 	tests/dense/test_dense.py tests/surface/test_surface.py
 
 test-other-machine: $(VENV)/.installed-dev
-	$(THREADS) $(OTHER_MACHINE) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
+	$(THREADS) $(OTHER_MACHINE) NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(NUMPYS)')" \
+		$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
 
 # What is tested where pycolmap cannot be installed (Linux on arm64).
 WITHOUT_PYCOLMAP := tests/api tests/campaign tests/core tests/crosscheck tests/diagnose tests/diagnosis tests/docs tests/documents \
@@ -70,12 +75,16 @@ gallery: $(VENV)/.installed-docs
 	SHORT=$(SHORT) $(THREADS) $(BIN)/python docs/gallery $(ONLY)
 
 fuzz: $(VENV)/.installed-dev
+	-$(BIN)/python -m pip install --quiet "atheris>=3"
 	$(THREADS) nice -n 10 $(BIN)/python -m tests.fuzz --inputs 20000
+	$(THREADS) nice -n 10 $(BIN)/python -m tests.fuzz.guided --inputs 20000
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check massprops cli tests
 	$(BIN)/ruff format --check massprops cli tests
 	$(BIN)/mypy
+	$(BIN)/python -m tests.house
+	$(BIN)/python -m pytest -q tests/core/test_import_graph.py
 
 clean:
 	rm -rf $(VENV) runs build *.egg-info

@@ -56,15 +56,20 @@ TITLES = {"mesh": "the mesh", "fused": "mesh and motion together"}
 
 
 def _quantities(rows: list[dict[str, Any]], title: str) -> list[str]:
+    from massprops.exchange.compare import spoken
+
     lines = [f"  {'quantity':<18}{'CAD':>13}{'ours':>13}{'error':>13}  {'unit':<8}{'90 % interval':<24}holds CAD"]
     lines.insert(0, f"{title}:")
     for row in rows:
         bounds, holds = row["interval_90"], {True: "yes", False: "NO", None: ""}[row["holds"]]
         between = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
+        angle = row["unit"] == "deg"  # between two axes: neither side has a number of its own
+        numbers = f"{'':>26}" if angle else f"{row['cad']:>13.6g}{row['ours']:>13.6g}"
+        unit = "" if angle else row["unit"].replace("1", "")
         lines.append(
-            f"  {row['quantity']:<18}{row['cad']:>13.6g}{row['ours']:>13.6g}{row['error_text']:>13}"
-            f"  {row['unit']:<8}{between:<24}{holds}".rstrip()
+            f"  {spoken(row['quantity']):<18}{numbers}{row['error_text']:>13}  {unit:<8}{between:<24}{holds}".rstrip()
         )
+    lines.append("  (centre of mass in % of the greatest length, I_xy, I_xz and I_yz in % of the mean moment)")
     return lines
 
 

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from massprops import diagnose
-from massprops_cli.options import Force, Quiet, argument, defaults, option
+from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
 from massprops_cli.terminal import say, warn
 
 D = defaults(diagnose)
 
 
-def command(
-    source: Annotated[Path | None, argument(diagnose, "source", "SEQ_OR_RUN")] = None,
-    more: Annotated[list[Path] | None, argument(diagnose, "more", "[MORE]...")] = None,
-    out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out,
-    discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover,
-    simulator: Annotated[
-        str | None, option(diagnose, "simulator", "--simulator", metavar="MODULE:FUNCTION")
-    ] = D.simulator,
+@dataclass(frozen=True)
+class Options:
+    source: Annotated[Path | None, argument(diagnose, "source", "SEQ_OR_RUN")] = None
+    more: Annotated[list[Path] | None, argument(diagnose, "more", "[MORE]...")] = None
+    out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out
+    discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover
+    simulator: Annotated[str | None, option(diagnose, "simulator", "--simulator", metavar="MODULE:FUNCTION")] = (
+        D.simulator
+    )
     design: Annotated[
         str | None,
         typer.Option(
@@ -30,14 +32,17 @@ def command(
             help="In place of SEQ_OR_RUN: which effects of which size a planned record ('tracks', or a YAML file as for "
             "'simulate') could show and tell apart.",
         ),
-    ] = None,
-    effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect,
-    force: Force = False,
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print diagnosis.json on stdout and nothing else.")
-    ] = False,
-    quiet: Quiet = False,
-) -> int:
+    ] = None
+    effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect
+    force: Force = False
+    json_output: Annotated[bool, typer.Option("--json", help="Print diagnosis.json on stdout and nothing else.")] = (
+        False
+    )
+    quiet: Quiet = False
+
+
+@takes(Options)
+def command(given: Options) -> int:
     """Find where a free rigid body's motion and the measurements disagree, and name the missing effect.
 
     The result is printed; -o keeps it, with the model, the residuals and a report.
@@ -46,34 +51,38 @@ def command(
 
     Example: massprops diagnose --design planned.yaml
     """
-    import json
-
     from massprops.errors import InputError
 
-    if (source is None) == (design is None):
+    if (given.source is None) == (given.design is None):
         raise InputError("give a sequence or run folder, or --design SCENARIO, and not both")
-    if design is not None:
-        return _design(design, out, effect or [], force, json_output)
-    assert source is not None
-    if more:
-        return _several([source, *more], out, force, json_output, quiet)
+    if given.design is not None:
+        return _design(given.design, given.out, given.effect or [], given.force, given.json_output)
+    assert given.source is not None
+    if given.more:
+        sources = [given.source, *given.more]
+        return _several(sources, given.out, given.force, given.json_output, given.quiet)
+    return _one(given, given.source)
+
+
+def _one(given: Options, source: Path) -> int:
+    """One record, printed, and kept where a folder is given."""
+    import json
 
     from massprops.core.files import plain
     from massprops.diagnosis.search import diagnose
     from massprops.effect_file import with_effects
     from massprops_cli.progress import StageProgress
 
-    with with_effects(effect or []), StageProgress(quiet) as watch:
-        found = diagnose(
-            source, out, lambda what, done, total: watch(what, 0, 1, done, total, ""), force, discover, simulator
-        )
-    document = found.document
-    for warning in document["warnings"]:
+    out = given.out
+    with with_effects(given.effect or []), StageProgress(given.quiet) as watch:
+        tell = lambda what, done, total: watch(what, 0, 1, done, total, "")  # noqa: E731
+        found = diagnose(source, out, tell, given.force, given.discover, given.simulator)
+    for warning in found.document["warnings"]:
         warn(warning)
-    if json_output:
-        say((out / "diagnosis.json").read_text() if out is not None else json.dumps(plain(document)))
+    if given.json_output:
+        say((out / "diagnosis.json").read_text() if out is not None else json.dumps(plain(found.document)))
     else:
-        say(diagnosis_table(document))
+        say(diagnosis_table(found.document))
         if out is not None:
             say(f"report: {out / 'report.html'}")
     return 0

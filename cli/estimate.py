@@ -1,4 +1,4 @@
-"""`massprops estimate`: motion and inertia ratios from the tracks of a sequence."""
+"""`massprops estimate`: motion and inertia ratios from tracks, attitudes or body rates."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def command(
     ] = False,
     quiet: Quiet = False,
 ) -> int:
-    """Run the online estimators on a sequence's tracks, and the smoother that they are measured against.
+    """Motion and inertia ratios from a sequence's tracks, attitudes or body rates, by every method that they allow.
 
     The result is printed; -o keeps it, with the histories and a report.
 

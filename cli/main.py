@@ -19,13 +19,13 @@ from massprops_cli.terminal import tell
 
 COMMANDS = {
     "reconstruct": "From footage to mesh, volume, centre of mass and inertia.",
-    "estimate": "Motion and inertia ratios from the tracks of a sequence.",
+    "estimate": "Motion and inertia ratios from tracks, attitudes or body rates.",
     "crosscheck": "The mesh's inertia against every estimator on the same sequence.",
     "diagnose": "Where simulation and measurement disagree, and which effect is missing.",
     "effects": "The effects that can act, with parameters, needs and formula.",
     "compare": "A run or mesh against a CAD mesh.",
     "mass": "Mass properties, report and exports from a finished mesh.",
-    "export": "Mass properties for a filter or a simulator.",
+    "export": "Files for a simulator, a filter, or programs that read cameras.",
     "simulate": "A tumbling body with known truth, rendered or tracked.",
     "campaign": "Many runs, on this machine or a cluster.",
     "reproduce": "The tables of the five papers, ours beside theirs.",
@@ -38,7 +38,7 @@ COMMANDS = {
 
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
-USAGE = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+USAGE: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 """What typer raises for a command line it cannot read, whichever click it carries."""
 
 

@@ -5,13 +5,33 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
+from functools import wraps
 from types import SimpleNamespace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+Given = TypeVar("Given")
+
 Force = Annotated[bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")]
+
+
+def takes(options: Callable[..., Given]) -> Callable[[Callable[[Given], Any]], Callable[..., Any]]:
+    """Makes a function of one dataclass the command whose arguments and options are the dataclass's fields."""
+
+    def command_of(function: Callable[[Given], Any]) -> Callable[..., Any]:
+        @wraps(function)
+        def command(**given: Any) -> Any:
+            return function(options(**given))
+
+        types = get_type_hints(options, include_extras=True)
+        parameters = inspect.signature(options).parameters.values()
+        command.__annotations__ = types
+        command.__signature__ = inspect.Signature([p.replace(annotation=types[p.name]) for p in parameters])  # type: ignore[attr-defined]
+        return command
+
+    return command_of
 
 
 def defaults(verb: Callable[..., Any]) -> SimpleNamespace:

@@ -2,47 +2,56 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from massprops import reconstruct
-from massprops_cli.options import Force, Quiet, argument, defaults, option
+from massprops.run.job import ReconstructOptions
+from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
 from massprops_cli.terminal import say, tell, warn, warn_of_density
+
+if TYPE_CHECKING:
+    from massprops.run.reconstruct import Run
 
 D = defaults(reconstruct)
 
 
-def command(
-    source: Annotated[list[Path], argument(reconstruct, "source", "INPUT...")],
-    out: Annotated[Path, option(reconstruct, "out", "-o", "--out")],
-    motion: Annotated[str, option(reconstruct, "motion")] = D.motion,
-    masks: Annotated[Path | None, option(reconstruct, "masks")] = D.masks,
-    object_: Annotated[list[str] | None, option(reconstruct, "object", "--object", metavar="[FILE:]X,Y")] = D.object,
-    box: Annotated[list[str] | None, option(reconstruct, "box", metavar="[FILE:]X0,Y0,X1,Y1")] = D.box,
-    keep_support: Annotated[bool, option(reconstruct, "keep_support", "--keep-support")] = D.keep_support,
-    frames: Annotated[int, option(reconstruct, "frames")] = D.frames,
-    max_size: Annotated[int, option(reconstruct, "max_size")] = D.max_size,
-    focal: Annotated[float | None, option(reconstruct, "focal")] = D.focal,
-    mapper: Annotated[str, option(reconstruct, "mapper")] = D.mapper,
-    sparse: Annotated[Path | None, option(reconstruct, "sparse")] = D.sparse,
-    dense_views: Annotated[int, option(reconstruct, "dense_views")] = D.dense_views,
-    density: Annotated[float | None, option(reconstruct, "density")] = D.density,
-    scale: Annotated[float | None, option(reconstruct, "scale")] = D.scale,
-    scale_sigma: Annotated[float, option(reconstruct, "scale_sigma")] = D.scale_sigma,
-    distance: Annotated[
-        tuple[str, str, float] | None, option(reconstruct, "distance", metavar="A B METRES")
-    ] = D.distance,
-    marker: Annotated[str | None, option(reconstruct, "marker")] = D.marker,
-    seed: Annotated[int, option(reconstruct, "seed")] = D.seed,
-    threads: Annotated[int, option(reconstruct, "threads")] = D.threads,
-    force: Force = False,
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
-    ] = False,
-    quiet: Quiet = False,
-) -> int:
+@dataclass(frozen=True)
+class Options:
+    source: Annotated[list[Path], argument(reconstruct, "source", "INPUT...")]
+    out: Annotated[Path, option(reconstruct, "out", "-o", "--out")]
+    motion: Annotated[str, option(reconstruct, "motion")] = D.motion
+    masks: Annotated[Path | None, option(reconstruct, "masks")] = D.masks
+    object: Annotated[list[str] | None, option(reconstruct, "object", "--object", metavar="[FILE:]X,Y")] = D.object
+    box: Annotated[list[str] | None, option(reconstruct, "box", metavar="[FILE:]X0,Y0,X1,Y1")] = D.box
+    keep_support: Annotated[bool, option(reconstruct, "keep_support", "--keep-support")] = D.keep_support
+    frames: Annotated[int, option(reconstruct, "frames")] = D.frames
+    max_size: Annotated[int, option(reconstruct, "max_size")] = D.max_size
+    focal: Annotated[float | None, option(reconstruct, "focal")] = D.focal
+    mapper: Annotated[str, option(reconstruct, "mapper")] = D.mapper
+    sparse: Annotated[Path | None, option(reconstruct, "sparse")] = D.sparse
+    dense_views: Annotated[int, option(reconstruct, "dense_views")] = D.dense_views
+    density: Annotated[float | None, option(reconstruct, "density")] = D.density
+    scale: Annotated[float | None, option(reconstruct, "scale")] = D.scale
+    scale_sigma: Annotated[float, option(reconstruct, "scale_sigma")] = D.scale_sigma
+    distance: Annotated[tuple[str, str, float] | None, option(reconstruct, "distance", metavar="A B METRES")] = (
+        D.distance
+    )
+    marker: Annotated[str | None, option(reconstruct, "marker")] = D.marker
+    seed: Annotated[int, option(reconstruct, "seed")] = D.seed
+    threads: Annotated[int, option(reconstruct, "threads")] = D.threads
+    force: Force = False
+    json_output: Annotated[bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")] = (
+        False
+    )
+    quiet: Quiet = False
+
+
+@takes(Options)
+def command(given: Options) -> int:
     """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
 
     Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42
@@ -51,42 +60,32 @@ def command(
 
     Example: massprops reconstruct upright turned -o runs/three
     """
-    import json
-
     from massprops.run.reconstruct import reconstruct
-    from massprops_cli.crosscheck import verdict_line
     from massprops_cli.progress import StageProgress
-    from massprops_cli.table import mass_table
 
-    with StageProgress(quiet, out) as watch:
-        run = reconstruct(
-            source,
-            out,
-            watch,
-            force,
-            motion=motion,
-            masks=str(masks) if masks else None,
-            object=tuple(object_ or ()),
-            box=tuple(box or ()),
-            keep_support=keep_support,
-            frames=frames,
-            max_size=max_size,
-            focal=focal,
-            mapper=mapper,
-            sparse=str(sparse) if sparse else None,
-            dense_views=dense_views,
-            density=density,
-            scale=scale,
-            scale_sigma=scale_sigma,
-            distance=distance,
-            marker=marker,
-            seed=seed,
-            threads=threads,
-        )
+    asked = {name: getattr(given, name) for name in OF_RUN}
+    with StageProgress(given.quiet, given.out) as watch:
+        run = reconstruct(given.source, given.out, watch, given.force, **asked)
     for warning in run.warnings:
         warn(warning)
     if run.exit_code:
         tell(f"massprops: {' '.join(run.reason.split())}")
+    _print(run, given.json_output)
+    return run.exit_code
+
+
+OF_RUN = [field.name for field in fields(Options) if field.name in ReconstructOptions.__dataclass_fields__]
+OF_RUN.remove("source")
+"""Options that the run is told as they stand."""
+
+
+def _print(run: Run, json_output: bool) -> None:
+    """The mass properties where there are any, the verdict and where the report lies."""
+    import json
+
+    from massprops_cli.crosscheck import verdict_line
+    from massprops_cli.table import mass_table
+
     if (run.folder / "massprops.json").is_file() and "mass" in run.stages and run.stages["mass"]["status"] == "done":
         warn_of_density(run.density_assumed and run.metric)
         if json_output:
@@ -98,4 +97,3 @@ def command(
         say(json.dumps({"exit_code": run.exit_code, "reason": run.reason}))
     if not json_output:
         say(f"report: {run.folder / 'report.html'}")
-    return run.exit_code

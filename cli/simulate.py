@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,43 +10,49 @@ import typer
 
 from massprops import simulate
 from massprops.errors import InputError
-from massprops_cli.options import Force, Quiet, argument, defaults, option
+from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
 from massprops_cli.terminal import say
 
 D = defaults(simulate)
 
 
-def command(
-    scenario: Annotated[str, argument(simulate, "scenario", "SCENARIO")],
-    out: Annotated[Path, option(simulate, "out", "-o", "--out")],
-    frames: Annotated[int | None, option(simulate, "frames")] = D.frames,
-    size: Annotated[str | None, option(simulate, "size", metavar="WIDTHxHEIGHT")] = D.size,
-    rate: Annotated[float | None, option(simulate, "rate")] = D.rate,
-    fill: Annotated[float | None, option(simulate, "fill")] = D.fill,
-    phase: Annotated[float | None, option(simulate, "phase")] = D.phase,
-    distortion: Annotated[str | None, option(simulate, "distortion", metavar="K1,K2")] = D.distortion,
-    noise: Annotated[float | None, option(simulate, "noise")] = D.noise,
-    background: Annotated[str | None, option(simulate, "background")] = D.background,
-    stereo: Annotated[float | None, option(simulate, "stereo", metavar="BASELINE")] = D.stereo,
-    range_sigma: Annotated[float | None, option(simulate, "range", "--range", metavar="SIGMA")] = D.range,
-    hidden_mass: Annotated[str | None, option(simulate, "hidden_mass", metavar="SHARE:X,Y,Z")] = D.hidden_mass,
-    effects: Annotated[list[str] | None, option(simulate, "effects", metavar="NAME[:SIZE]")] = D.effects,
-    effect: Annotated[list[Path] | None, option(simulate, "effect", metavar="FILE")] = D.effect,
-    model: Annotated[Path | None, option(simulate, "model", metavar="MODEL_YAML")] = D.model,
-    features: Annotated[int | None, option(simulate, "features")] = D.features,
-    sigma: Annotated[float | None, option(simulate, "sigma")] = D.sigma,
-    outliers: Annotated[float | None, option(simulate, "outliers")] = D.outliers,
-    attitude_sigma: Annotated[float | None, option(simulate, "attitude", "--attitude", metavar="SIGMA")] = D.attitude,
-    rate_sigma: Annotated[float | None, option(simulate, "rates", "--rates", metavar="SIGMA")] = D.rates,
-    video: Annotated[bool, option(simulate, "video", "--video")] = D.video,
-    seed: Annotated[int, option(simulate, "seed")] = D.seed,
-    force: Force = False,
+@dataclass(frozen=True)
+class Options:
+    scenario: Annotated[str, argument(simulate, "scenario", "SCENARIO")]
+    out: Annotated[Path, option(simulate, "out", "-o", "--out")]
+    frames: Annotated[int | None, option(simulate, "frames")] = D.frames
+    size: Annotated[str | None, option(simulate, "size", metavar="WIDTHxHEIGHT")] = D.size
+    rate: Annotated[float | None, option(simulate, "rate")] = D.rate
+    fill: Annotated[float | None, option(simulate, "fill")] = D.fill
+    phase: Annotated[float | None, option(simulate, "phase")] = D.phase
+    distortion: Annotated[str | None, option(simulate, "distortion", metavar="K1,K2")] = D.distortion
+    noise: Annotated[float | None, option(simulate, "noise")] = D.noise
+    background: Annotated[str | None, option(simulate, "background")] = D.background
+    stereo: Annotated[float | None, option(simulate, "stereo", metavar="BASELINE")] = D.stereo
+    range: Annotated[float | None, option(simulate, "range", "--range", metavar="SIGMA")] = D.range
+    hidden_mass: Annotated[str | None, option(simulate, "hidden_mass", metavar="SHARE:X,Y,Z")] = D.hidden_mass
+    effects: Annotated[list[str] | None, option(simulate, "effects", metavar="NAME[:SIZE]")] = D.effects
+    effect: Annotated[list[Path] | None, option(simulate, "effect", metavar="FILE")] = D.effect
+    model: Annotated[Path | None, option(simulate, "model", metavar="MODEL_YAML")] = D.model
+    features: Annotated[int | None, option(simulate, "features")] = D.features
+    sigma: Annotated[float | None, option(simulate, "sigma")] = D.sigma
+    outliers: Annotated[float | None, option(simulate, "outliers")] = D.outliers
+    attitude: Annotated[float | None, option(simulate, "attitude", "--attitude", metavar="SIGMA")] = D.attitude
+    rates: Annotated[float | None, option(simulate, "rates", "--rates", metavar="SIGMA")] = D.rates
+    video: Annotated[bool, option(simulate, "video", "--video")] = D.video
+    seed: Annotated[int, option(simulate, "seed")] = D.seed
+    force: Force = False
     json_output: Annotated[
         bool, typer.Option("--json", help="Print the folder as JSON on stdout and nothing else.")
-    ] = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = False
+    quiet: Quiet = False
+
+
+@takes(Options)
+def command(given: Options) -> None:
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
+
+    What is not given is the scenario's own.
 
     Example: massprops simulate spacecraft -o sequences/one --frames 72 --size 640x480 --video
 
@@ -55,43 +62,26 @@ def command(
 
     from massprops.effect_file import with_effects
     from massprops.simulation import simulate
+    from massprops.simulation.options import changes
     from massprops.simulation.simulate import is_tracks
     from massprops_cli.progress import StageProgress
 
-    asked = {
-        "features": features,
-        "sigma_px": sigma,
-        "outliers": outliers,
-        "attitude_sigma": attitude_sigma,
-        "rate_sigma": rate_sigma,
+    asked = vars(given) | {
+        "size": _size(given.size),
+        "distortion": _distortion(given.distortion),
+        "hidden_mass": _hidden(given.hidden_mass),
     }
-    of_tracks = {k: v for k, v in asked.items() if v is not None}
-    if of_tracks and not is_tracks(scenario):
-        raise InputError("--features, --sigma, --outliers, --attitude and --rates are for the scenario 'tracks'")
-    with with_effects(effect or []), StageProgress(quiet) as watch:
+    wanted = changes(asked, is_tracks(given.scenario), "--")
+    with with_effects(given.effect or []), StageProgress(given.quiet) as watch:
         folder = simulate(
-            scenario,
-            out,
-            video,
+            given.scenario,
+            given.out,
+            given.video,
             lambda done, total, what: watch("simulate", 0, 1, done, total, what),
-            force,
-            frames=frames,
-            size=_size(size),
-            rate_deg=rate,
-            fill=fill,
-            sun_phase_deg=phase,
-            distortion=_distortion(distortion),
-            noise=noise,
-            background=background,
-            stereo_m=stereo,
-            range_sigma_m=range_sigma,
-            hidden_mass=_hidden(hidden_mass),
-            effects=tuple(effects) if effects else None,
-            model=model,
-            seed=seed,
-            **of_tracks,
+            given.force,
+            **wanted,
         )
-    say(json.dumps({"sequence": str(folder)}) if json_output else str(folder))
+    say(json.dumps({"sequence": str(folder)}) if given.json_output else str(folder))
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

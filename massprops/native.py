@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
+from massprops.core.processes import overheard
 from massprops.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pymeshlab
 
 
 def prepare_numba_cache() -> None:
@@ -77,6 +84,28 @@ def load_open3d() -> ModuleType:
     return open3d
 
 
+def mesh_set(vertices: np.ndarray, faces: np.ndarray) -> pymeshlab.MeshSet:
+    """A mesh in MeshLab's hands: vertices (v, 3), faces (f, 3).
+
+    What MeshLab prints of parts of its own that it cannot load, on standard output, is kept from there.
+
+    Raises:
+        InputError: the part that meshes cannot be loaded; says what is missing, and what to type.
+    """
+    import numpy as np
+
+    with overheard() as said:
+        import pymeshlab
+
+        made = pymeshlab.MeshSet(verbose=False)
+    if not hasattr(made, "meshing_decimation_quadric_edge_collapse"):
+        why = re.search(r"lib[\w.+-]+\.so[\w.]*: cannot open shared object file", "".join(said))
+        reason = why[0] if why else "the part of it that meshes cannot be loaded"
+        raise InputError(f"pymeshlab cannot be used: {reason}; {advice(reason)}")
+    made.add_mesh(pymeshlab.Mesh(np.asarray(vertices, float), np.asarray(faces, np.int32)))
+    return made
+
+
 WITHOUT_PYCOLMAP = (
     "pycolmap is needed to reconstruct: type 'pip install pycolmap'; on Linux on arm64, for which there is no wheel, "
     "build COLMAP and its Python package from source"
@@ -106,4 +135,8 @@ def advice(message: str) -> str:
     for library, package in PACKAGES.items():
         if library in message:
             return f"type: sudo apt-get install {package}"
+    other = re.search(r"\b(lib[\w+.-]*?)\.so\.(\d+)", message)
+    if other:  # as Debian's policy names the packages of libraries (section 8.1)
+        name = other[1].lower().replace("_", "-")
+        return f"type: sudo apt-get install {name}{'-' if name[-1].isdigit() else ''}{other[2]}"
     return "run 'massprops doctor'"

@@ -5,7 +5,14 @@ from __future__ import annotations
 import inspect
 
 from massprops.campaigns.papers import load_paper
-from massprops.campaigns.papers._references import REFERENCES
+from massprops.campaigns.papers._references import REFERENCES, Reference
+
+
+def _doi(reference: Reference) -> str:
+    if not reference.doi:
+        return ""
+    unseen = "" if reference.doi_seen else " (from citations; it does not stand on the text that we worked from)"
+    return f" DOI [{reference.doi}](https://doi.org/{reference.doi}){unseen}."
 
 
 def pages() -> dict[str, str | bytes]:
@@ -22,8 +29,7 @@ def pages() -> dict[str, str | bytes]:
         parts += [
             f"## {name}",
             "",
-            f"{reference.authors}: *{reference.title}*. {reference.journal} ({reference.year})."
-            + (f" DOI [{reference.doi}](https://doi.org/{reference.doi})." if reference.doi else ""),
+            f"{reference.authors}: *{reference.title}*. {reference.journal} ({reference.year})." + _doi(reference),
             "",
             said[1].strip() if len(said) > 1 else "",
             "",

@@ -10,9 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
-from massprops.run.job import ReconstructOptions as _Options
+from massprops.api.options import (
+    ARRAYS,
+    OF_RUN,
+    RECONSTRUCT,
+    SIMULATE,
+    ArrayOptions,
+    ReconstructOptions,
+    SimulateOptions,
+    filled,
+    with_options,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,53 +34,15 @@ if TYPE_CHECKING:
     from massprops.exchange.compare import Comparison
     from massprops.run.masks import Sheet
     from massprops.run.reconstruct import Run
-    from massprops.sequence import Environment
     from massprops.sequence import Sequence as Recording
 
     Place = str | PathLike[str]
     Progress = Callable[[str, int, int], None]
 
-__all__ = [
-    "campaign",
-    "compare",
-    "crosscheck",
-    "diagnose",
-    "estimate",
-    "export",
-    "mass_properties",
-    "masks",
-    "reconstruct",
-    "reproduce",
-    "sequence_from_arrays",
-    "simulate",
-]
 
-
+@with_options(ReconstructOptions, RECONSTRUCT)
 def reconstruct(
-    source: Place | Sequence[Place] | np.ndarray,
-    out: Place | None = None,
-    *,
-    motion: str = _Options.motion,
-    masks: Place | None = _Options.masks,
-    object: str | Sequence[str] = _Options.object,
-    box: str | Sequence[str] = _Options.box,
-    keep_support: bool = _Options.keep_support,
-    frames: int = _Options.frames,
-    max_size: int = _Options.max_size,
-    focal: float | None = _Options.focal,
-    mapper: str = _Options.mapper,
-    sparse: Place | None = _Options.sparse,
-    dense_views: int = _Options.dense_views,
-    density: float | None = _Options.density,
-    scale: float | None = _Options.scale,
-    scale_sigma: float = _Options.scale_sigma,
-    distance: tuple[str, str, float] | None = _Options.distance,
-    marker: str | None = _Options.marker,
-    seed: int = _Options.seed,
-    threads: int = _Options.threads,
-    force: bool = False,
-    rate_hz: float = 25.0,
-    progress: Progress | None = None,
+    source: Place | Sequence[Place] | np.ndarray, out: Place | None = None, **options: Unpack[ReconstructOptions]
 ) -> Run:
     """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
 
@@ -90,7 +62,7 @@ def reconstruct(
         sparse: existing COLMAP model to use in place of our own.
         dense_views: most reference views of the dense stereo; 0: chosen.
         density: constant density [kg/m^3]; not given: 1000, as water, and said so.
-        scale: metres per model unit; a model unit is the object's greatest length, so: its length [m].
+        scale: the object's greatest length, from tip to tip [m]; not given: it is the unit, and only ratios are claimed.
         scale_sigma: relative 1-sigma of a given length.
         distance: distance between two points, each "x,y,z" in model units or a picked name, and the metres.
         marker: ArUco DICTIONARY:SIDE_METRES or ChArUco DICTIONARY:COLSxROWS:SQUARE_METRES in view.
@@ -116,30 +88,13 @@ def reconstruct(
     from massprops.api.sources import footage
     from massprops.run.reconstruct import reconstruct as run_reconstruct
 
-    options: dict[str, Any] = {
-        "motion": motion,
-        "masks": None if masks is None else str(masks),
-        "object": (object,) if isinstance(object, str) else tuple(object),
-        "box": (box,) if isinstance(box, str) else tuple(box),
-        "keep_support": keep_support,
-        "frames": frames,
-        "max_size": max_size,
-        "focal": focal,
-        "mapper": mapper,
-        "sparse": None if sparse is None else str(sparse),
-        "dense_views": dense_views,
-        "density": density,
-        "scale": scale,
-        "scale_sigma": scale_sigma,
-        "distance": distance,
-        "marker": marker,
-        "seed": seed,
-        "threads": threads,
-    }
+    given = filled(reconstruct, options)
+    of_run = {name: given[name] for name in OF_RUN}
+    progress: Progress | None = given["progress"]
     kept = Kept(_path(out))
     watch = None if progress is None else lambda stage, number, count, done, total, what: progress(stage, done, total)
-    with footage(source, rate_hz) as given:
-        run = run_reconstruct(given, kept.folder / ("run" if out is None else ""), watch, force, **options)
+    with footage(source, given["rate_hz"]) as read:
+        run = run_reconstruct(read, kept.folder / ("run" if out is None else ""), watch, given["force"], **of_run)
     run.__dict__["_kept"] = kept
     return run
 
@@ -239,8 +194,9 @@ def estimate(
     """
     from massprops.api.results import Estimates
     from massprops.api.sources import as_path
+    from massprops.core.progress import silent
     from massprops.effect_file import with_effects
-    from massprops.estimators.estimate import estimate_all, silent, write_outcome
+    from massprops.estimators.estimate import estimate_all, write_outcome
 
     given = as_path(source)
     methods = [method] if isinstance(method, str) else list(method or ["all"])
@@ -283,7 +239,7 @@ def crosscheck(
     """
     from massprops.api.sources import as_path
     from massprops.consistency.crosscheck import crosscheck as check
-    from massprops.consistency.crosscheck import silent
+    from massprops.core.progress import silent
 
     methods = [method] if isinstance(method, str) else list(method or ["all"])
     tell = silent if progress is None else lambda done, total, what: progress(what, done, total)
@@ -410,7 +366,7 @@ def export(
 
     Args:
         source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh` in metres.
-        to: filter, urdf, mjcf, sdf, usd, basilisk, csv, json, colmap-text, nerfstudio, tum, rerun.
+        to: the format: filter, urdf, mjcf, sdf, usd, basilisk, csv, json, colmap-text, nerfstudio, tum, rerun.
         out: file to write; default: in the run, or beside the mesh file, by its name. In Python a mesh in memory needs it.
         density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
         mass: measured mass [kg]; the inertia is scaled to it.
@@ -435,34 +391,8 @@ def export(
         return write(file, to, _path(out), density, mass, force=force)
 
 
-def simulate(
-    scenario: Place,
-    out: Place | None = None,
-    *,
-    frames: int | None = None,
-    size: tuple[int, int] | None = None,
-    rate: float | None = None,
-    fill: float | None = None,
-    phase: float | None = None,
-    distortion: tuple[float, float] | None = None,
-    noise: float | None = None,
-    background: str | None = None,
-    stereo: float | None = None,
-    range: float | None = None,
-    hidden_mass: tuple[float, float, float, float] | None = None,
-    effects: str | Sequence[str] | None = None,
-    effect: Place | Sequence[Place] | None = None,
-    model: Place | None = None,
-    features: int | None = None,
-    sigma: float | None = None,
-    outliers: float | None = None,
-    attitude: float | None = None,
-    rates: float | None = None,
-    video: bool = False,
-    seed: int = 0,
-    force: bool = False,
-    progress: Progress | None = None,
-) -> Simulation:
+@with_options(SimulateOptions, SIMULATE)
+def simulate(scenario: Place, out: Place | None = None, **options: Unpack[SimulateOptions]) -> Simulation:
     """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
 
     Args:
@@ -503,44 +433,18 @@ def simulate(
     """
     from massprops.api.results import Kept, Simulation
     from massprops.effect_file import with_effects
-    from massprops.errors import InputError
+    from massprops.simulation.options import changes
     from massprops.simulation.simulate import is_tracks
     from massprops.simulation.simulate import simulate as render
 
-    asked = {
-        "features": features,
-        "sigma_px": sigma,
-        "outliers": outliers,
-        "attitude_sigma": attitude,
-        "rate_sigma": rates,
-    }
-    of_tracks: dict[str, Any] = {k: v for k, v in asked.items() if v is not None}
-    if of_tracks and not is_tracks(str(scenario)):
-        raise InputError("features, sigma, outliers, attitude and rates are for the scenario 'tracks'")
+    given = filled(simulate, options)
+    wanted = changes(given, is_tracks(str(scenario)))
+    progress: Progress | None = given["progress"]
+    if progress is not None:
+        wanted["progress"] = lambda done, total, what: progress(what, done, total)
     kept = Kept(_path(out))
-    with with_effects(_paths(effect)):
-        render(
-            str(scenario),
-            kept.folder,
-            video,
-            **({} if progress is None else {"progress": lambda done, total, what: progress(what, done, total)}),
-            force=force,
-            frames=frames,
-            size=size,
-            rate_deg=rate,
-            fill=fill,
-            sun_phase_deg=phase,
-            distortion=distortion,
-            noise=noise,
-            background=background,
-            stereo_m=stereo,
-            range_sigma_m=range,
-            hidden_mass=hidden_mass,
-            effects=(effects,) if isinstance(effects, str) else tuple(effects or ()) or None,
-            model=model,
-            seed=seed,
-            **of_tracks,
-        )
+    with with_effects(_paths(given["effect"])):
+        render(str(scenario), kept.folder, given["video"], force=given["force"], **wanted)
     return Simulation(kept)
 
 
@@ -616,24 +520,8 @@ def reproduce(
     return _campaign(reproduce_plan(paper, case, runs, seed), out, scheduler, workers, yes, False, progress)
 
 
-def sequence_from_arrays(
-    times: np.ndarray,
-    *,
-    tracks: np.ndarray | None = None,
-    camera_matrix: np.ndarray | None = None,
-    size: tuple[int, int] | None = None,
-    distortion: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
-    baseline: float = 0.0,
-    sigma_px: float | None = None,
-    attitude: np.ndarray | None = None,
-    attitude_sigma: float = 0.01,
-    rates: np.ndarray | None = None,
-    rate_sigma: float | None = None,
-    ranges: np.ndarray | None = None,
-    range_sigma: float | None = None,
-    environment: Environment | None = None,
-    out: Place | None = None,
-) -> Recording:
+@with_options(ArrayOptions, ARRAYS)
+def sequence_from_arrays(times: np.ndarray, **options: Unpack[ArrayOptions]) -> Recording:
     """A sequence for `estimate` and `diagnose` from arrays; n epochs, m points.
 
     Args:
@@ -666,25 +554,14 @@ def sequence_from_arrays(
         >>> record.rates.w.shape
         (101, 3)
     """
-    from massprops.sequence import arrays
+    from massprops.sequence.arrays import Noisy, Pixels, sequence_of
 
-    return arrays.sequence_from_arrays(
-        times,
-        tracks=tracks,
-        camera_matrix=camera_matrix,
-        size=size,
-        distortion=distortion,
-        baseline=baseline,
-        sigma_px=sigma_px,
-        attitude=attitude,
-        attitude_sigma=attitude_sigma,
-        rates=rates,
-        rate_sigma=rate_sigma,
-        ranges=ranges,
-        range_sigma=range_sigma,
-        environment=environment,
-        out=_path(out),
-    )
+    given = filled(sequence_from_arrays, options)
+    pixels = Pixels(**{name: given[name] for name in Pixels.__dataclass_fields__})
+    attitude = Noisy(given["attitude"], given["attitude_sigma"])
+    rates = Noisy(given["rates"], given["rate_sigma"])
+    ranges = Noisy(given["ranges"], given["range_sigma"])
+    return sequence_of(times, pixels, attitude, rates, ranges, given["environment"], _path(given["out"]))
 
 
 def _paths(places: Place | Sequence[Place] | None) -> list[Path]:

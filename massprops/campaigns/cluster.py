@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 from massprops.campaigns.versions import difference, versions
@@ -14,6 +14,8 @@ from massprops.errors import InputError, NotPossible
 
 ANSWER_S = 6.0
 """How long a scheduler may take to answer."""
+REACH_S = 60.0
+"""How long a worker's answer may take to here; by Dask's own settings it is knocked at for 30 s."""
 
 _workers: list[Workers] = []
 
@@ -23,6 +25,11 @@ def do_on_worker(tasks: list[dict[str, Any]]) -> list[dict[str, Any]]:
     if not _workers:
         _workers.append(Workers())
     return _workers[0].do_in_turn(tasks)
+
+
+def _here() -> bool:
+    """Answered by a worker that can be reached."""
+    return True
 
 
 def _knock(address: str) -> None:
@@ -88,6 +95,7 @@ class Cluster:
         for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self.place = address
+        self.deaf: set[str] = set()
         _knock(address)
         self.client = Client(address, timeout=ANSWER_S, set_as_default=False, name="massprops")
         try:
@@ -96,7 +104,8 @@ class Cluster:
             self.client.close()
             raise
         self.done: queue.SimpleQueue[tuple[Hashable, Any]] = queue.SimpleQueue()
-        self.flying: dict[Hashable, Any] = {}
+        self.flying: dict[Hashable, tuple[Any, list[dict[str, Any]]]] = {}
+        self.sent = 0
         self.session = self.client.id.rsplit("-", 1)[-1]
 
     def _check_workers(self) -> None:
@@ -107,25 +116,61 @@ class Cluster:
             raise InputError(
                 f"--scheduler {self.place}: it has no workers: start some with `dask worker {self.place} --nthreads 1`"
             )
-        found = self.client.run(versions, on_error="return")
+        found = self._asked(versions, threads)
+        if len(self.deaf) == len(found):
+            raise InputError(
+                f"--scheduler {self.place}: none of its {len(found)} workers can be reached from it: let it connect to "
+                "their ports (dask worker --worker-port)"
+            )
         for address, theirs in found.items():
+            if address in self.deaf:
+                continue
             if isinstance(theirs, BaseException):
                 raise InputError(
                     f"worker {address}: massprops cannot be used there ({_line(theirs)}): install the same version"
                 )
-            check_versions(str(address), theirs)
+            check_versions(address, theirs)
+
+    def _asked(self, what: Callable[[], Any], workers: Iterable[str]) -> dict[str, Any]:
+        """What each worker answers to a function, or the exception; who cannot be reached is `deaf` from here on.
+
+        Such a worker is counted as there by its heartbeats, and Dask would ask it for ever. It gets no more work.
+        """
+        import asyncio
+
+        addresses = sorted(workers)
+
+        async def all_of_them() -> list[Any]:
+            asked = [self.client.run(what, workers=[address], on_error="return") for address in addresses]
+            return await asyncio.gather(*(asyncio.wait_for(a, REACH_S) for a in asked), return_exceptions=True)
+
+        answers = dict(zip(addresses, self.client.sync(all_of_them), strict=True))
+        found = {
+            a: answer.get(a, OSError("gone")) if isinstance(answer, dict) else answer for a, answer in answers.items()
+        }
+        self.deaf |= {address for address, answer in found.items() if isinstance(answer, OSError)}
+        return found
 
     def slots(self) -> int:
-        """Runs at the same time: the threads of all workers that are there now."""
+        """Runs at the same time: the threads of all workers that are there now, and can be reached."""
+        return sum(self._reached().values())
+
+    def _reached(self) -> dict[str, int]:
+        """Threads of each worker that is there now and can be reached, by address."""
         try:
-            return sum(self.client.nthreads().values())
+            return {address: n for address, n in self.client.nthreads().items() if address not in self.deaf}
         except (OSError, TimeoutError, RuntimeError) as error:
             raise self._lost(error) from None
 
     def submit(self, key: Hashable, tasks: list[dict[str, Any]]) -> None:
         """Gives chunks to the scheduler; a worker that dies has its chunks done again elsewhere."""
-        future = self.client.submit(do_on_worker, tasks, key=f"massprops-{self.session}-{key}", pure=False)
-        self.flying[key] = future
+        self.sent += 1
+        where = self._reached() if self.deaf else []
+        future = self.client.submit(
+            do_on_worker, tasks, key=f"massprops-{self.session}-{self.sent}", pure=False,
+            workers=list(where) or None, allow_other_workers=bool(where),
+        )  # fmt: skip
+        self.flying[key] = (future, tasks)
         future.add_done_callback(lambda done: self.done.put((key, done)))
 
     def wait(self, seconds: float) -> list[tuple[Hashable, list[Any]]]:
@@ -138,6 +183,8 @@ class Cluster:
             return []
         while not self.done.empty():
             ended.append(self.done.get())
+        # of a key given out again, the future of before says nothing any more
+        ended = [(key, future) for key, future in ended if self.flying.get(key, (None,))[0] is future]
         good = [(key, future) for key, future in ended if future.status == "finished"]
         found: list[tuple[Hashable, list[Any]]] = []
         for key, future in ended:
@@ -145,13 +192,32 @@ class Cluster:
                 raise self._lost(future.status)
             if future.status == "error":
                 found.append((key, [future.exception()]))
+        found += zip([key for key, _ in good], self._gathered([future for _, future in good]), strict=False)
+        for key, _ in found:
+            self.flying.pop(key, None)
+        for key, _ in good:
+            if key in self.flying:
+                self._give_out_again(key)
+        return found
+
+    def _gathered(self, futures: list[Any]) -> list[Any]:
+        """Results of finished tasks; none where a worker that has some cannot be reached."""
         try:
-            found += zip([key for key, _ in good], self.client.gather([future for _, future in good]), strict=True)
+            return self.client.sync(lambda: self.client.gather(futures, asynchronous=True), callback_timeout=REACH_S)
+        except TimeoutError:
+            pass
         except Exception as error:
             raise self._lost(error) from None
-        for key, _ in ended:
-            self.flying.pop(key, None)
-        return found
+        try:
+            self._asked(_here, {a for places in self.client.who_has(futures).values() for a in places})
+        except Exception as error:
+            raise self._lost(error) from None
+        return []
+
+    def _give_out_again(self, key: Hashable) -> None:
+        future, tasks = self.flying[key]
+        future.cancel()
+        self.submit(key, tasks)
 
     def _lost(self, why: object) -> NotPossible:
         return NotPossible(
@@ -162,7 +228,7 @@ class Cluster:
         """Takes back what is still waiting."""
         with contextlib.suppress(Exception):
             if self.flying:
-                self.client.cancel(list(self.flying.values()), asynchronous=False)
+                self.client.cancel([future for future, _ in self.flying.values()], asynchronous=False)
             self.client.close(timeout=2)
 
 

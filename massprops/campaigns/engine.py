@@ -130,8 +130,7 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
 
     def say() -> None:
         if watch is not None:
-            spent = time.monotonic() - begun
-            rate = (done - before) / spent if spent > 0 else 0.0
+            rate = (done - before) / max(time.monotonic() - begun, 1e-9)
             watch(Progress(done, total, failed, rate, (total - done) / rate if rate > 0 else None, slots))
 
     fill()
@@ -140,11 +139,10 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
         rows: list[Row] = []
         for key, replies in backend.wait(LOOK_S):
             chunks = flying.pop(key)
+            one = chunks[0].point, chunks[0].seeds
             if _killed(replies[0]):
-                given_up[chunks[0].point, chunks[0].seeds] += len(chunks) == 1
-                if (
-                    len(chunks) > 1 or given_up[chunks[0].point, chunks[0].seeds] < OFTEN
-                ):  # one of them may be at fault: which? or none
+                given_up[one] += len(chunks) == 1
+                if len(chunks) > 1 or given_up[one] < OFTEN:  # one of them may be at fault: which? or none
                     replies = []
             for chunk, reply in zip(chunks, replies, strict=False):
                 rows += rows_of(chunk, reply)

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.capture.images import orientation, printable, turn, turned_back
-from massprops.core.processes import muffled
+from massprops.capture.images import decoded, orientation, printable, turn, turned_back
 from massprops.errors import InputError
 
 DOUBT = 128
@@ -89,12 +88,7 @@ def load_mask(path: Path, source_size: tuple[int, int], size: tuple[int, int], i
     """
     import cv2
 
-    with muffled():
-        mask = (
-            cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-            if path.stat().st_size
-            else None
-        )
+    mask = decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     if mask is None:
         raise InputError(f"{path}: not an image that can be read")
     have = (mask.shape[1], mask.shape[0])

@@ -185,15 +185,24 @@ def load(path: Path, longest: int | None = None) -> np.ndarray:
     if header.format == "HEIF":
         image = _by_pillow(path)
     else:
-        data = np.fromfile(path, np.uint8)
-        with muffled():
-            image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = decoded(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         # OpenCV's TIFF reader turns the image whether asked to or not
         if image is not None and header.format != "TIFF":
             image = turn(image, header.orientation)
     if image is None or image.shape[1::-1] != header.shown:
         raise InputError(f"{path}: its pixels cannot be decoded; remove it or copy it again")
     return reduce(image, longest)
+
+
+def decoded(path: Path, how: int) -> np.ndarray | None:
+    """An image file by OpenCV, or None where it cannot be read; `how` is one of its IMREAD flags."""
+    import cv2
+
+    try:
+        with muffled():
+            return cv2.imdecode(np.fromfile(path, np.uint8), how)
+    except cv2.error:  # an empty file, or sides beyond OpenCV's own limit
+        return None
 
 
 def _by_pillow(path: Path) -> np.ndarray | None:

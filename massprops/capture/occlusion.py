@@ -297,17 +297,6 @@ class HiddenShape:
     faces: np.ndarray
     agreement: float
 
-    def holds(self, xyz: np.ndarray) -> float:
-        """Share of points (m, 3) within the hull or next to its boundary."""
-        import trimesh
-        from scipy.spatial import cKDTree
-
-        few = xyz[:: max(1, len(xyz) // 2000)]
-        edge = float(np.linalg.norm(self.vertices[self.faces[0, 1]] - self.vertices[self.faces[0, 0]]))
-        near = cKDTree(self.vertices).query(few)[0] < 2 * edge
-        inside = trimesh.Trimesh(self.vertices, self.faces, process=False).contains(few[~near])
-        return float((near.sum() + inside.sum()) / max(len(few), 1))
-
 
 NEARBY = 12
 """Cells about a silhouette in which the surroundings should show, or else speak against it."""
@@ -341,6 +330,47 @@ def drawn_agreement(views: Views, maps: Occlusion, shapes: list[tuple[np.ndarray
 def support_agreement(views: Views, maps: Occlusion, vertices: np.ndarray, faces: np.ndarray) -> float:
     """Median over the views of `drawn_agreement` for one shape."""
     return float(np.median(drawn_agreement(views, maps, [(vertices, faces)])))
+
+
+def hidden_by(views: Views, maps: Occlusion, vertices: np.ndarray, faces: np.ndarray) -> Occlusion:
+    """The maps where a measured shape, vertices (v, 3) and faces (f, 3), hides the surroundings too.
+
+    No view sees the support through what stereo has measured, though a grey thing on a grey cloth looks like it.
+    """
+    import cv2
+
+    from massprops.geometry.rasterise import silhouette
+
+    states = []
+    for i, state in enumerate(maps.state):
+        size = (int(views.size[i, 0]), int(views.size[i, 1]))
+        drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], size).astype(np.float32)
+        share = cv2.resize(drawn, state.shape[::-1], interpolation=cv2.INTER_AREA)
+        states.append(np.where(share > 0.5, -1, state).astype(np.int8))
+    return Occlusion(states, maps.cell)
+
+
+def held_share(views: Views, vertices: np.ndarray, faces: np.ndarray, xyz: np.ndarray) -> float:
+    """Median over the views of the share of points (m, 3) that fall on a shape's silhouette, or beside it by a cell.
+
+    What stereo measured of an object is part of it: a hull that leaves it out is the hull of a part.
+    """
+    import cv2
+
+    from massprops.geometry.rasterise import silhouette
+
+    shares = []
+    for i in range(len(views)):
+        w, h = (int(x) for x in views.size[i])
+        drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], (w, h)).astype(np.uint8)
+        side = 2 * int(np.ceil(CELL * min(h, w) / 480)) + 1
+        near = cv2.dilate(drawn, np.ones((side, side), np.uint8)) > 0
+        pixel, ahead = _pixels(views, i, xyz)
+        at = np.rint(pixel[ahead]).astype(int)
+        at = at[(at >= 0).all(1) & (at < [w, h]).all(1)]
+        if len(at):
+            shares.append(float(near[at[:, 1], at[:, 0]].mean()))
+    return float(np.median(shares)) if shares else 0.0
 
 
 def settled(label: np.ndarray, agreement: np.ndarray) -> np.ndarray:

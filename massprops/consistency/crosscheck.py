@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from massprops.consistency.jackknife import at_least
 from massprops.consistency.trust import enter_verdict
 from massprops.core.files import json_text
 from massprops.core.outputs import Outputs, claim, deliver, verify
+from massprops.core.progress import Progress, silent
 from massprops.core.shown import Shown, number
 from massprops.errors import InputError, NotPossible
 
-Progress = Callable[[int, int, str], None]
 STILL = "the object is still: nothing moves, so nothing shows its inertia"
 OWNER = "crosscheck"
 READ = ("massprops.json", "mesh.ply", "work/sfm", "work/surface", "work/scale")
@@ -63,10 +64,6 @@ class CrossCheck(Shown):
     def facts(self) -> dict[str, str]:
         """Verdict, its probability and reason."""
         return {"verdict": self.verdict, "p": number(self.p_value), "reason": self.reason}
-
-
-def silent(done: int, total: int, what: str = "") -> None:
-    """Progress that says nothing."""
 
 
 def crosscheck(
@@ -146,13 +143,13 @@ def _check(
     except NotPossible as stop:
         found = stopped or judge.unobservable(str(stop))
         return CrossCheck(folder, document(mesh, [], found), warnings=footage.warnings)
+    centre, slides = _centre(folder, mesh, frame)
     compared = []
     for e in outcome.estimates:
         tie = None if frame is None else to_mesh_axes(e, outcome.problem, frame, own)
         scaled = mesh.document["units"]["length"] == "m" and (outcome.problem.stereo or outcome.problem.has_range)
         scale = scale_against(e, frame) if frame is not None and scaled else None
-        compared.append(judge.compare_one(e, mesh, tie, scale))
-    centre = _centre(folder, mesh, frame)
+        compared.append(judge.compare_one(e, mesh, tie, scale, None if slides is None else slides.inertia))
     best = judge.reference_of(compared)
     residuals = {} if watched is None or stopped else _residuals(watched, mesh, best)
     free = {name: series["rms"] for name, series in residuals.items() if "rms" in series}
@@ -162,42 +159,52 @@ def _check(
     found = judge.decide(compared, mesh, centre, tumble, free, joint)
     result = document(mesh, compared, found, centre, residuals, outcome.skipped)
     result["fused"] = None
-    if draws is not None and found.verdict == "consistent":
+    if draws is not None and best is not None and best.found.reliable and found.verdict == "consistent":
         result["fused"] = {"with": found.rests_on, **fuse(draws, mesh, motion)}
     return CrossCheck(folder, result, outcome.estimates, outcome.warnings)
 
 
-def _centre(folder: Path, mesh: Any, frame: Any) -> Any:
-    """The point that the body turns about, in the mesh's axes and units."""
-    from massprops.consistency.motion_side import centre_of_motion
+def _centre(folder: Path, mesh: Any, frame: Any) -> tuple[Any, Any]:
+    """The point that the body turns about, in the mesh's axes and units, and what single regions of the surface change
+    of the motion; None for each where the run does not show it."""
+    from massprops.consistency.motion_side import centre_of_motion, slides_of
+    from massprops.sfm.points import SparsePoints
     from massprops.views import Views
 
     try:
         views = Views.load(folder / "work" / "sfm" / "views.npz")
+        points = SparsePoints.load(folder / "work" / "sfm" / "points.npz")
     except (OSError, ValueError, KeyError):
-        return None
+        return None, None
     rows = np.flatnonzero([n.startswith("cam0/") or "/" not in n for n in views.names])
     stamps = views.timestamp_ns[rows]
     if not (stamps >= 0).all():
         # images without a clock: the sequence counts them, in the same order
         if frame is None or len(frame.stamp_ns) != len(rows):
-            return None
+            return None, None
         rows, stamps = rows[np.argsort([views.names[i] for i in rows])], frame.stamp_ns
     order = np.argsort(stamps, kind="stable")
     rows, stamps = rows[order], stamps[order]
-    return centre_of_motion(stamps, views.R[rows], views.t[rows] * mesh.factor, mesh.length)
+    found = centre_of_motion(stamps, views.R[rows], views.t[rows] * mesh.factor, mesh.length)
+    seen = points.of_views(rows)
+    if not len(seen.xyz) or len(rows) < 8:
+        return found, None
+    sigma = frame.sigma if frame is not None and len(frame.sigma) == len(rows) else np.full(len(rows), 1e-3)
+    slides = slides_of(views.take(rows), seen, stamps, sigma, mesh)
+    if found is not None:
+        found = replace(found, covariance=at_least(found.covariance, slides.centre))
+    return found, slides
 
 
 def _motion(mesh: Any, best: Any, centre: Any) -> Any:
     """What the trusted estimator and the centre of rotation say of the mesh's numbers; None where no axes are tied."""
     from massprops.consistency.fusion import measured
-    from massprops.consistency.motion_side import motion_covariance
     from massprops.mass.ratio_space import log_components
 
     if best is None or best.turn is None or best.found.axes_covariance is None:
         return None
     inertia = best.turn @ best.found.inertia @ best.turn.T
-    R = motion_covariance(best.found, best.turn, mesh.axes)
+    R = best.covariance
     place = () if centre is None else (centre.place, centre.covariance)
     return measured(log_components(inertia, mesh.axes), R, *place)
 

@@ -7,11 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.consistency.jackknife import at_least, replicates, spread
+from massprops.consistency.mesh_side import MeshSide
 from massprops.dynamics.quaternion import angle_between, rotation_matrix
 from massprops.estimators.prior import similarity
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
-from massprops.mass.ratio_space import covariance
+from massprops.mass.ratio_space import covariance, log_components
+from massprops.sfm.points import SparsePoints
+from massprops.views import Views
 
 CENTRE_FLOOR = 1e-3
 """Share of the body's length to which structure from motion, bent a little by its own lens, places any point."""
@@ -81,17 +85,59 @@ def scale_against(found: Estimate, frame: Frame) -> float | None:
     return None if tied is None else tied[0]
 
 
-def motion_covariance(found: Estimate, turn: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """(5, 5) of the estimate's `log_components` in the mesh's principal `axes`; residuals above their noise widen it.
+def motion_covariance(
+    found: Estimate, turn: np.ndarray, axes: np.ndarray, alike: np.ndarray | None = None
+) -> np.ndarray:
+    """(5, 5) of the estimate's `log_components` in the mesh's principal `axes`; residuals above their noise widen it,
+    and so does what one part of the surface says against the others.
 
     Args:
-        turn: (3, 3) estimate's body axes to the mesh's.
+        turn: (3, 3) estimate's body axes to the mesh's. alike: (5, 5) `Slides.inertia`.
     """
     assert found.inertia is not None and found.k_covariance is not None
     inertia = turn @ found.inertia @ turn.T
     turns = None if found.axes_covariance is None else turn @ found.axes_covariance @ turn.T
     widened: np.ndarray = covariance(inertia, found.k_covariance, turns, axes) * max(1.0, found.innovation or 1.0)
-    return widened
+    return widened if alike is None or turns is None else at_least(widened, alike)
+
+
+@dataclass(frozen=True)
+class Slides:
+    """Errors that features of one region share: see `jackknife`.
+
+    Attributes:
+        centre: (3, 3) of the point that the body turns about, mesh axes and units.
+        inertia: (5, 5) of the motion's `log_components` in the mesh's principal axes; None where no free motion fits.
+    """
+
+    centre: np.ndarray
+    inertia: np.ndarray | None
+
+
+def slides_of(views: Views, points: SparsePoints, stamp_ns: np.ndarray, sigma: np.ndarray, mesh: MeshSide) -> Slides:
+    """What the motion's numbers owe to single regions of the surface.
+
+    Args:
+        views: n images of cam0 in the order of time; points: what they saw.
+        stamp_ns: (n,); sigma: (n,) of each attitude [rad].
+    """
+    from massprops.dynamics.quaternion import from_rotation_matrix
+    from massprops.estimators.free_fit import fit_attitudes
+
+    times = (stamp_ns - stamp_ns[0]) * 1e-9
+    whole = fit_attitudes(times, from_rotation_matrix(views.R), sigma)
+    centres, numbers = [], []
+    for without in replicates(views, points):
+        centre = centre_of_motion(stamp_ns, without.R, without.t * mesh.factor, mesh.length)
+        if centre is not None:
+            centres.append(centre.place)
+        moved = None if whole is None else fit_attitudes(times, from_rotation_matrix(without.R), sigma, whole)
+        if moved is not None:
+            numbers.append(log_components(moved[2], mesh.axes))
+    return Slides(
+        spread(np.array(centres)) if len(centres) > 1 else np.zeros((3, 3)),
+        spread(np.array(numbers)) if len(numbers) > 1 else None,
+    )
 
 
 @dataclass(frozen=True)

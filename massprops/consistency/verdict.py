@@ -32,6 +32,7 @@ class Compared:
 
     Attributes:
         found: the estimate; turn: (3, 3) its body axes to the mesh's, None when nothing ties them; tied: by what.
+        covariance: (5, 5) of its `log_components` in the mesh's principal axes; None without a tie.
         chi2, degrees, p: of ratios and axes together (of the ratios alone without a tie); None when not sound.
         p_ratios, p_axes: of each alone.
         misalignment: [rad] between principal frames modulo their symmetries; sigma_axis: of it, both sides together.
@@ -49,6 +50,7 @@ class Compared:
     misalignment: float | None = None
     sigma_axis: float | None = None
     scale: float | None = None
+    covariance: np.ndarray | None = None
 
     @property
     def sound(self) -> bool:
@@ -60,8 +62,18 @@ def is_sound(found: Estimate) -> bool:
     return bool(found.converged and found.observable and found.inertia is not None and found.k_covariance is not None)
 
 
-def compare_one(found: Estimate, mesh: MeshSide, tie: tuple[np.ndarray, str] | None, scale: float | None) -> Compared:
-    """The chi-square of ratios and axes, in the mesh's principal frame."""
+def compare_one(
+    found: Estimate,
+    mesh: MeshSide,
+    tie: tuple[np.ndarray, str] | None,
+    scale: float | None,
+    alike: np.ndarray | None = None,
+) -> Compared:
+    """The chi-square of ratios and axes, in the mesh's principal frame.
+
+    Args:
+        alike: (5, 5) see `motion_covariance`.
+    """
     if not is_sound(found):
         return Compared(found)
     assert found.inertia is not None
@@ -75,7 +87,7 @@ def compare_one(found: Estimate, mesh: MeshSide, tie: tuple[np.ndarray, str] | N
         return Compared(found, None, how, chi2, degrees, p, p, scale=scale)
     inertia = turn @ found.inertia @ turn.T
     difference = log_components(inertia, mesh.axes) - log_components(mesh.inertia, mesh.axes)
-    motion = motion_covariance(found, turn, mesh.axes)
+    motion = motion_covariance(found, turn, mesh.axes, alike)
     spread = motion + mesh.covariance
     with_axes = found.axes_covariance is not None
     use = slice(0, 5) if with_axes else slice(0, 2)
@@ -95,6 +107,7 @@ def compare_one(found: Estimate, mesh: MeshSide, tie: tuple[np.ndarray, str] | N
         float(np.linalg.norm(away)),
         _sigma_of_turn(spread, mesh, away) if with_axes else None,
         scale,
+        motion,
     )
 
 
@@ -183,12 +196,7 @@ def decide(
         p_centre = p_value(*chi_square(centre.place - mesh.centre, centre.covariance + mesh.centre_covariance))
     silent = _no_ratios(compared, best)
     if best is None or silent:
-        if p_centre is None or tumble is None or p_centre >= SIGNIFICANT:
-            return unobservable(silent)
-        # where the mass lies is seen without the ratios, but alone it confirms nothing
-        tests: dict[str, float | None] = {"centre of mass": p_centre}
-        hints = hints_of(None, mesh, centre, tests, free)
-        return Verdict("inconsistent", p_centre, f"{ELSEWHERE}: {hints[0]} ({silent})", hints, facts={"tests": tests})
+        return _by_centre(silent, mesh, centre, p_centre if tumble is not None else None, free)
     tests = {"ratios and axes" if best.turn is not None else "ratios": best.p}
     if p_centre is not None:
         tests["centre of mass"] = p_centre
@@ -198,6 +206,10 @@ def decide(
     facts = {"tests": tests}
     if p >= SIGNIFICANT:
         return Verdict("consistent", p, _agreement(best), rests_on=best.found.name, facts=facts)
+    if not best.found.reliable:
+        # sigmas that are too small make any two bodies differ
+        doubt = f"the motion cannot be held against the mesh ({best.found.name}: {best.found.because})"
+        return _by_centre(doubt, mesh, centre, p_centre if tumble is not None else None, free)
     hints = hints_of(best, mesh, centre, tests, free)
     return Verdict("inconsistent", p, _difference(best, mesh, tests) + ": " + hints[0], hints, best.found.name, facts)
 
@@ -215,6 +227,19 @@ def _no_ratios(compared: list[Compared], best: Compared | None) -> str:
             "too short or too slow a motion, or a nearly symmetric body"
         )
     return ""
+
+
+def _by_centre(silent: str, mesh: MeshSide, centre: Centre | None, p: float | None, free: dict[str, float]) -> Verdict:
+    """The verdict where no ratios count: where the mass lies is seen without them, but alone it confirms nothing.
+
+    Args:
+        silent: why they do not. p: of the centre of mass, or None.
+    """
+    if p is None or p >= SIGNIFICANT:
+        return unobservable(silent)
+    tests: dict[str, float | None] = {"centre of mass": p}
+    hints = hints_of(None, mesh, centre, tests, free)
+    return Verdict("inconsistent", p, f"{ELSEWHERE}: {hints[0]} ({silent})", hints, facts={"tests": tests})
 
 
 def _agreement(best: Compared) -> str:
@@ -262,9 +287,9 @@ def hints_of(
             f"density: the mass is not spread evenly, its centre lies {off:.3g} {'m' if size == 'm' else 'model units'} "
             "from the volume's"
         )
-    if mesh.unseen > 0.1 and best is not None and best.chi2 is not None and best.turn is not None:
+    if mesh.unseen > 0.1 and best is not None and best.covariance is not None and best.turn is not None:
         assert best.found.inertia is not None
-        wide = motion_covariance(best.found, best.turn, mesh.axes) + 4.0 * mesh.covariance
+        wide = best.covariance + 4.0 * mesh.covariance
         inertia = best.turn @ best.found.inertia @ best.turn.T
         difference = log_components(inertia, mesh.axes) - log_components(mesh.inertia, mesh.axes)
         if p_value(*chi_square(difference, wide)) >= SIGNIFICANT:

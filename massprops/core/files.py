@@ -104,18 +104,6 @@ def write_whole(path: Path, content: str | bytes, by_way_of: Path | None = None)
         remove(temporary)
 
 
-def copy_whole(source: Path, target: Path) -> None:
-    """Copies a file under a temporary name, then renames."""
-    refuse_special(target)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        _step("write", target)
-        shutil.copyfile(source, temporary)
-        rename(temporary, target)
-    finally:
-        remove(temporary)
-
-
 def replace_folder(source: Path, target: Path) -> None:
     """Puts `source` in the place of `target`, whose old content goes away after the change.
 

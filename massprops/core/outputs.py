@@ -144,6 +144,16 @@ class Outputs:
             if str(parent) != "." and (place.is_symlink() or (place.exists() and not place.is_dir())):
                 raise InputError(f"{place}: is not a folder of its own, and no link is followed: choose another -o")
 
+    def refuse_links(self, *paths: Path) -> None:
+        """Refuses links where massprops itself writes, moves and clears away without asking.
+
+        Raises:
+            InputError: one of the paths, or anything below the record's folder, is a link.
+        """
+        for path in (*paths, *(self.place / name for name in files_below(self.place))):
+            if path.is_symlink():
+                raise InputError(f"{path}: is a link, and no link is followed: choose another place with -o")
+
     def _owner(self, name: str) -> str | None:
         announced = {} if self.pending is None else self.pending["files"]  # whoever writes next puts them in place
         entry = announced.get(name) or self.files.get(name)
@@ -228,6 +238,7 @@ class Outputs:
         """Takes everything out of sight that any command wrote here, and drops the folders of massprops' own use."""
         self.retract()
         for name in list(self.trees):
+            self._check_parents(self.folder / name)
             remove_folder(self.folder / name)
             del self.trees[name]
         self.save()
@@ -236,6 +247,7 @@ class Outputs:
         """Takes the record away where nothing came of the first command in this folder."""
         if not self.files and not self.trees:
             for name in self.folders:
+                self._check_parents(self.folder / name)
                 remove_folder(self.folder / name)
             self.folders = {}
             remove(self.place / "outputs.json")
@@ -274,6 +286,9 @@ class Outputs:
             return
         entries, gone, aside = self.pending["files"], self.pending["gone"], self.pending["aside"]
         new, previous = self.place / "new", self.place / "previous"
+        self.refuse_links()
+        for name in (*entries, *gone, *aside):
+            self._check_parents(self.folder / name)
         for name, by in aside.items():
             kept, path = previous / by / name, self.folder / name
             begun = name not in entries or (new / name).exists()
@@ -310,6 +325,7 @@ def claim(
     Outputs(folder).check(by, names, inputs, force)  # before anything is made
     with locked(folder):
         outputs = Outputs(folder)
+        outputs.refuse_links()
         try:
             for stale in outputs.place.glob(".*.tmp"):  # of a process that was killed as it wrote
                 remove(stale)

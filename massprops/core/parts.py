@@ -24,12 +24,19 @@ class Parts:
 
     Attributes:
         folder: where they are kept, None for nowhere. Its name says what the parts are made from.
+        prefix: of the name of each.
         damaged: names of parts that were not as they had been written, and are made again.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path | None = None, prefix: str = "") -> None:
+        self.folder, self.prefix = folder, prefix
         self.damaged: list[str] = []
+
+    def within(self, name: str) -> Parts:
+        """The same place for a piece of this work that is done more than once, of other data each time."""
+        inner = Parts(self.folder, f"{self.prefix}{name}: ")
+        inner.damaged = self.damaged
+        return inner
 
     def made(self, name: str, make: Callable[[], Arrays]) -> Arrays:
         """A part as it was made before, or as it is made now; threads may ask for different ones.
@@ -40,6 +47,7 @@ class Parts:
         """
         if self.folder is None:
             return make()
+        name = self.prefix + name
         path = self.folder / hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:24]
         found = self._read(name, path)
         if found is None:

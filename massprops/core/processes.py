@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import io
 import os
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -63,14 +65,40 @@ def muffled() -> Iterator[None]:
                 os.close(real)
 
 
-def _turned_away(handle: int) -> int:
-    """Leads a file handle nowhere; a copy of what it was, or -1 where it was closed."""
+@contextlib.contextmanager
+def overheard() -> Iterator[list[str]]:
+    """Keeps what libraries print, native code too, away from both standard streams, of the whole process while it lasts.
+
+    Gives a list that holds what was printed, when it is over. Some libraries tell on standard output what they miss as
+    they are loaded, where a result belongs.
+    """
+    said: list[str] = []
+    with tempfile.TemporaryFile() as file, _muffling:
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or none
+            sys.stdout.flush()
+        reals = [(handle, _turned_away(handle, file.fileno())) for handle in (1, 2)]
+        printed = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+                yield said
+        finally:
+            ctypes.CDLL(None).fflush(None)  # C keeps lines back where it does not write to a terminal
+            for handle, real in reals:
+                if real >= 0:
+                    os.dup2(real, handle)
+                    os.close(real)
+            file.seek(0)
+            said.append(file.read().decode(errors="replace") + printed.getvalue())
+
+
+def _turned_away(handle: int, target: int | None = None) -> int:
+    """Leads a file handle nowhere, or to a target; a copy of what it was, or -1 where it was closed."""
     try:
         real = os.dup(handle)
     except OSError:
         return -1
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, handle)
+    os.dup2(nowhere if target is None else target, handle)
     os.close(nowhere)
     return real
 

@@ -34,74 +34,83 @@ class DepthMap:
     sigma: np.ndarray
 
 
+@dataclass(frozen=True)
+class Matching:
+    """A reference view and the views that it is matched with.
+
+    Attributes:
+        image: (h, w) float32 grey, reference.
+        mask: (h, w) uint8, 0 not the object, 1 the object but no depth wanted (windows may reach into it), 2 and above
+            wanted.
+        K: (3, 3) of the reference.
+        sources: (s, h', w') float32 grey.
+        Ks: (s, 3, 3); R: (s, 3, 3), t: (s, 3): from the reference's camera.
+        noise: 1-sigma of the grey levels: windows with less contrast than twice this are not matched.
+    """
+
+    image: np.ndarray
+    mask: np.ndarray
+    K: np.ndarray
+    sources: np.ndarray
+    Ks: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    noise: float
+
+    def halved(self) -> Matching:
+        """The same at half the size."""
+        h, w = (n // 2 * 2 for n in self.mask.shape)
+        return Matching(
+            pm.grey_pyramid_half(self.image),
+            self.mask[:h:2, :w:2].copy(),
+            _halved(self.K),
+            np.stack([pm.grey_pyramid_half(s) for s in self.sources]),
+            np.stack([_halved(k) for k in self.Ks]),
+            self.R,
+            self.t,
+            self.noise / 2,
+        )
+
+    def of_kernel(self) -> tuple[pm.Reference, pm.Sources, pm.Frame]:
+        """The same as the kernels take it."""
+        count, rows, columns = self.sources.shape
+        K = self.Ks
+        intrinsics = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
+        cameras = np.concatenate([intrinsics, self.R.reshape(-1, 9), self.t], axis=1)
+        K = self.K
+        ray = (1 / K[0, 0], -K[0, 2] / K[0, 0], 1 / K[1, 1], -K[1, 2] / K[1, 1])
+        frame = pm.Frame(ray, rows, columns, *thresholds(self.noise))
+        return pm.Reference(self.image, self.mask), pm.Sources(self.sources.reshape(count, -1), cameras), frame
+
+
 def depth_map(
-    image: np.ndarray,
-    mask: np.ndarray,
-    K: np.ndarray,
-    sources: np.ndarray,
-    Ks: np.ndarray,
-    Rs: np.ndarray,
-    ts: np.ndarray,
-    sparse: np.ndarray,
-    depths: tuple[float, float],
-    noise: float,
-    seed: int,
-    pool: Executor,
+    matching: Matching, sparse: np.ndarray, depths: tuple[float, float], seed: int, pool: Executor
 ) -> DepthMap:
     """Depth and normal of every pixel of the mask that is wanted.
 
     Args:
-        image: (h, w) float32 grey, reference; mask: (h, w) uint8, 0 not the object, 1 the object but no depth wanted
-            (windows may reach into it), 2 and above wanted.
-        K: (3, 3) of the reference.
-        sources: (s, h', w') float32 grey; Ks: (s, 3, 3); Rs (s, 3, 3), ts (s, 3): from the reference's camera.
+        matching: the images and their cameras.
         sparse: (m, 3) u, v, depth of sparse points seen here.
         depths: nearest and farthest.
-        noise: 1-sigma of the grey levels: windows with less contrast than twice this are not matched.
         seed: of the random steps.
         pool: threads.
     """
-    half_mask = mask[: mask.shape[0] // 2 * 2 : 2, : mask.shape[1] // 2 * 2 : 2].copy()
-    half_image = pm.grey_pyramid_half(image)
-    half_sources = np.stack([pm.grey_pyramid_half(s) for s in sources])
-    half_K, half_Ks = _halved(K), np.stack([_halved(k) for k in Ks])
+    half = matching.halved()
     half_sparse = np.column_stack([(sparse[:, :2] - 0.5) / 2, sparse[:, 2]])
-    depth, normal = _start(half_mask, half_K, half_sparse, depths, seed)
-    cost = np.full(half_mask.shape, -1.0, np.float32)
-    _iterate(
-        half_image,
-        half_mask,
-        depth,
-        normal,
-        cost,
-        half_K,
-        half_sources,
-        half_Ks,
-        Rs,
-        ts,
-        depths,
-        noise / 2,
-        seed,
-        COARSE,
-        2,
-        pool,
-    )
-    depth, normal = _doubled(depth, mask.shape), _doubled(normal, mask.shape)
-    _shift_to_pixel(depth, normal, half_K, K)
-    cost = np.full(mask.shape, -1.0, np.float32)
-    _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed + 1, FINE, 1, pool)
+    depth, normal = _start(half.mask, half.K, half_sparse, depths, seed)
+    planes = pm.Planes(depth, normal, np.full(half.mask.shape, -1.0, np.float32))
+    _iterate(half, planes, depths, seed, COARSE, 2, pool)
+    shape = matching.mask.shape
+    depth, normal = _doubled(depth, shape), _doubled(normal, shape)
+    _shift_to_pixel(depth, normal, half.K, matching.K)
+    planes = pm.Planes(depth, normal, np.full(shape, -1.0, np.float32))
+    _iterate(matching, planes, depths, seed + 1, FINE, 1, pool)
     sigma = np.zeros_like(depth)
-    inverse, each = _arguments(K, Ks)
-    level, least = thresholds(noise)
-    count, sh, sw = sources.shape
-    flat = sources.reshape(count, -1)
-    _by_rows(
-        pool, pm.polish,
-        image, mask, depth, normal, cost, sigma, flat, sh, sw, inverse, each, Rs, ts, level, least, NOISE_PX,
-    )  # fmt: skip
-    lost = (mask < 2) | (cost >= 1.0) | (cost < 0) | (sigma <= 0)
+    reference, sources, frame = matching.of_kernel()
+    _by_rows(pool, pm.polish, shape[0], reference, planes, sources, frame, sigma, NOISE_PX)
+    lost = (matching.mask < 2) | (planes.cost >= 1.0) | (planes.cost < 0) | (sigma <= 0)
     depth[lost] = 0.0
-    return DepthMap(depth, normal, cost, sigma)
+    return DepthMap(depth, normal, planes.cost, sigma)
 
 
 def _halved(K: np.ndarray) -> np.ndarray:
@@ -112,35 +121,32 @@ def _halved(K: np.ndarray) -> np.ndarray:
     return out
 
 
-def _arguments(K: np.ndarray, Ks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    inverse = np.array([1 / K[0, 0], -K[0, 2] / K[0, 0], 1 / K[1, 1], -K[1, 2] / K[1, 1]])
-    each = np.stack([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]] for k in Ks])
-    return inverse, each
-
-
 def thresholds(noise: float) -> tuple[float, float]:
     """Grey-level width of the bilateral weights, and the variance below which there is no texture, by the noise."""
     return max(12.0, 6.0 * noise), max((1.6 * noise) ** 2, 0.3)
 
 
-def _iterate(image, mask, depth, normal, cost, K, sources, Ks, Rs, ts, depths, noise, seed, steps, reach, pool):  # type: ignore[no-untyped-def]
-    inverse, each = _arguments(K, Ks)
-    level, least = thresholds(noise)
-    count, sh, sw = sources.shape
-    flat = sources.reshape(count, -1)
-    for iteration, scale in enumerate(steps):
+def _iterate(
+    matching: Matching,
+    planes: pm.Planes,
+    depths: tuple[float, float],
+    seed: int,
+    scales: tuple[float, ...],
+    reach: int,
+    pool: Executor,
+) -> None:
+    """PatchMatch in place, an iteration for each size of random step."""
+    reference, sources, frame = matching.of_kernel()
+    for iteration, scale in enumerate(scales):
+        steps = pm.Steps(*depths, iteration, seed, scale, 3, reach)
         for colour in (0, 1):
-            _by_rows(
-                pool, pm.sweep,
-                image, mask, depth, normal, cost, flat, sh, sw, inverse, each, Rs, ts,
-                depths[0], depths[1], colour, iteration, scale, 3, reach, seed, level, least,
-            )  # fmt: skip
+            _by_rows(pool, pm.sweep, len(matching.image), reference, planes, sources, frame, steps, colour)
 
 
-def _by_rows(pool: Executor, kernel: Any, image: np.ndarray, *rest: Any) -> None:
+def _by_rows(pool: Executor, kernel: Any, rows: int, *rest: Any) -> None:
     """A kernel on all rows, band by band: within one colour no pixel reads what another writes."""
-    edges = np.linspace(0, len(image), BANDS + 1).astype(int).tolist()
-    list(pool.map(lambda band: kernel(image, *rest, *band), pairwise(edges)))
+    edges = np.linspace(0, rows, BANDS + 1).astype(int).tolist()
+    list(pool.map(lambda band: kernel(*rest, *band), pairwise(edges)))
 
 
 def _start(

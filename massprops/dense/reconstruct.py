@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from massprops.core.parts import Arrays, Parts
-from massprops.dense.fusion import DensePoints, fuse
-from massprops.dense.select import select_views
+from massprops.dense.depthmap import DepthMap, Matching, depth_map
+from massprops.dense.fusion import Cameras, DensePoints, Maps, fuse
+from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
 
@@ -76,39 +78,97 @@ def grey_noise(grey: np.ndarray, mask: np.ndarray) -> float:
     return float(np.clip(np.percentile(response, 25) / (0.3186 * 6.0), 0.5, 8.0)) if len(response) else 1.0
 
 
-def dense_points(
-    views: Views,
-    image: Image,
-    xyz: np.ndarray,
-    obs_view: np.ndarray,
-    obs_point: np.ndarray,
-    most_references: int = 0,
-    seed: int = 0,
-    threads: int = 2,
-    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
-    pixels: int = MOST_PIXELS,
-    parts: Parts | None = None,
-):  # type: ignore[no-untyped-def]
-    """Dense points of everything that two confirming depth maps agree on.
+@dataclass(frozen=True)
+class DenseOptions:
+    """How dense points are made.
 
-    Args:
-        views: registered views.
-        image: gives the images.
-        xyz: (m, 3) sparse points with their observations obs_view, obs_point (k,).
+    Attributes:
         most_references: largest number of depth maps; 0 for the default.
         seed: of the random steps.
         threads: processor threads; the result does not depend on them.
         pixels: of the object per view, at most.
-        parts: keep each depth map as soon as it is made.
-
-    Returns:
-        (DensePoints, facts): facts holds counts and medians.
-
-    Raises:
-        NotPossible: no view has two partners at a useful angle, or nothing agrees.
     """
-    parts = parts or Parts()
-    choice = select_views(views, xyz, obs_view, obs_point, most_references)
+
+    most_references: int = 0
+    seed: int = 0
+    threads: int = 2
+    pixels: int = MOST_PIXELS
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What the depth maps are made of.
+
+    Attributes:
+        views, sparse: as given.
+        cut: views cut to the object and reduced by `factor`, by their index.
+        reference: (r,) indices of the views that get a depth map; whole: (r,) bool, which of them a whole one.
+        sources: per reference, the views that it is matched with.
+        depths: (r, 2) nearest, farthest.
+    """
+
+    views: Views
+    sparse: Sparse
+    cut: dict[int, Cropped]
+    factor: float
+    reference: np.ndarray
+    whole: np.ndarray
+    sources: tuple[np.ndarray, ...]
+    depths: np.ndarray
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns that hold every cut view."""
+        shapes = [c.grey.shape for c in self.cut.values()]
+        return max(s[0] for s in shapes), max(s[1] for s in shapes)
+
+    def padded(self, a: np.ndarray) -> np.ndarray:
+        """A cut image, filled up with zeros to the common size."""
+        pad = [(0, self.size[k] - a.shape[k]) for k in (0, 1)]
+        return np.ascontiguousarray(np.pad(a, pad + [(0, 0)] * (a.ndim - 2)))
+
+    @property
+    def cameras(self) -> Cameras:
+        """Of the references, cut and reduced."""
+        K = np.array([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]] for k in (self.cut[i].K for i in self.reference)])
+        return Cameras(K, self.views.R[self.reference], self.views.t[self.reference])
+
+    def matching(self, n: int, mask: np.ndarray) -> Matching:
+        """The n-th reference and its sources; mask: what of it is wanted."""
+        i = int(self.reference[n])
+        mine, group = self.cut[i], [int(s) for s in self.sources[n] if int(s) in self.cut]
+        R, t = self.views.R, self.views.t
+        return Matching(
+            self.padded(mine.grey),
+            self.padded(mask),
+            mine.K,
+            np.stack([self.padded(self.cut[s].grey) for s in group]),
+            np.stack([self.cut[s].K for s in group]),
+            np.stack([R[s] @ R[i].T for s in group]),
+            np.stack([t[s] - R[s] @ R[i].T @ t[i] for s in group]),
+            grey_noise(mine.grey, mine.mask),
+        )
+
+    def wanted(self, n: int, known: DensePoints | None) -> tuple[np.ndarray, np.ndarray]:
+        """The n-th reference's mask of what is wanted, and u, v, depth (m, 3) of the points seen there, of the dense
+        ones once there are any."""
+        i = int(self.reference[n])
+        mine = self.cut[i]
+        if known is None:
+            points = seen_points(self.sparse, i)
+        else:
+            facing = np.einsum("ij,ij->i", known.normal, self.views.centres[i] - known.xyz) > 0
+            points = known.xyz[facing].astype(float)
+        seen = points @ self.views.R[i].T + self.views.t[i]
+        seen = seen[seen[:, 2] > 0]
+        uv = seen[:, :2] / seen[:, 2:] @ mine.K[:2, :2].T + mine.K[:2, 2]
+        mask = mine.mask if known is None else _unexplained(mine.mask, uv)
+        return mask, np.column_stack([uv, seen[:, 2]])
+
+
+def _scene(views: Views, image: Image, sparse: Sparse, options: DenseOptions) -> _Scene:
+    """Chooses the references, reads their images and cuts them to the object."""
+    choice = select_views(views, sparse, options.most_references)
     if len(choice.reference) < 3:
         raise NotPossible(
             "too few views share points at angles of 3 to 26 degrees: take more, overlapping images all round"
@@ -116,79 +176,89 @@ def dense_points(
     needed = sorted({*choice.reference.tolist(), *(int(s) for group in choice.sources for s in group)})
     raw = {i: image(i) for i in needed}
     area = float(np.median([np.count_nonzero(raw[i][1]) for i in choice.reference]))
-    factor = float(min(1.0, np.sqrt(pixels / max(area, 1.0))))
+    factor = float(min(1.0, np.sqrt(options.pixels / max(area, 1.0))))
     cut = {i: crop(*raw[i], views.K[i], factor) for i in needed if (raw[i][1] > 0).any()}
-    del raw
     keep = np.array([k for k, i in enumerate(choice.reference) if i in cut], np.int64)
-    reference, whole = choice.reference[keep], choice.whole[keep]
-    h = max(c.grey.shape[0] for c in cut.values())
-    w = max(c.grey.shape[1] for c in cut.values())
-    r = len(keep)
-    depth, sigma = np.zeros((r, h, w), np.float32), np.zeros((r, h, w), np.float32)
-    normal = np.zeros((r, h, w, 3), np.float32)
-    K = np.array([[cut[i].K[0, 0], cut[i].K[1, 1], cut[i].K[0, 2], cut[i].K[1, 2]] for i in reference])
-    R, t = views.R[reference], views.t[reference]
-    colour = [_padded(cut[i].colour, h, w) for i in reference]
-    partners = _partners(views.centres[reference] - np.median(xyz, axis=0), whole)
-    measured, wanted, done = 0, 0, 0
+    sources = tuple(choice.sources[k] for k in keep)
+    return _Scene(views, sparse, cut, factor, choice.reference[keep], choice.whole[keep], sources, choice.depths[keep])
 
-    def fused(use: np.ndarray) -> DensePoints:
-        among = [p[use[p]] if use[n] else p[:0] for n, p in enumerate(partners)]
-        return fuse(depth, normal, sigma, colour, K, R, t, among, reference)
 
-    points = None
-    with ThreadPoolExecutor(max(1, threads)) as pool:
+def dense_points(
+    views: Views,
+    image: Image,
+    sparse: Sparse,
+    options: DenseOptions = DenseOptions(),  # noqa: B008
+    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    parts: Parts | None = None,
+) -> tuple[DensePoints, dict[str, Any]]:
+    """Dense points of everything that two confirming depth maps agree on.
+
+    Args:
+        views: registered views.
+        image: gives the images.
+        sparse: points with their observations.
+        options: number of depth maps, pixels, seed and threads.
+        parts: keep each depth map as soon as it is made.
+
+    Returns:
+        (points, facts): facts holds counts and medians.
+
+    Raises:
+        NotPossible: no view has two partners at a useful angle, or nothing agrees.
+    """
+    parts = parts or Parts()
+    scene = _scene(views, image, sparse, options)
+    reference, whole, r = scene.reference, scene.whole, len(scene.reference)
+    shape = (r, *scene.size)
+    maps = Maps(np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32))
+    colour = [scene.padded(scene.cut[i].colour) for i in reference]
+    partners = _partners(views.centres[reference] - np.median(sparse.xyz, axis=0), whole)
+    points: DensePoints | None = None
+    wanted = done = 0
+    with ThreadPoolExecutor(max(1, options.threads)) as pool:
         for turn in (whole, ~whole):
-            for n in np.flatnonzero(turn):
-                i, mine = int(reference[n]), cut[int(reference[n])]
-                group = [int(s) for s in choice.sources[keep[n]] if int(s) in cut]
-                R_rel = np.stack([views.R[s] @ views.R[i].T for s in group])
-                t_rel = np.stack([views.t[s] - views.R[s] @ views.R[i].T @ views.t[i] for s in group])
-                mask, seen = mine.mask, xyz[obs_point[obs_view == i]]
-                if points is not None:
-                    facing = np.einsum("ij,ij->i", points.normal, views.centres[i] - points.xyz) > 0
-                    seen = points.xyz[facing].astype(float)
-                seen = seen @ views.R[i].T + views.t[i]
-                seen = seen[seen[:, 2] > 0]
-                uv = seen[:, :2] / seen[:, 2:] @ mine.K[:2, :2].T + mine.K[:2, 2]
-                if points is not None:
-                    mask = _unexplained(mask, uv)
-                sources = np.stack([_padded(cut[s].grey, h, w) for s in group])
-                asked = (
-                    _padded(mine.grey, h, w), _padded(mask, h, w), mine.K, sources,
-                    np.stack([cut[s].K for s in group]), R_rel, t_rel, np.column_stack([uv, seen[:, 2]]),
-                    tuple(choice.depths[keep[n]]), grey_noise(mine.grey, mine.mask), seed + 7919 * i, pool,
-                )  # fmt: skip
-                part = parts.made(f"depth map {i}", partial(_map, _padded(mine.mask, h, w), mine.K, asked))
-                depth[n], normal[n], sigma[n] = part["depth"], part["normal"], part["sigma"]
-                measured += int(np.count_nonzero(depth[n]))
+            for n in np.flatnonzero(turn).tolist():
+                i = int(reference[n])
+                mask, seen = scene.wanted(n, points)
+                make = partial(_map, scene, n, mask, seen, options.seed + 7919 * i, pool)
+                part = parts.made(f"depth map {i}", make)
+                maps.depth[n], maps.normal[n], maps.sigma[n] = part["depth"], part["normal"], part["sigma"]
                 wanted += int(np.count_nonzero(mask > 1))
                 done += 1
                 progress(done, r, "depth maps")
             if turn.any():
-                points = fused(turn | whole)
-    if points is None or len(points.xyz) < 500:
-        raise NotPossible(
-            f"only {0 if points is None else len(points.xyz)} surface points agree between views: more texture, light or overlap is needed"
-        )
-    facts = {
+                use = turn | whole
+                among = [p[use[p]] if use[n] else p[:0] for n, p in enumerate(partners)]
+                points = fuse(maps, scene.cameras, colour, among, reference)
+    cloud = _enough(points)
+    return cloud, {
         "references": r,
-        "image_factor": round(factor, 4),
+        "image_factor": round(scene.factor, 4),
         "object_pixels": wanted,
-        "measured_pixels": measured,
-        "points": len(points.xyz),
-        "median_sigma": float(np.median(points.sigma)),
-        "median_views": float(np.median(np.diff(points.view_start))),
+        "measured_pixels": int(np.count_nonzero(maps.depth)),
+        "points": len(cloud.xyz),
+        "median_sigma": float(np.median(cloud.sigma)),
+        "median_views": float(np.median(np.diff(cloud.view_start))),
     }
-    return points, facts
 
 
-def _map(mask: np.ndarray, K: np.ndarray, asked: tuple) -> Arrays:
-    """Depths worth checking, normals and sigmas of one view; `asked` as `depth_map` takes it."""
-    from massprops.dense.depthmap import depth_map
+def _enough(points: DensePoints | None) -> DensePoints:
+    """The points.
 
-    result = depth_map(*asked)
-    return {"depth": _trusted(result, mask, K), "normal": result.normal, "sigma": result.sigma}
+    Raises:
+        NotPossible: too few agree.
+    """
+    found = 0 if points is None else len(points.xyz)
+    if points is None or found < 500:
+        raise NotPossible(f"only {found} surface points agree between views: more texture, light or overlap is needed")
+    return points
+
+
+def _map(scene: _Scene, n: int, mask: np.ndarray, seen: np.ndarray, seed: int, pool: ThreadPoolExecutor) -> Arrays:
+    """Depths worth checking, normals and sigmas of the n-th reference."""
+    mine, depths = scene.cut[int(scene.reference[n])], tuple(scene.depths[n])
+    result = depth_map(scene.matching(n, mask), seen, depths, seed, pool)
+    return {"depth": _trusted(result, scene.padded(mine.mask), mine.K), "normal": result.normal, "sigma": result.sigma}
 
 
 def _partners(sight: np.ndarray, whole: np.ndarray) -> list[np.ndarray]:
@@ -224,15 +294,11 @@ def _unexplained(mask: np.ndarray, uv: np.ndarray) -> np.ndarray:
     return np.where(mask > 0, 1 + want, 0).astype(np.uint8)
 
 
-def _padded(a: np.ndarray, h: int, w: int) -> np.ndarray:
-    return np.ascontiguousarray(np.pad(a, [(0, h - a.shape[0]), (0, w - a.shape[1])] + [(0, 0)] * (a.ndim - 2)))
-
-
 COST, SLANT = 0.35, 0.17
 """Largest 1 - NCC; least cosine between normal and line of sight (80 deg)."""
 
 
-def _trusted(result, mask: np.ndarray, K: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _trusted(result: DepthMap, mask: np.ndarray, K: np.ndarray) -> np.ndarray:
     """Depths worth checking against other maps: matched well, not grazing, not at the silhouette's very rim."""
     import cv2
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -17,6 +18,17 @@ MOST_FURTHER = 60
 SOURCES = 4
 BEST_ANGLE, NARROW, WIDE = 10.0, 3.0, 26.0
 """Angle between two lines of sight [deg]: below NARROW depth is not told, above WIDE surfaces look too different."""
+
+
+class Sparse(Protocol):
+    """Sparse points: xyz (m, 3) and their observations, obs_view and obs_point (k,): which view saw which point."""
+
+    @property
+    def xyz(self) -> np.ndarray: ...
+    @property
+    def obs_view(self) -> np.ndarray: ...
+    @property
+    def obs_point(self) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
@@ -39,19 +51,17 @@ def shared_points(n: int, obs_view: np.ndarray, obs_point: np.ndarray) -> np.nda
     return np.asarray((seen @ seen.T).todense())
 
 
-def select_views(
-    views: Views,
-    xyz: np.ndarray,
-    obs_view: np.ndarray,
-    obs_point: np.ndarray,
-    most: int = 0,
-    stereo_angle: float = NARROW,
-) -> Selection:
+def seen_points(sparse: Sparse, i: int) -> np.ndarray:
+    """(k, 3) sparse points that view i saw."""
+    return sparse.xyz[sparse.obs_point[sparse.obs_view == i]]
+
+
+def select_views(views: Views, sparse: Sparse, most: int = 0, stereo_angle: float = NARROW) -> Selection:
     """References spread over the sphere of directions, each with its best sources.
 
     Args:
         views: registered views.
-        xyz: (m, 3) sparse points; obs_view, obs_point: (k,) which view saw which point.
+        sparse: points and which view saw which.
         most: largest number of references, the first `MOST_REFERENCES` of them whole; 0 for the default.
         stereo_angle: smallest angle between the lines of sight of a pair [deg].
 
@@ -59,8 +69,8 @@ def select_views(
         references in the order of their index; views without two usable sources are left out.
     """
     n = len(views)
-    common = shared_points(n, obs_view, obs_point)
-    centre = np.median(xyz, axis=0)
+    common = shared_points(n, sparse.obs_view, sparse.obs_point)
+    centre = np.median(sparse.xyz, axis=0)
     sight = views.centres - centre
     sight /= np.linalg.norm(sight, axis=1, keepdims=True)
     angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
@@ -71,7 +81,7 @@ def select_views(
     reference = np.sort(chosen)
     depths = np.zeros((len(reference), 2))
     for k, i in enumerate(reference):
-        mine = xyz[obs_point[obs_view == i]]
+        mine = seen_points(sparse, i)
         z = (mine @ views.R[i].T + views.t[i])[:, 2]
         z = z[z > 0]
         low, high = np.percentile(z, [1, 99]) if len(z) > 5 else (0.5, 2.0)

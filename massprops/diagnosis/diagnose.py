@@ -14,7 +14,7 @@ from massprops.diagnosis.document import document_of_selection, model_of_selecti
 from massprops.diagnosis.free_flight import Lever, check_free_flight
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
-from massprops.diagnosis.selection import Selection, rigid_body_alone, select
+from massprops.diagnosis.selection import Selection, rigid_body_alone, rms, select
 from massprops.errors import InputError, NotPossible
 from massprops.sequence.data import Sequence
 
@@ -135,8 +135,7 @@ def _blind(turn: float) -> str:
 
 
 def _noise(s: Selection) -> float:
-    fit = s.named[0].best if s.named else s.unknown
-    return float(np.sqrt(np.mean(fit.noise**2)) * fit.record.rows.sigma[0])
+    return rms(s.noise * s.base.record.rows.spread.reshape(-1, 3))
 
 
 def contents_of(d: BalanceDiagnosis) -> dict[str, str | bytes]:
@@ -160,8 +159,8 @@ def residual_table(d: BalanceDiagnosis) -> str:
     lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
     s = d.selection
     kind = "rate" if d.record.rows.rates else "attitude"
-    before = s.base.residual
-    after = (s.named[0].alone if s.named else s.base).residual
+    before = s.base.residual / s.noise
+    after = (s.named[0].alone if s.named else s.base).residual / s.noise
     for t, b, a in zip(d.record.stamp, before, after, strict=True):
         lines += [f"{t},{kind},,,{name},{b[k]:.4f},{a[k]:.4f}" for k, name in enumerate("xyz")]
     if s.verdict == "unexplained":

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.held_out import held_out_rms
+from massprops.diagnosis.held_out import fitted_rms, held_out_rms
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.selection import Candidate, Selection, rms, significance
 
@@ -22,21 +22,15 @@ AXES = {True: "body axes are the gyroscope's", False: "body axes are those of at
 def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
     """The content of `diagnosis.json`."""
     after = s.named[0] if s.named else None
-    shown = after.alone if after else s.base
-    held = {"before": held_out_rms(s.base), "after": held_out_rms(shown)}
     return {
         "format": "massprops-diagnosis/1",
         "verdict": s.verdict,
         "reason": reason(s),
-        "effects": [_effect(c, s) for c in s.named],
+        "effects": [_effect(c, name, s) for c in s.named for name in c.alone.names],
         "candidates": [_candidate(c, s) for c in s.tried],
         "skipped": s.skipped,
-        "where": where(s.base),
-        "gap": {
-            "fitted": {"before": rms(s.base.residual), "after": rms(shown.residual)},
-            "held_out": {k: _number(v) for k, v in held.items()},
-            "noise_floor": 1.0,
-        },
+        "where": where(s),
+        "gap": gap(s),
         "latent": latent(s),
         "corrected": _corrected(s.base, after.best if after else s.base),
         "axes": AXES[s.base.record.rows.rates],
@@ -45,10 +39,25 @@ def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
     }
 
 
+def gap(s: Selection) -> dict[str, Any]:
+    """What is left, over the noise, without the effect named, with it, and with it beside an unknown torque."""
+    named = s.named[0] if s.named else None
+    fits = {
+        "before": s.base,
+        "after": named.alone if named else s.base,
+        "beside_unknown": named.beside if named else None,
+    }
+    return {
+        "fitted": {k: None if f is None else fitted_rms(f, s.noise) for k, f in fits.items()},
+        "held_out": {k: None if f is None else _number(held_out_rms(f, s.noise)) for k, f in fits.items()},
+        "noise_floor": 1.0,
+    }
+
+
 def reason(s: Selection) -> str:
     """The verdict in a sentence."""
     if s.verdict == "none":
-        return f"a free rigid body explains the measurements: {rms(s.base.residual):.2f} of the noise is left"
+        return f"a free rigid body explains the measurements: {fitted_rms(s.base, s.noise):.2f} of the noise is left"
     if s.verdict == "named":
         return _sentence(s.named[0])
     if s.verdict == "ambiguous":
@@ -57,8 +66,8 @@ def reason(s: Selection) -> str:
         )
     best = s.tried[0]
     return (
-        f"a free rigid body leaves {rms(s.base.residual):.1f} times the noise, and no effect of the catalogue accounts for "
-        f"it: {best.name} comes nearest, leaves {rms(best.alone.residual):.1f} by itself, and "
+        f"a free rigid body leaves {fitted_rms(s.base, s.noise):.1f} times the noise, and no effect of the catalogue accounts for "
+        f"it: {best.name} comes nearest, leaves {fitted_rms(best.alone, s.noise):.1f} by itself, and "
         f"{best.evidence - s.unknown.evidence:+.0f} of log evidence against a torque that nothing is known of"
     )
 
@@ -79,20 +88,19 @@ def _candidate(c: Candidate, s: Selection) -> dict[str, Any]:
         "significance": significance(c.best),
         # twice the log evidence is what BIC stands for
         "delta_bic": 2.0 * (c.evidence - s.base.evidence),
-        "fitted": rms(c.alone.residual),
-        "held_out": _number(held_out_rms(c.alone)),
-        "held_out_gain": _number(held_out_rms(s.base) - held_out_rms(c.alone)),
+        "fitted": fitted_rms(c.alone, s.noise),
+        "held_out": _number(held_out_rms(c.alone, s.noise)),
+        "held_out_gain": _number(held_out_rms(s.base, s.noise) - held_out_rms(c.alone, s.noise)),
         "whiteness": None,
         "implausible": None,
     }
 
 
-def _effect(c: Candidate, s: Selection) -> dict[str, Any]:
+def _effect(c: Candidate, name: str, s: Selection) -> dict[str, Any]:
     from massprops.effects import effects
 
-    name = c.alone.names[0]
     module = effects()[name]
-    value, sigma = parameters(c.best)
+    value, sigma = parameters(c.best, name)
     out = _candidate(c, s)
     out |= {
         "name": name,
@@ -103,8 +111,8 @@ def _effect(c: Candidate, s: Selection) -> dict[str, Any]:
     }
     fit = c.best
     if hasattr(module, "jump"):
-        out["rate_change_rad_s"] = rate_change(fit).tolist()
-    if fit.axis is not None and fit.history is not None and fit.history_sd is not None:
+        out["rate_change_rad_s"] = rate_change(fit, name).tolist()
+    if name == "internal-rotor" and fit.axis is not None and fit.history is not None and fit.history_sd is not None:
         at = fit.record.rows.at
         out["axis"] = fit.axis.tolist()
         out["history"] = {
@@ -116,9 +124,9 @@ def _effect(c: Candidate, s: Selection) -> dict[str, Any]:
     return out
 
 
-def rate_change(fit: HypothesisFit) -> np.ndarray:
+def rate_change(fit: HypothesisFit, name: str = "impulse") -> np.ndarray:
     """(3,) rate after an event less the rate before it, body axes [rad/s]: it does not lean on the inertia."""
-    held, t = dict(fit.hypothesis.terms[0].held), fit.record.path.t
+    held, t = dict(fit.hypothesis.term(name).held), fit.record.path.t
     ends = np.searchsorted(t, [held["time"], held["time"] + held.get("duration", 0.0)])
     before, after = max(int(ends[0]) - CLEAR, 0), min(int(ends[1]) + CLEAR, len(t) - 1)
     return np.asarray(fit.rate[after] - fit.rate[before])
@@ -129,19 +137,19 @@ def _shown(value: dict[str, float], sigma: dict[str, float]) -> dict[str, float 
     return {k: v if sigma[k] == 0.0 or abs(v) > criteria.SHOWN * sigma[k] else None for k, v in value.items()}
 
 
-def parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, float]]:
-    """Parameters of a fit's effect as `model.yaml` names them, and their 1-sigma; those held by a scan have none."""
+def parameters(fit: HypothesisFit, name: str) -> tuple[dict[str, float], dict[str, float]]:
+    """Parameters of one of a fit's effects as `model.yaml` names them, and their 1-sigma; those held by a scan have none."""
     from massprops.effects import effects
 
-    if fit.hypothesis.wheel:
+    if fit.hypothesis.wheel and name == "internal-rotor":
         return _wheel_parameters(fit)
-    term = fit.hypothesis.terms[0]
+    term = fit.hypothesis.term(name)
     value = {q.name: 0.0 for q in effects()[term.name].PARAMETERS}
     value |= {k: v for k, v in term.held if k in value}
     sigma = dict.fromkeys(value, 0.0)
     spread = np.sqrt(np.maximum(np.diag(fit.covariance[term.name]), 0.0))
-    for name, v, sd in zip(term.unknowns, fit.values[term.name], spread, strict=True):
-        value[name], sigma[name] = float(v), float(sd)
+    for unknown, v, sd in zip(term.unknowns, fit.values[term.name], spread, strict=True):
+        value[unknown], sigma[unknown] = float(v), float(sd)
     if "span" in value:
         value["span"] = fit.record.path.span
     return value, sigma
@@ -165,18 +173,18 @@ def _wheel_parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, f
     return value | {"span": fit.record.path.span}, sigma | {"span": 0.0}
 
 
-def where(base: HypothesisFit) -> list[dict[str, Any]]:
+def where(s: Selection) -> list[dict[str, Any]]:
     """The parts of the record that a free rigid body explains worst."""
-    times = base.record.times
+    times, residual = s.base.record.times, s.base.residual / s.noise
     edges = np.linspace(times[0], times[-1], INTERVALS + 1)
     out = []
     for a, b in zip(edges[:-1], edges[1:], strict=True):
-        values = np.clip(base.residual[(times >= a) & (times <= b)], -30.0, 30.0)
+        values = np.clip(residual[(times >= a) & (times <= b)], -30.0, 30.0)
         if not values.size:
             continue
         out.append(
             {
-                "channel": "rate" if base.record.rows.rates else "attitude",
+                "channel": "rate" if s.base.record.rows.rates else "attitude",
                 "interval_s": [float(a), float(b)],
                 "features": [],
                 "z": float((np.sum(values**2) - values.size) / np.sqrt(2.0 * values.size)),
@@ -222,14 +230,13 @@ def _corrected(base: HypothesisFit, after: HypothesisFit) -> dict[str, Any]:
 
 
 def model_of_selection(s: Selection) -> dict[str, Any]:
-    """The content of `model.yaml`: the plain rigid body, or with the first effect named."""
+    """The content of `model.yaml`: the plain rigid body, or with what is named first."""
     from massprops.effects import effects
 
     fit = s.named[0].best if s.named else s.base
     listed = []
-    if s.named:
-        value, sigma = parameters(fit)
-        name = fit.names[0]
+    for name in fit.names:
+        value, sigma = parameters(fit, name)
         units = {q.name: q.unit for q in effects()[name].PARAMETERS}
         listed.append({"name": name, "parameters": value, "units": units, "sigma": sigma})
     return {

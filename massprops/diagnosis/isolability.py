@@ -117,7 +117,7 @@ def balance_inertia(inertia: np.ndarray) -> np.ndarray:
 
 def _information(record: Record, balance: Balance, terms: list[Term]) -> tuple[np.ndarray, list[slice]]:
     """Inner products of all terms' columns over the noise, what every hypothesis has taken away; where each term lies."""
-    over = 1.0 / np.repeat(record.rows.sigma, 3)
+    over = 1.0 / record.rows.spread
     base = balance.base()
     sd = np.concatenate(
         [np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * record.speed), np.full(balance.base_count - INERTIA - 3, WIDE)]

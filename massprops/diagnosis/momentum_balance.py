@@ -83,13 +83,18 @@ class Rows:
 
     Attributes:
         at: (m,) points of the path; measured: (m, 3) rates [rad/s], or turns of the attitude measured from the path
-            [rad], body axes; sigma: (m,) 1-sigma; rates: which of the two they are.
+            [rad], body axes; sigma: (m,) or (m, 3) 1-sigma; rates: which of the two they are.
     """
 
     at: np.ndarray
     measured: np.ndarray
     sigma: np.ndarray
     rates: bool
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(3 m,) 1-sigma of each number measured."""
+        return np.repeat(self.sigma, 3) if self.sigma.ndim == 1 else self.sigma.reshape(-1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,66 +6,44 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.diagnosis.page_parts import assemble, law, not_tried, notes, verdict, wheel
 from massprops.report.html import number, plot, table, text
-from massprops.report.page import document as whole_page
 
 if TYPE_CHECKING:
     from massprops.diagnosis.diagnose import BalanceDiagnosis
 
-KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": "warning"}
-
 
 def page(d: BalanceDiagnosis) -> str:
     """`report.html`, one file that opens offline."""
-    sections = [
-        ("verdict", "Verdict", _verdict(d.document)),
-        ("gap", "The gap before and after", _gap(d)),
-        ("where", "Where", _where(d.document)),
-        ("candidates", "Candidates", _candidates(d.document)),
-        ("wheel", "Momentum of the wheel", _wheel(d)),
-        ("torque", "A torque that nothing is known of", _torque(d)),
-        ("notes", "Notes", _notes(d.document)),
-    ]
-    body = "".join(f'<section id="{i}"><h2>{t}</h2>{b}</section>' for i, t, b in sections if b)
-    links = "".join(f'<a href="#{i}">{t}</a>' for i, t, b in sections if b)
-    return whole_page("massprops · diagnosis", body, links, "")
-
-
-def _verdict(doc: dict[str, Any]) -> str:
-    said = f'<div class="{KIND[doc["verdict"]]}"><b>{text(doc["verdict"])}</b>. {text(doc["reason"])}</div>'
-    rows = [
-        (
-            e["name"],
-            name,
-            "not shown" if v is None else f"{number(v, 4)} ± {number(e['sigma'][name], 2)}",
-            e["units"][name],
-        )
-        for e in doc["effects"]
-        for name, v in e["parameters"].items()
-    ]
-    if not rows:
-        return said
-    return (
-        said + table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,)) + f"<p>{text(doc['axes'])}</p>"
+    return assemble(
+        [
+            ("verdict", "Verdict", verdict(d.document)),
+            ("law", "A law for what is left", law(d.document)),
+            ("gap", "The gap before and after", _gap(d)),
+            ("where", "Where", _where(d.document)),
+            ("candidates", "Candidates", _candidates(d.document)),
+            ("wheel", "Momentum of the wheel", _wheel(d)),
+            ("torque", "A torque that nothing is known of", _torque(d)),
+            ("notes", "Notes", notes(d.document)),
+        ]
     )
 
 
 def _gap(d: BalanceDiagnosis) -> str:
     gap = d.document["gap"]
     rows = [
-        (p.replace("_", " "), number(gap[p]["before"], 4), number(gap[p]["after"], 4), "1")
-        for p in gap
-        if p != "noise_floor"
+        (p.replace("_", " "), *(number(gap[p][k], 4) for k in ("before", "after", "beside_unknown")), "1")
+        for p in ("fitted", "held_out")
     ]
     s = d.selection
     shown = s.named[0].alone if s.named else s.base
     series = [
-        (name, d.record.times, np.sqrt(np.mean(fit.residual**2, axis=1)))
+        (name, d.record.times, np.sqrt(np.mean((fit.residual / s.noise) ** 2, axis=1)))
         for name, fit in (("before", s.base), ("after", shown))
     ]
     return (
         "<p>Root-mean-square residuals in units of the noise.</p>"
-        + table(rows, ("data", "before", "after", "noise floor"))
+        + table(rows, ("data", "before", "after", "after, beside an unknown torque", "noise floor"))
         + plot(series, "time [s]", "residual, rms / σ")
     )
 
@@ -95,17 +73,15 @@ def _candidates(doc: dict[str, Any]) -> str:
         )
         for c in doc["candidates"]
     ]
-    skipped = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in doc["skipped"].items())
     head = ("effect", "log evidence", "against an unknown torque", "chance of nothing", "left", "held out")
-    return table(rows, head, numeric=(1, 2, 3, 4, 5)) + (f"<p>Not tried:</p><ul>{skipped}</ul>" if skipped else "")
+    return table(rows, head, numeric=(1, 2, 3, 4, 5)) + not_tried(doc)
 
 
 def _wheel(d: BalanceDiagnosis) -> str:
     fit = d.selection.named[0].best if d.selection.named else None
     if fit is None or fit.history is None:
         return ""
-    series = [("along its axis", fit.record.path.t, fit.history)]
-    return plot(series, "time [s]", "momentum over mean moment [rad/s]")
+    return wheel(fit.record.path.t, fit.history)
 
 
 def _torque(d: BalanceDiagnosis) -> str:
@@ -116,7 +92,3 @@ def _torque(d: BalanceDiagnosis) -> str:
     beside = f"beside {s.named[0].name}" if s.named else "beside a rigid body alone"
     series = [(a, fit.record.path.t, fit.torque[:, k]) for k, a in enumerate("xyz")]
     return f"<p>Body axes, over the mean moment, {text(beside)}.</p>" + plot(series, "time [s]", "torque [rad/s²]")
-
-
-def _notes(doc: dict[str, Any]) -> str:
-    return "<ul>" + "".join(f"<li>{text(w)}</li>" for w in doc["warnings"]) + "</ul>" if doc["warnings"] else ""

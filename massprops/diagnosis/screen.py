@@ -87,7 +87,7 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
     path, speed = record.path, record.speed
     shape, rate = shape_of(start.inertia), path.w
     L0 = np.mean(np.einsum("nij,nj->ni", path.R, path.w @ inertia_of(shape)), axis=0)
-    over = 1.0 / np.repeat(rows.sigma, 3)
+    over = 1.0 / rows.spread
     sd = np.concatenate([np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * speed)])
     left, unknowns = np.zeros(len(over)), 0
     for _ in range(PASSES):

@@ -11,25 +11,19 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start, conserved, conserved_across
-from massprops.diagnosis.effect_columns import Term, in_balance, scan, steps, term_of, variants
+from massprops.diagnosis.effect_columns import in_balance
+from massprops.diagnosis.effect_search import BALL, admissible, again, best_fit
+from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record
-from massprops.diagnosis.screen import screened
 from massprops.errors import NotPossible
 
 Watch = Callable[[str, int, int], None]
-SCANNED = 3
-"""Values of what is scanned, the most likely after a few passes, that are fitted for each effect to the end."""
-SHORTLISTED = 12
-"""Values of what is scanned, the best in the screen, that are fitted for a few passes: near an event polynomials say
-little of its time."""
 LAGS = (0.02, 0.03, 0.045, 0.065, 0.1)
 """Time constants of a wheel tried, over the record's length: from what the knots of its drive can draw. On the odd flights,
 whose wheel has one of about .07, evidence chose .03 to .045 and its size came within 7 % in 7 of 7; without a lag within
 10 % in 5."""
-LONGER = 2.0
-"""By how much an event may last longer than the one it began as: a chain of knocks over half a record is no contact."""
-BALL = Start(inertia=np.eye(3), left=1.0)
 BESIDE_UNKNOWN = 4
 """Effects, the best by themselves, that are fitted beside a latent torque as well."""
 
@@ -79,6 +73,12 @@ class Selection:
     named: tuple[Candidate, ...]
     skipped: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def noise(self) -> np.ndarray:
+        """(3,) the noise that residuals are told in, over that of the rows."""
+        beside = self.named[0].beside if self.named else None
+        return noise_floor(self.unknown if beside is None else beside)
+
 
 def select(record: Record, watch: Watch = lambda what, done, total: None) -> Selection:
     """The effect that a record's rigid body lacks."""
@@ -90,7 +90,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     tried = []
     for k, effect in enumerate(usable):
         watch(f"balance of momentum: {effect.NAME}", k, len(usable))
-        found = _alone(record, effect, base)
+        found = best_fit(record, effect, base)
         if found is not None:
             tried.append(Candidate(alone=found))
     watch("balance of momentum: internal-rotor of any history", 0, 1)
@@ -102,12 +102,39 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
             continue
         watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
         h = one.alone.hypothesis
-        tried[k] = Candidate(alone=one.alone, beside=_admissible(record, h, _again(one.alone), latent=True))
+        tried[k] = Candidate(alone=one.alone, beside=admissible(record, h, again(one.alone), latent=True))
+    if asks_for_two(tried, base, unknown):
+        watch("two effects at once", 0, 1)
+        tried += _pairs(record, tried, usable)
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknown, tried)
     return Selection(
         base=base, unknown=unknown, tried=tuple(tried), verdict=verdict, named=tuple(named), skipped=skipped
     )
+
+
+def asks_for_two(tried: list[Candidate], base: HypothesisFit, unknown: HypothesisFit) -> bool:
+    """Whether no single effect is enough: the likeliest leaves more than the noise that is stated, or none may be named."""
+    if base.record.stated:
+        return bool(tried) and not any(within_noise(c.alone) for c in tried)
+    return not any(may_be_named(c, base, unknown) for c in tried)
+
+
+def _pairs(record: Record, tried: list[Candidate], usable: list[ModuleType]) -> list[Candidate]:
+    """Pairs that are more likely than any single effect, pay for having been looked for, and predict better."""
+    singles = sorted((c.alone for c in tried), key=lambda f: -f.evidence)
+    if not singles:
+        return []
+    found = pairs(record, singles, usable)
+    enough = max(c.evidence for c in tried) + criteria.BEATS_NOTHING + np.log(1 + len(found))
+    noise = np.ones(3)
+    held = held_out_rms(singles[0], noise)
+    out = []
+    for k, fit in enumerate(found):
+        if fit.evidence > enough and not held_out_rms(fit, noise) > held:
+            beside = admissible(record, fit.hypothesis, again(fit), latent=True) if k == 0 else None
+            out.append(Candidate(alone=fit, beside=beside))
+    return out
 
 
 def without_effects(record: Record) -> tuple[HypothesisFit, HypothesisFit]:
@@ -147,115 +174,6 @@ def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
     return usable, skipped
 
 
-def _alone(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
-    """The best fit of one effect by itself, over what is scanned; None where its parameters have the wrong sign."""
-    view, gap = record.screen or record, float(np.median(np.diff(record.times)))
-    tried = [screened(view, (t,), BALL) for t in scan(effect, record.times, record.path.w[record.rows.at])]
-    best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
-    begun = [(s.terms[0], start) for s in best for start in (s.start, BALL)]
-    if len(best) > 1:
-        begun = _by_short_fits(record, begun)
-        again = [(t, s) for term, own in begun for t in variants(term, gap) for s in (own, BALL)]
-        begun = _by_short_fits(record, [*begun, *again]) if again else begun
-    begun += [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
-    found = [_admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
-    fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
-    # more than one: a scan stands at different moments of the same event
-    return max((moved_to_best(record, f, gap) for f in fits[:SCANNED]), key=lambda f: f.evidence, default=None)
-
-
-def _by_short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[tuple[Term, Start]]:
-    """Those that a few passes on the measurements themselves leave the most likely, with where they came to."""
-    fits = []
-    for term, start in begun:
-        with suppress(NotPossible):
-            fits.append(fit_hypothesis(record, Hypothesis(terms=(term,), latent=False), start, passes=3))
-    fits = sorted(fits, key=lambda f: -f.evidence)
-    different = {f.hypothesis.terms[0]: f for f in reversed(fits)}
-    fits = sorted(different.values(), key=lambda f: -f.evidence)[:SCANNED]
-    return [(f.hypothesis.terms[0], _again(f)) for f in fits]
-
-
-def moved_to_best(record: Record, found: HypothesisFit, gap: float) -> HypothesisFit:
-    """What was scanned of a fit's effect moved to its best by Nelder and Mead's method.
-
-    Args:
-        gap: between measurements [s].
-    """
-    from scipy.optimize import minimize
-
-    term = found.hypothesis.terms[0]
-    size = steps(term, gap)
-    if not size:
-        return found
-    names, held = list(size), dict(term.held)
-    kind = {q.name: q.kind for q in term.effect.PARAMETERS}
-    best = found
-
-    def cost(x: np.ndarray) -> float:
-        nonlocal best
-        values = held | {n: held[n] + v * size[n] for n, v in zip(names, x, strict=True)}
-        if any(values[n] < 0.0 for n in names if kind[n] != "direction"):
-            return 1e12
-        if values.get("duration", 0.0) > max(LONGER * held.get("duration", 0.0), gap):
-            return 1e12
-        h = Hypothesis(terms=(term_of(term.effect, values),), latent=found.hypothesis.latent)
-        try:
-            fit = fit_hypothesis(found.record, h, _again(found), passes=3)
-        except NotPossible:
-            return 1e12
-        if not can_be(fit):
-            return 1e12
-        best = fit if fit.evidence > best.evidence else best
-        return -fit.evidence
-
-    minimize(cost, np.zeros(len(names)), method="Nelder-Mead",
-             options={"maxfev": 25 * len(names), "xatol": 0.02, "fatol": 0.1,
-                      "initial_simplex": np.concatenate([np.zeros((1, len(names))), np.eye(len(names))])})  # fmt: skip
-    return _admissible(best.record, best.hypothesis, _again(best), best.hypothesis.latent) or best
-
-
-def _again(fit: HypothesisFit) -> Start:
-    """Where another fit from a fit's solution begins."""
-    return Start(inertia=fit.inertia, left=1.0, axis=fit.axis, history=fit.history)
-
-
-def _admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bool) -> HypothesisFit | None:
-    """The fit of a hypothesis, or None where it leads nowhere or to what cannot be."""
-    h = replace(hypothesis, latent=latent)
-    try:
-        found = fit_hypothesis(record, h, start)
-    except NotPossible:
-        return None
-    return found if can_be(found) else None
-
-
-def can_be(found: HypothesisFit) -> bool:
-    """Whether no parameter is below its least beyond doubt, and an inertia after a change is a body's."""
-    for term in found.hypothesis.terms:
-        least = {q.name: q.least for q in term.effect.PARAMETERS}
-        sd = np.sqrt(np.maximum(np.diag(found.covariance[term.name]), 0.0))
-        for name, value, s in zip(term.unknowns, found.values[term.name], sd, strict=True):
-            lowest = least[name]
-            if lowest is not None and value + criteria.SHOWN * s < lowest:
-                return False
-        if hasattr(term.effect, "inertia") and not _is_a_body(found, term):
-            return False
-    return True
-
-
-def _is_a_body(found: HypothesisFit, term: Term) -> bool:
-    """Whether the inertia with an effect's change of it is one that a body can have: second moments of mass that are not
-    nothing, and about as large as before. A change that takes the whole inertia away leaves any rates unopposed."""
-    a, b, c, d, e, f = found.values[term.name][:6]
-    after = found.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
-    second = np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)
-    before = np.linalg.eigvalsh(0.5 * np.trace(found.inertia) * np.eye(3) - found.inertia)
-    least = criteria.LEAST_SHARE * np.trace(found.inertia)
-    grown = np.trace(after) / np.trace(found.inertia)
-    return bool(min(second[0], before[0]) > least and 1.0 / criteria.MOST_GROWN < grown < criteria.MOST_GROWN)
-
-
 def _wheel(record: Record) -> Candidate:
     """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all.
 
@@ -267,11 +185,13 @@ def _wheel(record: Record) -> Candidate:
     fits = []
     for lag in lags:
         with suppress(NotPossible):
-            fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), _again(first)))
+            fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), again(first)))
     # how the wheel follows its drive has no say in its axis: a fit that left it went astray
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
     beside = max(fits, key=lambda f: f.evidence, default=first)
-    alone = fit_hypothesis(record, replace(beside.hypothesis, latent=False), _again(beside))
+    alone = fit_hypothesis(record, replace(beside.hypothesis, latent=False), again(beside))
+    if alone.evidence > beside.evidence:  # more freedom cannot be less likely: it went astray
+        beside = fit_hypothesis(record, beside.hypothesis, again(alone))
     return Candidate(alone=alone, beside=beside)
 
 
@@ -304,7 +224,8 @@ def may_be_named(c: Candidate, base: HypothesisFit, unknown: HypothesisFit) -> b
     """Whether an effect beats the unknown torque, explains most by itself, and is away from nothing."""
     if c.evidence < unknown.evidence + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
-    if rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
+    small = base.record.stated and within_noise(c.alone)
+    if not small and rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
         return False
     if base.record.stated and rms(c.alone.residual) > criteria.LEFT_OF_STATED:
         return False
@@ -315,7 +236,7 @@ def significance(fit: HypothesisFit) -> float:
     """Chance of unknowns as far from nothing, all of an effect's together (Wald's test)."""
     from scipy.stats import chi2
 
-    names = ["wheel"] if fit.hypothesis.wheel else [t.name for t in fit.hypothesis.terms]
+    names = (["wheel"] if fit.hypothesis.wheel else []) + [t.name for t in fit.hypothesis.terms]
     worst = 0.0
     for name in names:
         mean, covariance = fit.posterior.mean[name], fit.posterior.covariance[name]

@@ -89,6 +89,20 @@ def free_fit(problem: Problem, start: Any) -> FreeFit | None:
 
 
 Guess = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Attitude (4,) and body rates (3,) at the first epoch, and the inertia (3, 3) of trace 1."""
+
+
+def fit_attitudes(times: np.ndarray, q: np.ndarray, sigma: np.ndarray, guess: Guess | None = None) -> Guess | None:
+    """Free motion through all of an inertial attitude history; None where none is near it.
+
+    Args:
+        times: (n,) [s]; q: (n, 4) body to the inertial frame; sigma: (n,) [rad].
+        guess: where to begin; without it the motion is followed from the first epochs on.
+    """
+    if len(times) < FEWEST:
+        return None
+    found = _grown(times, q, sigma, guess or _begin(times, q), FEWEST if guess is None else len(times))
+    return None if found is None else found[0]
 
 
 def _begin(times: np.ndarray, values: np.ndarray) -> Guess:

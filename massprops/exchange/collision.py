@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.errors import NotPossible
+from massprops.native import mesh_set
 
 if TYPE_CHECKING:
     import trimesh
@@ -28,15 +29,13 @@ def collision_mesh(mesh: trimesh.Trimesh, most_faces: int = MOST_FACES) -> trime
     Raises:
         NotPossible: no decimation keeps the inertia within 1 %.
     """
-    import pymeshlab
     import trimesh
 
     if len(mesh.faces) <= most_faces:
         return mesh
     worst = np.inf
     for target in (most_faces, int(0.9 * most_faces), int(0.75 * most_faces)):
-        work = pymeshlab.MeshSet(verbose=False)
-        work.add_mesh(pymeshlab.Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32)))
+        work = mesh_set(mesh.vertices, mesh.faces)
         work.meshing_decimation_quadric_edge_collapse(
             targetfacenum=target, preservetopology=True, preservenormal=True, optimalplacement=True, qualitythr=0.3
         )

@@ -104,13 +104,9 @@ def compare(
     Raises:
         InputError: a file is missing or is no closed body, or `out` cannot be written.
     """
-    from massprops.exchange.alignment import align
     from massprops.exchange.body import read_body
     from massprops.exchange.compare_files import check_place
-    from massprops.exchange.distances import Surface, surface_distances
-    from massprops.exchange.fused import in_frame, read_fused
     from massprops.mass.integrals import greatest_length
-    from massprops.mass.properties import mass_properties
 
     body = read_body(run_or_mesh)
     inputs = [*body.files, Path(cad)]
@@ -120,31 +116,43 @@ def compare(
     target, notes = read_solid(cad)
     ours_length = None if free or not body.metric else greatest_length(np.asarray(body.mesh.vertices))[0]
     target, unit_notes = in_metres(target, cad_unit, ours_length)
+    found = _compared(body, target, free, seed, (*notes, *unit_notes))
+    if out is not None:
+        from massprops.exchange.compare_files import write_comparison
+
+        write_comparison(found, out, inputs, force)
+    return found
+
+
+def _compared(body: Body, target: trimesh.Trimesh, free: bool, seed: int, notes: tuple[str, ...]) -> Comparison:
+    """A body against a CAD mesh in metres; notes: warnings so far."""
+    from massprops.exchange.alignment import align
+    from massprops.exchange.distances import Surface, surface_distances
+    from massprops.exchange.fused import in_frame, read_fused
+    from massprops.mass.integrals import greatest_length
+    from massprops.mass.properties import mass_properties
+
     transform = align(body.mesh, target, free, _measured_faces(body.mesh), seed)
     ours = body.mesh.copy()
     ours.apply_transform(transform.matrix)
     density = float(body.document["density"])
     a, b = mass_properties(ours, density), mass_properties(target, density)
     length = greatest_length(np.asarray(target.vertices))[0]
-    fused = read_fused(body.run, body.document)
-    found = Comparison(
+    fused, together = read_fused(body.run, body.document), None
+    if fused is not None:
+        moved = in_frame(fused, transform, density)
+        together = _rows(moved, b, _usable_intervals(fused, free, body.metric), length)
+    return Comparison(
         transform,
         free,
         surface_distances(ours, target, length, seed + 5),
         _rows(a, b, _usable_intervals(body.document, free, body.metric), length),
-        (*notes, *unit_notes, *_scale_notes(body, free)),
+        (*notes, *_scale_notes(body, free)),
         ours,
         Surface(target).signed(np.asarray(ours.vertices)),
-        None
-        if fused is None
-        else _rows(in_frame(fused, transform, density), b, _usable_intervals(fused, free, body.metric), length),
+        together,
         str((body.document.get("recommended") or {}).get("source", "mesh")),
     )
-    if out is not None:
-        from massprops.exchange.compare_files import write_comparison
-
-        write_comparison(found, out, inputs, force)
-    return found
 
 
 def _measured_faces(mesh: trimesh.Trimesh) -> np.ndarray | None:
@@ -210,6 +218,11 @@ def _rows(ours: MassProperties, cad: MassProperties, interval: dict[str, Any], l
     add("k1", cad.k1, ours.k1, "1", None, interval.get("k1"))
     add("k2", cad.k2, ours.k2, "1", None, interval.get("k2"))
     return rows
+
+
+def spoken(quantity: str) -> str:
+    """The name of a row in words: `center_of_mass_x` is "centre of mass x"."""
+    return quantity.replace("center_of_mass_", "centre of mass ").replace("axis_", "axis of I")
 
 
 def axis_angles(ours: np.ndarray, cad: np.ndarray, moments: np.ndarray) -> np.ndarray:

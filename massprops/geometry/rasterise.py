@@ -40,7 +40,7 @@ def silhouette(
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(uv, z, faces, depth, face):  # noqa: ANN001, ANN202
+def _fill(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, depth: np.ndarray, face: np.ndarray) -> None:
     h, w = depth.shape
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

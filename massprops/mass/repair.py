@@ -77,6 +77,8 @@ def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
         InputError: flat, too small or too large for its numbers, or too far from its origin.
     """
     vertices = np.asarray(mesh.vertices, float)
+    if not len(vertices):
+        raise InputError("mesh is flat: it encloses no volume; give a solid")
     largest = float(np.abs(vertices).max())
     if largest > LARGEST_COORDINATE:
         raise InputError(f"mesh has coordinates up to {largest:.3g}: give them in metres")

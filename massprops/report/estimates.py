@@ -153,45 +153,9 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
         p = f", p = {number(prior['p_value'], 2)}" if prior["p_value"] is not None else ""
         judge = f" by {prior['reference']}" if prior["reference"] else ""
         parts.append(f"<p>Prior: <b>{text(prior['verdict'])}</b>{text(judge)}{p}.</p>")
-    rows, own = [], content["against_truth"] or {}
-    for e in content["estimators"]:
-        error = own.get(e["name"]) or {}
-        row = [
-            e["name"],
-            _with_sigma(e["k1"], e["sigma_k1"]),
-            _with_sigma(e["k2"], e["sigma_k2"]),
-            number(np.degrees(e["rate"]["speed_rad_s"]), 4) if e["rate"] else "–",
-            "yes" if e["converged"] else "no",
-            "yes" if e["observable"] else "no",
-            "yes" if e.get("reliable") else "no",
-            number(e["innovation"], 3),
-            number(e["cpu_us_per_step"], 3),
-        ]
-        if truth is not None:
-            row += [
-                number(error.get("k1_error"), 2),
-                number(error.get("k2_error"), 2),
-                number(_deg(error.get("attitude_rms_rad")), 2),
-                number(_deg(error.get("rate_rms_rad_s")), 2),
-                number(error.get("axes_error_deg"), 2),
-            ]
-        why = e.get("because") or e["reason"]
-        note = f'<span class="below">{text(why)}</span>' if why else ""
-        rows.append([Safe(text(row[0]) + note), *row[1:]])
-    head = [
-        "method",
-        "k1 (± 1σ)",
-        "k2 (± 1σ)",
-        "rate [°/s]",
-        "converged",
-        "observable",
-        "reliable",
-        "innovation",
-        "µs a step",
-    ]
-    if truth is not None:
-        head += ["k1 error", "k2 error", "attitude rms [°]", "rate rms [°/s]", "axes off [°]"]
-    parts.append(table(rows, head))
+    own = content["against_truth"] or {}
+    rows = [_row(e, None if truth is None else own.get(e["name"]) or {}) for e in content["estimators"]]
+    parts.append(table(rows, HEAD if truth is None else HEAD + HEAD_OF_TRUTH))
     if truth is not None:
         k = true_ratios(truth)
         if k is not None:
@@ -207,6 +171,46 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
         own = {} if true is None else {"name": "truth", "k1": float(true[0]), "k2": float(true[1])}
         parts.append(f'<div class="narrow">{ratio_plane(own, sound, "smoother")}</div>')
     return "".join(parts)
+
+
+HEAD = [
+    *(
+        "method",
+        "k1 (± 1σ)",
+        "k2 (± 1σ)",
+        "rate [°/s]",
+        "converged",
+        "observable",
+        "reliable",
+        "innovation",
+        "µs a step",
+    )
+]
+HEAD_OF_TRUTH = ["k1 error", "k2 error", "attitude rms [°]", "rate rms [°/s]", "axes off [°]"]
+
+
+def _row(e: dict[str, Any], error: dict[str, Any] | None) -> list[Any]:
+    """One method's row; error: its errors against the truth, None where there is none."""
+    why = e.get("because") or e["reason"]
+    note = f'<span class="below">{text(why)}</span>' if why else ""
+    row = [
+        Safe(text(e["name"]) + note),
+        _with_sigma(e["k1"], e["sigma_k1"]),
+        _with_sigma(e["k2"], e["sigma_k2"]),
+        number(np.degrees(e["rate"]["speed_rad_s"]), 4) if e["rate"] else "–",
+        *("yes" if e.get(name) else "no" for name in ("converged", "observable", "reliable")),
+        number(e["innovation"], 3),
+        number(e["cpu_us_per_step"], 3),
+    ]
+    if error is not None:
+        row += [
+            number(error.get("k1_error"), 2),
+            number(error.get("k2_error"), 2),
+            number(_deg(error.get("attitude_rms_rad")), 2),
+            number(_deg(error.get("rate_rms_rad_s")), 2),
+            number(error.get("axes_error_deg"), 2),
+        ]
+    return row
 
 
 def _earlier(entry: dict[str, Any]) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.documents.arrays import open_arrays
+from massprops.native import mesh_set
 
 MOST_FACES = 50_000
 INFERRED = 2
@@ -99,11 +100,9 @@ def lighten(shape: Shape, most: int = MOST_FACES) -> Shape:
     """The shape with at most `most` faces; flags, distances and colours are those of the nearest face and vertex."""
     if len(shape.faces) <= most:
         return shape
-    import pymeshlab
     from scipy.spatial import cKDTree
 
-    work = pymeshlab.MeshSet(verbose=False)
-    work.add_mesh(pymeshlab.Mesh(np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int32)))
+    work = mesh_set(shape.vertices, shape.faces)
     work.meshing_decimation_quadric_edge_collapse(targetfacenum=most, preservenormal=True)
     mesh = work.current_mesh()
     vertices, faces = np.array(mesh.vertex_matrix()), np.array(mesh.face_matrix())

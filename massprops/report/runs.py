@@ -87,6 +87,13 @@ class _Run:
     def unit(self) -> str:
         return "m³" if self.metric else "unit³"
 
+    def unit_of(self, quantity: str) -> str:
+        if quantity == "volume":
+            return self.unit
+        if not self.metric:
+            return ""
+        return {"mass": "kg"}.get(quantity, "kg m²" if quantity.startswith("I") else "")
+
     @property
     def judged(self) -> Safe:
         trust = self.document.get("confidence") or {}
@@ -124,6 +131,11 @@ def _listed(runs: list[_Run]) -> str:
     return table(rows, head, numeric=(3, 4, 5), label="runs")
 
 
+def _apart(ratio: float) -> str:
+    """In per cent; as a factor where that says more."""
+    return f"{100 * (ratio - 1):+.2f} %" if 0.1 < ratio < 10 else f"× {number(ratio, 3)}"
+
+
 def _compared(a: _Run, b: _Run) -> str:
     """Quantity by quantity, and whether the two intervals overlap."""
     rows = []
@@ -131,12 +143,20 @@ def _compared(a: _Run, b: _Run) -> str:
         one, two = a.value(quantity), b.value(quantity)
         apart, meet = "–", "–"
         if one is not None and two is not None:
-            share = not quantity.startswith("k") and one
-            apart = f"{100 * (two / one - 1):+.2f} %" if share else f"{two - one:+.4f}"
+            apart = f"{two - one:+.4f}" if quantity.startswith("k") or not one else _apart(two / one)
             first, second = a.bounds(quantity), b.bounds(quantity)
             if first and second:
                 meet = "yes" if first[0] <= second[1] and second[0] <= first[1] else "no"
-        rows.append((quantity, a.said(quantity), b.said(quantity), apart.replace("-", "−"), meet))
+        unit = a.unit_of(quantity) if a.metric == b.metric else ""
+        rows.append(
+            (
+                f"{quantity} [{unit}]" if unit else quantity,
+                a.said(quantity),
+                b.said(quantity),
+                apart.replace("-", "−"),
+                meet,
+            )
+        )
     note = "" if a.metric == b.metric else "<p>One of the two has no scale: only k1 and k2 can be compared.</p>"
     return note + table(
         rows, ("", a.path.name, b.path.name, "second less first", "intervals overlap"), label="two runs"

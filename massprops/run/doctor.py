@@ -19,7 +19,7 @@ LIBRARIES = {
     "pycolmap": "import zlib, pycolmap",
     "open3d": "from massprops.native import load_open3d; load_open3d()",
     "trimesh": "import trimesh",
-    "pymeshlab": "import pymeshlab; pymeshlab.MeshSet",
+    "pymeshlab": "from massprops.native import mesh_set; mesh_set([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])",
     "PyMaxflow": "import maxflow",
     "PyAV": "import av; av.codec.Codec('h264', 'r')",
     "pyyaml": "import yaml",
@@ -53,7 +53,9 @@ def examine() -> list[Finding]:
             found.append(Finding(name, True, known.get(name, "")))
         else:
             last = (done.stderr.strip().splitlines() or [f"died with code {done.returncode}"])[-1]
-            found.append(Finding(name, False, f"{last}; {_advice(name, last)}"))
+            last = last.removeprefix("massprops.errors.InputError: ")
+            todo = _advice(name, last)
+            found.append(Finding(name, False, last if todo in last else f"{last}; {todo}"))
     free = shutil.disk_usage(Path.cwd()).free / 1e9
     found.append(
         Finding(

@@ -397,8 +397,9 @@ def _own_work(run: Path, force: bool) -> Outputs:
     try:
         outputs.recover()
         outputs.check(COMMAND, ["work/"], force=force)
-        outputs.take_folder("work", COMMAND)
         work = run / "work"
+        outputs.refuse_links(*work.glob("*"), *work.glob("*.parts/*"))
+        outputs.take_folder("work", COMMAND)
         make_folder(work)
         for stale in (*work.glob("*.tmp-*"), *work.glob(".*.old"), *work.glob(".*.tmp")):
             remove_folder(stale) if stale.is_dir() else remove(stale)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import zlib  # noqa: F401  must precede pycolmap
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,14 @@ from massprops.core.parts import Parts
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.sfm import pairs as pairing
+from massprops.sfm.chance import drop_chance
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, match_distinct, repeating
 from massprops.sfm.features import FeatureOptions, extract_all
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, verify
+from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
 from massprops.sfm.steady import largest_jump
 
@@ -38,6 +41,9 @@ REPEATS = 0.5
 
 LOOKED_AT = 12
 """Images in which twins are looked for, before any are matched."""
+
+BATCH = 32
+"""Pairs that are matched, and kept, together."""
 
 FEW = 2000
 """Features per image, in the median, below which fainter ones may help: where there are more, texture is not what is
@@ -63,7 +69,7 @@ class SfmOptions:
         exhaustive_below: unordered images up to this number are matched all with all.
         faint: features of the last way.
         unlimited: features kept per image where a pattern repeats: what is unique may be faint beside it.
-        parts: keeps the features of each image as soon as they are found.
+        parts: keeps the features of each image, and what each batch of pairs came to, as soon as they are found.
     """
 
     mapper: str = "incremental"
@@ -170,11 +176,14 @@ def attempt(
         mapping = replace(mapping, least_inliers=12, least_matches=12, start_inliers=40, ratio=0.9, most_trials=3000)
     database = work / "database.db"
     ids = write_database(database, footage, features)
-    compare = _distinct(database, ids, features, mapping, progress) if repeats else _usual(database, mapping, progress)
+    one = _distinct(database, ids, features, mapping) if repeats else partial(match, database, options=mapping)
+    compare = _in_batches(one, MatchParts(database, options.parts), ids, mapping, progress)
     names = [f.name for f in footage.frames if f.name in features]
     descriptors = [features[n][1] for n in names]
     first = _first_pairs(footage, names, descriptors, options, repeats, faint)
     compare(first)
+    if special:
+        drop_chance(database, options.seed)
     models: list[pycolmap.Reconstruction] = []
     try:
         models = mapped(database, footage, work / "models", mapping, len(names), progress)
@@ -188,6 +197,8 @@ def attempt(
         new = _unseen([(names[i], names[j]) for i, j in more], first)
         if new:
             compare(new)
+            if special:
+                drop_chance(database, options.seed)
             again = mapped(database, footage, work / "again", mapping, len(names), progress)
             if _most(again) >= found.registered:
                 found = replace(found, models=again)
@@ -203,21 +214,26 @@ def _some(features: Features) -> list[Described]:
     return [describe(*features[n]) for n in names[:: max(1, len(names) // LOOKED_AT)]]
 
 
-def _usual(database: Path, mapping: MappingOptions, progress: Progress) -> Match:
-    return lambda pairs: match(database, pairs, mapping, progress)
-
-
-def _distinct(
-    database: Path, ids: dict[str, int], features: Features, mapping: MappingOptions, progress: Progress
+def _in_batches(
+    compare: Match, kept: MatchParts, ids: dict[str, int], mapping: MappingOptions, progress: Progress
 ) -> Match:
+    """The same in batches, so that progress can be told, and so that what is done survives the end of the process."""
+
+    def all_of(pairs: Names) -> None:
+        for start in range(0, len(pairs), BATCH):
+            some = pairs[start : start + BATCH]
+            numbers = [pycolmap.image_pair_to_pair_id(ids[a], ids[b]) for a, b in some]
+            kept.matched(mapping, some, numbers, partial(compare, some))
+            progress(start + len(some), len(pairs), "matching")
+
+    return all_of
+
+
+def _distinct(database: Path, ids: dict[str, int], features: Features, mapping: MappingOptions) -> Match:
     described = {n: describe(*f) for n, f in features.items()}
 
     def compare(pairs: Names) -> None:
-        found = {}
-        for done, (a, b) in enumerate(pairs):
-            found[a, b] = match_distinct(described[a], described[b])
-            progress(done + 1, len(pairs), "matching")
-        verify(database, ids, found, mapping)
+        verify(database, ids, {(a, b): match_distinct(described[a], described[b]) for a, b in pairs}, mapping)
 
     return compare
 
@@ -270,7 +286,9 @@ def _first_pairs(
     n = len(names)
     if footage.rig:
         return _rig_pairs(footage, names, options)
-    if n <= (16 if footage.ordered and not faint else options.exhaustive_below):
+    # photographs of one minute may show one side from three heights, and what is unique of a pattern links few of them
+    neighbours = footage.ordered and not faint and not (repeats and not footage.moving_pictures)
+    if n <= (16 if neighbours else options.exhaustive_below):
         index = pairing.exhaustive(n)
     elif repeats:
         index = pairing.near(n, options.distinct_overlap)

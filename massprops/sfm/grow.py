@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from massprops.run.job import Progress, silent
+from massprops.core.progress import Progress, silent
 from massprops.sfm.attempt import Attempt, SfmOptions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.distinct import unit

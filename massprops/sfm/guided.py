@@ -11,12 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.geometry.epipolar import fundamental, sampson
 from massprops.sfm.distinct import APART, angles
 from massprops.sfm.points import SparsePoints, project_camera
 from massprops.views import Views
 
 BESIDE = 5
 """Tracks that give a feature's depth."""
+
+ALIKE_DEG = 30.0
+"""Angle between two rays to a point within which both views see the surface about it."""
 
 RATIO = 0.8
 """Of the angle between matching descriptors to that of the next best within the gate."""
@@ -47,8 +51,13 @@ class Placed:
     depth: np.ndarray
 
 
-def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray) -> Placed:
-    """Rays and depths of the features uv (k, 2) of view i."""
+def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray, lent: bool = False) -> Placed:
+    """Rays and depths of the features uv (k, 2) of view i.
+
+    Args:
+        lent: depths come from what views from like directions saw, too: view i was placed by few points, and only beside
+            these is its own depth known.
+    """
     import cv2
     from scipy.spatial import cKDTree
 
@@ -56,13 +65,32 @@ def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray) -> Placed:
     xy = cv2.undistortPoints(uv.astype(np.float64).reshape(-1, 1, 2), K, D).reshape(-1, 2) if len(uv) else uv
     ray = np.column_stack([xy, np.ones(len(uv))])
     own = points.obs_view == i
-    z = points.xyz[points.obs_point[own]] @ views.R[i][2] + views.t[i][2]
-    if own.sum() < BESIDE:
+    at, xyz = points.obs_uv[own], points.xyz[points.obs_point[own]]
+    if lent:
+        index, more = seen_alike(views, points, i)
+        at, xyz = np.concatenate([at, more]), np.concatenate([xyz, points.xyz[index]])
+    z = xyz @ views.R[i][2] + views.t[i][2]
+    if len(z) < BESIDE:
         return Placed(uv, ray, np.full((len(uv), 2), np.nan))
-    _, near = cKDTree(points.obs_uv[own]).query(uv, k=BESIDE)
+    _, near = cKDTree(at).query(uv, k=BESIDE)
     beside = np.sort(z[near], axis=1)
     # without the two extremes, so that one wrong track, or one on another surface, opens no gate
     return Placed(uv, ray, beside[:, [1, -2]])
+
+
+def seen_alike(views: Views, points: SparsePoints, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points that other views saw from within `ALIKE_DEG` and that fall in view i: their numbers (m,) and places (m, 2)."""
+    rays = [points.xyz[points.obs_point] - c for c in (views.centres[points.obs_view], views.centres[i])]
+    cosine = np.einsum("ki,ki->k", *rays) / np.maximum(
+        np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0), 1e-12
+    )
+    alike = (cosine > np.cos(np.deg2rad(ALIKE_DEG))) & (points.obs_view != i)
+    index = np.unique(points.obs_point[alike])
+    camera = points.xyz[index] @ views.R[i].T + views.t[i]
+    with np.errstate(all="ignore"):
+        at = project_camera(views.K[i][None], views.distortion[i][None], camera)
+        inside = (camera[:, 2] > 0) & (at >= 0).all(1) & (at < views.size[i]).all(1)
+    return index[inside], at[inside]
 
 
 def match_placed(
@@ -148,17 +176,10 @@ def _within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.n
 
 
 def off_line(views: Views, pair: tuple[int, int], ray: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(k,) Sampson distance of rays (k, 3) of two views from their epipolar geometry [px] (Hartley and Zisserman 2004,
-    eq. 11.9)."""
+    """(k,) distance of rays (k, 3) of two views from their epipolar geometry [px] (`sampson`)."""
     i, j = pair
-    R = views.R[j] @ views.R[i].T
-    t = views.t[j] - R @ views.t[i]
-    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-    F = np.linalg.inv(views.K[j]).T @ cross @ R @ np.linalg.inv(views.K[i])
-    x, y = ray @ views.K[i].T, other @ views.K[j].T
-    Fx, Fy = x @ F.T, y @ F
-    size = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
-    return np.abs(np.einsum("ki,ki->k", y, Fx)) / np.maximum(size, 1e-300)
+    F = fundamental((views.K[i], views.K[j]), (views.R[i], views.R[j]), (views.t[i], views.t[j]))
+    return sampson(F, ray @ views.K[i].T, other @ views.K[j].T)
 
 
 def joined(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -56,8 +56,12 @@ def match_predicted(
     options: SfmOptions,
     work: Path,
     progress: Progress = silent,
+    fresh: set[str] | None = None,
 ) -> pycolmap.Reconstruction:
     """Rebuilds the tracks from matches at the places that the model predicts, twice, with an adjustment between.
+
+    Args:
+        fresh: names of images whose pairs are matched so; None for all.
 
     Raises:
         NotPossible: the images do not hold together by them.
@@ -69,18 +73,20 @@ def match_predicted(
         points = to_points(model, ids)
         number = dict(zip(views.names, ids, strict=True))
         row = {n: i for i, n in enumerate(views.names)}
-        placed = {n: place(views, points, i, found.features[n][0][:, :2] - 0.5) for n, i in row.items()}
+        lent = fresh or set()
+        placed = {n: place(views, points, i, found.features[n][0][:, :2] - 0.5, n in lent) for n, i in row.items()}
+        chosen = set(views.names) if fresh is None else fresh
         pairs = sorted({*_next(views, footage), *_facing(views, points, footage, options, NEXT + 1)})
+        pairs = [pair for pair in pairs if chosen.intersection(pair)]
         matches = _agreeing(found.database, views, ids, placed, gate)
+        matches = {pair: m for pair, m in matches.items() if chosen.intersection(pair)}
         for done, (a, b) in enumerate(pairs):
             pair, both = (row[a], row[b]), (placed[a], placed[b])
             new = match_placed(views, pair, both, (units[a], units[b]), gate)
             old = matches.pop((b, a))[:, ::-1] if (b, a) in matches else matches.get((a, b), new[:0])
             matches[a, b] = joined(new, old)
             progress(done + 1, len(pairs), "guided matching")
-        with pycolmap.Database.open(found.database) as db:
-            db.clear_matches()
-            db.clear_two_view_geometries()
+        _forget(found.database, ids, {number[n] for n in chosen if n in number})
         verify(found.database, number, matches, mapping)
         model = retriangulate(model, found.database, footage.folder / "frames", work / f"tracks{turn}", mapping)
         settings = options.refine
@@ -88,6 +94,18 @@ def match_predicted(
         adjust(model, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
         require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     return model
+
+
+def _forget(database: Path, ids: list[int], fresh: set[int]) -> None:
+    """Takes the matches of images `fresh` with the placed images `ids` out of a database; all others stay."""
+    placed = set(ids)
+    with pycolmap.Database.open(database) as db:
+        for pair_id in db.read_all_matches()[0]:
+            a, b = pycolmap.pair_id_to_image_pair(pair_id)
+            if a in placed and b in placed and (a in fresh or b in fresh):
+                db.delete_matches(a, b)
+                if db.exists_two_view_geometry(a, b):
+                    db.delete_two_view_geometry(a, b)
 
 
 def _agreeing(

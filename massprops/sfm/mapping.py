@@ -53,14 +53,8 @@ def quiet() -> None:
     pycolmap.logging.stderrthreshold = pycolmap.logging.Level.ERROR
 
 
-def match(
-    database: Path,
-    pairs: list[tuple[str, str]],
-    options: MappingOptions,
-    progress: Progress = silent,
-    batch: int = 128,
-) -> None:
-    """Matches and verifies the named pairs, in batches so that progress can be told."""
+def match(database: Path, pairs: list[tuple[str, str]], options: MappingOptions) -> None:
+    """Matches and verifies the named pairs."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = options.threads
     matching.use_gpu = False
@@ -70,11 +64,8 @@ def match(
     pairing = pycolmap.ImportedPairingOptions()
     listing = database.parent / "pairs.txt"
     pairing.match_list_path = listing
-    for start in range(0, len(pairs), batch):
-        part = pairs[start : start + batch]
-        listing.write_text("".join(f"{a} {b}\n" for a, b in part))
-        pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
-        progress(start + len(part), len(pairs), "matching")
+    listing.write_text("".join(f"{a} {b}\n" for a, b in pairs))
+    pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
     listing.unlink(missing_ok=True)
 
 

@@ -14,6 +14,7 @@ from massprops.core.progress import Progress, silent
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.attempt import ENOUGH, Attempt, SfmOptions, attempt, may_distort, steady
 from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.extend import extend
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.grow import grow
@@ -100,6 +101,8 @@ def reconstruct(
         model = match_predicted(model, found, footage, options, work, progress)
         if footage.moving_pictures and not footage.rig and model.num_reg_images() < len(footage.frames):
             model = _followed(model, found, footage, options, work, progress)
+        elif not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
+            model = extend(model, found, footage, options, work, progress)
     else:
         model = close_loops(model, found, footage, options, work)
     placed = {model.image(i).name for i in model.reg_image_ids()}

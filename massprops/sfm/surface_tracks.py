@@ -74,14 +74,12 @@ def with_surface(
     Returns:
         the precision afterwards.
     """
-    from massprops.dense.reconstruct import dense_points
+    from massprops.dense.reconstruct import DenseOptions, dense_points
 
     views, ids = to_views(model)
     sparse = to_points(model, ids)
     try:
-        cloud, facts = dense_points(
-            views, image, sparse.xyz, sparse.obs_view, sparse.obs_point, MAPS, seed, threads, progress, PIXELS
-        )
+        cloud, facts = dense_points(views, image, sparse, DenseOptions(MAPS, seed, threads, PIXELS), progress)
     except NotPossible:
         return before
     pieces = follow_pieces(views, image, cloud, facts["image_factor"], seed)

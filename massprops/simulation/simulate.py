@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.progress import Progress, silent
 from massprops.errors import InputError
 from massprops.sequence import Camera, Environment, RangeSeries, Sequence, write_sequence
 from massprops.simulation.folder import new_sequence
 from massprops.simulation.scenario import Scenario, load_scenario
+
+if TYPE_CHECKING:
+    from massprops.mass.properties import MassProperties
 
 
 def simulate(
     scenario: str | Path,
     out: str | Path,
     video: bool = False,
-    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    progress: Progress = silent,
     force: bool = False,
     **changes: Any,
 ) -> Path:
@@ -39,29 +43,63 @@ def simulate(
     Raises:
         InputError: an unknown scenario, a value out of range, a mesh that is no closed body, or no place to write.
     """
+    if is_tracks(scenario):
+        if video:
+            raise InputError(f"{scenario}: a scenario of tracks has no images, so no video: leave --video out")
+        return _tracks(scenario, out, progress, force, changes)
+    scene = _scene(scenario, changes)
+    size = scene.chosen.size
+    if video and any(v % 2 for v in size):
+        raise InputError(f"size {size[0]}x{size[1]}: H.264 needs even numbers; give such a --size")
+    with new_sequence(Path(out), (scene.chosen, scene.acting, scene.model), scene.read, force) as folder:
+        _render(scene, folder, video, progress)
+    return Path(out)
+
+
+def _tracks(scenario: str | Path, out: str | Path, progress: Progress, force: bool, changes: dict[str, Any]) -> Path:
+    """A scenario of tracks, written into its folder."""
+    from massprops.simulation.track_scenario import track_scenario
+    from massprops.simulation.tracks import write_tracks
+
+    given = _tracks_file(scenario)
+    given.update({TRACK_NAMES.get(k, k): v for k, v in changes.items() if v is not None})
+    read = [Path(p) for p in (scenario, given.get("model")) if p is not None]
+    folder = write_tracks(track_scenario(given, str(scenario)), out, read, force)
+    progress(1, 1, "tracks")
+    return folder
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A scenario of images with its body and motion.
+
+    Attributes:
+        chosen: the scenario; acting: its effects as given; read: the files it came from.
+        mesh: about its centre of mass [m]; body: its mass properties; length: its greatest length.
+        path: of the motion; model: the effects that act, None without any.
+    """
+
+    chosen: Scenario
+    acting: tuple[str, ...]
+    read: list[Path]
+    mesh: Any
+    body: MassProperties
+    length: float
+    path: Any
+    model: Any
+
+
+def _scene(scenario: str | Path, changes: dict[str, Any]) -> _Scene:
+    """Reads the body and moves it."""
     from massprops.exchange.mesh_files import read_solid
     from massprops.mass.integrals import greatest_length
     from massprops.mass.properties import mass_properties
     from massprops.simulation.motion import tumbling, walk_round, with_hidden_mass
-    from massprops.simulation.render import Renderer, lens_of
 
-    if is_tracks(scenario):
-        from massprops.simulation.track_scenario import track_scenario
-        from massprops.simulation.tracks import write_tracks
-
-        if video:
-            raise InputError(f"{scenario}: a scenario of tracks has no images, so no video: leave --video out")
-        given = _tracks_file(scenario)
-        given.update({TRACK_NAMES.get(k, k): v for k, v in changes.items() if v is not None})
-        read = [Path(p) for p in (scenario, given.get("model")) if p is not None]
-        folder = write_tracks(track_scenario(given, str(scenario)), out, read, force)
-        progress(1, 1, "tracks")
-        return folder
     acting = tuple(changes.pop("effects", None) or ())
     model_file = changes.pop("model", None)
     chosen = load_scenario(scenario, **changes)
-    mesh, _ = read_solid(chosen.mesh)
-    mesh = mesh.copy()
+    mesh = read_solid(chosen.mesh)[0].copy()
     mesh.apply_translation(-mass_properties(mesh, 1.0).center_of_mass)
     body = mass_properties(mesh, chosen.density)
     length = greatest_length(np.asarray(mesh.vertices))[0]
@@ -72,37 +110,41 @@ def simulate(
     model = None
     if acting or model_file is not None:
         path, model = _under_effects(chosen, path, acting, model_file, length, body.mass)
-    if video and any(v % 2 for v in chosen.size):
-        raise InputError(f"size {chosen.size[0]}x{chosen.size[1]}: H.264 needs even numbers; give such a --size")
-    lens = lens_of(chosen)
     read = [Path(p) for p in (scenario, chosen.mesh, model_file) if p is not None]
-    with new_sequence(Path(out), (chosen, acting, model), read, force) as folder:
-        renderer = Renderer(mesh, chosen, lens)
-        rng = np.random.default_rng([chosen.seed, 3])
-        baselines = [0.0] + ([chosen.stereo_m] if chosen.stereo_m > 0 else [])
-        seen = np.zeros(len(mesh.faces), int)
-        images: dict[int, list[tuple[int, Path]]] = {k: [] for k in range(len(baselines))}
-        for k in range(len(baselines)):
-            (folder / f"cam{k}" / "data").mkdir(parents=True)
-        for i, stamp in enumerate(path.timestamp_ns.tolist()):
-            for k, baseline in enumerate(baselines):
-                image, lit = renderer.frame(path.q[i], path.position[i] - [baseline, 0, 0], path.sun[i], rng)
-                if k == 0:
-                    seen[lit] += 1
-                images[k].append((stamp, _save(folder / f"cam{k}" / "data" / f"{stamp:019d}.png", image)))
-            progress(i + 1, chosen.frames, "frames")
-        cameras = {k: _camera(chosen, lens, baseline, tuple(images[k])) for k, baseline in enumerate(baselines)}
-        sequence = Sequence(cameras=cameras, range=_ranges(chosen, path, rng), environment=Environment())
-        truth = _truth(chosen, body, path, length, float(mesh.area_faces[seen >= 3].sum() / mesh.area))
-        if model is not None:
-            from massprops.model import document_of
+    return _Scene(chosen, acting, read, mesh, body, length, path, model)
 
-            truth["effects"] = {e["name"]: e["parameters"] for e in document_of(model)["effects"]}
-        write_sequence(folder, sequence, truth)
-        mesh.export(folder / "truth" / "mesh.ply")
-        if video:
-            write_video(folder / "cam0" / "video.mp4", [p for _, p in images[0]], chosen.rate_hz)
-    return Path(out)
+
+def _render(scene: _Scene, folder: Path, video: bool, progress: Progress) -> None:
+    """Writes images, measurements and truth into a folder."""
+    from massprops.simulation.render import Renderer, lens_of
+
+    chosen, path, mesh = scene.chosen, scene.path, scene.mesh
+    lens = lens_of(chosen)
+    renderer = Renderer(mesh, chosen, lens)
+    rng = np.random.default_rng([chosen.seed, 3])
+    baselines = [0.0] + ([chosen.stereo_m] if chosen.stereo_m > 0 else [])
+    seen = np.zeros(len(mesh.faces), int)
+    images: dict[int, list[tuple[int, Path]]] = {k: [] for k in range(len(baselines))}
+    for k in range(len(baselines)):
+        (folder / f"cam{k}" / "data").mkdir(parents=True)
+    for i, stamp in enumerate(path.timestamp_ns.tolist()):
+        for k, baseline in enumerate(baselines):
+            image, lit = renderer.frame(path.q[i], path.position[i] - [baseline, 0, 0], path.sun[i], rng)
+            if k == 0:
+                seen[lit] += 1
+            images[k].append((stamp, _save(folder / f"cam{k}" / "data" / f"{stamp:019d}.png", image)))
+        progress(i + 1, chosen.frames, "frames")
+    cameras = {k: _camera(chosen, lens, baseline, tuple(images[k])) for k, baseline in enumerate(baselines)}
+    sequence = Sequence(cameras=cameras, range=_ranges(chosen, path, rng), environment=Environment())
+    truth = _truth(chosen, scene.body, path, scene.length, float(mesh.area_faces[seen >= 3].sum() / mesh.area))
+    if scene.model is not None:
+        from massprops.model import document_of
+
+        truth["effects"] = {e["name"]: e["parameters"] for e in document_of(scene.model)["effects"]}
+    write_sequence(folder, sequence, truth)
+    mesh.export(folder / "truth" / "mesh.ply")
+    if video:
+        write_video(folder / "cam0" / "video.mp4", [p for _, p in images[0]], chosen.rate_hz)
 
 
 TRACK_NAMES = {"stereo_m": "baseline_m"}

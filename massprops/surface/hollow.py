@@ -227,7 +227,7 @@ def _vessel(
 
     Args:
         cell, height: (c,) crossings; start, count: (k,) of each column; dim: (k,) bool, its top was not measured.
-        least: depth of water that is none.
+        least: depth that a pool must have somewhere.
     """
     shape = tuple(int(n) for n in grid.shape[:2])
     ground, there = np.zeros(shape), np.zeros(shape, bool)
@@ -247,8 +247,8 @@ def _vessel(
 
 
 def _water(ground: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (a, b) of water that stands on a ground of heights (a, b), 0 below `least`, and the greatest depth of each
-    pool.
+    """Depth (a, b) of water that stands on a ground of heights (a, b), 0 in pools nowhere deeper than `least`, and the
+    greatest depth of each pool.
 
     What stands on its support is closed by it: water runs off over the outer rim only (Barnes, Lehman, Mulla 2014).
     """
@@ -263,9 +263,10 @@ def _water(ground: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
             if 0 <= a < ground.shape[0] and 0 <= b < ground.shape[1] and level[a, b] == np.inf:
                 level[a, b] = max(now, ground[a, b])
                 heapq.heappush(heap, (float(level[a, b]), a, b))
-    depth = np.where(level - ground > least, level - ground, 0.0)
+    depth = level - ground
     pool, number = label(depth > 0)
     deepest = np.concatenate([[0.0], np.atleast_1d(maximum(depth, pool, np.arange(1, number + 1)))])[pool]
+    depth = np.where(deepest > least, depth, 0.0)
     return depth, deepest
 
 

@@ -95,11 +95,7 @@ def reconstruct_surface(
     Raises:
         NotPossible: too few points, or no closed body in them.
     """
-    if len(cloud) < 200:
-        raise NotPossible(f"surface: only {len(cloud)} dense points; take more overlapping or better lit images")
-    cloud = without_outliers(cloud)
-    if len(cloud) < 200:
-        raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
+    cloud = _sound(cloud)
     hull = make_hull(views, masks, cloud.xyz, support=support)
     # What several views see against the sky is not there, however well its depths agreed.
     cloud = cloud.take(np.flatnonzero(hull.value(cloud.xyz) < OFF_HULL))
@@ -128,6 +124,20 @@ def reconstruct_surface(
     inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
+
+
+def _sound(cloud: Cloud) -> Cloud:
+    """The cloud without its outliers.
+
+    Raises:
+        NotPossible: too few points.
+    """
+    if len(cloud) < 200:
+        raise NotPossible(f"surface: only {len(cloud)} dense points; take more overlapping or better lit images")
+    cloud = without_outliers(cloud)
+    if len(cloud) < 200:
+        raise NotPossible("surface: the dense points agree nowhere; take more overlapping or sharper images")
+    return cloud
 
 
 def on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | None, near: float) -> np.ndarray:

@@ -71,12 +71,8 @@ def replicates(
         if patch[end_face[e]] >= 0:
             lengths += offset[:, patch[end_face[e]]] * pull[e]
 
-    modes = np.concatenate(
-        [
-            measured_modes(vertices, faces, surface.observed, length, surface.hull.pixel),
-            fill_modes(vertices, faces, surface.observed, length, surface.inferred),
-        ]
-    )
+    of_measured = measured_modes(vertices, faces, surface.observed, length, surface.hull.pixel)
+    modes = np.concatenate([of_measured, fill_modes(vertices, faces, surface.observed, length, surface.inferred)])
     drawn = rng.standard_normal((count, len(modes)))
     rows += drawn @ (modes @ response)
     for e in (0, 1):

@@ -77,10 +77,10 @@ def sight_evidence(
         into (t, 4): cost of entering tetrahedron t through facet k from outside to inside; free (t,): weight of the
         lines that cross t well in front of their point.
     """
-    start, tets = _incidence(tetra)
     into = np.zeros(tetra.corners.shape)
     free = np.zeros(len(tetra.corners))
-    _trace(tetra.points, tetra.corners, tetra.neighbours, start, tets, point, centre, sigma, weight, into, free)
+    lines = (point, centre, sigma, weight)
+    _trace(tetra.points, tetra.corners, tetra.neighbours, _incidence(tetra), lines, into, free)
     return into, free
 
 
@@ -150,7 +150,8 @@ def _next(points, corners, t, entered, o, d):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _trace(points, corners, neighbours, start, tets, point, centre, sigma, weight, into, free):  # noqa: ANN001, ANN202
+def _trace(points, corners, neighbours, incidence, lines, into, free):  # noqa: ANN001, ANN202
+    (start, tets), (point, centre, sigma, weight) = incidence, lines
     d = np.empty(3)
     for r in range(len(point)):
         p = point[r]

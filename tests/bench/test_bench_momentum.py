@@ -1,7 +1,7 @@
 """Diagnoses of motion logs that others recorded, by the balance of momentum: about ten seconds of CPU each.
 
-Thresholds were set on every other record of each folder (the first, third and so on by name). The rest was opened once, at
-the end.
+Thresholds were set on every other record of each folder (the first, third and so on by name). The rest has since been looked
+at too: of the tosses and flights nothing is held out any more.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_by_balance
+from massprops.diagnosis.several import common_inertia
 from massprops.sequence import read_sequence
 
 pytestmark = pytest.mark.bench
@@ -30,7 +31,7 @@ def _found(folder: Path) -> tuple[BalanceDiagnosis, list[str]]:
 def _wheel(found: BalanceDiagnosis, folder: Path) -> dict[str, float]:
     """The named wheel against the withheld one: angle of the axis from z [deg], correlation, size over the truth's."""
     effect = found.document["effects"][0]
-    truth = yaml.safe_load((folder / "truth" / "truth.yaml").read_text())
+    truth = _truth(folder)
     rate = np.loadtxt(folder / "truth" / "flywheel.csv", delimiter=",", comments="#")
     mean = np.trace(np.array(truth["inertia_kg_m2"])) / 3.0
     times = np.array(effect["history"]["times_s"])
@@ -39,43 +40,57 @@ def _wheel(found: BalanceDiagnosis, folder: Path) -> dict[str, float]:
     axis = np.array(effect["axis"])
     history = np.array(effect["history"]["momentum_rad_s"]) * np.sign(axis[2])
     return {
-        "axis_deg": float(np.degrees(np.arccos(min(1.0, abs(axis[2]))))),
+        "axis": float(np.degrees(np.arccos(min(1.0, abs(axis[2]))))),
         "correlation": float(np.corrcoef(history, withheld)[0, 1]),
         "size": float(np.ptp(history) / np.ptp(withheld)),
     }
 
 
+def _truth(folder: Path) -> dict[str, Any]:
+    return dict(yaml.safe_load((folder / "truth" / "truth.yaml").read_text()))
+
+
+def _off(inertia: np.ndarray, folder: Path) -> float:
+    """By how much the worse of I2/I1 and I3/I1 is off [%]."""
+    own, true = np.linalg.eigvalsh(inertia), np.linalg.eigvalsh(np.array(_truth(folder)["inertia_kg_m2"]))
+    off = (own[1:] / own[0]) / (true[1:] / true[0]) - 1.0
+    return float(100.0 * off[np.argmax(np.abs(off))])
+
+
 def test_a_wheel_in_thrown_bodies(real_data: Path) -> None:
     folders = sorted((real_data / "flights").iterdir())
-    alone, axis, history, size = 0, 0, 0, 0
-    print(f"\n{'flight':<24}{'verdict':<12}{'axis':>7}{'corr.':>8}{'size':>7}{'k1':>8}{'true':>8}")
+    rows, bodies = [], {}
+    print(f"\n{'flight':<24}{'verdict':<12}{'axis':>6}{'corr.':>8}{'size':>6}{'ratio %':>9}{'held out, beside':>18}")
     for folder in folders:
         found, names = _found(folder)
-        truth = yaml.safe_load((folder / "truth" / "truth.yaml").read_text())
-        moments = np.linalg.eigvalsh(np.array(truth["inertia_kg_m2"]))
-        row: dict[str, Any] = {"axis_deg": np.nan, "correlation": np.nan, "size": np.nan}
-        if (
-            found.document["verdict"] == "named"
-            and names == ["internal-rotor"]
-            and "history" in found.document["effects"][0]
-        ):
-            alone += 1
-            row = _wheel(found, folder)
-            axis += row["axis_deg"] < 5.0
-            history += row["correlation"] >= 0.98
-            size += abs(row["size"] - 1.0) <= 0.1
-        k1 = found.document["corrected"]["k1"]["after"]
+        alone = found.document["verdict"] == "named" and names == ["internal-rotor"]
+        wheel = alone and "history" in found.document["effects"][0]
+        row: dict[str, float] = dict.fromkeys(("axis", "correlation", "size"), np.nan)
+        row |= _wheel(found, folder) if wheel else {}
+        fit = found.selection.named[0].best if wheel else found.selection.base
+        row |= {"alone": alone, "off": _off(fit.inertia, folder)}
+        rows.append(row)
+        bodies.setdefault(folder.name.rpartition("_")[0], []).append((fit, folder))
+        held = found.document["gap"]["held_out"]
         print(
-            f"{folder.name:<24}{found.document['verdict']:<12}{row['axis_deg']:>7.1f}{row['correlation']:>8.3f}"
-            f"{row['size']:>7.2f}{k1:>8.3f}{np.log(moments[0] / moments[1]):>8.3f}  {names}"
+            f"{folder.name:<24}{found.document['verdict']:<12}{row['axis']:>6.1f}{row['correlation']:>8.4f}{row['size']:>6.2f}"
+            f"{row['off']:>9.2f}{held['after'] or np.nan:>10.1f}{held['beside_unknown'] or np.nan:>8.1f}  {names}",
+            flush=True,
         )
+    jointly = [_off(common_inertia([f for f, _ in own]).inertia, own[0][1]) for own in bodies.values()]
+    named = sum(r["alone"] for r in rows)
+    axis = sum(r["axis"] < 5.0 for r in rows)
+    history = sum(r["correlation"] >= 0.98 for r in rows)
+    size = sum(abs(r["size"] - 1.0) <= 0.1 for r in rows)
+    ratio = sum(abs(r["off"]) <= 3.0 for r in rows)
     print(
-        f"internal-rotor alone {alone}, axis within 5 deg {axis}, correlation .98 {history}, size within 10 % {size}, "
-        f"of {len(folders)}"
+        f"internal-rotor alone {named}, axis within 5 deg {axis}, correlation .98 {history}, size within 10 % {size}, ratios "
+        f"within 3 % {ratio}, of {len(folders)}; jointly {', '.join(f'{x:+.2f} %' for x in jointly)} (wanted: 1)"
     )
-    assert alone >= 12 and axis >= 12
-    if min(history, size) < 12:
-        pytest.xfail(f"correlation .98 in {history}, size within 10 % in {size} of {len(folders)}, 12 wanted")
+    assert min(named, axis, history, size) >= 12
+    assert max(abs(x) for x in jointly) < 2.0
+    if ratio < 12:
+        pytest.xfail(f"ratios within 3 % in {ratio} of {len(folders)}, 12 wanted")
 
 
 def test_drag_of_racquets(real_data: Path) -> None:
@@ -101,7 +116,7 @@ def test_bounces_of_a_tossed_cube(real_data: Path) -> None:
     folders = sorted((real_data / "tosses").iterdir())
     for folder in folders:
         found, names = _found(folder)
-        truth = yaml.safe_load((folder / "truth" / "truth.yaml").read_text())
+        truth = _truth(folder)
         verdict = found.document["verdict"]
         if truth["effect"] == "none":
             free += verdict == "none"
@@ -118,6 +133,4 @@ def test_bounces_of_a_tossed_cube(real_data: Path) -> None:
             line += f", {begins:.4f} to {begins + lasts:.4f} s of {truth['time_s']}, jump {size:.2f} of {truth['jump_rad_s']:.2f}"
         print(line, end="")
     print(f"\nbounces right {right} of 4 (wanted: 3), free flights none {free} of 4")
-    assert free == 4
-    if right < 3:
-        pytest.xfail(f"{right} of 4 bounces, 3 wanted: a steady wheel in a body of free inertia passes for the others")
+    assert free == 4 and right >= 3

@@ -19,6 +19,7 @@ import pytest
 import yaml
 
 import massprops
+from massprops.campaigns import cluster as backend
 from massprops.campaigns.configuration import plan_of
 from massprops.campaigns.run import run_campaign
 from massprops.campaigns.store import FILE
@@ -46,6 +47,12 @@ class Cluster:
         options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1")
         self.workers.append(self._start("worker", *options, **environment))
 
+    def add_deaf(self, when: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-c", DEAF, self.address, when]
+        self.workers.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL))
+        assert self.workers[-1].stdout is not None and self.workers[-1].stdout.readline() == b"ready\n"
+        return self.workers[-1]
+
     def wait_for(self, count: int) -> None:
         from distributed import Client
 
@@ -56,6 +63,24 @@ class Cluster:
         for process in (*self.workers, self.scheduler):
             process.kill()
             process.wait()
+
+
+DEAF = """
+import asyncio, sys
+from distributed import Worker
+
+async def main():
+    async with Worker(sys.argv[1], nthreads=1, dashboard=False, host="127.0.0.1") as worker:
+        if sys.argv[2] == "at once":
+            worker.stop()
+        else:
+            asyncio.get_running_loop().add_signal_handler(10, worker.stop)
+        print("ready", flush=True)
+        await worker.finished()
+
+asyncio.run(main())
+"""
+"""A worker that goes on talking to its scheduler, and cannot be reached: as behind a firewall."""
 
 
 def until(true: Callable[[], object], what: str) -> None:
@@ -204,3 +229,48 @@ def test_a_port_where_nobody_listens(
         assert run(["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--scheduler", address]) == 2
     said = capfd.readouterr().err
     assert "no answer" in said and len(said.strip().splitlines()) == 1, said
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither Dask nor massprops knocks for long."""
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
+    monkeypatch.setattr("massprops.campaigns.cluster.REACH_S", 3.0)
+
+
+def test_a_worker_that_cannot_be_reached_gets_no_work(
+    tmp_path: Path, impatient: None, cluster: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({"kind": "drill", "runs": 6, "chunk": 1}))
+    command = ["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--scheduler", cluster.address]
+    cluster.add_deaf("at once")
+    assert run(command) == 2
+    said = capsys.readouterr().err
+    assert "none of its 1 workers can be reached" in said and len(said.strip().splitlines()) == 1, said
+    cluster.add_worker()
+    cluster.wait_for(2)
+    assert run(command) == 0
+    assert {w.rsplit(":", 1)[1] for _, _, w in stored(tmp_path / "out")} == {str(cluster.workers[1].pid)}
+
+
+def test_results_on_a_worker_that_can_no_longer_be_reached_are_made_elsewhere(
+    tmp_path: Path, impatient: None, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again: list[object] = []
+    give = backend.Cluster._give_out_again
+    monkeypatch.setattr(backend.Cluster, "_give_out_again", lambda self, key: (again.append(key), give(self, key)))
+    gate, out = tmp_path / "gate", tmp_path / "cluster"
+    plan = plan_of({"kind": "drill", "runs": 8, "chunk": 1, "grid": {"gate": [None, str(gate)]}})
+    deaf = cluster.add_deaf("later")
+    cluster.add_worker()
+    cluster.wait_for(2)
+    thread = threading.Thread(target=run_campaign, args=(plan, out), kwargs={"scheduler": cluster.address})
+    thread.start()
+    until(lambda: len(stored(out)) == 8, "the runs before the gate")
+    deaf.send_signal(signal.SIGUSR1)  # both workers wait at the gate, and their results will
+    gate.touch()
+    thread.join(120)
+    assert not thread.is_alive() and len(stored(out)) == 16 and again
+    run_campaign(plan, tmp_path / "local", workers=1)
+    for name in ("table.json", "runs.csv"):
+        assert (out / name).read_bytes() == (tmp_path / "local" / name).read_bytes()

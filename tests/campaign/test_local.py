@@ -31,6 +31,11 @@ from massprops_cli.main import run
 SMALL: dict[str, Any] = {"kind": "drill", "runs": 23, "chunk": 5, "grid": {"sigma": [1, 2]}, "fails": 0.2}
 
 
+HEARS = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+INTERRUPTIBLE = [sys.executable, "-c", f"{HEARS}; from massprops_cli.main import main; main()"]
+"""The command, which hears an interrupt even where the tests run in the background, as a shell starts a job with `&`."""
+
+
 def until(true: Callable[[], object], what: str) -> None:
     """Waits for an event; a minute without it is a failure."""
     end = time.monotonic() + 60
@@ -165,8 +170,7 @@ def _running(pid: int) -> bool:
 def test_interrupted_gives_130_and_leaves_no_process(tmp_path: Path) -> None:
     content = {"kind": "drill", "runs": 2, "hangs": 1.0}
     (tmp_path / "study.yaml").write_text(yaml.safe_dump(content))
-    code = "from massprops_cli.main import main; main()"
-    command = [sys.executable, "-c", code, "campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out")]
+    command = [*INTERRUPTIBLE, "campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out")]
     client = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     until(lambda: children(client.pid), "a run")
     below = children(client.pid)
@@ -177,8 +181,7 @@ def test_interrupted_gives_130_and_leaves_no_process(tmp_path: Path) -> None:
 
 
 def test_what_keeps_nothing_does_not_promise_to_continue() -> None:
-    code = "from massprops_cli.main import main; main()"
-    command = [sys.executable, "-c", code, "reproduce", "hu2024", "--runs", "50", "--workers", "1"]
+    command = [*INTERRUPTIBLE, "reproduce", "hu2024", "--runs", "50", "--workers", "1"]
     client = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     until(lambda: children(client.pid), "a run")
     client.send_signal(signal.SIGINT)

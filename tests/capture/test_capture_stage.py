@@ -150,3 +150,15 @@ def test_photographs_before_a_plain_backdrop(real_data: Path, tmp_path: Path) ->
         true = cv2.resize(true, found.shape[::-1], interpolation=cv2.INTER_AREA) > 127
         overlap.append((found & true).sum() / (found | true).sum())
     assert np.median(overlap) > 0.94 and min(overlap) > 0.85, overlap
+
+
+def test_more_images_than_the_memory_holds_are_refused_before_they_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = photographs(tmp_path / "in", [turned(8.0 * i) for i in range(8)])
+    staged(tmp_path, source)
+    (tmp_path / "again").mkdir()
+    monkeypatch.setattr("massprops.memory.machine_bytes", lambda: 100_000)
+    with pytest.raises(InputError, match=r"8 images of up to \d+ pixels would take .* GB of memory.*fewer --frames"):
+        staged(tmp_path / "again", source)
+    assert not list((tmp_path / "again").rglob("*.png"))

@@ -12,6 +12,7 @@ from massprops.capture.occlusion import (
     Occlusion,
     boundary,
     drawn_agreement,
+    held_share,
     hidden_shape,
     occlusion_maps,
     on_mesh,
@@ -22,7 +23,7 @@ from massprops.capture.occlusion import (
 )
 from massprops.capture.support import Region
 from massprops.geometry.rasterise import silhouette
-from massprops.run.stages.shape import WHOLE, WHOLLY
+from massprops.run.stages.shape import HELD, WHOLE, WHOLLY
 from massprops.surface.cloud import Cloud
 from massprops.surface.outline_cloud import surface_of_outlines
 from massprops.surface.silhouette import agreement, shown_as_object
@@ -85,6 +86,16 @@ def test_a_part_of_the_body_agrees_less_than_what_hides_the_support() -> None:
     assert hidden is not None
     found = support_agreement(VIEWS, maps, hidden.vertices, hidden.faces)
     assert part < WHOLE < whole and found > part + WHOLLY
+    assert held_share(VIEWS, hidden.vertices, hidden.faces, np.asarray(half.vertices)) > HELD
+
+
+def test_the_hull_of_a_part_does_not_hold_what_was_measured() -> None:
+    """As of a body whose other half has the colour of its table."""
+    dark = trimesh.intersections.slice_mesh_plane(BODY, [1, 0, 0], [0, 0, 0], cap=True)
+    rng = np.random.default_rng(2)
+    measured = trimesh.sample.sample_surface(BODY, 400, seed=rng)[0]
+    assert held_share(VIEWS, np.asarray(dark.vertices), np.asarray(dark.faces), measured) < HELD
+    assert held_share(VIEWS, np.asarray(BODY.vertices), np.asarray(BODY.faces), measured) == 1.0
 
 
 def test_an_empty_table_hides_nothing() -> None:

@@ -69,6 +69,7 @@ def test_numba_has_a_place_where_package_and_home_cannot_be_written(
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    monkeypatch.setattr(native, "_writable", lambda path: True)  # also where these tests run without either
     native.prepare_numba_cache()
     assert not os.environ["NUMBA_CACHE_DIR"], "the ordinary places do"
     monkeypatch.setattr(native, "_writable", lambda path: False)

@@ -1,4 +1,5 @@
-"""No file of the product imports itself by way of others, imports within functions counted."""
+"""No file of the product imports itself by way of others, and none imports a room above its own; imports within functions
+counted."""
 
 from __future__ import annotations
 
@@ -14,6 +15,33 @@ FILES = {
     for folder in ("massprops", "cli")
     for path in (ROOT / folder).rglob("*.py")
 }
+
+
+LAYERS = (
+    ("cli",),
+    ("massprops",),
+    ("api",),
+    ("campaigns",),
+    ("run",),
+    ("consistency", "diagnosis"),
+    ("report", "simulation"),
+    ("exchange",),
+    ("capture", "estimators", "sfm"),
+    ("effect_file", "surface"),
+    ("dense", "mass", "model"),
+    ("dynamics", "sensing"),
+    ("effects", "sequence"),
+    ("packaged",),
+    ("effect_contract", "views"),
+    ("documents",),
+    ("geometry", "memory", "native"),
+    ("core",),
+    ("errors",),
+)
+"""Rooms from the top down, as `docs/architecture.md` says: one imports from those below it only, and not from its like."""
+LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}
+STILL = {"massprops.estimators.estimate imports massprops.report.estimates"}
+"""Upward imports that have not been cut yet."""
 
 
 def typing_only(tree: ast.AST) -> set[int]:
@@ -55,6 +83,41 @@ def test_no_import_closes_a_circle() -> None:
     graph = {module: imported(module, path.read_text()) for module, path in FILES.items()}
     assert sum(map(len, graph.values())) > 500
     assert first_circle(graph) == []
+
+
+def room_of(module: str) -> str:
+    """The package of `massprops` that a file lies in, or the file that stands beside them."""
+    head, _, rest = module.partition(".")
+    return rest.partition(".")[0] or head if head == "massprops" else head
+
+
+def upward(graph: dict[str, set[str]]) -> list[str]:
+    """Imports of a room that does not lie below the importing one."""
+    return [
+        f"{module} imports {other}"
+        for module, others in sorted(graph.items())
+        for other in sorted(others)
+        if (a := room_of(module)) != (b := room_of(other)) and LEVEL[a] >= LEVEL[b]
+    ]
+
+
+def test_every_import_leads_down() -> None:
+    assert {room_of(module) for module in FILES} <= set(LEVEL), "a room without a layer: name it in LAYERS"
+    found = upward({module: imported(module, path.read_text()) for module, path in FILES.items()})
+    assert set(found) - STILL == set()
+
+
+@pytest.mark.parametrize(
+    ("module", "other", "bad"),
+    [
+        ("massprops.core.files", "massprops.sequence.read", True),
+        ("massprops.sensing.predict", "massprops.dynamics.orbit", True),
+        ("massprops.run.child", "massprops.core.files", False),
+        ("massprops.sfm.grow", "massprops.sfm.pairs", False),
+    ],
+)
+def test_an_import_that_leads_up_is_found(module: str, other: str, bad: bool) -> None:
+    assert bool(upward({module: {other}})) == bad
 
 
 @pytest.mark.parametrize("within", ["", "def late():\n    "])

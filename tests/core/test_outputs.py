@@ -6,6 +6,7 @@ import json
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
 import pytest
 from faults import KINDS, failing, quick_disk, tree
@@ -187,3 +188,45 @@ def test_names_that_are_no_text_are_told_by_their_bytes(tmp_path: Path) -> None:
     found = hash_input(tmp_path)
     assert list(found) == [r"caf\xe9.png"]
     assert yaml.safe_load(yaml.safe_dump(found).encode()) == found
+
+
+def victim(tmp_path: Path) -> Path:
+    """A folder of the user's, outside of what is written."""
+    outside = tmp_path / "outside"
+    (outside / "one").mkdir(parents=True)
+    (outside / "one" / "x").write_text("mine")
+    return outside
+
+
+@pytest.mark.parametrize("link", ["previous", "new", "previous/one"])
+def test_links_beside_the_record_lead_nowhere(tmp_path: Path, link: str) -> None:
+    """A folder that somebody else hands over, with links where old results are kept and cleared away."""
+    outside, out = victim(tmp_path), tmp_path / "out"
+    write(out, "one", OLD, "k1")
+    (out / ".massprops" / link).parent.mkdir(exist_ok=True)
+    (out / ".massprops" / link).symlink_to(outside)
+    with pytest.raises(InputError, match="is a link, and no link is followed"):
+        write(out, "one", NEW, "k2")
+    assert {p.name: p.read_text() for p in outside.rglob("*") if p.is_file()} == {"x": "mine"}
+
+
+@pytest.mark.parametrize("what", ["files", "gone", "aside", "trees", "folders"])
+def test_a_record_does_not_lead_through_links_of_its_folder(tmp_path: Path, what: str) -> None:
+    outside, out = victim(tmp_path), tmp_path / "out"
+    (out / ".massprops" / "new" / "sub").mkdir(parents=True)
+    (out / ".massprops" / "new" / "sub" / "x").write_text("theirs")
+    (out / "sub").symlink_to(outside)
+    entry = {"by": "one", "key": "", "sha256": "0"}
+    record: dict[str, Any] = {"format": "massprops-outputs/1", "files": {}, "trees": {}, "folders": {}}
+    if what in record:
+        record[what] = {"sub/one": "one" if what == "folders" else entry}
+    else:
+        record["pending"] = {"files": {}, "gone": [], "aside": {}}
+        record["pending"][what] = ["sub/one/x"] if what == "gone" else {"sub/one/x": "one"}
+        record["files"] = {"sub/one/x": entry} if what == "gone" else {}
+    if what == "files":
+        record |= {"files": {}, "pending": {"files": {"sub/x": entry}, "gone": [], "aside": {}}}
+    (out / ".massprops" / "outputs.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match="no link is followed"):
+        {"trees": Outputs.start_over, "folders": Outputs.forget}.get(what, Outputs.recover)(Outputs(out))
+    assert {p.name: p.read_text() for p in outside.rglob("*") if p.is_file()} == {"x": "mine"}

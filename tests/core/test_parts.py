@@ -38,3 +38,14 @@ def test_a_damaged_part_is_made_again_and_named(tmp_path: Path) -> None:
 def test_a_full_disk_costs_the_part_and_no_more(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert np.array_equal(Parts(tmp_path / "file" / "x").made("one", lambda: {"a": np.ones(3)})["a"], np.ones(3))
+
+
+def test_work_done_twice_on_other_data_has_parts_of_its_own(tmp_path: Path) -> None:
+    parts = Parts(tmp_path)
+    for number, inner in enumerate((parts, parts.within("a"), parts.within("b"), parts.within("a").within("b"))):
+        assert inner.made("one", lambda number=number: {"n": np.array(number)})["n"] == number  # type: ignore[misc]
+    assert parts.within("a").made("one", lambda: {"n": np.array(9)})["n"] == 1
+    for file in tmp_path.iterdir():
+        file.write_bytes(b"")
+    parts.within("b").made("one", lambda: {"n": np.array(2)})
+    assert parts.damaged == ["b: one"], "and what was damaged is told once, of all"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from massprops.core.processes import muffled
+from massprops.core.processes import muffled, overheard
 
 
 def test_what_native_code_prints_is_kept_away_while_it_lasts(capfd: pytest.CaptureFixture[str]) -> None:
@@ -37,3 +39,29 @@ def test_a_limit_on_address_space_is_named() -> None:
         command = ["bash", "-c", f'ulimit -v {limit}; exec "$@"', "-", sys.executable, "-c", code]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         assert says in done.stdout and bool(says) == bool(done.stdout.strip())
+
+
+def test_what_native_code_prints_is_overheard_on_both_streams(capfd: pytest.CaptureFixture[str]) -> None:
+    print("before")
+    with overheard() as said:
+        ctypes.CDLL(None).puts(b"of a library")
+        os.write(2, b"and more\n")
+        print("by way of Python")
+    print("after")
+    assert capfd.readouterr() == ("before\nafter\n", "")
+    assert sorted(said[0].splitlines()) == ["and more", "by way of Python", "of a library"]
+
+
+def test_a_mesh_library_without_its_parts_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "pymeshlab.py").write_text(
+        "import os\nos.write(1, b'Cannot load library (libOpenGL.so.0: cannot open shared object file: No such file)')\n"
+        "class MeshSet:\n    def __init__(self, verbose): pass\n"
+    )
+    code = "from massprops.native import mesh_set; mesh_set([[0, 0, 0]], [[0, 0, 0]])"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.stdout == "" and done.stderr.splitlines()[-1].endswith(
+        "libOpenGL.so.0: cannot open shared object file; type: sudo apt-get install libopengl0"
+    )

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
-from massprops.dense.reconstruct import _unexplained, crop, dense_points, grey_noise
+from massprops.dense.reconstruct import DenseOptions, _unexplained, crop, dense_points, grey_noise
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
 
 SIZE, FOCAL, DISTANCE = 128, 300.0, 5.0
+
+
+class Seen(NamedTuple):
+    xyz: np.ndarray
+    obs_view: np.ndarray
+    obs_point: np.ndarray
 
 
 def texture(p: np.ndarray) -> np.ndarray:
@@ -56,13 +64,13 @@ def sphere_views(n: int = 9, step: float = 7.0, noise: float = 1.0, flat: bool =
     xyz = rng.standard_normal((400, 3))
     xyz /= np.linalg.norm(xyz, axis=1, keepdims=True)
     view, point = np.nonzero(np.einsum("nj,mj->nm", views.centres, xyz) > 1.5)
-    return views, images, xyz, view, point
+    return views, images, Seen(xyz, view, point)
 
 
 @pytest.fixture(scope="module")
 def solved():  # type: ignore[no-untyped-def]
-    views, images, xyz, view, point = sphere_views()
-    points, facts = dense_points(views, lambda i: images[i], xyz, view, point, seed=3, threads=2)
+    views, images, seen = sphere_views()
+    points, facts = dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3, threads=2))
     return views, points, facts
 
 
@@ -97,20 +105,20 @@ def test_visibility_lists_are_whole(solved) -> None:  # type: ignore[no-untyped-
 
 
 def test_one_thread_and_two_give_the_same() -> None:
-    views, images, xyz, view, point = sphere_views(5)
-    one, two = (dense_points(views, lambda i: images[i], xyz, view, point, seed=3, threads=k)[0] for k in (1, 2))
+    views, images, seen = sphere_views(5)
+    one, two = (dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3, threads=k))[0] for k in (1, 2))
     assert np.array_equal(one.xyz, two.xyz) and np.array_equal(one.sigma, two.sigma)
 
 
 def test_a_surface_without_texture_is_not_invented() -> None:
-    views, images, xyz, view, point = sphere_views(5, flat=True)
+    views, images, seen = sphere_views(5, flat=True)
     with pytest.raises(NotPossible, match="surface points agree"):
-        dense_points(views, lambda i: images[i], xyz, view, point)
+        dense_points(views, lambda i: images[i], seen)
 
 
 def test_edges_of_shadows_that_move_are_not_matched() -> None:
-    views, images, xyz, view, point = sphere_views()
-    bright = len(dense_points(views, lambda i: images[i], xyz, view, point, seed=3)[0].xyz)
+    views, images, seen = sphere_views()
+    bright = len(dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3))[0].xyz)
     shaded = []
     for i, (image, mask) in enumerate(images):
         v, u = np.nonzero(mask)
@@ -124,7 +132,7 @@ def test_edges_of_shadows_that_move_are_not_matched() -> None:
         image = image.copy()
         image[v[dark], u[dark]] //= 5
         shaded.append((image, mask))
-    points = dense_points(views, lambda i: shaded[i], xyz, view, point, seed=3)[0]
+    points = dense_points(views, lambda i: shaded[i], seen, DenseOptions(seed=3))[0]
     off = np.abs(np.linalg.norm(points.xyz, axis=1) - 1)
     assert len(points.xyz) > 0.85 * bright
     assert np.mean(off > 0.02) < 0.08
@@ -136,15 +144,15 @@ def test_further_views_ask_only_for_what_is_not_known() -> None:
     v, u = np.mgrid[5:35, 5:25].reshape(2, -1)
     found = _unexplained(mask, np.column_stack([u, v]) + 0.2)
     assert np.all(found[mask == 0] == 0) and np.all(found[5:35, 5:25] == 1) and np.all(found[5:35, 25:45] == 2)
-    views, _, xyz, view, point = sphere_views(60, step=2.0)
-    choice = select_views(views, xyz, view, point)
+    views, _, seen = sphere_views(60, step=2.0)
+    choice = select_views(views, seen)
     assert len(choice.reference) > 40 and choice.whole.sum() == 40
-    assert np.array_equal(choice.reference[choice.whole], select_views(views, xyz, view, point, 40).reference)
+    assert np.array_equal(choice.reference[choice.whole], select_views(views, seen, 40).reference)
 
 
 def test_sources_lie_at_useful_angles() -> None:
-    views, _, xyz, view, point = sphere_views(30, step=3.0)
-    choice = select_views(views, xyz, view, point, most=12)
+    views, _, seen = sphere_views(30, step=3.0)
+    choice = select_views(views, seen, most=12)
     assert len(choice.reference) == 12
     for i, sources in zip(choice.reference, choice.sources, strict=True):
         cosine = views.R[sources][:, 2] @ views.R[i][2]
@@ -154,9 +162,9 @@ def test_sources_lie_at_useful_angles() -> None:
 
 
 def test_views_without_partners_are_said() -> None:
-    views, images, xyz, view, point = sphere_views(3, step=60.0)
+    views, images, seen = sphere_views(3, step=60.0)
     with pytest.raises(NotPossible, match="too few views"):
-        dense_points(views, lambda i: images[i], xyz, view, point)
+        dense_points(views, lambda i: images[i], seen)
 
 
 def test_crop_keeps_the_rays() -> None:

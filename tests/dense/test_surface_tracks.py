@@ -93,7 +93,7 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     from massprops.sfm.surface_tracks import with_surface
 
     quiet()
-    views, images, xyz, view, point = sphere_views(9)
+    views, images, (xyz, view, point) = sphere_views(9)
     few = point < 60
     model = sphere_model(views, xyz, view[few], point[few], 0.6)
     options = RefineOptions()
@@ -117,7 +117,7 @@ def test_without_texture_the_model_stays():
     from massprops.sfm.refine import RefineOptions, model_precision
     from massprops.sfm.surface_tracks import with_surface
 
-    views, images, xyz, view, point = sphere_views(9, flat=True)
+    views, images, (xyz, view, point) = sphere_views(9, flat=True)
     model = sphere_model(views, xyz, view, point, 0.3)
     before = model_precision(model, False, 0, 0.5)
     assert with_surface(model, before, lambda i: images[i], RefineOptions(), False, False, 0, 1) is before

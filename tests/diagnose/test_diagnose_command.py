@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from report.browser import check_page, needs_browser
 
 from massprops.diagnosis.search.misfit import mean_square, whiteness
 from massprops.estimators.batch.linearise import Residuals
@@ -51,6 +52,11 @@ def test_the_files_are_there_and_say_the_same(damped) -> None:
     assert head.startswith("#timestamp [ns],channel") and first.split(",")[1] == "tracks"
     page = (out / "report.html").read_text()
     assert "viscous-damping" in page and "<svg" in page and "http" not in page.split("<body")[1].split("www.w3.org")[0]
+
+
+@needs_browser
+def test_the_page_fits_its_window_and_is_accessible(damped, tmp_path) -> None:
+    check_page(damped[1] / "report.html", tmp_path)
 
 
 def test_effects_without_their_surroundings_are_skipped_and_said(damped) -> None:

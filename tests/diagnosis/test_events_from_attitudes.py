@@ -10,11 +10,12 @@ from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import decides, diagnose_by_balance
 from massprops.diagnosis.document import rate_change
 from massprops.diagnosis.effect_columns import Term, forcing_of
+from massprops.diagnosis.effect_search import moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.screen import screened
-from massprops.diagnosis.selection import moved_to_best, rms
+from massprops.diagnosis.selection import rms
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
 from massprops.effects import effects
 from massprops.sequence.data import AttitudeSeries, Environment, Sequence
@@ -51,7 +52,7 @@ def test_a_contact_is_found_at_its_time_with_its_length_and_what_it_does() -> No
     record = record_of_attitudes(series, Environment())
     held = (("duration", 0.013), ("parts", 1), ("time", 0.12))
     h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
-    found = moved_to_best(record, fit_hypothesis(record, h, BALL), 1 / RATE)
+    found = moved_to_best(fit_hypothesis(record, h, BALL), 1 / RATE)
     settled = dict(found.hypothesis.terms[0].held)
     assert settled["time"] == pytest.approx(BEGINS, abs=1.5e-3)
     assert settled["duration"] == pytest.approx(LASTS, abs=3e-3)

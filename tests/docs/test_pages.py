@@ -7,15 +7,18 @@ import csv
 import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import massprops
 from massprops.campaigns.papers import papers
 from massprops.campaigns.papers._references import REFERENCES
+from massprops.sequence import Sequence, read_sequence
 from massprops_cli.main import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -88,9 +91,31 @@ def test_a_table_of_tracks_becomes_a_sequence(tmp_path: Path) -> None:
             tracks.timestamp_ns, tracks.camera, tracks.feature, tracks.uv, strict=True
         ):
             table.writerow([stamp * 1e-9, camera, point, x, y])
-    script = ROOT / "samples/tracks_to_sequence.py"
     options = ["--focal", "1000", "--size", "1280x1024", "--baseline", "1.0"]
-    subprocess.run([sys.executable, str(script), "tracks.csv", "seq", *options], cwd=tmp_path, check=True)
-    from massprops.sequence import read_sequence
+    found = by_script(tmp_path, "--tracks", "tracks.csv", *options)
+    assert len(found.tracks.uv) == len(tracks.uv) and found.attitude is None
 
-    assert len(read_sequence(tmp_path / "seq").tracks.uv) == len(tracks.uv)
+
+def by_script(folder: Path, *options: str) -> Sequence:
+    """The sequence that `samples/tables_to_sequence.py` makes of tables in a folder."""
+    script = ROOT / "samples/tables_to_sequence.py"
+    subprocess.run([sys.executable, str(script), "seq", *options], cwd=folder, check=True)
+    return read_sequence(folder / "seq")
+
+
+def test_a_table_of_attitudes_becomes_a_sequence_in_either_convention(tmp_path: Path) -> None:
+    true = massprops.simulate("tracks", frames=30, attitude=0.005, seed=2).sequence.attitude
+    times = true.timestamp_ns * 1e-9
+    q = true.q
+    np.savetxt(tmp_path / "plain.csv", np.column_stack([times, q]), delimiter=",", header="time,w,x,y,z")
+    other = np.column_stack([times, -q[:, 1:], q[:, 0], np.full(len(q), 0.002)])[::-1]
+    np.savetxt(tmp_path / "tracker.csv", other, delimiter=",")
+    rates = np.column_stack([times[::2], np.tile([0.1, 0.2, 0.3], (len(times[::2]), 1))])
+    np.savetxt(tmp_path / "rates.csv", rates, delimiter=",")
+
+    found = by_script(tmp_path, "--attitudes", "plain.csv", "--attitude-sigma", "0.004", "--rates", "rates.csv")
+    assert np.allclose(found.attitude.q, q, atol=1e-7) and np.allclose(found.attitude.sigma, 0.004)
+    assert np.array_equal(found.attitude.timestamp_ns, true.timestamp_ns) and len(found.rates.w) == 15
+    shutil.rmtree(tmp_path / "seq")
+    found = by_script(tmp_path, "--attitudes", "tracker.csv", "--scalar-last", "--into-body")
+    assert np.allclose(found.attitude.q, q, atol=1e-7) and np.allclose(found.attitude.sigma, 0.002)

@@ -75,6 +75,24 @@ def test_nerfstudio_cameras_see_the_points_where_they_were(run: Path, tmp_path: 
         assert frame["fl_y"] * -y / -z + frame["cy"] - 0.5 == pytest.approx(ours[1] / ours[2])
 
 
+def test_nerfstudio_in_a_reader_of_its_data_sets(run: Path, tmp_path: Path) -> None:
+    """Nerfstudio itself needs torch; NerfBaselines reads the same data sets without it."""
+    reader = pytest.importorskip("nerfbaselines.datasets.nerfstudio", reason="pip install --no-deps nerfbaselines")
+    export(run, "nerfstudio", tmp_path / "transforms.json")
+    views, point, seen = views_of(run), np.array([0.3, -0.2, 0.4]), {}
+    for split in ("train", "test"):
+        found = reader.load_nerfstudio_dataset(str(tmp_path), split, features=frozenset())
+        cameras = found["cameras"]
+        for path, pose, (fx, fy, cx, cy) in zip(found["image_paths"], cameras.poses, cameras.intrinsics, strict=True):
+            x, y, z = pose[:, :3].T @ (point - pose[:, 3])  # camera axes as OpenCV's
+            seen["/".join(Path(path).parts[-2:])] = (fx * x / z + cx - 0.5, fy * y / z + cy - 0.5)
+        assert all(Path(p).is_file() for p in found["mask_paths"])
+    assert len(seen) == 10
+    for i, name in enumerate(views.names):
+        ours = views.K[i] @ (views.R[i] @ point / FACTOR + views.t[i])
+        assert seen[name] == pytest.approx(ours[:2] / ours[2], abs=1e-2), name
+
+
 def test_usd_in_openusd(run: Path, tmp_path: Path) -> None:
     pytest.importorskip("pxr", reason="test extra 'consumers' is not installed")
     from pxr import Gf, Usd, UsdGeom, UsdPhysics

@@ -133,6 +133,22 @@ def test_in_basilisk(run: Path, tmp_path: Path) -> None:
     assert np.allclose(last, rotation_matrix(q[100]), atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["sdf", "urdf"])
+def test_in_drake(run: Path, tmp_path: Path, name: str) -> None:
+    pytest.importorskip("pydrake", reason="test extra 'consumers' is not installed")
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+
+    body, plant = read_body(run), MultibodyPlant(0.0)
+    (model,) = Parser(plant).AddModels(str(export(run, name, tmp_path / f"b.{name}")))
+    plant.Finalize()
+    (index,) = plant.GetBodyIndices(model)
+    found = plant.get_body(index).default_spatial_inertia()
+    about_centre = found.Shift(found.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+    assert found.get_mass() == pytest.approx(body.mass) and np.allclose(found.get_com(), body.center_of_mass)
+    assert np.allclose(about_centre, body.inertia, rtol=1e-12, atol=1e-12 * np.trace(body.inertia))
+
+
 def test_sdf_json_and_csv_read_back(run: Path, tmp_path: Path) -> None:
     from xml.etree import ElementTree
 

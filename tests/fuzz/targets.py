@@ -133,6 +133,12 @@ def _image(folder: Path, name: str) -> object:
     return load(folder / name, 64), found
 
 
+def _mask(folder: Path, name: str) -> object:
+    from massprops.capture.given import load_mask
+
+    return load_mask(folder / name, (16, 12), (16, 12))
+
+
 def _video(folder: Path, name: str) -> object:
     from massprops.capture.video import read_video
 
@@ -232,6 +238,55 @@ def _video_seeds() -> dict[str, list[bytes]]:
     return out
 
 
+def _turning(number: int) -> np.ndarray:
+    """(120, 160, 3) uint8: a textured square, turned, before black sky."""
+    import cv2
+
+    patch = np.random.default_rng(0).integers(60, 255, (14, 14, 3)).astype(np.uint8)
+    out = np.zeros((120, 160, 3), np.uint8)
+    out[25:95, 45:115] = cv2.resize(patch, (70, 70), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.warpAffine(out, cv2.getRotationMatrix2D((80, 60), 8.0 * number, 1.0), (160, 120)))
+
+
+def _encoded(number: int) -> bytes:
+    import cv2
+
+    return bytes(cv2.imencode(".png" if number % 2 else ".jpg", _turning(number))[1])
+
+
+def _photographs_around(folder: Path) -> None:
+    for number in range(6):
+        _write(folder, f"in/{number}.{'png' if number % 2 else 'jpg'}", _encoded(number))
+
+
+def _capture_seeds() -> dict[str, list[bytes]]:
+    import av
+
+    file = io.BytesIO()
+    with av.open(file, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        for number in range(8):
+            for packet in stream.encode(av.VideoFrame.from_ndarray(_turning(number), format="rgb24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return {"in/0.jpg": [_encoded(0)], "in/1.png": [_encoded(1)], "v.mp4": [file.getvalue()]}
+
+
+def _capture(folder: Path, name: str) -> object:
+    """The whole capture stage, over a video or over photographs of which one is changed."""
+    import tempfile
+
+    from massprops.run.job import Job, ReconstructOptions
+    from massprops.run.stages import capture
+
+    source = folder / name if name.endswith("mp4") else folder / "in"
+    with tempfile.TemporaryDirectory() as place:
+        options = ReconstructOptions(source=str(source), frames=8, max_size=160)
+        return capture.run(Job(run=Path(place), options=options, out=Path(place)))
+
+
 def _dump(content: object) -> bytes:
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
 
@@ -286,6 +341,8 @@ def targets() -> dict[str, Callable[[], Target]]:
         "meshes": lambda: Target(_mesh_seeds(), _mesh),
         "runs": lambda: Target(_run_seeds(), _run, _box_run),
         "images": lambda: Target(_image_seeds(), _image),
+        "capture": lambda: Target(_capture_seeds(), _capture, _photographs_around),
+        "masks": lambda: Target(_image_seeds(), _mask),
         "videos": lambda: Target(_video_seeds(), _video),
         "options": lambda: Target({"options.txt": [o.encode() for o in OPTIONS]}, _options),
     }

@@ -13,7 +13,7 @@ from .mutations import mutated
 from .oracle import fault
 from .targets import fresh, restore, targets
 
-SHORT = {"options": 4, "campaign": 10, "videos": 10}
+SHORT = {"options": 4, "campaign": 10, "videos": 10, "capture": 8}
 
 
 @pytest.mark.parametrize("name", targets())

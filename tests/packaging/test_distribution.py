@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from massprops.native import advice
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -104,3 +106,16 @@ def test_without_pycolmap_reconstruct_says_what_to_do(tmp_path: Path, monkeypatc
     with pytest.raises(InputError, match="arm64"):
         reconstruct.reconstruct(ROOT / "samples/spacecraft.mp4", tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("message", "package"),
+    [
+        ("libusb-1.0.so.0: cannot open shared object file", "libusb-1.0-0"),
+        ("libidn2.so.0: cannot open shared object file", "libidn2-0"),
+        ("libcom_err.so.2: cannot open shared object file", "libcom-err2"),
+    ],
+)
+def test_a_missing_system_library_is_told_with_its_package(message: str, package: str) -> None:
+    assert advice(message) == f"type: sudo apt-get install {package}"
+    assert "doctor" in advice("undefined symbol")

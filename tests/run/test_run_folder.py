@@ -206,3 +206,20 @@ def test_results_of_a_stopped_run_are_not_called_of_other_inputs(tmp_path: Path,
     FLAGS.clear()
     outcome = go(run, package)
     assert outcome.exit_code == 0 and outcome.warnings == []
+
+
+@pytest.mark.parametrize("name", ["first.log", "first.parts", "first.parts/key", "second", "first.request.json"])
+def test_links_in_work_lead_nowhere(tmp_path: Path, package: str, name: str) -> None:
+    run, outside = tmp_path / "run", tmp_path / "outside"
+    go(run, package)
+    (outside / "kept").mkdir(parents=True)
+    (outside / "kept" / "x").write_text("mine")
+    link = run / "work" / name
+    if link.is_dir():
+        shutil.rmtree(link)
+    link.unlink(missing_ok=True)
+    link.parent.mkdir(exist_ok=True)
+    link.symlink_to(outside / "kept" / "x" if name.endswith(("log", "json")) else outside)
+    with pytest.raises(InputError, match="is a link, and no link is followed"):
+        go(run, package, frames=10)
+    assert [p.name for p in outside.rglob("*")] == ["kept", "x"] and (outside / "kept" / "x").read_text() == "mine"

@@ -7,7 +7,7 @@ import pytest
 import scene
 
 from massprops.sfm.distinct import describe, match_distinct, repeating, unit
-from massprops.sfm.guided import Gate, match_onto, match_placed, place
+from massprops.sfm.guided import Gate, match_onto, match_placed, place, seen_alike
 from massprops.sfm.points import project
 
 
@@ -128,3 +128,17 @@ def test_one_placed_image_predicts_nothing():
     views, points = scene.make(6, 20)
     clock = {n: float(i) for i, n in enumerate(views.names)}
     assert len(predicted(views.take(np.array([2])), points, list(views.names), clock)) == 0
+
+
+def test_a_view_of_few_tracks_borrows_depth_from_views_of_its_side():
+    views, points = scene.make(6, 300, seed=4, step_deg=16)
+    # view 2 has three tracks; what only view 5 saw, 48 degrees on, is no neighbour's
+    only_last = points.obs_point >= 200
+    keep = np.where(points.obs_view == 2, points.obs_point < 3, ~only_last | (points.obs_view == 5))
+    tracks = points.observed(keep)
+    index, at = seen_alike(views, tracks, 2)
+    assert set(index) == set(range(200))
+    truth = points.obs_uv[points.obs_view == 2]
+    np.testing.assert_allclose(at, truth[index], atol=1e-6)
+    assert np.isnan(place(views, tracks, 2, truth).depth).all()
+    assert np.isfinite(place(views, tracks, 2, truth, lent=True).depth).all()

@@ -175,6 +175,59 @@ def image_noise(c: dict[str, Any]) -> np.ndarray:
     return np.concatenate([np.tile(scale, 2 * c["features"]), np.full(c["features"], c["disparity_sigma"])])
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """One step's measurements as the update takes them.
+
+    Attributes:
+        C, spin: of the cameras' axes; z (B, rows): measured.
+        acceleration: (B, 3) of Euler's equations as a measurement; None without.
+        wide: (B, rows) 1-sigma, of the constraint's rows too.
+    """
+
+    setup: Setup
+    C: np.ndarray
+    spin: np.ndarray
+    z: np.ndarray
+    acceleration: np.ndarray | None
+    wide: np.ndarray
+    flow_sigma: float
+
+    def observe(self, s: State, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and their Jacobian of the runs `which`."""
+        layout = self.setup.layout
+        value, H, _ = images(layout, s, self.setup.cameras, self.C, self.spin, True, True)
+        residual = self.z[which] - value
+        if self.acceleration is not None:
+            more, jacobian = euler_constraint(layout, s, self.acceleration[which])
+            residual, H = np.concatenate([residual, more], axis=1), np.concatenate([H, jacobian], axis=1)
+        return residual, for_layout(layout, s, H)
+
+    def curvature(self, s: State, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and spread that the images' second order adds."""
+        layout, cameras = self.setup.layout, self.setup.cameras
+        mean, spread = image_curvature(layout, s, P, cameras, self.C, self.spin, True, True)
+        more = ((0, 0), (0, self.wide.shape[1] - mean.shape[1]))
+        return np.pad(mean, more), np.pad(spread, more)
+
+    def spread(self, s: State, P: np.ndarray) -> np.ndarray:
+        """The spread alone."""
+        return self.curvature(s, P)[1]
+
+    def suspect(self, s: State, P: np.ndarray) -> np.ndarray:
+        """Runs whose images bend by more than their noise."""
+        return bends(self.setup.layout, s, P, self.flow_sigma)
+
+    def corrected(self, state: State, P: np.ndarray, second_order: str) -> Updated:
+        """The update, with the images' second order from the `prior`, from the `posterior`, or without."""
+        layout, rule = self.setup.layout, self.setup.rule
+        if second_order == "prior":
+            return update(layout, state, P, self.observe, self.wide, rule, self.curvature(state, P))
+        if second_order == "posterior":
+            return update_again(layout, state, P, self.observe, self.wide, rule, self.spread, self.suspect)
+        return update(layout, state, P, self.observe, self.wide, rule)
+
+
 def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
     """The filter over all steps, all runs at once."""
     setup = Setup(c)
@@ -201,16 +254,6 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
             setup.sensed(step, sensor[:, step - 1]) if c["pseudo"] == "sensor" else rates.take(step, z)
         )
 
-        def observe(
-            s: State, which: np.ndarray, z=z, C=C, spin=spin, acceleration=acceleration
-        ) -> tuple[np.ndarray, np.ndarray]:
-            value, H, _ = images(layout, s, setup.cameras, C, spin, True, True)
-            residual = z[which] - value
-            if acceleration is not None:
-                more, slope_ = euler_constraint(layout, s, acceleration[which])
-                residual, H = np.concatenate([residual, more], axis=1), np.concatenate([H, slope_], axis=1)
-            return residual, for_layout(layout, s, H)
-
         state, P = predict(
             layout, state, P, setup.times[step - 1], setup.times[step], setup.surroundings, process, setup.largest_rate
         )
@@ -220,24 +263,8 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
         if acceleration is not None:
             wide = np.concatenate([wide, np.sqrt(doubt**2 + constraint_curvature(layout, state, P))], axis=1)
 
-        def bend(s: State, P: np.ndarray, C=C, spin=spin, rows=wide.shape[1]) -> tuple[np.ndarray, np.ndarray]:
-            mean, spread = image_curvature(layout, s, P, setup.cameras, C, spin, True, True)
-            more = ((0, 0), (0, rows - mean.shape[1]))
-            return np.pad(mean, more), np.pad(spread, more)
-
-        if c["second_order"] == "prior":
-            done = update(layout, state, P, observe, wide, setup.rule, bend(state, P))
-        elif c["second_order"] == "posterior":
-
-            def spread(s: State, P: np.ndarray, bend=bend) -> np.ndarray:
-                return bend(s, P)[1]
-
-            def suspect(s: State, P: np.ndarray) -> np.ndarray:
-                return bends(layout, s, P, c["flow_sigma_per_s"])
-
-            done = update_again(layout, state, P, observe, wide, setup.rule, spread, suspect)
-        else:
-            done = update(layout, state, P, observe, wide, setup.rule)
+        seen = _Seen(setup, C, spin, z, acceleration, wide, c["flow_sigma_per_s"])
+        done = seen.corrected(state, P, c["second_order"])
         state, P = done.state, done.P
         used += done.iterations
         states.append(state)

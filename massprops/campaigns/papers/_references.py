@@ -7,13 +7,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Reference:
-    """authors; title; journal with volume and page; year; doi, empty where none is known to us."""
+    """Of one paper.
+
+    Attributes:
+        journal: with volume and page. doi: empty where none is known to us.
+        doi_seen: whether the DOI stands on the paper or its publisher's page; else it was noted from a citation.
+    """
 
     authors: str
     title: str
     journal: str
     year: int
     doi: str = ""
+    doi_seen: bool = True
 
 
 REFERENCES = {
@@ -23,6 +29,7 @@ REFERENCES = {
         "Advances in Space Research 59, 236-251",
         2017,
         "10.1016/j.asr.2016.10.002",
+        doi_seen=False,
     ),
     "kabir2025": Reference(
         "R. H. Kabir, X. Bai",
@@ -44,6 +51,7 @@ REFERENCES = {
         "CSME International Congress, Toronto",
         2018,
         "10.25071/10315/35405",
+        doi_seen=False,
     ),
     "hu2024": Reference(
         "Q. Hu, S. Wu, F. Meng, Z. Wu",

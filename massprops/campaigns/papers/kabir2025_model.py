@@ -15,9 +15,6 @@ from massprops.estimators.unscented import Measurements, Noise, Run, Settings, S
 from massprops.estimators.unscented.foresight import Foresight, foresee_features
 from massprops.sensing.pinhole import Pinhole
 
-CHANNELS = 9
-"""Per feature: u_R, v_R, u_L, v_L, disparity, and the rates of the first four (paper, section 2.2.2)."""
-
 
 @lru_cache(maxsize=8)
 def truth(moments: tuple[float, ...], w0: tuple[float, ...], n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -43,7 +40,8 @@ def cameras(configuration: dict[str, Any]) -> tuple[Pinhole, Pinhole]:
 
 
 def images(configuration: dict[str, Any], q: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Noise-free measurements (n, m, 9) of the features, in the order of `CHANNELS`."""
+    """Noise-free measurements (n, m, 9) of the features, each u_R, v_R, u_L, v_L, disparity, and the rates of the first four
+    (paper, section 2.2.2)."""
     p = np.array(configuration["features_m"], float)
     f, b = configuration["focal_length"], configuration["baseline_m"]
     X = np.array(configuration["position_m"]) + rotate(q[:, None], p[None])

@@ -15,7 +15,7 @@ from massprops.diagnosis.discovery.effect_source import effect_of, source_of
 from massprops.diagnosis.discovery.library import STEPS, Group, LibraryTerm, columns_of, library, own_frequencies
 from massprops.diagnosis.discovery.regression import Found, Regression, probabilities, regression_of, search
 from massprops.diagnosis.effect_columns import Term
-from massprops.diagnosis.held_out import held_out_rms
+from massprops.diagnosis.held_out import fitted_rms, held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.momentum_balance import Balance, torque_forcing
 from massprops.diagnosis.record import Record
@@ -113,7 +113,7 @@ def _regression(at: HypothesisFit, groups: list[Group], terms: list[LibraryTerm]
     plain = [b for b in at.blocks if b.name in ("base", "gyroscope scale")]
     fixed = np.concatenate([b.columns for b in plain], axis=1) / noise[:, None]
     sd = np.concatenate([at.posterior.sd[b.name] for b in plain])
-    over = 1.0 / (np.repeat(record.rows.sigma, 3) * noise)
+    over = 1.0 / (record.rows.spread * noise)
     members, at_column = [], 0
     for group in groups:
         members.append(tuple(range(at_column, at_column + len(group.terms))))
@@ -174,7 +174,8 @@ def document_of_law(law: Law | None) -> dict[str, Any]:
     name = law.effect.NAME
     values = law.alone.values[name]
     sigma = np.sqrt(np.maximum(np.diag(law.alone.covariance[name]), 0.0))
-    held = {"before": held_out_rms(law.base), "after": held_out_rms(law.alone)}
+    noise = noise_floor(law.beside)
+    held = {"before": held_out_rms(law.base, noise), "after": held_out_rms(law.alone, noise)}
     return {
         "formula": formula(law.terms, values),
         "stated": not law.doubt,
@@ -185,7 +186,7 @@ def document_of_law(law: Law | None) -> dict[str, Any]:
         ],
         "evidence": law.evidence - law.base.evidence,
         "evidence_against_unknown": law.evidence - law.unknown.evidence,
-        "fitted": {"before": _rms(law.base.residual), "after": _rms(law.alone.residual)},
+        "fitted": {"before": fitted_rms(law.base, noise), "after": fitted_rms(law.alone, noise)},
         "held_out": {k: v if np.isfinite(v) else None for k, v in held.items()},
         "effect": "law.py",
         "model": "law.yaml",

@@ -8,9 +8,6 @@ from massprops.diagnosis.discovery.law import Law, discover, document_of_law, mo
 from massprops.diagnosis.sequence_record import record_of_sequence
 from massprops.sequence.data import Sequence
 
-LAW_FILES = ("law.py", "law.yaml")
-"""Beside the files of a diagnosis: the effect, and the model with its parameters."""
-
 
 def law_of_sequence(sequence: Sequence) -> Law | None:
     """The law that a sequence asks for, or None.

@@ -6,43 +6,31 @@ from typing import Any
 
 import numpy as np
 
+from massprops.diagnosis.page_parts import assemble, law, not_tried, notes, verdict, wheel
 from massprops.diagnosis.search.body_picture import body_picture
 from massprops.diagnosis.search.result import Diagnosis
 from massprops.estimators.batch.linearise import Residuals
 from massprops.estimators.batch.measurements import Measurements
 from massprops.report.html import number, plot, table, text
-from massprops.report.page import document as whole_page
 
 BINS = 120
 ARROWS = 14
-KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": "warning"}
 
 
 def page(d: Diagnosis) -> str:
     """`report.html`, one file that opens offline."""
-    sections = [
-        ("verdict", "Verdict", _verdict(d.document)),
-        ("gap", "The gap before and after", _gap(d)),
-        ("where", "Where", _where(d)),
-        ("candidates", "Candidates", _candidates(d.document)),
-        ("motion", "Momentum and energy", _motion(d)),
-        ("torque", "Torque recovered without a model", _torque(d)),
-        ("notes", "Notes", _notes(d.document)),
-    ]
-    body = "".join(f'<section id="{i}"><h2>{t}</h2>{b}</section>' for i, t, b in sections if b)
-    links = "".join(f'<a href="#{i}">{t}</a>' for i, t, b in sections if b)
-    return whole_page("massprops · diagnosis", body, links, "")
-
-
-def _verdict(doc: dict[str, Any]) -> str:
-    said = f'<div class="{KIND[doc["verdict"]]}"><b>{text(doc["verdict"])}</b>. {text(doc["reason"])}</div>'
-    rows = []
-    for e in doc["effects"]:
-        for name, value in e["parameters"].items():
-            rows.append((e["name"], name, f"{number(value, 4)} ± {number(e['sigma'][name], 2)}", e["units"][name]))
-    found = table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,)) if rows else ""
-    axes = f"<p>{text(doc['axes'])}</p>" if rows else ""
-    return said + found + axes + _hidden_mass(doc)
+    return assemble(
+        [
+            ("verdict", "Verdict", verdict(d.document) + _hidden_mass(d.document)),
+            ("law", "A law for what is left", law(d.document)),
+            ("gap", "The gap before and after", _gap(d)),
+            ("where", "Where", _where(d)),
+            ("candidates", "Candidates", _candidates(d.document)),
+            ("motion", "Momentum and energy", _motion(d)),
+            ("torque", "Torque recovered without a model", _torque(d)),
+            ("notes", "Notes", notes(d.document)),
+        ]
+    )
 
 
 def _hidden_mass(doc: dict[str, Any]) -> str:
@@ -186,12 +174,10 @@ def _candidates(doc: dict[str, Any]) -> str:
         )
         for c in doc["candidates"]
     ]
-    skipped = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in doc["skipped"].items())
     head = ("effects", "BIC gained", "fitted", "held out", "correlation z", "implausible")
-    left = f"<p>Not tried:</p><ul>{skipped}</ul>" if skipped else ""
     return (
         table(rows, head, numeric=(1, 2, 3, 4)) if rows else "<p>The base model is enough; none was tried.</p>"
-    ) + left
+    ) + not_tried(doc)
 
 
 def _motion(d: Diagnosis) -> str:
@@ -215,9 +201,7 @@ def _rotor(d: Diagnosis) -> str:
         return ""
     history = rotor_history(d)
     assert history is not None
-    return "<h3>Momentum of the wheel</h3>" + plot(
-        [("along its axis", history[0], history[1])], "time [s]", "momentum over mean moment [rad/s]"
-    )
+    return "<h3>Momentum of the wheel</h3>" + wheel(history[0], history[1])
 
 
 def rotor_history(d: Diagnosis) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -247,7 +231,3 @@ def _torque(d: Diagnosis) -> str:
         + plot(series, "time [s]", "torque [rad/s²]")
         + table(rows, ("direction", "correlation along", "share of power along"))
     )
-
-
-def _notes(doc: dict[str, Any]) -> str:
-    return "<ul>" + "".join(f"<li>{text(w)}</li>" for w in doc["warnings"]) + "</ul>" if doc["warnings"] else ""

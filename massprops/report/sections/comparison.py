@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from massprops.exchange.compare import spoken
 from massprops.report.data import RunData
 from massprops.report.html import Safe, between, number, table, text
 from massprops.report.viewer import viewer
@@ -60,7 +61,7 @@ def _quantities(rows: Sequence[dict[str, Any]]) -> str:
     return table(
         [
             (
-                r["quantity"].replace("center_of_mass_", "centre of mass ").replace("axis_", "axis of I"),
+                spoken(r["quantity"]),
                 "" if r.get("unit") == "deg" else number(r.get("cad")),
                 "" if r.get("unit") == "deg" else number(r.get("ours")),
                 str(r.get("error_text", "")).replace("-", "−"),

@@ -14,6 +14,8 @@ from massprops.report.scene import read_scene
 from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Answer", 0
+MOMENTS = ("smallest principal moment", "middle one", "largest one")
+RATIOS = {"k1": "ln(I1/I2)", "k2": "ln(I2/I3)"}
 BOXES = {"high": "done", "medium": "warning", "low": "stopped"}
 
 
@@ -90,8 +92,8 @@ def _answer(data: RunData) -> str:
     rows = [
         _row("Volume", d["volume"], f"{length}³", interval.get("volume")),
         _row("Mass", d["mass"], mass, interval.get("mass"), _density(data)),
-        *(_row(f"I{i + 1}", m, inertia, moments[i]) for i, m in enumerate(d["principal_moments"])),
-        *(_row(k, d["inertia_ratios"][k], "", interval.get(k), relative=False) for k in ("k1", "k2")),
+        *(_row(f"I{i + 1}", m, inertia, moments[i], MOMENTS[i]) for i, m in enumerate(d["principal_moments"])),
+        *(_row(k, d["inertia_ratios"][k], "", interval.get(k), note, relative=False) for k, note in RATIOS.items()),
     ]
     centre, wide = ", ".join(number(v, 4) for v in d["center_of_mass"]), interval.get("center_of_mass")
     off = "" if not wide else f"± {number(max(0.5 * (high - low) for low, high in wide), 2)} {length}"

@@ -15,10 +15,14 @@ from massprops.capture.inputs import Input, open_inputs, same_cameras
 from massprops.capture.motion import Scene, camera_places, judge
 from massprops.core.inputs import read_image
 from massprops.errors import InputError
+from massprops.memory import refuse_beyond
 from massprops.run.job import Job
 
 READS = ()
 OPTIONS = ("source", "more", "frames", "max_size", "motion", "masks", "focal")
+
+BYTES_PER_PIXEL = 4
+"""Colours and silhouette of every image, which the dense stage holds at once; nothing holds more."""
 
 
 def run(job: Job) -> dict:
@@ -50,6 +54,7 @@ def run(job: Job) -> dict:
         if placed
         else choose_all(sources, judged, options.frames)
     )
+    _refuse_too_many(sources, chosen, options.max_size)
     cameras, frames = _write_placements(job, placed, chosen) if placed else _write_streams(job, sources, chosen)
     for line in dict.fromkeys(line for c in chosen for line in c.warnings):
         job.warn(line)
@@ -79,6 +84,25 @@ def run(job: Job) -> dict:
     (job.out / "footage.json").write_text(json.dumps(footage, indent=1))
     facts = {k: footage[k] for k in ("kind", "motion", "motion_reason", "background", "given", "used")}
     return {**facts, "cameras": len(cameras)} if len(cameras) > len(sources) else facts
+
+
+def _refuse_too_many(sources: list[Source], chosen: list[Chosen], max_size: int) -> None:
+    """Stops before stereo, hours later, would find that the images do not fit into the memory beside each other.
+
+    Raises:
+        InputError: says how much they would take.
+    """
+    pixels = 0.0
+    for source, c in zip(sources, chosen, strict=True):
+        for index in c.index.tolist():
+            w, h = source.camera(index).size
+            pixels += w * h * min(1.0, max_size / max(w, h)) ** 2
+    count = sum(len(c.index) for c in chosen)
+    refuse_beyond(
+        BYTES_PER_PIXEL * pixels,
+        f"{count} images of up to {max_size} pixels",
+        "ask for fewer --frames or a smaller --max-size",
+    )
 
 
 def _enter_places(

@@ -18,12 +18,12 @@ def run(job: Job) -> dict:
     """Writes points.npz and dense.json."""
 
     from massprops.dense.fusion import nothing_measured
-    from massprops.dense.reconstruct import dense_points
+    from massprops.dense.reconstruct import DenseOptions, dense_points
+    from massprops.sfm.points import SparsePoints
     from massprops.views import Views, undistort
 
     views = Views.load(job.work("join") / "views.npz")
-    with np.load(job.work("join") / "points.npz", allow_pickle=False) as z:
-        xyz, obs_view, obs_point = z["xyz"], z["obs_view"], z["obs_point"]
+    sparse = SparsePoints.load(job.work("join") / "points.npz")
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         colour = read_image(job.work("capture") / "frames" / views.names[i])
@@ -34,10 +34,8 @@ def run(job: Job) -> dict:
         )
 
     try:
-        points, facts = dense_points(
-            views, image, xyz, obs_view, obs_point, job.options.dense_views, job.seed, job.threads, job.progress,
-            parts=job.parts,
-        )  # fmt: skip
+        options = DenseOptions(job.options.dense_views, job.seed, job.threads)
+        points, facts = dense_points(views, image, sparse, options, job.progress, job.parts)
     except NotPossible as error:
         if json.loads((job.work("join") / "join.json").read_text()).get("middle") is None:
             raise

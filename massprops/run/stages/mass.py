@@ -42,46 +42,17 @@ def run(job: Job) -> dict:
     rng = np.random.default_rng([job.seed, 5])
     own = scale.get("source", "none") in OWN_LENGTH
     draws = scaled_replicates(rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng)
-    corners = final[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    measured, inferred = float(surface["observed_fraction"]), float(surface.get("inferred_fraction", 0.0))
-    described = {
-        "watertight": bool(surface["watertight"]),
-        "area": float(0.5 * np.linalg.norm(cross, axis=1).sum()),
-        "observed_fraction": measured,
-        "measured_fraction": measured,
-        "inferred_fraction": inferred,
-        "filled_fraction": max(0.0, 1.0 - measured - inferred),
-    }
     if not metric:
         scale = {**scale, "source": "none", "metres_per_unit": None}
     bounds = intervals(draws, properties)
-    low, high = bounds["volume"]
-    sfm, join = (json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join"))
-    silhouettes = json.loads((job.work("silhouettes") / "silhouettes.json").read_text())
     open_readings = readings_of(json.loads((job.work("shape") / "shape.json").read_text()), factor)
-    trust = confidence(
-        Evidence(
-            half_width=0.5 * (high - low) / properties.volume,
-            filled=described["filled_fraction"],
-            inferred=inferred,
-            hollow_possible=float(surface.get("hollow_possible", 0.0)),
-            hollow_likely=float(surface.get("hollow_likely", 0.0)),
-            images=int(sfm["given"]),
-            used=sum(p["images"] for p in join["joined"]),
-            unjoined=len(join["unjoined"]),
-            valid=float(valid_bodies(draws).mean()),
-            overlap=float(surface.get("silhouette_overlap", 1.0)),
-            cut=len(silhouettes.get("cut_off") or []),
-            scenes=tuple(m["images"] for m in sfm.get("models") or []),
-            misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),
-            readings=tuple(f"{r['reading']} ({r['option']})" for r in open_readings),
-        )
-    )
+    low, high = bounds["volume"]
+    half_width = 0.5 * (high - low) / properties.volume
+    trust = confidence(_evidence(job, surface, half_width, float(valid_bodies(draws).mean()), open_readings))
     partial = surface.get("partial")
     if partial is None and trust["level"] == "low":
         partial = f"low confidence: {trust['because'][0]}"
-    result = document(properties, bounds, scale, described, warnings, density_assumed=assumed)
+    result = document(properties, bounds, scale, _described(surface, final[faces]), warnings, density_assumed=assumed)
     result["confidence"] = trust
     if open_readings:
         result["readings"] = open_readings
@@ -94,6 +65,50 @@ def run(job: Job) -> dict:
         "confidence": trust["level"],
         "partial": partial,
     }
+
+
+def _shares(surface: dict) -> tuple[float, float, float]:
+    """Shares of the surface that were measured, inferred and filled."""
+    measured, inferred = float(surface["observed_fraction"]), float(surface.get("inferred_fraction", 0.0))
+    return measured, inferred, max(0.0, 1.0 - measured - inferred)
+
+
+def _described(surface: dict, corners: np.ndarray) -> dict:
+    """`surface` of `massprops.json`; corners (f, 3, 3) of the triangles in final units."""
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    measured, inferred, filled = _shares(surface)
+    return {
+        "watertight": bool(surface["watertight"]),
+        "area": float(0.5 * np.linalg.norm(cross, axis=1).sum()),
+        "observed_fraction": measured,
+        "measured_fraction": measured,
+        "inferred_fraction": inferred,
+        "filled_fraction": filled,
+    }
+
+
+def _evidence(job: Job, surface: dict, half_width: float, valid: float, readings: list[dict]) -> Evidence:
+    """What the confidence is judged by; half_width: of the volume's interval, valid: share of possible replicates."""
+    sfm, join, silhouettes = (
+        json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join", "silhouettes")
+    )
+    _, inferred, filled = _shares(surface)
+    return Evidence(
+        half_width=half_width,
+        filled=filled,
+        inferred=inferred,
+        hollow_possible=float(surface.get("hollow_possible", 0.0)),
+        hollow_likely=float(surface.get("hollow_likely", 0.0)),
+        images=int(sfm["given"]),
+        used=sum(p["images"] for p in join["joined"]),
+        unjoined=len(join["unjoined"]),
+        valid=valid,
+        overlap=float(surface.get("silhouette_overlap", 1.0)),
+        cut=len(silhouettes.get("cut_off") or []),
+        scenes=tuple(m["images"] for m in sfm.get("models") or []),
+        misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),
+        readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
+    )
 
 
 def readings_of(shape: dict, factor: float) -> list[dict]:

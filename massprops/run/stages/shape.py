@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
+from massprops.core.files import hash_of
 from massprops.core.inputs import read_image
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
 
 if TYPE_CHECKING:
     from massprops.capture.readings import Reading, Scene
-    from massprops.core.parts import Arrays
     from massprops.surface.cloud import Cloud
 
 READS = ("capture", "sfm")
@@ -39,9 +39,9 @@ WHOLE, WHOLLY = 0.6, 0.15
 """Agreement of a measured shape with what hides its support from which it is the whole thing, and by how much better what
 hides the support must agree to take its place. Measured and hidden, shared scenes: a plain jug 0.36 and 0.85, a printed box
 0.66 and 0.61, a banana 0.77 and 0.83, a plate with a handle 0.81 and 0.70; on a plain desk 0.26, 0.37, 0.38 and none."""
-MOST_HELD = 0.8
-"""Share of the measured points that what hides the support must hold to take the measured shape's place: of a brown cup on
-brown wood, whose foot passes for the wood, it holds 0.53."""
+HELD = 0.8
+"""Share of the measured points, in the median view, that the shape which hides the support must hold to be the whole: the
+hull of a grey padlock's dark parts on a grey cloth held 0.63 of them."""
 LEAST_VIEWS = 6
 """Images without which a placement is not tried."""
 
@@ -265,15 +265,20 @@ def _first_shape(job: Job, views, cloud, found, region) -> tuple[np.ndarray, np.
         maps = _occlusion(job, views, cloud, found.plane, region)
         agrees = support_agreement(views, maps, vertices, faces)
         if agrees < WHOLE:
-            hidden = hidden_shape(views, maps, found.plane, region)
-            measured = cloud.xyz[found.member]
-            if (
-                hidden is not None
-                and support_agreement(views, maps, hidden.vertices, hidden.faces) > agrees + WHOLLY
-                and hidden.holds(measured) > MOST_HELD
-            ):
+            hidden = _hidden_whole(views, maps, found.plane, region, (vertices, faces), cloud.xyz[found.member])
+            if hidden is not None and support_agreement(views, maps, hidden.vertices, hidden.faces) > agrees + WHOLLY:
                 return hidden.vertices, hidden.faces, "hides its support"
     return vertices, faces, "measured"
+
+
+def _hidden_whole(views, maps, plane, region, measured, xyz: np.ndarray):  # type: ignore[no-untyped-def]
+    """What hides the support, with what was `measured` (vertices, faces) where the one alone leaves out the other."""
+    from massprops.capture.occlusion import held_share, hidden_by, hidden_shape
+
+    hidden = hidden_shape(views, maps, plane, region)
+    if hidden is not None and held_share(views, hidden.vertices, hidden.faces, xyz) > HELD:
+        return hidden
+    return hidden_shape(views, hidden_by(views, maps, *measured), plane, region)
 
 
 def _measured_shape(job: Job, views, cloud, found):  # type: ignore[no-untyped-def]
@@ -335,8 +340,8 @@ def placement_folder(work: Path, number: int) -> Path:
 
 
 def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
-    """Dense points of the region, whatever they belong to, and their colours (n, 3) uint8; of the same views only once."""
-    from massprops.dense.reconstruct import dense_points
+    """Dense points of the region, whatever they belong to, and their colours (n, 3) uint8."""
+    from massprops.dense.reconstruct import DenseOptions, dense_points
     from massprops.surface.cloud import Cloud
 
     # the depth range of a view comes from its sparse points
@@ -345,22 +350,9 @@ def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         return _image(job, views, i), region.mask(views, i)
 
-    def measured() -> Arrays:
-        points, _ = dense_points(
-            views,
-            image,
-            near.xyz,
-            near.obs_view,
-            near.obs_point,
-            REFERENCES,
-            job.seed,
-            job.threads,
-            job.progress,
-            PIXELS,
-        )
-        return {k: np.asarray(getattr(points, k)) for k in (*Cloud.__dataclass_fields__, "rgb")}
-
-    points = job.parts.made("stereo of " + "\n".join(views.names), measured)
-    cloud = Cloud(*(points[k] for k in Cloud.__dataclass_fields__))
+    options = DenseOptions(REFERENCES, job.seed, job.threads, PIXELS)
+    parts = job.parts.within(hash_of([views.names, region.centre, region.radius]))
+    points, _ = dense_points(views, image, near, options, job.progress, parts)
+    cloud = Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__))
     good = cloud.is_finite
-    return cloud.take(np.flatnonzero(good)).finite(), points["rgb"][good]
+    return cloud.take(np.flatnonzero(good)).finite(), points.rgb[good]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from massprops.capture.before import hidden_share, something_before
 from massprops.capture.frame_edge import cut_off
 from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
 from massprops.core.inputs import read_image
+from massprops.core.parts import Arrays
 from massprops.errors import NotPossible
 from massprops.run.job import Job
 
@@ -140,9 +142,8 @@ def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> 
         other = z["xyz"]
     colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
     own, own_colour = _own_points(folder)
-    hidden = np.zeros(len(index))
-    out = []
-    for done, i in enumerate(index):
+
+    def silhouette(i: int) -> Arrays:
         K, R, t = views.K[i], views.R[i], views.t[i]
         image = undistort(read_image(job.work("capture") / "frames" / views.names[i]), K, views.distortion[i])
         depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
@@ -153,10 +154,16 @@ def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> 
         at, deep = project(own, K, R, t)
         uv_all, bgr_all = np.concatenate([uv, at]), np.concatenate([colour[ahead], own_colour])
         shown = shows_points(image, uv_all, bgr_all, far_from(depth))
-        hidden[done] = hidden_share(depth, at, deep, shown[len(uv) :])
         known = trimap(depth, uv, camera[:, 2], shown[: len(uv)])
         mask = refine(image, known)
-        out.append((mask, overlap(mask, known.drawn)))
+        hidden = hidden_share(depth, at, deep, shown[len(uv) :])
+        return {"mask": mask, "overlap": np.array(overlap(mask, known.drawn)), "hidden": np.array(hidden)}
+
+    hidden, out = np.zeros(len(index)), []
+    for done, i in enumerate(index):
+        found = job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i))
+        hidden[done] = found["hidden"]
+        out.append((found["mask"], float(found["overlap"])))
         job.progress(before + done + 1, len(views), "silhouettes")
     covered = [views.names[i] for i in index[something_before(hidden)]]
     if covered:

@@ -32,6 +32,7 @@ def main() -> None:
     render.add_argument("kind", choices=list(KINDS))
     render.add_argument("numbers", nargs="+", type=int)
     render.add_argument("--poor", choices=POOR, default="")
+    render.add_argument("--frames", type=int, default=88, help="of a new body; the same motion, shown shorter")
     judge = verbs.add_parser("judge", help="run the tool on bodies and judge it")
     judge.add_argument("names", nargs="+")
     judge.add_argument("--held-out", action="store_true", help="allow the bodies that are kept for the end")
@@ -41,7 +42,7 @@ def main() -> None:
     if chosen.verb == "list":
         print("\n".join(sorted(there)))
     elif chosen.verb == "render":
-        wanted = [Footage(kind=chosen.kind, number=n, poor=chosen.poor) for n in chosen.numbers]
+        wanted = [Footage(kind=chosen.kind, number=n, poor=chosen.poor, frames=chosen.frames) for n in chosen.numbers]
         jobs = [Job(name=f.name, prepare=partial(prepare, f), develop=partial(develop, f)) for f in wanted]
         render_all(jobs, root)
     else:

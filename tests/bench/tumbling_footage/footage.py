@@ -38,11 +38,12 @@ SUN = {"sun": 0.0093, "watts": 14.0, "warm": 0.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Footage:
-    """One body and what is wrong with its footage: `poor` is empty or one of `POOR`."""
+    """One body and what is wrong with its footage: `poor` is empty or one of `POOR`; `frames` is for all but few."""
 
     kind: str
     number: int
     poor: str = ""
+    frames: int = 88
 
     @property
     def name(self) -> str:
@@ -63,7 +64,7 @@ class Footage:
     @property
     def count(self) -> int:
         """Frames."""
-        return 16 if self.poor == "few" else 88
+        return 16 if self.poor == "few" else self.frames
 
     def generator(self) -> np.random.Generator:
         """The body's own random numbers; the same for poor footage of it."""

@@ -1,4 +1,4 @@
-"""The schemas as text: `python -m massprops.documents.describe` prints `docs/files.md`."""
+"""The schemas as text: `python docs/generate/file_schemas.py` prints `docs/files.md`."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from massprops.documents.campaign import CampaignFile
 from massprops.documents.environment import EnvironmentFile
 from massprops.documents.fields import field_of, inner
 from massprops.documents.filter import FilterFile
-from massprops.documents.loading import DEEPEST, LARGEST_BYTES, MOST_VALUES
+from massprops.documents.limits import DEEPEST, MOST_VALUES
+from massprops.documents.loading import LARGEST_BYTES
 from massprops.documents.massprops_json import MassFile
 from massprops.documents.model import ModelFile
 from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile
 from massprops.documents.tables import CONVERTED, TABLES, Table
+from massprops.simulation.scenario import Scenario
+from massprops.simulation.track_scenario import TrackScenario
 
 HEAD = f"""# Files that are read and written
 
-Made from the schemas in `massprops/documents` by `python -m massprops.documents.describe`; a test holds it current.
+Made from the schemas in `massprops/documents` by `python docs/generate/file_schemas.py`; a test holds it current.
 A key without a default must be given. An unknown key is refused, with the nearest known one; in `sensor.yaml`, which
 other programs write too, it is left unread with a warning unless it is nearly a known one.
 
@@ -34,9 +37,6 @@ those below. Further columns are not read. A unit that is not known is refused; 
 
 def page() -> str:
     """`docs/files.md`."""
-    from massprops.simulation.scenario import Scenario
-    from massprops.simulation.track_scenario import TrackScenario
-
     parts = [HEAD, *(f"- `{unit}`: {', '.join(f'`{u}`' for u in known)}" for unit, known in CONVERTED.items())]
     parts += ["\n## Tables of a sequence", *map(_table, TABLES)]
     sequence: tuple[tuple[str, Any], ...] = (

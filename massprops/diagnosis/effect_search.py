@@ -1,0 +1,157 @@
+"""The best fit of one effect, or of one more beside others: over what is scanned, then moved to its best."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+
+from massprops.diagnosis import criteria
+from massprops.diagnosis.conserved_start import Start
+from massprops.diagnosis.effect_columns import Term, scan, steps, term_of, variants
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.record import Record
+from massprops.diagnosis.screen import Screened, screened
+from massprops.errors import NotPossible
+
+SCANNED = 3
+"""Values of what is scanned, the most likely after a few passes, that are fitted for each effect to the end."""
+SHORTLISTED = 12
+"""Values of what is scanned, the best in the screen, that are fitted for a few passes: near an event polynomials say
+little of its time."""
+LONGER = 2.0
+"""By how much an event may last longer than the one it began as: a chain of knocks over half a record is no contact."""
+MOST_ALIKE = 0.98
+"""Correlation of neighbouring residuals above which a record would count as no more than a few rows."""
+BALL = Start(inertia=np.eye(3), left=1.0)
+
+
+def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
+    """The best fit of one effect by itself, over what is scanned; None where its parameters have the wrong sign."""
+    view, gap = record.screen or record, float(np.median(np.diff(record.times)))
+    tried = [screened(view, (t,), BALL) for t in scan(effect, record.times, record.path.w[record.rows.at])]
+    best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
+    begun = [(s.terms[0], start) for s in best for start in (s.start, BALL)]
+    if len(best) > 1:
+        begun = _with_variants(record, best, begun, gap)
+    begun += [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
+    found = [admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
+    fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
+    # more than one: a scan stands at different moments of the same event
+    return max((moved_to_best(f, gap) for f in fits[:SCANNED]), key=lambda f: f.evidence, default=None)
+
+
+def _with_variants(
+    record: Record, best: list[Screened], begun: list[tuple[Term, Start]], gap: float
+) -> list[tuple[Term, Start]]:
+    """The most likely of what the screen liked best and of its variants. Where the screen's rates are polynomials through
+    attitudes it says little of an event's moment, and a wrong length spoils the right moment: all have their variants."""
+    if record.screen is not None:
+        return _by_short_fits(record, begun + [(v, BALL) for s in best for v in variants(s.terms[0], gap)])
+    begun = _by_short_fits(record, begun)
+    more = [(v, s) for term, own in begun for v in variants(term, gap) for s in (own, BALL)]
+    return _by_short_fits(record, begun + more) if more else begun
+
+
+def _by_short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[tuple[Term, Start]]:
+    """Those that a few passes on the measurements themselves leave the most likely, with where they came to."""
+    fits = []
+    for term, start in begun:
+        with suppress(NotPossible):
+            fits.append(fit_hypothesis(record, Hypothesis(terms=(term,), latent=False), start, passes=3))
+    fits = sorted(fits, key=lambda f: -f.evidence)
+    different = {f.hypothesis.terms[0]: f for f in reversed(fits)}
+    fits = sorted(different.values(), key=lambda f: -f.evidence)[:SCANNED]
+    return [(f.hypothesis.terms[0], again(f)) for f in fits]
+
+
+def moved_to_best(found: HypothesisFit, gap: float, which: int = 0) -> HypothesisFit:
+    """What was scanned of a fit's effect moved to its best by Nelder and Mead's method.
+
+    Args:
+        gap: between measurements [s]; which: of the effects in the hypothesis.
+    """
+    from scipy.optimize import minimize
+
+    terms = found.hypothesis.terms
+    term = terms[which]
+    size = steps(term, gap)
+    if not size:
+        return found
+    names, held = list(size), dict(term.held)
+    kind = {q.name: q.kind for q in term.effect.PARAMETERS}
+    best = found
+
+    def cost(x: np.ndarray) -> float:
+        nonlocal best
+        values = held | {n: held[n] + v * size[n] for n, v in zip(names, x, strict=True)}
+        if any(values[n] < 0.0 for n in names if kind[n] != "direction"):
+            return 1e12
+        if values.get("duration", 0.0) > max(LONGER * held.get("duration", 0.0), gap):
+            return 1e12
+        moved = (*terms[:which], term_of(term.effect, values), *terms[which + 1 :])
+        try:
+            fit = fit_hypothesis(found.record, replace(found.hypothesis, terms=moved), again(found), passes=3)
+        except NotPossible:
+            return 1e12
+        if not can_be(fit):
+            return 1e12
+        best = fit if fit.evidence > best.evidence else best
+        return -fit.evidence
+
+    minimize(cost, np.zeros(len(names)), method="Nelder-Mead",
+             options={"maxfev": 25 * len(names), "xatol": 0.02, "fatol": 0.1,
+                      "initial_simplex": np.concatenate([np.zeros((1, len(names))), np.eye(len(names))])})  # fmt: skip
+    return admissible(best.record, best.hypothesis, again(best), best.hypothesis.latent) or best
+
+
+def again(fit: HypothesisFit) -> Start:
+    """Where another fit from a fit's solution begins."""
+    return Start(inertia=fit.inertia, left=1.0, axis=fit.axis, history=fit.history)
+
+
+def admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: bool) -> HypothesisFit | None:
+    """The fit of a hypothesis, or None where it leads nowhere or to what cannot be."""
+    h = replace(hypothesis, latent=latent)
+    try:
+        found = fit_hypothesis(record, h, start)
+    except NotPossible:
+        return None
+    return found if can_be(found) else None
+
+
+def can_be(found: HypothesisFit) -> bool:
+    """Whether no parameter is below its least beyond doubt, and an inertia after a change is a body's."""
+    wide = criteria.SHOWN * widening(found.residual)
+    for term in found.hypothesis.terms:
+        least = {q.name: q.least for q in term.effect.PARAMETERS}
+        sd = np.sqrt(np.maximum(np.diag(found.covariance[term.name]), 0.0))
+        for name, value, s in zip(term.unknowns, found.values[term.name], sd, strict=True):
+            lowest = least[name]
+            if lowest is not None and value + wide * s < lowest:
+                return False
+        if hasattr(term.effect, "inertia") and not _is_a_body(found, term):
+            return False
+    return True
+
+
+def widening(residual: np.ndarray) -> float:
+    """By how much sigmas grow when neighbouring residuals (m, k) are alike, as those of a first-order autoregression are:
+    where something else acts too, so many rows say less than as many independent ones."""
+    alike = float(np.sum(residual[1:] * residual[:-1]) / max(float(np.sum(residual**2)), 1e-300))
+    alike = min(max(alike, 0.0), MOST_ALIKE)
+    return float(np.sqrt((1.0 + alike) / (1.0 - alike)))
+
+
+def _is_a_body(found: HypothesisFit, term: Term) -> bool:
+    """Whether the inertia with an effect's change of it is one that a body can have: second moments of mass that are not
+    nothing, and about as large as before. A change that takes the whole inertia away leaves any rates unopposed."""
+    a, b, c, d, e, f = found.values[term.name][:6]
+    after = found.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
+    second = np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)
+    before = np.linalg.eigvalsh(0.5 * np.trace(found.inertia) * np.eye(3) - found.inertia)
+    least = criteria.LEAST_SHARE * np.trace(found.inertia)
+    grown = np.trace(after) / np.trace(found.inertia)
+    return bool(min(second[0], before[0]) > least and 1.0 / criteria.MOST_GROWN < grown < criteria.MOST_GROWN)

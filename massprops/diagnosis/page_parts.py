@@ -1,0 +1,83 @@
+"""Sections that the pages of a diagnosis share, from the content of `diagnosis.json`, whichever way it was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from massprops.report.html import number, plot, table, text
+from massprops.report.page import document as whole_page
+
+KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": "warning"}
+
+
+def assemble(sections: Sequence[tuple[str, str, str]]) -> str:
+    """One file that opens offline, of (anchor, title, content); those without content are left out."""
+    body = "".join(f'<section id="{i}"><h2>{t}</h2>{b}</section>' for i, t, b in sections if b)
+    links = "".join(f'<a href="#{i}">{t}</a>' for i, t, b in sections if b)
+    return whole_page("massprops · diagnosis", body, links, "")
+
+
+def verdict(doc: dict[str, Any]) -> str:
+    """The verdict in a sentence, and the parameters of what was named; those that the data do not show have no number."""
+    said = f'<div class="{KIND[doc["verdict"]]}"><b>{text(doc["verdict"])}</b>. {text(doc["reason"])}</div>'
+    rows = [
+        (
+            e["name"],
+            name,
+            "not shown" if v is None else f"{number(v, 4)} ± {number(e['sigma'][name], 2)}",
+            e["units"][name],
+        )
+        for e in doc["effects"]
+        for name, v in e["parameters"].items()
+    ]
+    if not rows:
+        return said
+    found = table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,))
+    return said + found + f"<p>{text(doc['axes'])}</p>"
+
+
+def law(doc: dict[str, Any]) -> str:
+    """The law that was looked for: its formula, its terms with their probability, and how it predicts."""
+    found = doc.get("law")
+    if found is None:
+        return ""
+    if found["formula"] is None:
+        return f"<p>No law: {text(found['because'])}.</p>"
+    kind, said = ("done", "A law") if found["stated"] else ("warning", "The most likely law, not to be relied on")
+    doubt = "" if found["stated"] else f" {text(found['because'])}."
+    head = f'<div class="{kind}"><b>{said}</b>.{doubt}</div><p><code>{text(found["formula"])}</code></p>'
+    terms = [
+        (
+            t["term"],
+            f"{number(t['coefficient'], 4)} ± {number(t['sigma'], 2)}",
+            t["unit"],
+            number(t["probability"], 3),
+        )
+        for t in found["terms"]
+    ]
+    gap = [
+        (p.replace("_", " "), *(number(found[p][k], 4) for k in ("before", "after"))) for p in ("fitted", "held_out")
+    ]
+    return (
+        head
+        + table(terms, ("torque over the mean moment", "coefficient ± 1σ", "unit", "probability"), numeric=(1, 3))
+        + table(gap, ("residual over the noise", "without it", "with it"))
+        + f"<p>{text(found['effect'])} holds it as an effect, {text(found['model'])} its parameters.</p>"
+    )
+
+
+def wheel(times: np.ndarray, momentum: np.ndarray) -> str:
+    """The momentum (n,) of a wheel along its axis at times (n,)."""
+    return plot([("along its axis", times, momentum)], "time [s]", "momentum over mean moment [rad/s]")
+
+
+def not_tried(doc: dict[str, Any]) -> str:
+    skipped = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in doc["skipped"].items())
+    return f"<p>Not tried:</p><ul>{skipped}</ul>" if skipped else ""
+
+
+def notes(doc: dict[str, Any]) -> str:
+    return "<ul>" + "".join(f"<li>{text(w)}</li>" for w in doc["warnings"]) + "</ul>" if doc["warnings"] else ""

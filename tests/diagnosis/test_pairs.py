@@ -1,0 +1,92 @@
+"""Two effects at once in the rates of a body that scipy moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis.test_momentum_balance import tumble
+
+from massprops.diagnosis.conserved_start import conserved
+from massprops.diagnosis.document import document_of_selection, model_of_selection
+from massprops.diagnosis.effect_columns import Term
+from massprops.diagnosis.effect_search import widening
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.pairs import SECONDS, pairs, seconds
+from massprops.diagnosis.record import Record, record_of_rates
+from massprops.diagnosis.selection import (
+    Candidate,
+    Selection,
+    asks_for_two,
+    may_be_named,
+    rms,
+    usable_effects,
+    without_effects,
+)
+
+DRAG = np.array([0.6, 0.3, 0.9])
+TORQUE = np.array([3.0, -2.0, 1.5])
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    return record_of_rates(tumble(lambda t, w: -DRAG * w + TORQUE, rate=100.0))
+
+
+def alone(record: Record, name: str) -> HypothesisFit:
+    effect = next(m for m in usable_effects(record)[0] if name == m.NAME)
+    start = conserved(record.path, record.rows.at)
+    return fit_hypothesis(record, Hypothesis(terms=(Term(effect=effect),), latent=False), start)
+
+
+def test_the_second_of_two_effects_is_found_beside_the_first(record: Record) -> None:
+    usable, _ = usable_effects(record)
+    single = [alone(record, "drag-by-axis"), alone(record, "constant-body-torque")]
+    for fit, other in zip(single, ("constant-body-torque", "drag-by-axis"), strict=True):
+        assert rms(fit.residual) > 1.5
+        steady = [m for m in usable if m.NAME != "impulse"]
+        assert other in [t.name for t in seconds(fit, steady, 0.01)[:SECONDS]]
+    both = [m for m in usable if m.NAME in ("drag-by-axis", "constant-body-torque", "internal-rotor")]
+    found = pairs(record, single, both)[0]
+    assert set(found.names) == {"drag-by-axis", "constant-body-torque"}
+    assert found.evidence > max(f.evidence for f in single) + 20 and rms(found.residual) < 1.15
+    for name, truth in (("drag-by-axis", DRAG), ("constant-body-torque", TORQUE)):
+        sd = np.sqrt(np.diag(found.covariance[name]))
+        assert np.all(np.abs(found.values[name] - truth) < 4 * sd + 0.02)
+
+    tried = [Candidate(alone=f) for f in single]
+    base, unknown = without_effects(record)
+    assert asks_for_two(tried, base, unknown)
+    assert not asks_for_two([*tried, Candidate(alone=found)], base, unknown)
+    named = Selection(base=base, unknown=unknown, tried=(), verdict="named", named=(Candidate(alone=found),))
+    document = document_of_selection(named, [])
+    assert {e["name"] for e in document["effects"]} == {"drag-by-axis", "constant-body-torque"}
+    assert all(np.isfinite(v) for e in document["effects"] for v in e["parameters"].values() if v is not None)
+    assert {e["name"] for e in model_of_selection(named)["effects"]} == {"drag-by-axis", "constant-body-torque"}
+
+
+def test_sigmas_grow_where_neighbours_are_alike() -> None:
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((400, 3))
+    assert widening(white) < 1.1
+    smooth = white.copy()
+    for k in range(1, 400):
+        smooth[k] += 0.9 * smooth[k - 1]
+    assert widening(smooth) == pytest.approx(np.sqrt(1.9 / 0.1), rel=0.2)
+    # that is by how much the mean of such rows scatters more than that of independent ones
+    runs = rng.standard_normal((300, 400))
+    for k in range(1, 400):
+        runs[:, k] += 0.9 * runs[:, k - 1]
+    scatter = runs.mean(axis=1).std() / (runs.std() / np.sqrt(400))
+    assert scatter == pytest.approx(widening(runs.T), rel=0.25)
+
+
+def test_a_small_effect_that_leaves_the_stated_noise_may_be_named() -> None:
+    small = record_of_rates(tumble(lambda t, w: -0.05 * DRAG * w, rate=100.0))
+    base, unknown = without_effects(small)
+    fit = alone(small, "drag-by-axis")
+    assert unknown is not base and 1.1 < rms(base.residual) < 2.0 * rms(fit.residual), (
+        "more than half of the misfit is noise"
+    )
+    assert may_be_named(Candidate(alone=fit), base, unknown)
+    idle = alone(record_of_rates(tumble(rate=100.0)), "drag-by-axis")
+    assert not may_be_named(Candidate(alone=idle), base, unknown)

@@ -1,0 +1,163 @@
+"""What `make lint` holds the source to beside ruff and mypy: short functions, few parameters, nothing unused.
+
+`python -m tests.house` prints one line for each fault. What is excepted is named below; an exception that is needed no
+longer is noted.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+from vulture import Vulture
+
+ROOT = Path(__file__).parents[1]
+MOST_LINES, MOST_PARAMETERS = 60, 10
+
+LONG = {
+    "massprops/diagnosis/evidence.py:solve",
+    "massprops/diagnosis/hypothesis_fit.py:_pass",
+    "massprops/diagnosis/search/select.py:select",
+    "massprops/diagnosis/search/where.py:worst_places",
+    "massprops/dynamics/sensitivities.py:sensitivities",
+    "massprops/estimators/batch/linearise.py:linearise",
+    "massprops/estimators/batch/solve.py:fit",
+    "massprops/estimators/batch/start.py:batch_start",
+    "massprops/estimators/estimate.py:run_methods",
+    "massprops/estimators/extended/curvature.py:image_curvature",
+    "massprops/estimators/extended/observation.py:images",
+    "massprops/estimators/extended/outcome.py:estimate_of",
+    "massprops/estimators/extended/setup.py:setup",
+    "massprops/estimators/extended/update.py:update",
+    "massprops/estimators/geometry/bodymodel.py:_grow",
+    "massprops/estimators/methods/principal_axis_ekf.py:_estimate",
+    "massprops/estimators/methods/range_ukf.py:_estimate",
+    "massprops/estimators/methods/smoother.py:result",
+    "massprops/estimators/momentum.py:momentum_inertia",
+    "massprops/estimators/principal/kernel.py:run",
+    "massprops/estimators/principal/predict_kernel.py:step",
+    "massprops/estimators/problem.py:problem_of",
+    "massprops/estimators/ranging/filter.py:range_filtered",
+    "massprops/estimators/ranging/kernel.py:correct",
+    "massprops/estimators/unscented/arrays.py:correct",
+    "massprops/estimators/unscented/correction.py:correct",
+    "massprops/estimators/unscented/outcome.py:estimate_of",
+    "massprops/estimators/unscented/prediction.py:propagate",
+    "massprops/estimators/unscented/setup.py:setup",
+    "massprops/estimators/unscented/state.py:filter_epochs",
+    "massprops/sensing/stereo.py:triangulate",
+    "massprops/sfm/attempt.py:attempt",
+    "massprops/sfm/attitude.py:to_sequence",
+    "massprops/sfm/patches.py:_one",
+    "massprops/sfm/precision.py:precision",
+    "massprops/sfm/sparse_import.py:import_sparse",
+    "massprops/sfm/surface_tracks.py:follow_pieces",
+}
+"""Functions, as `path:name`, that are longer still: no new one."""
+
+WIDE = {
+    "massprops/dynamics/kernels.py:euler_acceleration",
+    "massprops/estimators/batch/solve.py:fit",
+    "massprops/estimators/principal/kernel.py:_bent",
+    "massprops/estimators/principal/kernel.py:_round",
+    "massprops/estimators/principal/kernel.py:run",
+    "massprops/estimators/ranging/filter.py:range_filtered",
+    "massprops/estimators/ranging/first_frames.py:__init__",
+    "massprops/estimators/ranging/first_frames.py:fit_first",
+    "massprops/estimators/ranging/kernel.py:correct",
+    "massprops/estimators/ranging/kernel.py:predict",
+    "massprops/estimators/ranging/kernel.py:run",
+    "massprops/estimators/unscented/algebra.py:add_rows",
+    "massprops/estimators/unscented/arrays.py:correct",
+    "massprops/estimators/unscented/arrays.py:propagate",
+    "massprops/estimators/unscented/arrays.py:run_loop",
+    "massprops/estimators/unscented/arrays.py:sight",
+    "massprops/estimators/unscented/components.py:image",
+    "massprops/estimators/unscented/components.py:torque_free",
+    "massprops/estimators/unscented/correction.py:correct",
+    "massprops/estimators/unscented/correction.py:run_loop",
+    "massprops/estimators/unscented/correction.py:sight",
+    "massprops/estimators/unscented/prediction.py:propagate",
+    "massprops/sfm/patches.py:_all",
+    "massprops/sfm/patches.py:_one",
+    "massprops/sfm/patches.py:follow",
+}
+"""Functions that take more still."""
+
+UNUSED = {
+    "format_commands": "typer calls it",
+    "sensor_type": "a key that other programs write, read and left",
+    "comment": "the same",
+    "camera_model": "the same",
+    "distortion_model": "the same",
+    "score_covariance": "a result for who asks for it",
+    "length_scales": "the same",
+    "sigma_velocity": "written by its name",
+    "points_sigma": "a result for who asks for it",
+}
+"""Names that no line of ours uses, and why they stay."""
+
+
+def sizes(path: Path) -> list[tuple[str, int, int, int]]:
+    """Name, line, length and number of parameters of every function of a file."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            given = node.args.args + node.args.kwonlyargs + node.args.posonlyargs
+            found.append((node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1, len(given)))
+    return found
+
+
+def size_faults() -> list[str]:
+    """Functions that are too long or take too much."""
+    faults: list[str] = []
+    long, wide = set(), set()
+    for path in sorted(p for folder in ("massprops", "cli") for p in (ROOT / folder).rglob("*.py")):
+        where = str(path.relative_to(ROOT))
+        for name, line, length, count in sizes(path):
+            key = f"{where}:{name}"
+            if length > MOST_LINES:
+                long.add(key)
+                if key not in LONG:
+                    faults.append(f"{where}:{line}: {name} has {length} lines, more than {MOST_LINES}: split it")
+            if count > MOST_PARAMETERS:
+                wide.add(key)
+                if key not in WIDE:
+                    faults.append(f"{where}:{line}: {name} takes {count} parameters, more than {MOST_PARAMETERS}")
+    note("LONG", LONG - long)
+    note("WIDE", WIDE - wide)
+    return faults
+
+
+def note(where: str, stale: set[str]) -> None:
+    """Says which exceptions can go."""
+    for name in sorted(stale):
+        print(f"note: tests/house.py: {where}: {name} needs no exception any more: take it out")
+
+
+def unused_faults() -> list[str]:
+    """Functions, classes and variables that nothing uses, the tests and the documentation counted as users.
+
+    Attributes are left out: those that we only set are read by the libraries that own them.
+    """
+    finder = Vulture()
+    finder.scavenge([str(ROOT / name) for name in ("massprops", "cli", "tests", "docs/generate", "docs/gallery")])
+    found = [
+        item
+        for item in finder.get_unused_code()
+        if item.typ != "attribute" and item.filename.relative_to(ROOT).parts[0] in ("massprops", "cli")
+    ]
+    faults = [
+        f"{item.filename.relative_to(ROOT)}:{item.first_lineno}: {item.typ} {item.name} is used nowhere"
+        for item in found
+        if item.name not in UNUSED
+    ]
+    note("UNUSED", set(UNUSED) - {item.name for item in found})
+    return faults
+
+
+if __name__ == "__main__":
+    faults = size_faults() + unused_faults()
+    print(*faults, sep="\n", end="\n" if faults else "")
+    sys.exit(bool(faults))

@@ -1,0 +1,99 @@
+"""Photographs added to a model, and those whose matches speak against their place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pycolmap
+import pytest
+import test_mapping
+
+from massprops.sfm.attempt import SfmOptions, _first_pairs
+from massprops.sfm.extend import _pairs_of, _restore, borne_out, take_out_contradicted, take_out_unmatched
+from massprops.sfm.loops import _forget
+from massprops.sfm.match_parts import taken
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("extend") / "solved"
+    model, *_ = test_mapping.solve(folder)
+    return model, folder / "database.db"
+
+
+def test_an_image_in_its_place_stays_and_one_elsewhere_goes(solved):
+    model, database = pycolmap.Reconstruction(solved[0]), solved[1]
+    ids = sorted(model.reg_image_ids())
+    last = ids[-1]
+    agree, all_of = borne_out(model, database, set(ids[:-1]))[last]
+    assert agree > 0.95 * all_of > 100
+    take_out_contradicted(model, database, set(ids[:-1]))
+    assert sorted(model.reg_image_ids()) == ids
+    # moved by a tenth of its distance, as an image that a pattern has placed one cell further on
+    frame = model.frame(model.image(last).frame_id)
+    pose = np.asarray(frame.rig_from_world.matrix()).copy()
+    pose[1, 3] += 0.1 * pose[2, 3]
+    frame.rig_from_world = pycolmap.Rigid3d(pose)
+    assert borne_out(model, database, set(ids[:-1]))[last][0] < 0.3 * all_of
+    take_out_contradicted(model, database, set(ids[:-1]))
+    assert sorted(model.reg_image_ids()) == ids[:-1]
+
+
+def test_an_image_that_sees_little_of_what_is_before_it_goes(solved):
+    model = pycolmap.Reconstruction(solved[0])
+    ids = sorted(model.reg_image_ids())
+    names = {model.image(i).name for i in ids[-2:]}
+    take_out_unmatched(model, names)
+    assert sorted(model.reg_image_ids()) == ids
+    for k, feature in enumerate(list(model.image(ids[-1]).points2D)):
+        if feature.has_point3D() and model.image(ids[-1]).num_points3D > 8:
+            model.delete_observation(ids[-1], k)
+    take_out_unmatched(model, names)
+    assert sorted(model.reg_image_ids()) == ids[:-1]
+
+
+def test_matches_with_images_that_are_not_placed_are_kept(solved, tmp_path):
+    database = tmp_path / "copy.db"
+    database.write_bytes(solved[1].read_bytes())
+    ids = sorted(solved[0].reg_image_ids())
+
+    def pairs():
+        with pycolmap.Database.open(database) as db:
+            return {pycolmap.pair_id_to_image_pair(p) for p in db.read_all_matches()[0]}
+
+    before = pairs()
+    _forget(database, ids[:-1], {ids[0]})
+    gone = {p for p in before if ids[0] in p and ids[-1] not in p}
+    assert pairs() == before - gone and len(gone) == len(ids) - 2
+    _forget(database, ids[:-1], set(ids))
+    assert pairs() == {p for p in before if ids[-1] in p} != set()
+
+
+def test_an_image_gets_its_own_matches_back(solved, tmp_path):
+    database = tmp_path / "copy.db"
+    database.write_bytes(solved[1].read_bytes())
+
+    def matches():
+        with pycolmap.Database.open(database) as db:
+            return {p: np.asarray(m).tolist() for p, m in zip(*db.read_all_matches(), strict=True)}
+
+    before = matches()
+    rows = taken(database, _pairs_of(database, 3))
+    with pycolmap.Database.open(database) as db:
+        db.delete_matches(1, 3)
+        db.write_matches(1, 3, np.array([[0, 1], [1, 0]], np.uint32))
+        db.delete_matches(3, 4)
+    assert matches() != before
+    _restore(database, 3, rows)
+    assert matches() == before
+
+
+def test_photographs_of_a_pattern_are_compared_with_all_others():
+    names = [f"cam0/{i:06d}.png" for i in range(20)]
+    views = type("V", (), {"names": names, "timestamp_ns": np.arange(20)})
+    video = test_mapping.footage(views)
+    photographs = replace(video, kind="images")
+    none = [np.zeros((0, 128), np.uint8)] * 20
+    few = _first_pairs(video, names, none, SfmOptions(), True, False)
+    every = _first_pairs(photographs, names, none, SfmOptions(), True, False)
+    assert len(few) < 100 and len(every) == 190
+    assert len(_first_pairs(photographs, names, none, SfmOptions(), False, False)) < 190
