@@ -154,47 +154,25 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     path, rows = record.path, record.rows
     balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
     parts = _parts(record, hypothesis, guess, balance)
-    over = 1.0 / rows.spread
-    blocks = []
-    for name, rate, columns, sd, kind in parts:
-        del rate
-        blocks.append(Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=sd, kind=kind))
-    if not all(np.isfinite(b.columns).all() for b in blocks):
-        raise FloatingPointError("the path that is predicted leaves all bounds")
-    y = (rows.measured - balance.constant(guess.start)).reshape(-1) * over
-    # the inertia's prior is about a ball, not about the present guess
-    y = y + blocks[0].columns[:, :INERTIA] @ guess.shape
+    blocks, y = _linear_model(parts, balance, guess)
     group = np.tile(np.arange(3), len(rows.at)) if rows.rates else None
     post = solve(blocks, y, record.noise_rows, group)
     base = post.mean["base"]
     step = base[:INERTIA] - guess.shape
     shape = guess.shape + step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
-    rate = np.linalg.solve(balance.inertia, np.swapaxes(path.R, 1, 2) @ guess.start[:, None])[:, :, 0]
-    shift = np.concatenate([step, base[INERTIA:]])
-    for name, along_path, _, _, _ in parts:
-        if along_path is not None:
-            unknown = shift if name == "base" else post.mean[name]
-            rate = rate + along_path @ unknown[: along_path.shape[2]]
     turn = None if rows.rates else base[INERTIA + 3 :]
-    whole, phi = balance.motion(rate, turn)
-    axis, history = guess.axis, guess.history
-    history_sd = None
-    shapes = _wheel_shapes(record, hypothesis.lag)
-    if axis is not None:
-        history = shapes @ post.mean["wheel"]
-        history_sd = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", shapes, post.covariance["wheel"], shapes), 0.0))
-        axis = axis + _across(axis) @ post.mean["wheel axis"]
-        axis = axis / np.linalg.norm(axis)
+    whole, phi = balance.motion(_rate_along(parts, post, balance, guess), turn)
+    axis, history, history_sd = _wheel_found(record, hypothesis, guess, post)
     torque = np.zeros_like(path.w)
     latent = np.zeros(len(y))
     if hypothesis.latent:
         torque = _torque_shapes(record) @ post.mean["latent torque"]
         latent = next(b.columns for b in blocks if b.name == "latent torque") @ post.mean["latent torque"]
+    summed = {t.name: t.values(post.mean[t.name], post.covariance[t.name]) for t in hypothesis.terms}
     found = HypothesisFit(
         hypothesis=hypothesis, record=record, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
         evidence=post.evidence - float(np.sum(np.log(rows.spread))), noise=post.noise, posterior=post,
-        values={t.name: t.values(post.mean[t.name], post.covariance[t.name])[0] for t in hypothesis.terms},
-        covariance={t.name: t.values(post.mean[t.name], post.covariance[t.name])[1] for t in hypothesis.terms},
+        values={k: v for k, (v, _) in summed.items()}, covariance={k: c for k, (_, c) in summed.items()},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
         blocks=tuple(blocks), y=y,
@@ -211,6 +189,48 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
         shape=shape, rate=whole, momentum=whole @ inertia_of(shape) + inside, axis=axis, history=history,
         start=found.momentum,
     )  # fmt: skip
+
+
+def _linear_model(parts: list, balance: Balance, guess: _Guess) -> tuple[list[Block], np.ndarray]:
+    """The blocks of unknowns and the rows (r,) that they answer for, both over the noise.
+
+    Raises:
+        FloatingPointError: the predicted path leaves all bounds.
+    """
+    over = 1.0 / balance.rows.spread
+    blocks = [
+        Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=sd, kind=kind)
+        for name, _, columns, sd, kind in parts
+    ]
+    if not all(np.isfinite(b.columns).all() for b in blocks):
+        raise FloatingPointError("the path that is predicted leaves all bounds")
+    y = (balance.rows.measured - balance.constant(guess.start)).reshape(-1) * over
+    # the inertia's prior is about a ball, not about the present guess
+    return blocks, y + blocks[0].columns[:, :INERTIA] @ guess.shape
+
+
+def _rate_along(parts: list, post: Posterior, balance: Balance, guess: _Guess) -> np.ndarray:
+    """(n, 3) rate along the path itself, of everything that was found."""
+    base = post.mean["base"]
+    shift = np.concatenate([base[:INERTIA] - guess.shape, base[INERTIA:]])
+    rate = np.linalg.solve(balance.inertia, np.swapaxes(balance.path.R, 1, 2) @ guess.start[:, None])[:, :, 0]
+    for name, along_path, _, _, _ in parts:
+        if along_path is not None:
+            unknown = shift if name == "base" else post.mean[name]
+            rate = rate + along_path @ unknown[: along_path.shape[2]]
+    return np.asarray(rate)
+
+
+def _wheel_found(
+    record: Record, hypothesis: Hypothesis, guess: _Guess, post: Posterior
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+    """Axis (3,), history (n,) and its 1-sigma (n,) of a wheel; None of none."""
+    if guess.axis is None:
+        return None, guess.history, None
+    shapes = _wheel_shapes(record, hypothesis.lag)
+    variance = np.einsum("nk,kl,nl->n", shapes, post.covariance["wheel"], shapes)
+    axis = guess.axis + _across(guess.axis) @ post.mean["wheel axis"]
+    return axis / np.linalg.norm(axis), shapes @ post.mean["wheel"], np.sqrt(np.maximum(variance, 0.0))
 
 
 def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance) -> list:

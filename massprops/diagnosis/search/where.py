@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from massprops.estimators.problem import Problem
 INTERVALS = 12
 CELLS = 4
 WORST = 12
+FEWEST = 8
+"""Values below which a place says nothing."""
 LARGEST = 36.0
 """Squares beyond this (6 sigma) count no more: one wrong track is not a place."""
 
@@ -24,54 +27,64 @@ def worst_places(problem: Problem, m: Measurements, r: Residuals, points: np.nda
     noise), `bias` (mean over the noise), and `region` (image columns and rows [px]) or `direction` (body axes) where
     that is what the place is.
     """
-    out: list[dict[str, Any]] = []
-    times, span = problem.times, float(problem.times[-1])
-    edges = np.linspace(0, span, INTERVALS + 1)
-    whole = [0.0, span]
+    edges = np.linspace(0, float(problem.times[-1]), INTERVALS + 1)
+    out = [*_of_tracks(problem, m, r, points, edges), *_of_series(problem.times, m, r, edges)]
+    return sorted((p for p in out if p is not None), key=lambda e: -e["z"])[:WORST]
 
-    def add(channel: str, values: np.ndarray, interval: list[float], features: list[int], **more: Any) -> None:
-        n = values.size
-        if n < 8:
-            return
-        squares = np.minimum(values.reshape(-1) ** 2, LARGEST)
-        size = (squares.sum() - n) / np.sqrt(2.0 * n)
-        lean = float(np.clip(values, -6, 6).mean()) * np.sqrt(n)
-        out.append(
-            {
-                "channel": channel,
-                "interval_s": interval,
-                "features": features,
-                "z": float(max(size, abs(lean))),
-                "size": float(np.sqrt(squares.mean())),
-                "bias": float(np.clip(values, -6, 6).mean()),
-                **more,
-            }
-        )
 
-    if len(m.uv):
-        which = np.clip(np.searchsorted(edges, times[m.seen.epoch], side="right") - 1, 0, INTERVALS - 1)
-        for c in np.unique(m.seen.camera):
-            for axis, letter in enumerate("uv"):
-                for k in range(INTERVALS):
-                    own = (m.seen.camera == c) & (which == k)
-                    add(f"cam{c} {letter}", r.tracks[own, axis], [float(edges[k]), float(edges[k + 1])], [])
-            own = m.seen.camera == c
-            low, high = np.percentile(m.uv[own], [0, 100], axis=0)
-            cell = np.clip(((m.uv - low) / np.maximum(high - low, 1e-9) * CELLS).astype(int), 0, CELLS - 1)
-            for i in range(CELLS):
-                for j in range(CELLS):
-                    here = own & (cell[:, 0] == i) & (cell[:, 1] == j)
-                    side = (high - low) / CELLS
-                    region = [*(low + [i, j] * side), *(low + [i + 1, j + 1] * side)]
-                    add(f"cam{c}", r.tracks[here], whole, [], region=[float(v) for v in region])
-        for j in np.unique(m.seen.feature):
-            own = m.seen.feature == j
-            add("tracks", r.tracks[own], whole, [int(problem.features[j])])
-        away = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
-        for axis, letter in enumerate("xyz"):
-            for sign in (1, -1):
-                own = sign * away[m.seen.feature, axis] > 0.7
-                add("tracks", r.tracks[own], whole, [], direction=f"{'+' if sign > 0 else '-'}{letter}")
+def _place(
+    channel: str, values: np.ndarray, interval: Iterable[float], features: list[int], **more: Any
+) -> dict[str, Any] | None:
+    """An entry of `worst_places`; None of too few values."""
+    n = values.size
+    if n < FEWEST:
+        return None
+    squares = np.minimum(values.reshape(-1) ** 2, LARGEST)
+    size = (squares.sum() - n) / np.sqrt(2.0 * n)
+    bias = float(np.clip(values, -6, 6).mean())
+    return {
+        "channel": channel,
+        "interval_s": [float(t) for t in interval],
+        "features": features,
+        "z": float(max(size, abs(bias * np.sqrt(n)))),
+        "size": float(np.sqrt(squares.mean())),
+        "bias": bias,
+        **more,
+    }
+
+
+def _of_tracks(
+    problem: Problem, m: Measurements, r: Residuals, points: np.ndarray, edges: np.ndarray
+) -> Iterator[dict[str, Any] | None]:
+    """By interval and component, by part of the image, by feature, and by side of the body."""
+    if not len(m.uv):
+        return
+    whole = (edges[0], edges[-1])
+    which = np.clip(np.searchsorted(edges, problem.times[m.seen.epoch], side="right") - 1, 0, INTERVALS - 1)
+    for c in np.unique(m.seen.camera):
+        own = m.seen.camera == c
+        for axis, letter in enumerate("uv"):
+            for k in range(INTERVALS):
+                yield _place(f"cam{c} {letter}", r.tracks[own & (which == k), axis], edges[k : k + 2], [])
+        low, high = np.percentile(m.uv[own], [0, 100], axis=0)
+        side = (high - low) / CELLS
+        cell = np.clip(((m.uv - low) / np.maximum(high - low, 1e-9) * CELLS).astype(int), 0, CELLS - 1)
+        for i in range(CELLS):
+            for j in range(CELLS):
+                here = own & (cell[:, 0] == i) & (cell[:, 1] == j)
+                region = [*(low + [i, j] * side), *(low + [i + 1, j + 1] * side)]
+                yield _place(f"cam{c}", r.tracks[here], whole, [], region=[float(v) for v in region])
+    for j in np.unique(m.seen.feature):
+        yield _place("tracks", r.tracks[m.seen.feature == j], whole, [int(problem.features[j])])
+    away = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    for axis, letter in enumerate("xyz"):
+        for sign in (1, -1):
+            own = sign * away[m.seen.feature, axis] > 0.7
+            yield _place("tracks", r.tracks[own], whole, [], direction=f"{'+' if sign > 0 else '-'}{letter}")
+
+
+def _of_series(times: np.ndarray, m: Measurements, r: Residuals, edges: np.ndarray) -> Iterator[dict[str, Any] | None]:
+    """By interval, of what is not tracks."""
     for channel, values, at in (
         ("range", r.range, m.range_at),
         ("rate", r.rates, m.rate_at),
@@ -79,6 +92,4 @@ def worst_places(problem: Problem, m: Measurements, r: Residuals, points: np.nda
     ):
         for k in range(INTERVALS):
             own = (times[at] >= edges[k]) & (times[at] <= edges[k + 1])
-            add(channel, values[own], [float(edges[k]), float(edges[k + 1])], [])
-    out.sort(key=lambda e: -e["z"])
-    return out[:WORST]
+            yield _place(channel, values[own], edges[k : k + 2], [])
