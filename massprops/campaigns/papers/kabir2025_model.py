@@ -23,7 +23,7 @@ def truth(moments: tuple[float, ...], w0: tuple[float, ...], n: int) -> tuple[np
 
     def slope(_: float, y: np.ndarray) -> list[Any]:
         a, b, c = moments
-        turn = euler_acceleration((a, b, c, 0.0, 0.0, 0.0), y[4:7], (0.0, 0.0, 0.0))
+        turn = euler_acceleration((a, b, c, 0.0, 0.0, 0.0), tuple(y[4:7]), (0.0, 0.0, 0.0))
         return [*quaternion_rate(*y), *turn]
 
     y0 = np.concatenate([[1.0, 0.0, 0.0, 0.0], w0])

@@ -120,7 +120,7 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
         return np.concatenate(
             [
                 quaternion_rate(*y[:7]),
-                euler_acceleration(six, y[4:7], torque),
+                euler_acceleration(six, tuple(y[4:7]), tuple(torque)),
                 y[10:],
                 differential_gravity(MU, *l, *y[7:10]),
             ]

@@ -276,7 +276,7 @@ def _hidden(problem: Problem, start: Any, passage: Passage, found: Estimate, dis
     pixel = float(problem.sigma_px[0]) / float(problem.cameras[0].intrinsics[0])
     count = np.minimum(problem.seen[passage.first :, 0].sum(axis=1), MOST_FEATURES)
     weight = verdict.track_weight(count, size, pixel, distance)
-    near = np.abs([found.k1, found.k2]) < SURE * found.sigma_k
+    near = np.abs(np.array([found.k1, found.k2], float)) < SURE * found.sigma_k
     if start.momentum is not None:
         gaps = ratio_covariance(start.inertia, start.momentum.covariance)[2]
         near &= np.diff(np.linalg.eigvalsh(start.inertia)) < 3.0 * gaps

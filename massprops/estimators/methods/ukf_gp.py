@@ -58,7 +58,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
 
 def _until(rows: Measurements, n: int) -> Measurements:
     """The first n epochs."""
-    cut = {
+    cut: dict[str, Any] = {
         name: None if getattr(rows, name) is None else getattr(rows, name)[:n]
         for name in ("dt", "z", "variance", "attitude", "pinned", "transition", "spin")
     }
