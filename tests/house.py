@@ -17,9 +17,7 @@ MOST_LINES, MOST_PARAMETERS = 60, 10
 
 LONG = {
     "massprops/diagnosis/evidence.py:solve",
-    "massprops/diagnosis/hypothesis_fit.py:_pass",
     "massprops/diagnosis/search/select.py:select",
-    "massprops/diagnosis/search/where.py:worst_places",
     "massprops/dynamics/sensitivities.py:sensitivities",
     "massprops/estimators/batch/linearise.py:linearise",
     "massprops/estimators/batch/solve.py:fit",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from massprops.report.html import number, round_marks, text
@@ -57,7 +60,7 @@ def box_plot(named: list[tuple[str, np.ndarray]], title: str, width: int = 640) 
     return "".join(parts)
 
 
-def _box(x: float, half: float, values: np.ndarray, py, k: int) -> str:  # type: ignore[no-untyped-def]
+def _box(x: float, half: float, values: np.ndarray, py: Callable[[float], Any], k: int) -> str:
     p5, p25, p50, p75, p95 = (float(py(v)) for v in np.percentile(values, (5, 25, 50, 75, 95)))
     style = f'class="s{k % 6}" fill="none" stroke-width="1.4"'
     lines = [

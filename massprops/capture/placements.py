@@ -35,10 +35,11 @@ FLAT = 0.012
 @dataclass(frozen=True)
 class Placements:
     """label (n,) int, 0 for the placement that most images show, -1 for an image that shares no feature with any;
-    shared (n, n) features of the object in common."""
+    shared (n, n) features of the object in common; known: whether there were features enough to tell."""
 
     label: np.ndarray
     shared: np.ndarray
+    known: bool = True
 
     @property
     def count(self) -> int:
@@ -235,5 +236,5 @@ def find_placements(
     direction = centres - centre
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if own.sum() < LEAST_POINTS:
-        return Placements(np.zeros(len(centres), int), shared)
+        return Placements(np.zeros(len(centres), int), shared, known=False)
     return Placements(divide(shared, direction), shared)

@@ -239,10 +239,15 @@ def _risen(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray | None, region
     """(n,) bool: higher above the plane than its own points scatter."""
     if plane is None:
         return np.ones(len(xyz), bool)
+    return np.asarray(xyz @ plane[:3] + plane[3] > least_rise(xyz, normal, plane, region, pixel))
+
+
+def least_rise(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray, region: Region, pixel: float) -> float:
+    """Height above a support up to which its own points scatter. Arguments as for `split`."""
     height = xyz @ plane[:3] + plane[3]
     own = height[on_plane(xyz, normal, plane, TOLERANCE * region.radius)]
     scatter = 1.4826 * float(np.median(np.abs(own - np.median(own)))) if len(own) else 0.0
-    return height > max(3 * scatter, 1.5 * pixel)
+    return max(3 * scatter, 1.5 * pixel)
 
 
 def label_pieces(

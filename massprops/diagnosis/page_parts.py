@@ -46,9 +46,11 @@ def law(doc: dict[str, Any]) -> str:
         return ""
     if found["formula"] is None:
         return f"<p>No law: {text(found['because'])}.</p>"
-    kind, said = ("done", "A law") if found["stated"] else ("warning", "The most likely law, not to be relied on")
-    doubt = "" if found["stated"] else f" {text(found['because'])}."
-    head = f'<div class="{kind}"><b>{said}</b>.{doubt}</div><p><code>{text(found["formula"])}</code></p>'
+    if found["stated"]:
+        said = '<div class="done"><b>Stated</b>: each of its terms is likely, and it beats a torque that nothing is known of.</div>'
+    else:
+        said = f'<div class="warning"><b>Not stated</b>: {text(found["because"])}.</div>'
+    head = f"{said}<p><code>{text(found['formula'])}</code></p>"
     terms = [
         (
             t["term"],

@@ -46,6 +46,8 @@ class Evidence:
         scenes: images of each set that hangs together, the one that was used first.
         misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
         readings: what else the object may be, in words, where nothing decides; the one that is used first.
+        hollow_possible: share of the volume that an underside nobody saw may hide as empty.
+        hollow_likely: the part of it that the interval allows for, since the upper side is hollow too.
     """
 
     half_width: float
@@ -60,6 +62,8 @@ class Evidence:
     cut: int = 0
     scenes: tuple[int, ...] = ()
     misfit: int = 0
+    hollow_possible: float = 0.0
+    hollow_likely: float = 0.0
 
 
 def confidence(evidence: Evidence) -> dict:
@@ -113,12 +117,26 @@ def confidence(evidence: Evidence) -> dict:
         because.insert(0, f"nothing decides what the object is: {e.readings[0]} (measured here), or {other}")
     if not because:
         because = [said[0][1]]
-    if e.inferred > 0.02:
-        because.append(
-            f"{100 * e.inferred:.0f} % of the surface stood on its support and was closed there: a hollow underneath "
-            "would not be seen"
-        )
-    return {"level": LEVELS[level], "because": because}
+    return {"level": LEVELS[level], "because": because + _unseen(e)}
+
+
+def _unseen(e: Evidence) -> list[str]:
+    """What an underside that nobody saw leaves open."""
+    if e.hollow_likely > 0.02:
+        return [
+            "it is hollow above, and its underside was not seen: the interval reaches down to a thin shell, with "
+            f"{100 * e.hollow_likely:.0f} % less volume; turn it over and photograph it again"
+        ]
+    if e.inferred <= 0.02:
+        return []
+    said = f"{100 * e.inferred:.0f} % of the surface stood on its support and was closed there: "
+    if e.hollow_possible <= 0.02:
+        return [said + "a hollow underneath would not be seen"]
+    return [
+        said
+        + "it is taken to be solid; a hollow underneath would not be seen, and of a thin shell the volume would be "
+        f"{100 * e.hollow_possible:.0f} % less"
+    ]
 
 
 def lowered(trust: dict, text: str) -> dict:

@@ -109,6 +109,11 @@ def greatest_length(vertices: np.ndarray) -> tuple[float, int, int]:
     except QhullError:
         index = np.arange(len(vertices))
     corner = vertices[index]
+    away = np.linalg.norm(corner - corner.mean(axis=0), axis=1)
+    reach = float(np.linalg.norm(corner - corner[np.argmax(away)], axis=1).max())
+    # two that are farther apart than this lie both at least so far from the middle
+    index = index[away + away.max() >= reach * (1 - 1e-9)]
+    corner = vertices[index]
     best = (-1.0, 0, 0)
     for start in range(0, len(corner), 512):
         block = corner[start : start + 512]

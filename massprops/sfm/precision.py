@@ -9,6 +9,7 @@ clusters: Cov = H⁺ (Σ_p s_p s_pᵀ) H⁺, H the camera system after the point
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -55,104 +56,150 @@ def precision(
         camera: (n,) number of each view's camera; None for one camera.
         constant: numbers of cameras whose focal length was given all the same.
     """
-    import scipy.linalg
-    import scipy.sparse as sp
-
-    n, m, k = len(views), len(points.xyz), len(points.obs_view)
-    v, p = points.obs_view, points.obs_point
+    n, k = len(views), len(points.obs_view)
     r = residuals(views, points)
     rms = float(np.sqrt(np.mean(r**2))) if k else float("nan")
     camera = np.zeros(n, int) if camera is None else np.asarray(camera)
     numbers, many = np.unique(camera, return_counts=True)
-    main = int(np.argmax(many)) if n else 0
     if n < 3 or k < 6 * n:
         return Precision(rms, np.nan if free_focal else 0.0, np.nan, np.full(n, np.nan), np.nan)
-    w = np.ones(k) if loss_px is None else 1 / (1 + (r**2).sum(1) / loss_px**2)
-    R, K, D = views.R[v], views.K[v], views.distortion[v]
+    weight = np.ones(k) if loss_px is None else 1 / (1 + (r**2).sum(1) / loss_px**2)
+    slopes = _slopes(views, points)
+    free = [c for c in numbers.tolist() if free_focal and c not in constant]
+    terms = {c: radial_terms if isinstance(radial_terms, int) else radial_terms.get(c, 0) for c in numbers.tolist()}
+    lens = _lens(slopes, camera[points.obs_view], free, terms)
+    H, score = _eliminated(n, points, slopes, lens, r, weight)
+    stated, independent = _deviations(H, score)
+    by_camera = {c: float(stated[6 * n + i]) for c, i in lens.focal_at.items()}
+    first = int(numbers[int(np.argmax(many))])
+    bent, long = lens.bent_at.get(first), lens.focal_at.get(first)
+    return Precision(
+        rms_px=rms,
+        focal_relative=by_camera.get(first, 0.0),
+        distortion=0.0 if bent is None else float(stated[6 * n + bent]),
+        attitude=np.sqrt(np.mean(stated[: 6 * n].reshape(n, 6)[:, :3] ** 2, axis=1)),
+        focal_relative_model=0.0 if long is None else float((independent * rms)[6 * n + long]),
+        focal_by_camera=by_camera,
+    )
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Of k observations: normalised place x, y, squared radius r2, radial factor and focal length f (k,); derivatives of
+    the pixel by the pose (k, 2, 6), turn before shift, and by the point (k, 2, 3)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    r2: np.ndarray
+    radial: np.ndarray
+    f: np.ndarray
+    pose: np.ndarray
+    point: np.ndarray
+
+
+def _slopes(views: Views, points: SparsePoints) -> _Slopes:
+    """The tangential terms are left out: they are far below the rest."""
+    v, p = points.obs_view, points.obs_point
+    R, D, f = views.R[v], views.distortion[v], views.K[v][:, 0, 0]
     a = np.einsum("kij,kj->ki", R, points.xyz[p])
     c = a + views.t[v]
     x, y, z = c[:, 0] / c[:, 2], c[:, 1] / c[:, 2], c[:, 2]
     r2 = x * x + y * y
     radial = 1 + r2 * (D[:, 0] + r2 * D[:, 1])
-    f = K[:, 0, 0]
-    # tangential terms are left out of the derivatives only: they are far below the rest
     g = D[:, 0] + 2 * r2 * D[:, 1]
     dx = np.stack([radial + 2 * x * x * g, 2 * x * y * g], 1)
     dy = np.stack([2 * x * y * g, radial + 2 * y * y * g], 1)
-    Jn = np.stack([dx, dy], 1) * f[:, None, None]
-    Jc = np.einsum(
-        "kij,kjl->kil",
-        Jn,
-        np.stack(
-            [
-                np.stack([1 / z, 0 * z, -x / z], 1),
-                np.stack([0 * z, 1 / z, -y / z], 1),
-            ],
-            1,
-        ),
-    )
-    cross = np.zeros((k, 3, 3))
+    by_place = np.stack([dx, dy], 1) * f[:, None, None]
+    place = np.stack([np.stack([1 / z, 0 * z, -x / z], 1), np.stack([0 * z, 1 / z, -y / z], 1)], 1)
+    by_camera = np.einsum("kij,kjl->kil", by_place, place)
+    cross = np.zeros((len(v), 3, 3))
     cross[:, 0, 1], cross[:, 0, 2] = a[:, 2], -a[:, 1]
     cross[:, 1, 0], cross[:, 1, 2] = -a[:, 2], a[:, 0]
     cross[:, 2, 0], cross[:, 2, 1] = a[:, 1], -a[:, 0]
-    pose = np.concatenate([Jc @ cross, Jc], 2)
-    extra, focal_at, bent_at = [], {}, {}
-    for c in numbers.tolist():
-        own = (camera[v] == c)[:, None]
-        if free_focal and c not in constant:
-            focal_at[c] = len(extra)
-            extra.append(np.where(own, np.stack([x * radial, y * radial], 1) * f[:, None], 0.0))
-        terms = radial_terms if isinstance(radial_terms, int) else radial_terms.get(c, 0)
-        for power in range(1, terms + 1):
-            bent_at.setdefault(c, len(extra))
-            extra.append(np.where(own, np.stack([x * r2**power, y * r2**power], 1) * f[:, None], 0.0))
-    e = len(extra)
+    return _Slopes(x, y, r2, radial, f, np.concatenate([by_camera @ cross, by_camera], 2), by_camera @ R)
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """Derivatives (k, 2) by each estimated number of the lenses, and which of them is a camera's focal length and its
+    first radial term."""
+
+    columns: list[np.ndarray]
+    focal_at: dict[int, int]
+    bent_at: dict[int, int]
+
+
+def _lens(s: _Slopes, camera: np.ndarray, free: list[int], terms: dict[int, int]) -> _Lens:
+    """camera: (k,) of each observation; free: cameras with an estimated focal length; terms: radial terms of each."""
+    columns: list[np.ndarray] = []
+    focal_at: dict[int, int] = {}
+    bent_at: dict[int, int] = {}
+    for c, number in terms.items():
+        own = (camera == c)[:, None]
+        if c in free:
+            focal_at[c] = len(columns)
+            columns.append(np.where(own, np.stack([s.x * s.radial, s.y * s.radial], 1) * s.f[:, None], 0.0))
+        for power in range(1, number + 1):
+            bent_at.setdefault(c, len(columns))
+            columns.append(np.where(own, np.stack([s.x * s.r2**power, s.y * s.r2**power], 1) * s.f[:, None], 0.0))
+    return _Lens(columns, focal_at, bent_at)
+
+
+def _sparse(n: int, points: SparsePoints, s: _Slopes, lens: _Lens) -> tuple[Any, Any]:
+    """Derivatives of all residuals by poses and lenses (2k, 6n + e), and by the points (2k, 3m)."""
+    import scipy.sparse as sp
+
+    v, p, k = points.obs_view, points.obs_point, len(points.obs_view)
     rows = np.arange(2 * k).reshape(k, 2)
     cols = 6 * v[:, None] + np.arange(6)
     parts_r = [np.repeat(rows[:, :, None], 6, 2).ravel()]
     parts_c = [np.repeat(cols[:, None, :], 2, 1).ravel()]
-    parts_v = [pose.ravel()]
-    for i, column in enumerate(extra):
+    parts_v = [s.pose.ravel()]
+    for i, column in enumerate(lens.columns):
         parts_r.append(rows.ravel())
         parts_c.append(np.full(2 * k, 6 * n + i))
         parts_v.append(column.ravel())
-    size = 6 * n + e
-    A = sp.csr_matrix((np.concatenate(parts_v), (np.concatenate(parts_r), np.concatenate(parts_c))), (2 * k, size))
+    shape = (2 * k, 6 * n + len(lens.columns))
+    A = sp.csr_matrix((np.concatenate(parts_v), (np.concatenate(parts_r), np.concatenate(parts_c))), shape)
     pc = np.repeat((3 * p[:, None] + np.arange(3))[:, None, :], 2, 1).ravel()
-    B = sp.csr_matrix(((Jc @ R).ravel(), (np.repeat(rows[:, :, None], 3, 2).ravel(), pc)), (2 * k, 3 * m))
-    W = sp.diags(np.repeat(w, 2))
-    AW = (A.T @ W).tocsr()
+    B = sp.csr_matrix((s.point.ravel(), (np.repeat(rows[:, :, None], 3, 2).ravel(), pc)), (2 * k, 3 * len(points.xyz)))
+    return A, B
+
+
+def _eliminated(
+    n: int, points: SparsePoints, s: _Slopes, lens: _Lens, r: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, Any]:
+    """Normal matrix (q, q) of the q = 6n + e numbers of poses and lenses with the points eliminated, and the score of
+    each track (m, q). What is eliminated of a score vanishes at the optimum, and is kept near it."""
+    import scipy.sparse as sp
+
+    p, m, k = points.obs_point, len(points.xyz), len(points.obs_view)
+    A, B = _sparse(n, points, s, lens)
+    AW = (A.T @ sp.diags(np.repeat(weight, 2))).tocsr()
     V = np.zeros((m, 3, 3))
-    np.add.at(V, p, np.einsum("k,kia,kib->kab", w, Jc @ R, Jc @ R))
+    np.add.at(V, p, np.einsum("k,kia,kib->kab", weight, s.point, s.point))
     V += np.eye(3) * 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None]
     Vinv = sp.bsr_matrix((np.linalg.inv(V), np.arange(m), np.arange(m + 1)), (3 * m, 3 * m))
     C = (AW @ B).tocsr()
     H = np.asarray((AW @ A).todense() - (C @ Vinv @ C.T).todense())
-    # score of each track with its point eliminated; the eliminated part vanishes at the optimum, and is kept near it
     track = sp.csr_matrix((np.ones(2 * k), (np.repeat(p, 2), np.arange(2 * k))), (m, 2 * k))
-    rw = sp.diags((r * w[:, None]).ravel())
+    rw = sp.diags((r * weight[:, None]).ravel())
     S = (track @ rw @ A).tocsr()
     b = np.zeros((m, 3))
-    np.add.at(b, p, np.einsum("k,kia,ki->ka", w, Jc @ R, r))
+    np.add.at(b, p, np.einsum("k,kia,ki->ka", weight, s.point, r))
     back = sp.bsr_matrix((b[:, None, :], np.arange(m), np.arange(m + 1)), (m, 3 * m))
-    S = S - back @ Vinv @ C.T
+    return H, S - back @ Vinv @ C.T
+
+
+def _deviations(H: np.ndarray, score: Any) -> tuple[np.ndarray, np.ndarray]:
+    """1-sigma (q,) of each number by the sandwich, and what independent errors of size 1 would give."""
+    import scipy.linalg
+
     scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
     values, vectors = scipy.linalg.eigh(H * scale[:, None] * scale)
     keep = np.arange(len(values)) >= 7  # rotation, translation and scale of the whole are free
     inverse = (vectors[:, keep] / np.maximum(values[keep], 1e-14)) @ vectors[:, keep].T
     inverse *= scale[:, None] * scale
-    meat = np.asarray((S.T @ S).todense())
+    meat = np.asarray((score.T @ score).todense())
     cov = inverse @ meat @ inverse
-    diag = np.sqrt(np.maximum(np.diag(cov), 0))
-    plain = np.sqrt(np.maximum(np.diag(inverse), 0)) * rms
-    attitude = np.sqrt(np.mean(diag[: 6 * n].reshape(n, 6)[:, :3] ** 2, axis=1))
-    first = int(numbers[main])
-    by_camera = {c: float(diag[6 * n + i]) for c, i in focal_at.items()}
-    return Precision(
-        rms_px=rms,
-        focal_relative=by_camera.get(first, 0.0),
-        distortion=float(diag[6 * n + bent_at[first]]) if first in bent_at else 0.0,
-        attitude=attitude,
-        focal_relative_model=float(plain[6 * n + focal_at[first]]) if first in focal_at else 0.0,
-        focal_by_camera=by_camera,
-    )
+    return np.sqrt(np.maximum(np.diag(cov), 0)), np.sqrt(np.maximum(np.diag(inverse), 0))

@@ -28,8 +28,14 @@ RECESS = 0.2
 """What a side that stands on a plane may be off, over that of a side nobody knows anything of: the plane bounds it, a
 recess does not show. Bottoms of a box (0), a tin and a mug (0.02 to 0.1 of the distance to their rim) lie within it; the
 foot of a plate does not."""
-OUTLINES = 0.08
-"""Distance from measured surface that stands for a body of which nothing but outlines is known, over its length."""
+OUTLINES = 0.1
+"""Share of a chord that stands for the distance from measured surface where nothing but outlines is known. Over their
+chords, hulls of silhouettes of ten bodies (lumps, rocks, buses with wings and dishes, 48 views) lay 0.010 to 0.059 too far
+out in the mean; `COMMON` of this share is exceeded twofold once in twenty."""
+RISES = 0.05
+"""Slope of a line from a place on the hull, against the surface there, below which the line leaves the body at once."""
+SAMPLES = 2000
+"""Places on the hull between which chords are drawn."""
 REACH = 0.15
 """Width of the bumps and distance between them, over the body's length."""
 MOST_BUMPS = 60
@@ -69,7 +75,8 @@ def fill_modes(
         inferred: (f,) bool, closed at the plane of support; none by default.
 
     Returns:
-        Zero for measured faces; no rows where everything was measured.
+        Zero for measured faces; no rows where everything was measured. The first row is common to all; of a body known
+        by its outlines alone it can only be inward: the hull holds the body (Laurentini 1994).
     """
     from scipy.spatial import cKDTree
 
@@ -80,7 +87,7 @@ def fill_modes(
     if observed.any():
         away = cKDTree(middle[observed]).query(middle[hidden])[0]
     else:
-        away = np.full(len(hidden), OUTLINES * length)
+        away = hidden_depth(vertices, faces)[hidden]
     if inferred is not None:
         away = np.where(inferred[hidden], RECESS * away, away)
     bump = _bumps(middle[hidden], int(np.argmax(away)), REACH * length)
@@ -88,6 +95,33 @@ def fill_modes(
     modes[0, hidden] = COMMON * away
     modes[1:, hidden] = LOCAL * away * bump.T
     return modes
+
+
+def hidden_depth(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(f,) depth that a recess may have in the hull of silhouettes, on the scale of `fill_modes`.
+
+    Outlines show all of a body but what no line of sight grazes: a recess is spanned by lines that touch the body on
+    both sides of it, and lie in its hull (Laurentini 1994). So where the hull bends away on all sides it is the body,
+    and where a long line can be drawn in its surface, or out of it again, much may be hidden.
+    """
+    from scipy.spatial import cKDTree
+
+    middle, normal = vertices[faces].mean(axis=1), face_normals(vertices, faces)
+    corner = vertices[faces]
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    pick = np.random.default_rng(18).choice(len(faces), min(SAMPLES, len(faces)), replace=False, p=area / area.sum())
+    near = cKDTree(middle).query(middle[pick], min(16, len(faces)))[1]
+    up = np.einsum("pk,pki->pi", area[near], normal[near])
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-300)
+    x, depth = middle[pick], np.zeros(len(pick))
+    for i in range(len(pick)):
+        line = x - x[i]
+        far = np.linalg.norm(line, axis=1)
+        chord = far[line @ up[i] >= -RISES * far].max()
+        behind = far[(up @ up[i] < -0.3) & (line @ up[i] < 0)]
+        # no deeper than the part is thick, at twice the deviation
+        depth[i] = min(OUTLINES * chord, behind.min(initial=np.inf) / (2 * COMMON))
+    return np.asarray(depth[cKDTree(x).query(middle)[1]])
 
 
 def _bumps(x: np.ndarray, first: int, reach: float) -> np.ndarray:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.surface.cloud import Cloud
-from massprops.surface.reconstruct import Surface, on_support, reconstruct_surface
+from massprops.surface.level_set import level_set
+from massprops.surface.reconstruct import Surface, on_support
+from massprops.surface.refine import vertex_normals
 from massprops.surface.silhouette import Hull, make_hull
 from massprops.views import Views
 
-WRONG = 0.06
-"""Share of the views that may be wrong about a place without making it empty."""
+WRONG = 0.25
+"""Largest share of the views that may be wrong about a place without making it empty: of a body under one light, each part
+is dark, and so like the sky, in some."""
+UNCOVERED = 0.005
+"""Share of the silhouettes that a hull may leave uncovered, over what the most cautious one leaves, before its views
+contradict each other."""
 LEAST_VIEWS = 8
 """Silhouettes without which their hull is no body."""
 
@@ -24,7 +30,6 @@ def surface_of_outlines(
     masks: list[np.ndarray],
     middle: np.ndarray,
     radius: float,
-    seed: int = 0,
     progress: Progress = silent,
     support: np.ndarray | None = None,
 ) -> Surface:
@@ -33,40 +38,111 @@ def surface_of_outlines(
     Args:
         views, masks, support: as for `reconstruct_surface`.
         middle: (3,) within the body; radius: of a ball about it that holds the body.
-        seed, progress: likewise.
+        progress: likewise.
 
     Raises:
         NotPossible: too few silhouettes, or no body common to them.
     """
     if sum(bool((m == 255).any()) for m in masks) < LEAST_VIEWS:
         raise NotPossible(f"surface: fewer than {LEAST_VIEWS} silhouettes, too few for a shape from outlines alone")
-    hull = make_hull(views, masks, middle[None], support=support)
-    hull = replace(hull, need=max(3, round(WRONG * len(views))))
-    surface = reconstruct_surface(
-        views,
-        masks,
-        outline_cloud(hull, views.centres, middle, radius),
-        seed=seed,
-        progress=progress,
-        support=support,
-        moving=False,
-    )
-    none = np.zeros(len(surface.faces), bool)
-    inferred = on_support(surface.vertices, surface.faces, support, 0.75 * surface.spacing)
-    return replace(surface, observed=none, inferred=inferred)
+    views, masks = with_margins(views, masks)
+    hull = consistent(make_hull(views, masks, middle[None], support=support), views, masks, middle, radius)
+    progress(1, 3, "hull")
+    body = body_of_hull(hull, middle, radius)
+    progress(2, 3, "hull sampled")
+    vertices, faces = level_set(body.value, body.origin, body.step)
+    none = np.zeros(len(faces), bool)
+    inferred = on_support(vertices, faces, support, 0.75 * body.step)
+    cloud = outline_cloud(vertices, faces, views.centres, 0.2 * body.step)
+    progress(3, 3, "surface of the hull")
+    return Surface(vertices, faces, none, inferred, hull, cloud, body.step)
 
 
+def with_margins(views: Views, masks: list[np.ndarray]) -> tuple[Views, list[np.ndarray]]:
+    """Views and silhouettes with a margin round each image: sky where the silhouette keeps away from the image's edge,
+    since then all of the body is in it, and no evidence where it does not."""
+    wide = [int(MARGIN * max(m.shape)) for m in masks]
+    K = views.K.copy()
+    K[:, :2, 2] += np.array(wide)[:, None]
+    out = []
+    for mask, m in zip(masks, wide, strict=True):
+        edge = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
+        out.append(np.pad(mask, m, constant_values=0 if (edge == 0).all() and (mask == 255).any() else 128))
+    return replace(views, K=K, size=views.size + 2 * np.array(wide)[:, None]), out
+
+
+MARGIN = 0.25
+"""Width of the margin over the image's longer side: the ball that is searched reaches beyond the image."""
 FACING = 3
 """Views that are taken to see a point of the hull."""
-STEPS = 90
-"""Steps of the grid along the width of the space that is searched."""
+STEPS, FINER = 60, 3
+"""Steps of the grid along the width of the space that is searched, and most parts of each near the hull."""
+POINTS = 20_000
+"""Points that stand for a hull's surface."""
 
 
-def outline_cloud(hull: Hull, centres: np.ndarray, middle: np.ndarray, radius: float) -> Cloud:
-    """Where the edges of a grid cross the hull, facing outward, each with the views that look at it.
+def consistent(hull: Hull, views: Views, masks: list[np.ndarray], middle: np.ndarray, radius: float) -> Hull:
+    """The hull with the fewest views that must agree on a place being empty for the silhouettes to stay covered.
+
+    One view is enough where all are right (Laurentini 1994), and every further one leaves wedges of empty space between
+    few views. A view that takes body for sky shows: silhouettes of other views are then not covered by the hull.
 
     Args:
-        hull: of the silhouettes; centres: (n, 3) of the cameras.
+        views, masks: of the hull; middle, radius: as for `surface_of_outlines`.
+    """
+    low, high = 1, max(3, round(WRONG * len(views)))
+    bound = UNCOVERED + _uncovered(replace(hull, need=high), views, masks, middle, radius)
+    while low < high:  # the more views must agree, the more is covered
+        need = (low + high) // 2
+        if _uncovered(replace(hull, need=need), views, masks, middle, radius) <= bound:
+            high = need
+        else:
+            low = need + 1
+    return replace(hull, need=high)
+
+
+def _uncovered(hull: Hull, views: Views, masks: list[np.ndarray], middle: np.ndarray, radius: float) -> float:
+    """Share of the silhouettes' pixels, mean over the views, that no part of the hull lies behind."""
+    import cv2
+
+    grid, step = _grid(middle, radius, STEPS)
+    inside = grid.reshape(-1, 3)[hull.value(grid.reshape(-1, 3)) < 0.5 * step / hull.pixel]
+    share = []
+    for i, mask in enumerate(masks):
+        if not (mask == 255).any():
+            continue
+        c = inside @ views.R[i].T + views.t[i]
+        uv = np.rint(c[:, :2] / c[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
+        there = (c[:, 2] > 0) & (uv >= 0).all(1) & (uv < mask.shape[::-1]).all(1)
+        drawn = np.zeros(mask.shape, np.uint8)
+        drawn[uv[there, 1], uv[there, 0]] = 1
+        wide = 2 * int(np.ceil(0.5 * np.sqrt(3.0) * step / hull.pixel)) + 1
+        covered = cv2.dilate(drawn, np.ones((wide, wide), np.uint8)) > 0
+        share.append(np.mean(~covered[mask == 255]))
+    return float(np.mean(share))
+
+
+def _grid(middle: np.ndarray, radius: float, steps: int) -> tuple[np.ndarray, float]:
+    """(steps, steps, steps, 3) points of a cube about the ball, and their distance."""
+    flat = np.linspace(-radius, radius, steps)
+    return middle + np.stack(np.meshgrid(flat, flat, flat, indexing="ij"), axis=-1), float(flat[1] - flat[0])
+
+
+@dataclass(frozen=True)
+class HullBody:
+    """The hull on a regular grid of a `step` from `origin` (3,): its value (g, g, g) [px], negative within the body
+    alone."""
+
+    origin: np.ndarray
+    value: np.ndarray
+    step: float
+
+
+def body_of_hull(hull: Hull, middle: np.ndarray, radius: float) -> HullBody:
+    """The largest piece of the hull.
+
+    Args:
+        hull: of the silhouettes.
         middle: (3,) within the body; radius: of a ball about it that holds the body.
 
     Raises:
@@ -74,35 +150,45 @@ def outline_cloud(hull: Hull, centres: np.ndarray, middle: np.ndarray, radius: f
     """
     from scipy.ndimage import label
 
-    flat = np.linspace(-radius, radius, STEPS)
-    step = float(flat[1] - flat[0])
-    grid = middle + np.stack(np.meshgrid(flat, flat, flat, indexing="ij"), axis=-1)
-    value = hull.value(grid.reshape(-1, 3)).reshape(grid.shape[:3])
-    piece, number = label(value < 0)
-    if number == 0:
+    value, step = _value(hull, middle, radius)
+    # thin parts may be parts of a step: pieces nearer than that are one
+    piece, number = label(value < 0.5 * step / hull.pixel)
+    if not (value < 0).any():
         raise NotPossible("surface: the silhouettes have no body in common; mend them and give them with --masks")
-    body = piece == 1 + int(np.argmax(np.bincount(piece.ravel())[1:]))
+    body = piece == 1 + int(np.argmax(np.bincount(piece[value < 0], minlength=number + 1)[1:]))
     border = np.ones(body.shape, bool)
     border[1:-1, 1:-1, 1:-1] = False
     if body[border].mean() > 0.02:
         raise NotPossible("surface: the silhouettes do not bound a body; take images from more sides")
-    # other pieces are no body: they must not be crossed
-    value = np.where(body, value, np.maximum(np.abs(value), 1e-3))
-    slope = np.stack(np.gradient(value), axis=-1)
-    points, normals = [], []
-    for axis in range(3):
-        here, there = (
-            tuple(slice(a, b) if k == axis else slice(None) for k in range(3)) for a, b in ((None, -1), (1, None))
-        )
-        crossed = body[here] != body[there]
-        a, b = value[here][crossed], value[there][crossed]
-        share = (a / (a - b))[:, None]
-        points.append(grid[here][crossed] + share * (grid[there][crossed] - grid[here][crossed]))
-        normals.append((1 - share) * slope[here][crossed] + share * slope[there][crossed])
-    xyz, normal = np.concatenate(points), np.concatenate(normals)
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    return HullBody(middle - radius, np.where(body, value, np.maximum(np.abs(value), 1e-3)), step)
+
+
+def _value(hull: Hull, middle: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
+    """The hull's value on a fine grid (g, g, g), exact near the hull and that of a neighbour elsewhere, and the grid's
+    step: a pixel, if that is not too many."""
+    coarse, wide = _grid(middle, radius, STEPS)
+    value = hull.value(coarse.reshape(-1, 3)).reshape(coarse.shape[:3])
+    finer = int(np.clip(np.ceil(wide / hull.pixel), 1, FINER))
+    steps = finer * (STEPS - 1) + 1
+    nearest = np.rint(np.arange(steps) / finer).astype(int)
+    fine = value[np.ix_(nearest, nearest, nearest)]
+    # no point is farther from its neighbour than half the diagonal, and distances in the image change no faster
+    near = np.nonzero(np.abs(fine) < 1.5 * 0.5 * np.sqrt(3.0) * wide / hull.pixel)
+    step = wide / finer
+    fine[near] = hull.value(middle - radius + step * np.stack(near, axis=1))
+    return fine, step
+
+
+def outline_cloud(vertices: np.ndarray, faces: np.ndarray, centres: np.ndarray, sigma: float) -> Cloud:
+    """Points of a hull's surface, facing outward, each with the views that look at it.
+
+    Args:
+        vertices: (v, 3); faces: (f, 3); centres: (n, 3) of the cameras; sigma: of the points.
+    """
+    some = slice(None, None, max(1, len(vertices) // POINTS))
+    xyz, normal = vertices[some], vertex_normals(vertices, faces)[some]
     start = FACING * np.arange(len(xyz) + 1)
-    return Cloud(xyz, normal, np.full(len(xyz), 0.2 * step), start, _facing(xyz, normal, centres).ravel()).finite()
+    return Cloud(xyz, normal, np.full(len(xyz), sigma), start, _facing(xyz, normal, centres).ravel()).finite()
 
 
 def _facing(xyz: np.ndarray, normal: np.ndarray, centres: np.ndarray) -> np.ndarray:

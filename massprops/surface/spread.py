@@ -6,7 +6,7 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
 1. resampled views: views are drawn with replacement in blocks of neighbours (block bootstrap, Kuensch 1989), and the
    mean residual of each patch's points is recomputed with the drawn views;
 2. a common offset of all measured faces, N(0, `BIAS_PIXELS` of a pixel at the object): matching windows and outlines
-   err alike everywhere;
+   err alike everywhere (of all faces where there are only outlines);
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
 4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`).
@@ -58,8 +58,9 @@ def replicates(
 
     rows, lengths = np.tile(own, (count, 1)), np.full(count, length)
     common = BIAS_PIXELS * surface.hull.pixel * rng.standard_normal(count)
-    rows += common[:, None] * response[surface.observed].sum(0)
-    lengths += common * pull[surface.observed[end_face]].sum()
+    shown = surface.observed if surface.observed.any() else np.ones(len(faces), bool)
+    rows += common[:, None] * response[shown].sum(0)
+    lengths += common * pull[shown[end_face]].sum()
 
     patch = _patches(surface, rng)
     offset = _bootstrap(surface, patch, views, count, blocks, rng)
@@ -74,6 +75,10 @@ def replicates(
     of_measured = measured_modes(vertices, faces, surface.observed, length, surface.hull.pixel)
     modes = np.concatenate([of_measured, fill_modes(vertices, faces, surface.observed, length, surface.inferred)])
     drawn = rng.standard_normal((count, len(modes)))
+    if not surface.observed.any():
+        # a hull holds its body: what it hides is inward
+        drawn[:, len(of_measured)] = -np.abs(drawn[:, len(of_measured)])
+        drawn[:, len(of_measured) + 1 :] *= 0.5
     rows += drawn @ (modes @ response)
     for e in (0, 1):
         lengths += drawn @ modes[:, end_face[e]] * pull[e]

@@ -7,6 +7,7 @@ import os
 import stat
 import subprocess
 import sys
+import tomllib
 import warnings
 from pathlib import Path
 
@@ -80,3 +81,12 @@ def test_numba_has_a_place_where_package_and_home_cannot_be_written(
     monkeypatch.setenv("NUMBA_CACHE_DIR", "")
     native.prepare_numba_cache()
     assert Path(os.environ["NUMBA_CACHE_DIR"]) != place
+
+
+def test_an_interrupt_while_modules_are_loaded_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt\n")
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from massprops_cli.start import main; main()"
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "massprops: interrupted: nothing was begun\n")
+    scripts = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]
+    assert scripts["massprops"] == "massprops_cli.start:main"

@@ -26,13 +26,15 @@ def test_a_law_is_on_the_page_with_its_terms_and_its_figures() -> None:
     shown = law({"law": LAW})
     for part in ("8.1e-05 [max(0, s_z) along x]", "0.97", "7.25", "1.02", "law.py", "law.yaml", "rad s^-2"):
         assert part in shown
-    assert 'class="done"' in shown and "relied" not in shown
+    assert 'class="done"' in shown and "Not stated" not in shown
 
 
 @pytest.mark.parametrize("because", ["other terms explain the record <nearly> as well"])
 def test_a_doubtful_law_says_why(because: str) -> None:
     shown = law({"law": LAW | {"stated": False, "because": because}})
-    assert 'class="warning"' in shown and "&lt;nearly&gt;" in shown and "<nearly>" not in shown
+    assert (
+        'class="warning"' in shown and "Not stated" in shown and "&lt;nearly&gt;" in shown and "<nearly>" not in shown
+    )
 
 
 def test_no_law_looked_for_is_no_section_and_none_found_says_so() -> None:

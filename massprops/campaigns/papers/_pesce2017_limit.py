@@ -48,7 +48,9 @@ def limit(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, np.ndarray]:
             H, wide = np.concatenate([H, slope], axis=1), np.concatenate([wide, doubt], axis=1)
             wrong = np.concatenate([wrong, residual], axis=1)
 
-        def observe(s: State, which: np.ndarray, H=H, wrong=wrong) -> tuple[np.ndarray, np.ndarray]:
+        def observe(
+            s: State, which: np.ndarray, H: np.ndarray = H, wrong: np.ndarray = wrong
+        ) -> tuple[np.ndarray, np.ndarray]:
             return wrong[which], H[which]
 
         P = update(layout, truth, P, observe, wide, Rule(1)).P

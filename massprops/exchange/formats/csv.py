@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from massprops.exchange.body import Body
 
@@ -27,7 +28,9 @@ def _rows(body: Body) -> Iterator[tuple[str, float, str, str, str]]:
     d, interval = body.document, body.document.get("interval_90", {})
     factor = body.mass / d["mass"]
 
-    def row(name, value, unit, bounds=None, scale=1.0):  # type: ignore[no-untyped-def]
+    def row(
+        name: str, value: float, unit: str, bounds: Any = None, scale: float = 1.0
+    ) -> tuple[str, float, str, str, str]:
         low, high = ("", "") if bounds is None else (f"{scale * bounds[0]:.17g}", f"{scale * bounds[1]:.17g}")
         return name, value, unit, low, high
 

@@ -45,7 +45,7 @@ def run(job: Job) -> dict:
 
 
 def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str]):  # type: ignore[no-untyped-def]
-    """Views and points of the placement that most images show, and of those that fit onto it."""
+    """Views and points of the best placement, that most images show, and of those that fit onto it."""
     from massprops.run.stages.shape import placement_folder
     from massprops.sfm.points import SparsePoints
     from massprops.surface.cloud import Cloud
@@ -54,7 +54,8 @@ def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str])
 
     number = {name: i for i, name in enumerate(views.names)}
     index = [np.array([number[n] for n in p["images"] if n not in left_out], int) for p in placements]
-    order = sorted(range(len(placements)), key=lambda k: -len(index[k]))
+    # a measured shape before one that is known by what it hides
+    order = sorted(range(len(placements)), key=lambda k: (placements[k]["method"] != "measured", -len(index[k])))
     first = order[0]
     facts: dict = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
     base = _placed(job, views.take(index[first]), first)
@@ -83,6 +84,7 @@ def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str])
             facts["unjoined"].append({**said, "fits": found.fits, "reason": reason})
     if len(parts) == 1:
         facts["support_plane"] = placements[first]["support_plane"]
+        facts["support_rise"] = placements[first]["support_rise"]
     around, all_views, all_points, before = [], [], [], 0
     for member, R, t, k in parts:
         folder = placement_folder(job.work("shape"), k)

@@ -97,6 +97,8 @@ def _evidence(job: Job, surface: dict, half_width: float, valid: float, readings
         half_width=half_width,
         filled=filled,
         inferred=inferred,
+        hollow_possible=float(surface.get("hollow_possible", 0.0)),
+        hollow_likely=float(surface.get("hollow_likely", 0.0)),
         images=int(sfm["given"]),
         used=sum(p["images"] for p in join["joined"]),
         unjoined=len(join["unjoined"]),

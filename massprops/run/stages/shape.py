@@ -22,6 +22,7 @@ from massprops.run.job import Job
 
 if TYPE_CHECKING:
     from massprops.capture.readings import Reading, Scene
+    from massprops.surface.cloud import Cloud
 
 READS = ("capture", "sfm")
 OPTIONS = ("object", "box", "keep_support")
@@ -75,11 +76,14 @@ def run(job: Job) -> dict:
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
     )
     label = by_order(divided.label)
+    if not given and not divided.known:
+        label = _set_down(job, views, sparse, region, footage)
     placements, lost = _solved(job, views, sparse, label, pointed)
     if len(placements) > 1 and not given:
         # the object's own features know better than what is hidden of a plain table
         hidden = _relabelled(job, views, region, label, placements)
-        better = np.where(divided.label >= 0, divided.label, hidden)
+        sure = divided.known & (divided.label >= 0)
+        better = np.where(sure, divided.label, hidden)
         if not np.array_equal(better, label):
             label = better
             placements, lost = _solved(job, views, sparse, label, pointed)
@@ -100,14 +104,37 @@ def _carried(job: Job, views, sparse) -> bool:  # type: ignore[no-untyped-def]
 
     The room takes no part: it does not hang together with what turns, and stereo finds nothing there.
     """
-    from massprops.capture.support import find_support, region_of
+    from massprops.capture.support import region_of
 
-    region = region_of(views)
+    return _rough_support(job, views, region_of(views), sparse) is not None
+
+
+def _rough_support(job: Job, views, region, sparse) -> tuple[Cloud, np.ndarray] | None:  # type: ignore[no-untyped-def]
+    """Dense points of all views and the plane (4,) that carries what they look at, or None."""
+    from massprops.capture.support import find_support
+
     try:
         cloud, _ = _dense(job, views, region, sparse)
     except NotPossible:
-        return False
-    return find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed) is not None
+        return None
+    plane = find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed)
+    return None if plane is None else (cloud, plane)
+
+
+def _set_down(job: Job, views, sparse, region, footage: dict) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Labels (n,) of an object that has no features to tell its placements by: by what it hides of its support."""
+    from massprops.capture.occlusion import COARSE, voxels
+    from massprops.capture.set_down import LEAST_IMAGES, set_down_anew
+
+    none = np.zeros(len(views), int)
+    found = _rough_support(job, views, region, sparse) if len(views) >= 2 * LEAST_IMAGES else None
+    if found is None:
+        return none
+    cloud, plane = found
+    maps = _occlusion(job, views, cloud, plane, region)
+    taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
+    times = np.array([taken[name] for name in views.names], np.int64)
+    return set_down_anew(voxels(views, maps, plane, region, COARSE), maps, times)
 
 
 def _solved(job: Job, views, sparse, label: np.ndarray, pointed: list[Located]) -> tuple[list[dict], list[dict]]:  # type: ignore[no-untyped-def]
@@ -181,7 +208,7 @@ def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> 
     """The first shape of one placement; views and sparse points are its own."""
     from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
-    from massprops.capture.support import region_of
+    from massprops.capture.support import least_rise, region_of
 
     region = region_of(views)
     cloud, colour = _dense(job, views, region, sparse)
@@ -208,6 +235,9 @@ def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> 
         "method": method,
         "readings": _readings(job, scene, object_.readings, number),
         "support_plane": None if found.plane is None else found.plane.tolist(),
+        "support_rise": None
+        if found.plane is None
+        else least_rise(cloud.xyz, cloud.normal, found.plane, region, pixel),
         "object_points": len(own),
         "other_points": int(found.other.sum()),
         "region_radius": region.radius,

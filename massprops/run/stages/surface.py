@@ -9,10 +9,12 @@ import numpy as np
 
 from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
+from massprops.mass.integrals import mesh_integrals
 from massprops.run.job import Job
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
+    from massprops.surface.hollow import Hollows
     from massprops.surface.reconstruct import Surface
     from massprops.views import Views
 
@@ -44,6 +46,7 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 def run(job: Job) -> dict:
     """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length) and surface.json."""
     from massprops.surface.cloud import Cloud
+    from massprops.surface.hollow import hollowed
     from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
     from massprops.surface.unlit import spare_unlit
@@ -52,14 +55,14 @@ def run(job: Job) -> dict:
     views = Views.load(job.work("join") / "views.npz")
     place = json.loads((job.work("join") / "join.json").read_text())
     footage = json.loads((job.work("capture") / "footage.json").read_text())
-    cloud = Cloud.load(job.work("dense") / "points.npz")
+    cloud, table = _without_support(Cloud.load(job.work("dense") / "points.npz"), place)
     # what turns on a support is no free body: other things may stand there
     free = footage["motion"] == "tumbling" and place["support_plane"] is None
     masks = _masks(job, views)
     grey = _grey(job, views) if free and _before_black_sky(footage) else []
     if grey and len(cloud):
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
-    surface, masks = _surface(job, views, masks, grey, cloud, place, free or bool(footage["masks_given"]))
+    surface, masks = _surface(job, views, masks, grey, cloud, table, place, free or bool(footage["masks_given"]))
     lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
     if lost > NOTHING_LEFT:
         raise NotPossible(
@@ -68,6 +71,9 @@ def run(job: Job) -> dict:
         )
     focal = json.loads((job.work("sfm") / "sfm.json").read_text()).get("focal_sigma_relative")
     rows, lengths = replicates(surface, len(views), FOCAL_SIGMA if focal is None else float(focal), seed=job.seed)
+    hollow = _hollows(surface, place)
+    body = mesh_integrals(surface.vertices, surface.faces)
+    rows = hollowed(rows, body, hollow.likely, job.seed)
     np.savez(
         job.out / "surface.npz",
         vertices=surface.vertices,
@@ -80,10 +86,38 @@ def run(job: Job) -> dict:
     facts = _facts(
         surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
     )
+    facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": hollow.likely[0] / body[0]}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _without_support(cloud: Cloud, place: dict) -> tuple[Cloud, Cloud]:
+    """The body's points, and those of the plane it stands on; `place` is `join.json`.
+
+    A silhouette may take in the shadow at the object's foot. Stereo measures the plane there all the same, and its lines
+    of sight say that nothing is above it.
+    """
+    from massprops.capture.support import on_plane
+
+    rise = place.get("support_rise")
+    if rise is None or not len(cloud):
+        return cloud, cloud.take(np.zeros(0, int))
+    flat = on_plane(cloud.xyz, cloud.normal, np.array(place["support_plane"], float), float(rise))
+    return cloud.take(np.flatnonzero(~flat)), cloud.take(np.flatnonzero(flat))
+
+
+def _hollows(surface: Surface, place: dict) -> Hollows:
+    """Space of which nothing proves that it is material; none without a known support. `place` is `join.json`."""
+    from massprops.surface.hollow import Hollows, hollows
+
+    if place["support_plane"] is None:
+        return Hollows(np.zeros(10), np.zeros(10))
+    # neighbours together know their surface better than each of them
+    noise = 0.5 * float(np.median(surface.cloud.sigma))
+    plane = np.array(place["support_plane"], float)
+    return hollows(surface.vertices, surface.faces, surface.observed, plane, noise, surface.spacing)
 
 
 def _masks(job: Job, views: Views) -> list[np.ndarray]:
@@ -119,12 +153,20 @@ def _grey(job: Job, views: Views) -> list[np.ndarray]:
 
 
 def _surface(
-    job: Job, views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, place: dict, moving: bool
+    job: Job,
+    views: Views,
+    masks: list[np.ndarray],
+    grey: list[np.ndarray],
+    cloud: Cloud,
+    table: Cloud,
+    place: dict,
+    moving: bool,
 ) -> tuple[Surface, list[np.ndarray]]:
     """The closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
 
     Args:
         grey: images of a body before black sky, else none.
+        table: points of the plane it stands on that lie within silhouettes.
         place: `join.json`; moving: nothing else is in the cloud.
     """
     from massprops.surface.cloud import Cloud
@@ -137,7 +179,7 @@ def _surface(
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
-        beside = beside.take(np.flatnonzero(~shown_as_object(beside, views, masks)))
+        beside = Cloud.joined([beside.take(np.flatnonzero(~shown_as_object(beside, views, masks))), table])
     try:
         surface = reconstruct_surface(
             views,
@@ -154,12 +196,12 @@ def _surface(
         if place.get("middle") is None:
             raise
     middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
-    surface = surface_of_outlines(views, masks, middle, radius, job.seed, job.progress, support)
+    surface = surface_of_outlines(views, masks, middle, radius, job.progress, support)
     if grey:
         # what the Sun lights of this first surface says where the Sun is, and so what is body in the dark
         spared = spare_unlit(views, masks, grey, surface.cloud, job.seed)
         if spared is not masks:
-            return surface_of_outlines(views, spared, middle, radius, job.seed, job.progress, support), spared
+            return surface_of_outlines(views, spared, middle, radius, job.progress, support), spared
     return surface, masks
 
 

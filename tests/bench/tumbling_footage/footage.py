@@ -32,6 +32,9 @@ RATE = 5.0
 """Turn between two frames [degree]."""
 SECONDS = 0.4
 """Between two frames, as `develop.FPS` plays them [s]."""
+LEAST_ASPECT = 30.0
+"""Angle between the angular momentum and the line of sight [degree]: a body that turns about the line of sight shows one
+side, whatever its surface."""
 SUN = {"sun": 0.0093, "watts": 14.0, "warm": 0.0}
 """The Sun's angle [rad] and strength, at which white in full light is display white less a third."""
 
@@ -120,9 +123,13 @@ def _motion(footage: Footage, rng: np.random.Generator, mesh: trimesh.Trimesh) -
     )
     step = np.radians(360.0 / 16 if footage.poor == "few" else RATE)
     w0 = axes @ direction / np.linalg.norm(direction) * step / SECONDS
+    start = normalise(rng.standard_normal(4))
+    momentum = inertia @ w0 / np.linalg.norm(inertia @ w0)
+    while abs(float((rotation_matrix(start) @ momentum)[2])) > np.cos(np.radians(LEAST_ASPECT)):
+        start = normalise(rng.standard_normal(4))
     half = 0.5 * np.radians(2.0 if footage.poor == "blurred" else 0.05) / (step / SECONDS)
     times = (SECONDS * np.arange(footage.count)[:, None] + [-half, 0.0, half]).ravel()
-    q, w = propagate(normalise(rng.standard_normal(4)), w0, inertia, times, largest_turn=0.02)
+    q, w = propagate(start, w0, inertia, times, largest_turn=0.02)
     return w[1::3], rotation_matrix(q).reshape(-1, 3, 3, 3)
 
 

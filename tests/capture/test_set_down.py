@@ -1,0 +1,51 @@
+"""Placements of an object without features, told by what it hides of its support."""
+
+import numpy as np
+
+from massprops.capture.occlusion import Occlusion, Voxels
+from massprops.capture.set_down import set_down_anew
+
+SIDE, VIEWS = 12, 24
+
+
+def scene(places: list[tuple[slice, slice]], seed: int = 0) -> tuple[Voxels, Occlusion]:
+    """A block at a place for each view, seen along the three axes in turn; a tenth of what the views say is wrong."""
+    rng = np.random.default_rng(seed)
+    at = np.stack(np.meshgrid(*3 * [np.arange(SIDE)], indexing="ij"), axis=-1)
+    states, cells = [], []
+    for i, place in enumerate(places):
+        block = np.zeros((SIDE, SIDE, SIDE), bool)
+        block[(*place, slice(0, 6))] = True
+        across = [k for k in range(3) if k != i % 3]
+        state = np.where(block.any(axis=i % 3), -1, 1).astype(np.int8)
+        wrong = rng.random(state.shape) < 0.1
+        states.append(np.where(wrong, -state, state).astype(np.int8))
+        cells.append((at[..., across[0]] * SIDE + at[..., across[1]]).astype(np.int32))
+    cell = np.stack(cells)
+    said = np.stack([s.ravel()[c] for s, c in zip(states, cell, strict=True)])
+    return Voxels(at.astype(float), 1.0, said == 1, said == -1, cell), Occlusion(states, np.ones(len(places)))
+
+
+HERE, THERE = (slice(1, 6), slice(1, 6)), (slice(5, 10), slice(4, 9))
+
+
+def test_an_object_that_stays_is_one_placement():
+    assert not set_down_anew(*scene(VIEWS * [HERE])).any()
+
+
+def test_an_object_set_down_anew_is_two():
+    label = set_down_anew(*scene(14 * [HERE] + 10 * [THERE]))
+    assert label.tolist() == 14 * [0] + 10 * [1]
+
+
+def test_a_long_pause_says_when_it_was_moved():
+    grid, maps = scene(13 * [HERE] + 11 * [THERE])
+    pause = np.where(np.arange(VIEWS - 1) == 12, 400, 10)
+    taken = 10**9 * np.concatenate([[1], 1 + np.cumsum(pause)])
+    assert set_down_anew(grid, maps, taken).tolist() == 13 * [0] + 11 * [1]
+
+
+def test_a_pause_alone_divides_nothing():
+    grid, maps = scene(VIEWS * [HERE])
+    taken = 10**9 * np.concatenate([[1], 1 + np.cumsum(np.where(np.arange(VIEWS - 1) == 12, 400, 10))])
+    assert not set_down_anew(grid, maps, taken).any()
