@@ -48,7 +48,6 @@ LONG = {
     "massprops/sfm/attempt.py:attempt",
     "massprops/sfm/attitude.py:to_sequence",
     "massprops/sfm/patches.py:_one",
-    "massprops/sfm/precision.py:precision",
     "massprops/sfm/sparse_import.py:import_sparse",
     "massprops/sfm/surface_tracks.py:follow_pieces",
 }

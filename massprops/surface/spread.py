@@ -47,16 +47,14 @@ def replicates(
     """
     rng = np.random.default_rng([seed, 14])
     vertices, faces = surface.vertices, surface.faces
-    own = mesh_integrals(vertices, faces)
     response = offset_response(vertices, faces)
     length, end_a, end_b = model_length(vertices, faces, surface.observed)
     ends = np.array([end_a, end_b])
-    direction = vertices[end_b] - vertices[end_a]
-    direction = direction / np.linalg.norm(direction)
+    direction = (vertices[end_b] - vertices[end_a]) / np.linalg.norm(vertices[end_b] - vertices[end_a])
     pull = np.einsum("ij,j->i", vertex_normals(vertices, faces)[ends], direction) * [-1, 1]
     end_face = np.array([np.flatnonzero((faces == e).any(1))[0] for e in ends])
 
-    rows, lengths = np.tile(own, (count, 1)), np.full(count, length)
+    rows, lengths = np.tile(mesh_integrals(vertices, faces), (count, 1)), np.full(count, length)
     common = BIAS_PIXELS * surface.hull.pixel * rng.standard_normal(count)
     shown = surface.observed if surface.observed.any() else np.ones(len(faces), bool)
     rows += common[:, None] * response[shown].sum(0)
