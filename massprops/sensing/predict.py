@@ -7,7 +7,6 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.dynamics.quaternion import skew
 from massprops.sensing.pinhole import Pinhole
 
 STEP = 1e-30
@@ -60,6 +59,13 @@ def rotation_of(x: np.ndarray) -> np.ndarray:
     b = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / np.where(small, 1.0, square))
     K = skew(x)
     return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
+
+
+def skew(x: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) with skew(x) y = x cross y."""
+    zero = np.zeros_like(x[..., 0])
+    rows = [[zero, -x[..., 2], x[..., 1]], [x[..., 2], zero, -x[..., 0]], [-x[..., 1], x[..., 0], zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:
