@@ -37,9 +37,8 @@ def run_of(tmp_path: Path, motion: str = "static", images: list[np.ndarray] | No
     frames = []
     for i, name in enumerate(VIEWS.names):
         own = name.split("/")[1]
-        frames.append(
-            {"name": name, "source_name": own, "camera": 0, "turn": 0, "width": SIZE[0], "height": SIZE[1]}
-        )  # fmt: skip
+        size = {"width": SIZE[0], "height": SIZE[1]}
+        frames.append({"name": name, "source_name": own, "timestamp_ns": -1, "camera": 0, "turn": 0, **size})
         image = rng.integers(0, 255, (SIZE[1], SIZE[0], 3), dtype=np.uint8) if images is None else images[i]
         cv2.imwrite(str(run / "work" / "capture" / "frames" / name), image)
     footage = {
