@@ -54,34 +54,39 @@ def extend(
         grown = continue_mapping(model, found.database, frames, work / f"more{turn}", found.mapping)
         known = set(model.reg_image_ids())
         take_out_contradicted(grown, found.database, known)
-        fresh = {grown.image(i).name for i in set(grown.reg_image_ids()) - known}
-        if not fresh:
+        added = set(grown.reg_image_ids()) - known
+        if not added:
             break
-        before = {i: taken(found.database, _pairs_of(found.database, i)) for i in set(grown.reg_image_ids()) - known}
+        fresh = {grown.image(i).name for i in added}
+        before = {i: taken(found.database, pairs) for i, pairs in _pairs_of(found.database, added).items()}
         try:
             grown = match_predicted(grown, found, footage, options, work / f"more{turn}", progress, fresh)
         except NotPossible:
             break
         take_out_unmatched(grown, fresh)
-        for image_id in set(before) - set(grown.reg_image_ids()):
-            _restore(found.database, image_id, before[image_id])
+        gone = added - set(grown.reg_image_ids())
+        for image_id, pairs in _pairs_of(found.database, gone).items():
+            _restore(found.database, pairs, before[image_id])
         if grown.num_reg_images() <= model.num_reg_images():
             break
         model = grown
     return model
 
 
-def _pairs_of(database: Path, image_id: int) -> list[int]:
+def _pairs_of(database: Path, image_ids: set[int]) -> dict[int, list[int]]:
+    """The matched pairs of each of the images."""
     with pycolmap.Database.open(database) as db:
-        return [int(p) for p in db.read_all_matches()[0] if image_id in pycolmap.pair_id_to_image_pair(p)]
+        pairs = [int(p) for p in db.read_all_matches()[0]] if image_ids else []
+    return {i: [p for p in pairs if i in pycolmap.pair_id_to_image_pair(p)] for i in sorted(image_ids)}
 
 
-def _restore(database: Path, image_id: int, rows: Arrays) -> None:
-    """Puts back an image's own matches: those made where it was wrongly placed would place it there again."""
-    numbers = _pairs_of(database, image_id)
+def _restore(database: Path, pairs: list[int], rows: Arrays) -> None:
+    """Puts back an image's own matches for those of `pairs`: made where it was wrongly placed, they would place it there
+    again."""
     with pycolmap.Database.open(database) as db:
-        for a, b in map(pycolmap.pair_id_to_image_pair, numbers):
-            db.delete_matches(a, b)
+        for a, b in map(pycolmap.pair_id_to_image_pair, pairs):
+            if db.exists_matches(a, b):
+                db.delete_matches(a, b)
             if db.exists_two_view_geometry(a, b):
                 db.delete_two_view_geometry(a, b)
     put_back(database, rows)

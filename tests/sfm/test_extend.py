@@ -77,13 +77,13 @@ def test_an_image_gets_its_own_matches_back(solved, tmp_path):
             return {p: np.asarray(m).tolist() for p, m in zip(*db.read_all_matches(), strict=True)}
 
     before = matches()
-    rows = taken(database, _pairs_of(database, 3))
+    rows = taken(database, _pairs_of(database, {3})[3])
     with pycolmap.Database.open(database) as db:
         db.delete_matches(1, 3)
         db.write_matches(1, 3, np.array([[0, 1], [1, 0]], np.uint32))
         db.delete_matches(3, 4)
     assert matches() != before
-    _restore(database, 3, rows)
+    _restore(database, _pairs_of(database, {3})[3], rows)
     assert matches() == before
 
 
