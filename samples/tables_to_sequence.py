@@ -19,7 +19,7 @@ import numpy as np
 
 import massprops
 from massprops.errors import InputError
-from massprops.sequence import write_sequence
+from massprops.sequence import Sequence, write_sequence
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("sequence", help="folder to write")
@@ -37,7 +37,7 @@ parser.add_argument("--rates", help="table of body rates")
 parser.add_argument("--rate-sigma", type=float, help="1-sigma of a rate [rad/s]; default: found from the rates")
 
 
-def read(path, columns):
+def read(path: str, columns: int) -> np.ndarray:
     """Rows of a table by time, those with a number in each of its first columns."""
     rows = np.atleast_2d(np.genfromtxt(path, delimiter=","))
     if rows.shape[1] < columns:
@@ -46,7 +46,7 @@ def read(path, columns):
     return rows[np.argsort(rows[:, 0], kind="stable")]
 
 
-def of_tracks(given):
+def of_tracks(given: argparse.Namespace) -> Sequence:
     if not given.focal or not given.size:
         raise InputError("--tracks needs --focal and --size")
     rows = read(given.tracks, 5)
@@ -63,7 +63,7 @@ def of_tracks(given):
     )
 
 
-def of_attitudes(given):
+def of_attitudes(given: argparse.Namespace) -> Sequence:
     rows = read(given.attitudes, 5)
     q = rows[:, [4, 1, 2, 3]] if given.scalar_last else rows[:, 1:5]
     if given.into_body:
@@ -74,7 +74,7 @@ def of_attitudes(given):
     return found
 
 
-def of_rates(given):
+def of_rates(given: argparse.Namespace) -> Sequence:
     rows = read(given.rates, 4)
     return massprops.sequence_from_arrays(rows[:, 0], rates=rows[:, 1:4], rate_sigma=given.rate_sigma)
 
