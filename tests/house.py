@@ -18,10 +18,6 @@ MOST_LINES, MOST_PARAMETERS = 60, 10
 LONG = {
     "massprops/diagnosis/evidence.py:solve",
     "massprops/diagnosis/search/select.py:select",
-    "massprops/estimators/unscented/arrays.py:correct",
-    "massprops/estimators/unscented/correction.py:correct",
-    "massprops/estimators/unscented/prediction.py:propagate",
-    "massprops/estimators/unscented/state.py:filter_epochs",
     "massprops/sfm/attempt.py:attempt",
     "massprops/sfm/attitude.py:to_sequence",
     "massprops/sfm/patches.py:_one",
@@ -31,17 +27,6 @@ LONG = {
 """Functions, as `path:name`, that are longer still: no new one."""
 
 WIDE = {
-    "massprops/estimators/unscented/algebra.py:add_rows",
-    "massprops/estimators/unscented/arrays.py:correct",
-    "massprops/estimators/unscented/arrays.py:propagate",
-    "massprops/estimators/unscented/arrays.py:run_loop",
-    "massprops/estimators/unscented/arrays.py:sight",
-    "massprops/estimators/unscented/components.py:image",
-    "massprops/estimators/unscented/components.py:torque_free",
-    "massprops/estimators/unscented/correction.py:correct",
-    "massprops/estimators/unscented/correction.py:run_loop",
-    "massprops/estimators/unscented/correction.py:sight",
-    "massprops/estimators/unscented/prediction.py:propagate",
     "massprops/sfm/patches.py:_all",
     "massprops/sfm/patches.py:_one",
     "massprops/sfm/patches.py:follow",

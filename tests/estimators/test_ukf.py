@@ -15,6 +15,8 @@ from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 from massprops.estimators.unscented import Camera, Measurements, Noise, Settings, State, filter_epochs
 from massprops.estimators.unscented.features import with_features, without_features
+from massprops.estimators.unscented.state import Loop
+from tests.estimators.unscented_arrays import run_loop
 
 INERTIA = np.diag([90.0, 100.0, 112.0])
 K = np.log([0.9, 100 / 112])
@@ -118,8 +120,8 @@ def filter_case(additive: bool, moving: bool, flow: bool, gate: float, n: int = 
 )
 def test_numpy_alone_gives_the_same_numbers(additive: bool, moving: bool, flow: bool, gate: float) -> None:
     state, seen, noise, settings = filter_case(additive, moving, flow, gate)
-    a = filter_epochs(state, seen, noise, replace(settings, backend="numpy"))
-    b = filter_epochs(state, seen, noise, replace(settings, backend="numba"))
+    a = filter_epochs(state, seen, noise, settings, loop=run_loop)
+    b = filter_epochs(state, seen, noise, settings)
     for name in ("w", "q", "k", "axes", "position", "velocity", "sigma", "block"):
         assert np.abs(getattr(a, name) - getattr(b, name)).max() < 1e-8, name
     assert np.abs(a.last.P - b.last.P).max() < 1e-8
@@ -130,8 +132,8 @@ def test_numpy_alone_gives_the_same_numbers(additive: bool, moving: bool, flow: 
 def test_it_is_the_unscented_filter_of_the_textbook() -> None:
     """One epoch against sigma points written out in full, all of them through motion and sight."""
     state, seen, noise, settings = filter_case(False, False, False, 0.0, n=2, gaps=False)
-    got = filter_epochs(state, seen, noise, replace(settings, backend="numpy"))
-    first = filter_epochs(state, replace_rows(seen, 1), noise, replace(settings, backend="numpy")).last
+    got = filter_epochs(state, seen, noise, settings, loop=run_loop)
+    first = filter_epochs(state, replace_rows(seen, 1), noise, settings, loop=run_loop).last
     alpha, beta, n = settings.alpha, settings.beta, len(state.P)
     lam = alpha**2 * n - n
     wm = np.full(2 * n + 1, 0.5 / (n + lam))
@@ -268,15 +270,15 @@ def test_a_flat_spin_shows_nothing(axis: int) -> None:
         assert found.k1 is None and found.k2 is None
 
 
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
-def test_never_not_finite(backend: str) -> None:
+@pytest.mark.parametrize("loop", [None, run_loop], ids=["compiled", "numpy"])
+def test_never_not_finite(loop: Loop | None) -> None:
     """A start that is wrong in everything, then nothing to see for a long time with much process noise."""
     state, seen, _, settings = filter_case(False, True, True, 0.0, n=60)
     z = seen.z.copy()
     z[20:] = np.nan
     wild = replace(state, w=np.array([40.0, -30, 20]), k=np.array([3.0, -4.0]), P=state.P * 1e4)
     noise = Noise(w=1.0, attitude=1.0, k=1.0, position=1.0, velocity=1.0, features=1.0)
-    result = filter_epochs(wild, replace(seen, z=z), noise, replace(settings, backend=backend))
+    result = filter_epochs(wild, replace(seen, z=z), noise, settings, loop=loop)
     for name in ("w", "q", "k", "position", "sigma", "nis"):
         assert np.isfinite(getattr(result, name)).all(), name
 
@@ -299,4 +301,3 @@ def test_speed() -> None:
     print(found)
     assert found["states"] == 24 and found["measurements"] == 45
     assert found["ukf_us_per_step"] <= 60.0
-    assert found["ukf_numpy_difference"] < 1e-8

@@ -8,14 +8,15 @@ LOST = 1e-13
 """A pivot below this share of its diagonal is rounding, and is held there."""
 
 
-def add_rows(T, row, first, width, A, k, place, f0, f1, f2, f3):  # type: ignore[no-untyped-def]
-    """T[row, first : first + width] += f0 A[k, place :] + f1 A[k + 1, ...] + f2 ... + f3 ..., in one pass.
+def add_rows(T, row, first, width, A, k, place, f):  # type: ignore[no-untyped-def]
+    """T[row, first : first + width] += f[0] A[k, place :] + f[1] A[k + 1, ...] + f[2] ... + f[3] ..., in one pass.
 
     Indices are unsigned, and rows are not sliced: a check for negative ones, or the counting of references to a view,
     would cost as much as the sum.
     """
     r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
+    f0, f1, f2, f3 = f
     for i in range(np.uint64(width)):
         T[r, a + i] += f0 * A[k0, b + i] + f1 * A[k1, b + i] + f2 * A[k2, b + i] + f3 * A[k3, b + i]
 
@@ -61,7 +62,7 @@ def upper_factor(T, rows):  # type: ignore[no-untyped-def]
             take_rows(T, i, i, width, T, k, i, i)
             k += 8
         if k + 4 <= i:
-            add_rows(T, i, i, width, T, k, i, -T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i])
+            add_rows(T, i, i, width, T, k, i, (-T[k, i], -T[k + 1, i], -T[k + 2, i], -T[k + 3, i]))
             k += 4
         while k < i:
             f, j = T[k, i], np.uint64(k)

@@ -48,9 +48,11 @@ def turn_between(qw: N, qx: N, qy: N, qz: N, pw: N, px: N, py: N, pz: N) -> tupl
 
 
 def torque_free(
-    wx: N, wy: N, wz: N, qw: N, qx: N, qy: N, qz: N, k1: N, k2: N, dt: float, steps: int
+    w: tuple[N, N, N], q: tuple[N, N, N, N], k1: N, k2: N, dt: float, steps: int
 ) -> tuple[N, N, N, N, N, N, N]:
     """Rates and attitude after dt of torque-free motion, principal axes: `steps` Runge-Kutta steps of fourth order."""
+    wx, wy, wz = w
+    qw, qx, qy, qz = q
     i1, i3 = np.exp(k1), np.exp(-k2)
     a, b, c = (1.0 - i3) / i1, i3 - i1, (i1 - 1.0) / i3
     h = dt / steps
@@ -82,21 +84,22 @@ def torque_free(
     return wx, wy, wz, qw, qx, qy, qz
 
 
-def image(
-    fu: N, fv: N, cu: N, cv: N, R: N, tx: N, ty: N, tz: N, x: N, y: N, z: N, vx: N, vy: N, vz: N
-) -> tuple[N, N, N, N]:
-    """Image position and its rate of a point (x, y, z) moving at (vx, vy, vz) in the chaser's frame.
+def image(eyes: N, c: int, x: N, y: N, z: N, vx: N, vy: N, vz: N) -> tuple[N, N, N, N]:
+    """Image position and its rate of a point (x, y, z) moving at (vx, vy, vz) in the chaser's frame, in camera c.
 
     A point at or behind the camera's plane is held at a small positive depth, so that a stray sigma point stays finite.
     """
-    dx, dy, dz = x - tx, y - ty, z - tz
-    depth = np.maximum(R[2, 0] * dx + R[2, 1] * dy + R[2, 2] * dz, 1e-3)
+    fu, fv, cu, cv = eyes[c, 0], eyes[c, 1], eyes[c, 2], eyes[c, 3]
+    r0, r1, r2, r3, r4, r5 = eyes[c, 4], eyes[c, 5], eyes[c, 6], eyes[c, 7], eyes[c, 8], eyes[c, 9]
+    r6, r7, r8 = eyes[c, 10], eyes[c, 11], eyes[c, 12]
+    dx, dy, dz = x - eyes[c, 13], y - eyes[c, 14], z - eyes[c, 15]
+    depth = np.maximum(r6 * dx + r7 * dy + r8 * dz, 1e-3)
     inverse = 1.0 / depth
-    u = (R[0, 0] * dx + R[0, 1] * dy + R[0, 2] * dz) * inverse
-    v = (R[1, 0] * dx + R[1, 1] * dy + R[1, 2] * dz) * inverse
-    receding = (R[2, 0] * vx + R[2, 1] * vy + R[2, 2] * vz) * inverse
-    du = (R[0, 0] * vx + R[0, 1] * vy + R[0, 2] * vz) * inverse - u * receding
-    dv = (R[1, 0] * vx + R[1, 1] * vy + R[1, 2] * vz) * inverse - v * receding
+    u = (r0 * dx + r1 * dy + r2 * dz) * inverse
+    v = (r3 * dx + r4 * dy + r5 * dz) * inverse
+    receding = (r6 * vx + r7 * vy + r8 * vz) * inverse
+    du = (r0 * vx + r1 * vy + r2 * vz) * inverse - u * receding
+    dv = (r3 * vx + r4 * vy + r5 * vz) * inverse - v * receding
     return fu * u + cu, fv * v + cv, fu * du, fv * dv
 
 

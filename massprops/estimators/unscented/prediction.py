@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.estimators.unscented.algebra import upper_factor
-from massprops.estimators.unscented.components import torque_free, turn_between, turned, unit
+from massprops.estimators.unscented.components import product, torque_free, turn_between, turned, unit
+from massprops.estimators.unscented.rule import ATTITUDE, POSITION, RATIO, VELOCITY, leading, place_error
 
 WIDEST_RATE, WIDEST_TURN, WIDEST_RATIO = 10.0, 3.0, 2.0
 """1-sigma of rates [rad/s], attitude [rad] and k beyond which nothing is known of them: wider is not carried."""
@@ -15,21 +16,23 @@ BEYOND = 1e9
 """Sum of squares of rates and turns [rad, s] of a propagation that has left all meaning."""
 
 
-def perturbed(q, ax, ay, az, aw, additive):  # type: ignore[no-untyped-def]
-    """A sigma point's attitude: turned, or with the four components added (aw, ax, ay, az)."""
+def perturbed(x, g, U, j, additive):  # type: ignore[no-untyped-def]
+    """The attitude of a sigma point g along row j of U: turned, or with the four components added."""
+    q = (x[3], x[4], x[5], x[6])
     if additive:
-        return unit(q[0] + aw, q[1] + ax, q[2] + ay, q[3] + az)
-    return turned(q[0], q[1], q[2], q[3], ax, ay, az)
+        return unit(q[0] + g * U[j, 3], q[1] + g * U[j, 4], q[2] + g * U[j, 5], q[3] + g * U[j, 6])
+    return turned(q[0], q[1], q[2], q[3], g * U[j, 3], g * U[j, 4], g * U[j, 5])
 
 
-def bounded(w, P, na):  # type: ignore[no-untyped-def]
+def bounded(x, P, rule):  # type: ignore[no-untyped-def]
     """Holds rates and covariance where a long time without measurements would take them past all meaning."""
-    speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    speed = np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
     if not speed <= FASTEST:
         for i in range(3):
-            w[i] = w[i] * (FASTEST / speed) if np.isfinite(w[i]) and np.isfinite(speed) else 0.0
-    for i in range(5 + na):
-        widest = WIDEST_RATE if i < 3 else (WIDEST_TURN if i < 3 + na else WIDEST_RATIO)
+            x[i] = x[i] * (FASTEST / speed) if np.isfinite(x[i]) and np.isfinite(speed) else 0.0
+    nd = leading(rule)
+    for i in range(nd):
+        widest = WIDEST_RATE if i < 3 else (WIDEST_TURN if i < nd - 2 else WIDEST_RATIO)
         if P[i, i] > widest * widest:
             f = widest / np.sqrt(P[i, i])
             for j in range(P.shape[0]):
@@ -37,36 +40,21 @@ def bounded(w, P, na):  # type: ignore[no-untyped-def]
                 P[j, i] *= f
 
 
-def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, additive, axes, moving):  # type: ignore[no-untyped-def]
-    """State and covariance dt later, in place."""
-    n = P.shape[0]
-    na = 4 if additive else 3
-    nd, nf = 5 + na, 3 + na
-    speed = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) + gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
-    # where the attitude is lost there is no accuracy to keep
-    most = 50 if P[3, 3] > 0.25 * WIDEST_TURN * WIDEST_TURN else 10000
-    steps = min(max(1, int(np.ceil(speed * abs(dt) / largest_turn))), most)
-    U = P.copy()
-    upper_factor(U, nd)
-    c0, c1, c2, c3, c4, c5, c6 = torque_free(w[0], w[1], w[2], q[0], q[1], q[2], q[3], k[0], k[1], dt, steps)
-    odd, even = np.zeros((nd, nf)), np.zeros((nd, nf))
+def pairs(x, U, dt, steps, rule, odd, even):  # type: ignore[no-untyped-def]
+    """Half differences and half sums of the sigma points' rates and attitudes dt later, into odd and even (nd, nd - 2)
+    that come as zeros. Returns where the mean goes to: w 3, q 4."""
+    nd, gamma, additive = odd.shape[0], rule.gamma, rule.additive
+    q = (x[3], x[4], x[5], x[6])
+    centre = torque_free((x[0], x[1], x[2]), q, x[RATIO], x[RATIO + 1], dt, steps)
+    c0, c1, c2, c3, c4, c5, c6 = centre
     for j in range(nd):
         for side in range(2):
             g = gamma if side == 0 else -gamma
-            if additive:
-                p0, p1, p2, p3 = perturbed(q, g * U[j, 4], g * U[j, 5], g * U[j, 6], g * U[j, 3], True)
-            else:
-                p0, p1, p2, p3 = perturbed(q, g * U[j, 3], g * U[j, 4], g * U[j, 5], 0.0, False)
             x0, x1, x2, p0, p1, p2, p3 = torque_free(
-                w[0] + g * U[j, 0],
-                w[1] + g * U[j, 1],
-                w[2] + g * U[j, 2],
-                p0,
-                p1,
-                p2,
-                p3,
-                k[0] + g * U[j, 3 + na],
-                k[1] + g * U[j, 4 + na],
+                (x[0] + g * U[j, 0], x[1] + g * U[j, 1], x[2] + g * U[j, 2]),
+                perturbed(x, g, U, j, additive),
+                x[RATIO] + g * U[j, nd - 2],
+                x[RATIO + 1] + g * U[j, nd - 1],
                 dt,
                 steps,
             )
@@ -86,20 +74,12 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
                 for i in range(3):
                     odd[j, 3 + i] += sign * a[i]
                     even[j, 3 + i] += half * a[i]
-    mean = np.zeros(nf)
-    size = c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3 + c4 * c4 + c5 * c5 + c6 * c6
-    for j in range(nd):
-        for i in range(nf):
-            mean[i] += even[j, i] / gamma
-            size += odd[j, i] * odd[j, i] + even[j, i] * even[j, i]
-    if not size < BEYOND:
-        # a motion beyond what can be integrated: the state stands still and its doubt grows
-        for i in range(n):
-            P[i, i] += Q[i] * dt
-        for i in range(3):
-            w[i] *= 0.5
-        bounded(w, P, na)
-        return
+    return centre
+
+
+def turn_covariance(P, U, odd, even, mean, excess):  # type: ignore[no-untyped-def]
+    """The covariance of rates and attitude, and with all else, from the pairs; rows above the diagonal only."""
+    n, nd, nf = P.shape[0], odd.shape[0], odd.shape[1]
     for a in range(nf):
         for b in range(a, nf):
             total = excess * mean[a] * mean[b]
@@ -111,51 +91,82 @@ def propagate(w, q, k, s, r, v, P, dt, F, spin, Q, largest_turn, gamma, excess, 
             for j in range(min(nd, b + 1)):
                 total += odd[j, a] * U[j, b]
             P[a, b] = total
-    # attitude is now carried in the turned frame, rates and attitude first
-    if additive:
-        u = unit(c3 + mean[3], c4 + mean[4], c5 + mean[5], c6 + mean[6])
-    else:
-        u = turned(c3, c4, c5, c6, mean[3], mean[4], mean[5])
-    w[0], w[1], w[2] = c0 + mean[0], c1 + mean[1], c2 + mean[2]
-    q[0], q[1], q[2], q[3] = u[0], u[1], u[2], u[3]
-    if spin[1] != 0.0 or spin[2] != 0.0 or spin[3] != 0.0:
-        q0 = spin[0] * q[0] - spin[1] * q[1] - spin[2] * q[2] - spin[3] * q[3]
-        q1 = spin[0] * q[1] + spin[1] * q[0] + spin[2] * q[3] - spin[3] * q[2]
-        q2 = spin[0] * q[2] - spin[1] * q[3] + spin[2] * q[0] + spin[3] * q[1]
-        q3 = spin[0] * q[3] + spin[1] * q[2] - spin[2] * q[1] + spin[3] * q[0]
-        q[0], q[1], q[2], q[3] = q0, q1, q2, q3
     for a in range(n):
         for b in range(a):
             P[a, b] = P[b, a]
-    if moving:
-        t = nd + (3 if axes else 0)
-        old = np.empty(6)
-        for i in range(3):
-            old[i], old[3 + i] = r[i], v[i]
+
+
+def turn_mean(x, centre, mean, spin, additive):  # type: ignore[no-untyped-def]
+    """Rates and attitude: where the mean went to and the pairs' mean, then the chaser's turn on the left."""
+    c0, c1, c2, c3, c4, c5, c6 = centre
+    if additive:
+        q = unit(c3 + mean[3], c4 + mean[4], c5 + mean[5], c6 + mean[6])
+    else:
+        q = turned(c3, c4, c5, c6, mean[3], mean[4], mean[5])
+    if spin[1] != 0.0 or spin[2] != 0.0 or spin[3] != 0.0:
+        q = product(spin[0], spin[1], spin[2], spin[3], q[0], q[1], q[2], q[3])
+    x[0], x[1], x[2] = c0 + mean[0], c1 + mean[1], c2 + mean[2]
+    for i in range(4):
+        x[ATTITUDE + i] = q[i]
+
+
+def move_linearly(x, P, F, t):  # type: ignore[no-untyped-def]
+    """Position and velocity, whose errors begin at t, by the transition F (6, 6)."""
+    old = np.empty(6)
+    for i in range(3):
+        old[i], old[3 + i] = x[POSITION + i], x[VELOCITY + i]
+    for i in range(6):
+        total = 0.0
+        for j in range(6):
+            total += F[i, j] * old[j]
+        x[POSITION + i] = total
+    for c in range(P.shape[0]):
+        for j in range(6):
+            old[j] = P[t + j, c]
         for i in range(6):
             total = 0.0
             for j in range(6):
                 total += F[i, j] * old[j]
-            if i < 3:
-                r[i] = total
-            else:
-                v[i - 3] = total
-        for c in range(n):
+            P[t + i, c] = total
+    for c in range(P.shape[0]):
+        for j in range(6):
+            old[j] = P[c, t + j]
+        for i in range(6):
+            total = 0.0
             for j in range(6):
-                old[j] = P[t + j, c]
-            for i in range(6):
-                total = 0.0
-                for j in range(6):
-                    total += F[i, j] * old[j]
-                P[t + i, c] = total
-        for c in range(n):
-            for j in range(6):
-                old[j] = P[c, t + j]
-            for i in range(6):
-                total = 0.0
-                for j in range(6):
-                    total += F[i, j] * old[j]
-                P[c, t + i] = total
-    for i in range(n):
-        P[i, i] += Q[i] * dt
-    bounded(w, P, na)
+                total += F[i, j] * old[j]
+            P[c, t + i] = total
+
+
+def propagate(x, P, dt, F, spin, noise, rule):  # type: ignore[no-untyped-def]
+    """State and covariance dt later, in place."""
+    nd = leading(rule)
+    nf = nd - 2
+    speed = np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2) + rule.gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
+    # where the attitude is lost there is no accuracy to keep
+    most = 50 if P[3, 3] > 0.25 * WIDEST_TURN * WIDEST_TURN else 10000
+    steps = min(max(1, int(np.ceil(speed * abs(dt) / rule.largest_turn))), most)
+    U = P.copy()
+    upper_factor(U, nd)
+    odd, even = np.zeros((nd, nf)), np.zeros((nd, nf))
+    centre = pairs(x, U, dt, steps, rule, odd, even)
+    c0, c1, c2, c3, c4, c5, c6 = centre
+    mean = np.zeros(nf)
+    size = c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3 + c4 * c4 + c5 * c5 + c6 * c6
+    for j in range(nd):
+        for i in range(nf):
+            mean[i] += even[j, i] / rule.gamma
+            size += odd[j, i] * odd[j, i] + even[j, i] * even[j, i]
+    if size < BEYOND:
+        turn_covariance(P, U, odd, even, mean, rule.excess)
+        # attitude is now carried in the turned frame, rates and attitude first
+        turn_mean(x, centre, mean, spin, rule.additive)
+        if rule.moving:
+            move_linearly(x, P, F, place_error(rule))
+    else:
+        # a motion beyond what can be integrated: the state stands still and its doubt grows
+        for i in range(3):
+            x[i] *= 0.5
+    for i in range(P.shape[0]):
+        P[i, i] += noise[i] * dt
+    bounded(x, P, rule)

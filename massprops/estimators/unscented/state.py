@@ -1,21 +1,40 @@
-"""Data of the unscented filter, and the call that runs it compiled or with numpy alone."""
+"""Data of the unscented filter, and the call that runs it, compiled."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from massprops.estimators.compiling import compiled
+from massprops.estimators.unscented.rule import (
+    ATTITUDE,
+    AXES,
+    POINTS,
+    POSITION,
+    RATIO,
+    VELOCITY,
+    Record,
+    Rule,
+    Seen,
+    Steps,
+)
 from massprops.sensing.pinhole import Pinhole as Camera
 
 KERNEL = (
     "massprops.dynamics.kernels",
+    "massprops.estimators.unscented.rule",
     "massprops.estimators.unscented.components",
     "massprops.estimators.unscented.algebra",
     "massprops.estimators.unscented.prediction",
+    "massprops.estimators.unscented.sight",
     "massprops.estimators.unscented.correction",
 )
+
+AT_END = (ATTITUDE, RATIO, AXES, POSITION, VELOCITY, POINTS)
+"""Where one part of the state ends and the next begins."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +46,6 @@ class Settings:
         gate: innovations beyond this many sigma are rejected with all measurements of their group; 0 for none.
         largest_turn: rotation per Runge-Kutta step [rad].
         additive: the paper's additive quaternion, four components, in place of the three of a multiplicative error.
-        backend: `numba`, `numpy`, or `auto` (numba where it is installed).
     """
 
     alpha: float = 0.1
@@ -36,7 +54,6 @@ class Settings:
     gate: float = 5.0
     largest_turn: float = 0.1
     additive: bool = False
-    backend: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -182,82 +199,93 @@ class Run:
     cpu_s: float
 
 
-def _kernel(backend: str):  # type: ignore[no-untyped-def]
-    if backend != "numpy":
-        try:
-            from massprops.estimators.compiling import compiled
-
-            return compiled("run_loop", *KERNEL)
-        except ImportError:
-            if backend == "numba":
-                raise
-    from massprops.estimators.unscented.arrays import run_loop
-
-    return run_loop
+Loop = Callable[[np.ndarray, np.ndarray, Steps, Seen, Rule, Record], None]
+"""`correction.run_loop`, or another that does the same."""
 
 
-def filter_epochs(state: State, seen: Measurements, noise: Noise, settings: Settings | None = None) -> Run:
-    """Runs the filter over all epochs from `state`, the belief before the first epoch's measurements."""
-    settings = settings or Settings()
-    n, ny = seen.z.shape
-    size, m = len(state.P), len(state.features)
-    assert ny == sum(seen.extras) + m * seen.per_feature, "channels and features disagree"
-    gamma = settings.alpha * np.sqrt(size + settings.kappa)
-    excess = settings.beta - settings.alpha**2
-    c = len(seen.cameras)
-    z = np.array(seen.z, float)
-    attitude = np.zeros((n, 4)) if seen.attitude is None else np.ascontiguousarray(seen.attitude, float)
+def rule_of(state: State, seen: Measurements, settings: Settings) -> Rule:
+    """What the loop is told of the state, the channels and the settings."""
+    attitude, rates, span = seen.extras
+    return Rule(
+        additive=settings.additive,
+        axes_free=state.axes_free,
+        moving=state.moving,
+        attitude=attitude,
+        rates=rates,
+        range=span,
+        disparity=seen.disparity,
+        flow=seen.flow,
+        gamma=float(settings.alpha * np.sqrt(len(state.P) + settings.kappa)),
+        excess=float(settings.beta - settings.alpha**2),
+        gate=float(settings.gate),
+        largest_turn=float(settings.largest_turn),
+    )
+
+
+def _steps(seen: Measurements, noise: np.ndarray) -> Steps:
+    n = len(seen.dt)
     F = seen.transition
     if F is None:
         F = np.broadcast_to(np.eye(6), (n, 6, 6)).copy()
         F[:, :3, 3:] = seen.dt[:, None, None] * np.eye(3)
     spin = np.tile([1.0, 0, 0, 0], (n, 1)) if seen.spin is None else np.ascontiguousarray(seen.spin, float)
-    pinned = np.zeros(n, bool) if seen.pinned is None else np.ascontiguousarray(seen.pinned)
-    parts = [np.array(x, float) for x in (state.w, state.q, state.k, state.axes, state.position, state.velocity)]
-    features, P = np.array(state.features, float).reshape(m, 3), np.array(state.P, float)
-    leading = state.places(settings.additive)["k"].stop
-    mean, sigma = np.zeros((n, 19)), np.zeros((n, size))
-    block, tally = np.zeros((n, leading, leading)), np.zeros((n, 3))
-    run_loop = _kernel(settings.backend)
-    arguments = (
-        *parts,
-        features,
-        P,
-        np.ascontiguousarray(seen.dt, float),
-        np.ascontiguousarray(F, float),
-        spin,
-        z,
+    return Steps(np.ascontiguousarray(seen.dt, float), np.ascontiguousarray(F, float), spin, noise)
+
+
+def _seen(seen: Measurements, features: int) -> Seen:
+    n = len(seen.dt)
+    place = np.full((n, 3), np.nan)
+    if seen.pinned is not None:
+        place[seen.pinned] = seen.reference
+    eyes = [np.concatenate([x.intrinsics, np.ravel(x.R), x.t]) for x in seen.cameras]
+    return Seen(
+        np.array(seen.z, float),
         np.ascontiguousarray(seen.variance, float),
-        attitude,
-        pinned,
-        np.ascontiguousarray(seen.reference, float),
-        np.array([x.intrinsics for x in seen.cameras], float).reshape(c, 4),
-        np.array([x.R for x in seen.cameras], float).reshape(c, 3, 3),
-        np.array([x.t for x in seen.cameras], float).reshape(c, 3),
-        seen.groups(m),
-        noise.diagonal(state, settings.additive),
-        seen.disparity,
-        seen.flow,
-        seen.extras,
-        float(gamma),
-        float(excess),
-        float(settings.gate),
-        float(settings.largest_turn),
-        settings.additive,
-        state.axes_free,
-        state.moving,
-        mean,
-        sigma,
-        block,
-        tally,
+        np.zeros((n, 4)) if seen.attitude is None else np.ascontiguousarray(seen.attitude, float),
+        place,
+        np.array(eyes, float).reshape(len(eyes), 16),
+        seen.groups(features),
     )
+
+
+def filter_epochs(
+    state: State, seen: Measurements, noise: Noise, settings: Settings | None = None, loop: Loop | None = None
+) -> Run:
+    """Runs the filter over all epochs from `state`, the belief before the first epoch's measurements.
+
+    Args:
+        loop: in place of the compiled one.
+    """
+    settings = settings or Settings()
+    n, size, m = len(seen.dt), len(state.P), len(state.features)
+    assert seen.z.shape[1] == sum(seen.extras) + m * seen.per_feature, "channels and features disagree"
+    parts = (state.w, state.q, state.k, state.axes, state.position, state.velocity, np.ravel(state.features))
+    x, P = np.concatenate(parts).astype(float), np.array(state.P, float)
+    b = state.places(settings.additive)["k"].stop
+    record = Record(np.zeros((n, 19)), np.zeros((n, size)), np.zeros((n, b, b)), np.zeros((n, 3)))
+    steps = _steps(seen, noise.diagonal(state, settings.additive))
+    loop = loop or compiled("run_loop", *KERNEL)
+    given = (x, P, steps, _seen(seen, m), rule_of(state, seen, settings), record)
     begin = time.process_time()
-    run_loop(*arguments)
+    loop(*given)
     spent = time.process_time() - begin
-    w, q, k, axes, position, velocity = parts
-    last = replace(state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features, P=P)
-    w_out, q_out, k_out, axes_out, position_out, velocity_out = np.split(mean, [3, 7, 9, 13, 16], axis=1)
-    used, gated = tally[:, 1].astype(int), tally[:, 2].astype(int)
+    w, q, k, axes, position, velocity, features = np.split(x, AT_END)
+    last = replace(
+        state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features.reshape(m, 3), P=P
+    )
+    means = np.split(record.mean, AT_END[:-1], axis=1)
     return Run(
-        w_out, q_out, k_out, axes_out, position_out, velocity_out, sigma, block, tally[:, 0], used, gated, last, spent
+        w=means[0],
+        q=means[1],
+        k=means[2],
+        axes=means[3],
+        position=means[4],
+        velocity=means[5],
+        sigma=record.sigma,
+        block=record.block,
+        nis=record.tally[:, 0],
+        used=record.tally[:, 1].astype(int),
+        gated=record.tally[:, 2].astype(int),
+        last=last,
+        cpu_s=spent,
     )
