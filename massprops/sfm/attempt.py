@@ -118,15 +118,32 @@ class Attempt:
         return self.models[0].num_reg_images() if self.models else 0
 
 
+@dataclass(frozen=True)
+class ModelInputs:
+    """What the steps from the first model to the last are given: the way that led to it, its footage, how it is adjusted,
+    and a folder for raw models."""
+
+    found: Attempt
+    footage: FootageRecord
+    options: SfmOptions
+    work: Path
+    progress: Progress = silent
+
+    @property
+    def frames(self) -> Path:
+        """Folder of the images."""
+        return self.footage.folder / "frames"
+
+
 def may_distort(footage: FootageRecord) -> bool:
     """Whether no camera's distortion was given."""
     return all(c.distortion is None for c in footage.cameras)
 
 
-def mapping_options(footage: FootageRecord, options: SfmOptions, masked: bool) -> MappingOptions:
-    """Of the usual way."""
+def mapping_options(footage: FootageRecord, options: SfmOptions, masked: bool, special: bool = False) -> MappingOptions:
+    """Of the usual way, or of one whose matches are few."""
     fixed = all(c.focal_px is not None and c.focal_source == "given" for c in footage.cameras)
-    return MappingOptions(
+    usual = MappingOptions(
         mapper=options.mapper,
         fixed_intrinsics=fixed,
         constant=frozenset(c.id + 1 for c in footage.cameras if c.focal_source == "given" and not fixed),
@@ -136,6 +153,9 @@ def mapping_options(footage: FootageRecord, options: SfmOptions, masked: bool) -
         seed=options.seed,
         threads=options.threads,
     )
+    # a geometry that three tenths of the matches share is found in 2800 trials
+    few = replace(usual, least_inliers=12, least_matches=12, start_inliers=40, ratio=0.9, most_trials=3000)
+    return few if special else usual
 
 
 def attempt(
@@ -170,10 +190,7 @@ def attempt(
         wanted = replace(wanted, most=options.unlimited)
         features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
     special = faint or repeats
-    mapping = mapping_options(footage, options, masked)
-    if special:
-        # a geometry that three tenths of the matches share is found in 2800 trials
-        mapping = replace(mapping, least_inliers=12, least_matches=12, start_inliers=40, ratio=0.9, most_trials=3000)
+    mapping = mapping_options(footage, options, masked, special)
     database = work / "database.db"
     ids = write_database(database, footage, features)
     one = _distinct(database, ids, features, mapping) if repeats else partial(match, database, options=mapping)
@@ -193,16 +210,23 @@ def attempt(
     few = not repeats and float(np.median([len(d) for d in descriptors])) < FEW
     found = Attempt(database, mapping, models, features, compare, few, special, warnings)
     if found.registered < ENOUGH * len(names) and not repeats:
-        more = pairing.similar(pairing.signatures(descriptors, options.seed), 2 * options.loops, 2)
-        new = _unseen([(names[i], names[j]) for i, j in more], first)
-        if new:
-            compare(new)
-            if special:
-                drop_chance(database, options.seed)
-            again = mapped(database, footage, work / "again", mapping, len(names), progress)
-            if _most(again) >= found.registered:
-                found = replace(found, models=again)
+        return _with_similar(ModelInputs(found, footage, options, work, progress), names, first)
     return found
+
+
+def _with_similar(given: ModelInputs, names: list[str], first: Names) -> Attempt:
+    """The attempt once images that look alike are compared as well, where that places no fewer."""
+    found, options = given.found, given.options
+    descriptors = [found.features[n][1] for n in names]
+    more = pairing.similar(pairing.signatures(descriptors, options.seed), 2 * options.loops, 2)
+    new = _unseen([(names[i], names[j]) for i, j in more], first)
+    if not new:
+        return found
+    found.match(new)
+    if found.special:
+        drop_chance(found.database, options.seed)
+    again = mapped(found.database, given.footage, given.work / "again", found.mapping, len(names), given.progress)
+    return replace(found, models=again) if _most(again) >= found.registered else found
 
 
 def _most(models: list[pycolmap.Reconstruction]) -> int:

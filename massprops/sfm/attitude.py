@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,11 +98,11 @@ def to_sequence(
         tracked |= own
         mine = error[own[points.obs_view]]
         sigma = float(np.sqrt(np.mean(mine**2))) if len(mine) else 1.0
-        cameras[c] = camera_of(views, own, sigma, (mounting or {}).get(c))
         files = [(int(stamps[i]), images[views.names[i]]) for i in np.flatnonzero(own)] if images else []
         times = np.unique(stamps[own])
         rate = float(SECOND / np.median(np.diff(times))) if len(times) > 1 else None
-        cameras[c] = Camera(**{**cameras[c].__dict__, "rate_hz": rate, "images": tuple(sorted(files))})
+        camera = camera_of(views, own, sigma, (mounting or {}).get(c))
+        cameras[c] = replace(camera, rate_hz=rate, images=tuple(sorted(files)))
     order = np.lexsort((points.id[points.obs_point], number[points.obs_view], stamps[points.obs_view]))
     order = order[(_once(points, error) & tracked[points.obs_view])[order]]
     if not tracked.all():
@@ -112,14 +113,8 @@ def to_sequence(
     tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
     attitude = None
     if still is None:
-        own = np.flatnonzero(number == 0)
-        own = own[np.argsort(stamps[own], kind="stable")]
-        own = own[np.unique(stamps[own], return_index=True)[1]]
         fallback = cameras[0].sigma_px / cameras[0].intrinsics[0] if 0 in cameras else 1e-3
-        spread = np.full(len(views), fallback)
-        if attitude_sigma is not None and len(attitude_sigma) == len(views):
-            spread = np.where(np.isfinite(attitude_sigma) & (attitude_sigma > 0), attitude_sigma, fallback)
-        attitude = AttitudeSeries(stamps[own], quaternion(views.R[own]), spread[own])
+        attitude = _attitudes(views, stamps, number == 0, attitude_sigma, fallback)
     else:
         warnings.append(f"{still}: no attitude history is written")
     return Sequence(
@@ -130,6 +125,19 @@ def to_sequence(
         environment=environment or Environment(chaser_attitude="inertial"),
         warnings=tuple(warnings),
     )
+
+
+def _attitudes(
+    views: Views, stamps: np.ndarray, own: np.ndarray, given: np.ndarray | None, fallback: float
+) -> AttitudeSeries:
+    """Attitudes of the views `own` (n,) in time, one an instant, with sigmas given (n,) or, where absent, the fallback."""
+    index = np.flatnonzero(own)
+    index = index[np.argsort(stamps[index], kind="stable")]
+    index = index[np.unique(stamps[index], return_index=True)[1]]
+    sigma = np.full(len(views), fallback)
+    if given is not None and len(given) == len(views):
+        sigma = np.where(np.isfinite(given) & (given > 0), given, fallback)
+    return AttitudeSeries(stamps[index], quaternion(views.R[index]), sigma[index])
 
 
 def _once(points: SparsePoints, error: np.ndarray) -> np.ndarray:

@@ -15,11 +15,9 @@ import numpy as np
 import pycolmap
 
 from massprops.core.parts import Arrays
-from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
-from massprops.sfm.attempt import Attempt, SfmOptions
+from massprops.sfm.attempt import ModelInputs
 from massprops.sfm.convert import to_points, to_views
-from massprops.sfm.footage import FootageRecord
 from massprops.sfm.guided import seen_alike
 from massprops.sfm.loops import match_predicted
 from massprops.sfm.mapping import continue_mapping
@@ -40,18 +38,11 @@ and less."""
 MOST_ROUNDS = 8
 
 
-def extend(
-    model: pycolmap.Reconstruction,
-    found: Attempt,
-    footage: FootageRecord,
-    options: SfmOptions,
-    work: Path,
-    progress: Progress = silent,
-) -> pycolmap.Reconstruction:
+def extend(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """The model with the images that its points place, in rounds."""
-    frames = footage.folder / "frames"
+    found = given.found
     for turn in range(MOST_ROUNDS):
-        grown = continue_mapping(model, found.database, frames, work / f"more{turn}", found.mapping)
+        grown = continue_mapping(model, found.database, given.frames, given.work / f"more{turn}", found.mapping)
         known = set(model.reg_image_ids())
         take_out_contradicted(grown, found.database, known)
         added = set(grown.reg_image_ids()) - known
@@ -60,7 +51,7 @@ def extend(
         fresh = {grown.image(i).name for i in added}
         before = {i: taken(found.database, pairs) for i, pairs in _pairs_of(found.database, added).items()}
         try:
-            grown = match_predicted(grown, found, footage, options, work / f"more{turn}", progress, fresh)
+            grown = match_predicted(grown, given, given.work / f"more{turn}", fresh)
         except NotPossible:
             break
         take_out_unmatched(grown, fresh)

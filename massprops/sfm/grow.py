@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pycolmap
 
-from massprops.core.progress import Progress, silent
-from massprops.sfm.attempt import Attempt, SfmOptions
+from massprops.sfm.attempt import Attempt, ModelInputs
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.distinct import unit
-from massprops.sfm.footage import FootageRecord
 from massprops.sfm.guided import Gate, match_onto, place
 from massprops.sfm.mapping import continue_mapping, verify
 from massprops.sfm.points import SparsePoints
@@ -37,20 +34,14 @@ GATE = Gate(0.025, 0.025)
 MOST_ROUNDS = 60
 
 
-def grow(
-    model: pycolmap.Reconstruction,
-    found: Attempt,
-    footage: FootageRecord,
-    options: SfmOptions,
-    work: Path,
-    progress: Progress = silent,
-) -> pycolmap.Reconstruction:
+def grow(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """The model with the images that its motion leads to, in rounds of a few."""
+    found, frames = given.found, given.footage.frames
     units = {n: unit(d) for n, (_, d) in found.features.items()}
     with pycolmap.Database.open(found.database) as db:
         numbers = {image.name: image.image_id for image in db.read_all_images()}
-    order = [f.name for f in footage.frames if f.name in found.features]
-    clock = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in footage.frames}
+    order = [f.name for f in frames if f.name in found.features]
+    clock = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in frames}
     for turn in range(MOST_ROUNDS):
         before = model.num_reg_images()
         views, ids = to_views(model)
@@ -66,8 +57,8 @@ def grow(
                 if db.exists_two_view_geometry(numbers[a], numbers[b]):
                     db.delete_two_view_geometry(numbers[a], numbers[b])
         verify(found.database, numbers, matches, found.mapping)
-        model = continue_mapping(model, found.database, footage.folder / "frames", work / f"grown{turn}", found.mapping)
-        progress(model.num_reg_images(), len(order), "following the motion")
+        model = continue_mapping(model, found.database, given.frames, given.work / f"grown{turn}", found.mapping)
+        given.progress(model.num_reg_images(), len(order), "following the motion")
         if model.num_reg_images() <= before:
             break
     return model

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from massprops.core.progress import Progress, silent
 from massprops.sfm import pairs as pairing
-from massprops.sfm.attempt import Attempt, SfmOptions
+from massprops.sfm.attempt import ModelInputs, SfmOptions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.distinct import unit
 from massprops.sfm.footage import FootageRecord
@@ -28,17 +27,12 @@ NEXT = 3
 """Images onwards in time that each is compared with."""
 
 
-def close_loops(
-    model: pycolmap.Reconstruction,
-    found: Attempt,
-    footage: FootageRecord,
-    options: SfmOptions,
-    work: Path,
-) -> pycolmap.Reconstruction:
+def close_loops(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """Matches pairs that the first model predicts to show the same side, and rebuilds the tracks with them."""
+    found, options = given.found, given.options
     views, ids = to_views(model)
     points = to_points(model, ids)
-    chosen = _facing(views, points, footage, options, options.overlap + 1)
+    chosen = _facing(views, points, given.footage, options, options.overlap + 1)
     with pycolmap.Database.open(found.database) as db:
         pair_ids, _ = db.read_two_view_geometry_num_inliers()
     number = {model.image(i).name: i for i in ids}
@@ -46,26 +40,22 @@ def close_loops(
     new = [(a, b) for a, b in chosen if pycolmap.image_pair_to_pair_id(number[a], number[b]) not in known]
     if new:
         found.match(new)
-    return retriangulate(model, found.database, footage.folder / "frames", work / "tracks", found.mapping)
+    return retriangulate(model, found.database, given.frames, given.work / "tracks", found.mapping)
 
 
 def match_predicted(
-    model: pycolmap.Reconstruction,
-    found: Attempt,
-    footage: FootageRecord,
-    options: SfmOptions,
-    work: Path,
-    progress: Progress = silent,
-    fresh: set[str] | None = None,
+    model: pycolmap.Reconstruction, given: ModelInputs, work: Path, fresh: set[str] | None = None
 ) -> pycolmap.Reconstruction:
     """Rebuilds the tracks from matches at the places that the model predicts, twice, with an adjustment between.
 
     Args:
+        work: folder for the raw models of this step.
         fresh: names of images whose pairs are matched so; None for all.
 
     Raises:
         NotPossible: the images do not hold together by them.
     """
+    found, footage, options = given.found, given.footage, given.options
     mapping = found.mapping
     units = {n: unit(d) for n, (_, d) in found.features.items()}
     for turn, gate in enumerate(GATES):
@@ -85,10 +75,10 @@ def match_predicted(
             new = match_placed(views, pair, both, (units[a], units[b]), gate)
             old = matches.pop((b, a))[:, ::-1] if (b, a) in matches else matches.get((a, b), new[:0])
             matches[a, b] = joined(new, old)
-            progress(done + 1, len(pairs), "guided matching")
+            given.progress(done + 1, len(pairs), "guided matching")
         _forget(found.database, ids, {number[n] for n in chosen if n in number})
         verify(found.database, number, matches, mapping)
-        model = retriangulate(model, found.database, footage.folder / "frames", work / f"tracks{turn}", mapping)
+        model = retriangulate(model, found.database, given.frames, work / f"tracks{turn}", mapping)
         settings = options.refine
         loss = remove_outliers(model, settings, 2.0)
         adjust(model, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)

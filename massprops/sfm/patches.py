@@ -9,6 +9,7 @@ bilateral weights in both images, since the edges of shadows stay with the Sun a
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -19,6 +20,16 @@ MIDDLE = SIDE * SIDE // 2
 ROUNDS = 10
 FARTHEST = 3.0
 """Longest shift [px]: the poses are known to better than this."""
+
+
+class Pictures(NamedTuple):
+    """grey: (n, h, w) uint8; mask: (n, h, w) uint8, 0 off the object; size: (n, 2) width and height of each; K: (n, 4) fu
+    fv cu cv."""
+
+    grey: np.ndarray
+    mask: np.ndarray
+    size: np.ndarray
+    K: np.ndarray
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -45,21 +56,23 @@ def _sample(image, us, vs, du, dv, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _one(first, mask, size, K, c, n, second, size2, K2, turn, move, sharp, work, out):  # type: ignore[no-untyped-def]
-    """Place and correlation (3,) of one piece in `second`; a correlation of -1 where it could not be followed.
-
-    c, n: (3,) its place and normal in the first camera; turn (3, 3), move (3,): from there to the second.
-    """
+def _warped(pictures, a, b, plane, to_second, sharp, work):  # type: ignore[no-untyped-def]
+    """Whether the piece lies in view a and, by the poses, in view b; writes into `work` its pixels there, their weights and
+    what a shows of it."""
+    c, n = plane
+    turn, move = to_second
+    K, size, K2, size2 = pictures.K[a], pictures.size[a], pictures.K[b], pictures.size[b]
+    mask = pictures.mask[a]
     u0, v0 = K[0] * c[0] / c[2] + K[2], K[1] * c[1] / c[2] + K[3]
     edge = RADIUS + 2
     if not (u0 > edge and v0 > edge and u0 < size[0] - 1 - edge and v0 < size[1] - 1 - edge):
-        return
+        return False
     offset = n[0] * c[0] + n[1] * c[1] + n[2] * c[2]
     margin = FARTHEST + 2
-    us, vs, weight, own, there = work[0], work[1], work[2], work[3:6], work[6:9]
+    us, vs, weight, own = work[0], work[1], work[2], work[3:6]
     for k in range(SIDE * SIDE):
         us[k], vs[k] = u0 + k % SIDE - RADIUS, v0 + k // SIDE - RADIUS
-    _sample(first, us, vs, 0.0, 0.0, own)
+    _sample(pictures.grey[a], us, vs, 0.0, 0.0, own)
     value = own[0]
     for k in range(SIDE * SIDE):
         likeness = (value[k] - value[MIDDLE]) * sharp
@@ -69,48 +82,70 @@ def _one(first, mask, size, K, c, n, second, size2, K2, turn, move, sharp, work,
             weight[k] = 0.0
         x, y = (us[k] - K[2]) / K[0], (vs[k] - K[3]) / K[1]
         depth = offset / (n[0] * x + n[1] * y + n[2])
-        a = depth * (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2]) + move[0]
-        b = depth * (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2]) + move[1]
+        e = depth * (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2]) + move[0]
+        f = depth * (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2]) + move[1]
         d = depth * (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2]) + move[2]
         if not (depth > 0 and d > 0):
-            return
-        us[k], vs[k] = K2[0] * a / d + K2[2], K2[1] * b / d + K2[3]
+            return False
+        us[k], vs[k] = K2[0] * e / d + K2[2], K2[1] * f / d + K2[3]
         if not (us[k] > margin and vs[k] > margin and us[k] < size2[0] - 1 - margin and vs[k] < size2[1] - 1 - margin):
-            return
-    du, dv = 0.0, 0.0
+            return False
+    return True
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _shift(weight, own, there, sharp):  # type: ignore[no-untyped-def]
+    """Step (u, v) in the second image that brings `there` (3, s), value and derivatives, closer to `own`'s value, and the
+    correlation before it; -1 where they are not alike or the piece has no texture."""
+    value = own[0]
+    total, s1, s2, gx, gy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(SIDE * SIDE):
+        likeness = (there[0, k] - there[0, MIDDLE]) * sharp
+        w = weight[k] / (1.0 + likeness * likeness)
+        own[1, k] = w
+        total += w
+        s1 += w * value[k]
+        s2 += w * there[0, k]
+        gx += w * there[1, k]
+        gy += w * there[2, k]
+    s1, s2, gx, gy = s1 / total, s2 / total, gx / total, gy / total
+    # sums of the brightness here (a), there (b), and of the residual with its slopes
+    aa, bb, ab, ax, ay, bx, by, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(SIDE * SIDE):
+        w, a, b, x, y = own[1, k], value[k] - s1, there[0, k] - s2, there[1, k] - gx, there[2, k] - gy
+        aa += w * a * a
+        bb += w * b * b
+        ab += w * a * b
+        ax += w * a * x
+        ay += w * a * y
+        bx += w * b * x
+        by += w * b * y
+        xx += w * x * x
+        xy += w * x * y
+        yy += w * y * y
+    det = xx * yy - xy * xy
+    if not (ab > 0 and det > 1e-9 * (xx + yy) * (xx + yy)):
+        return 0.0, 0.0, -1.0
+    gain = ab / aa
+    rx, ry = gain * ax - bx, gain * ay - by
+    return (yy * rx - xy * ry) / det, (xx * ry - xy * rx) / det, ab / math.sqrt(aa * bb)
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _one(pictures, a, b, plane, to_second, sharp, work, out):  # type: ignore[no-untyped-def]
+    """Place and correlation (3,) of one piece of view a in view b; a correlation of -1 where it could not be followed.
+
+    plane: (3,) its place and (3,) its normal in a's camera; to_second: turn (3, 3) and move (3,) from there to b's.
+    """
+    if not _warped(pictures, a, b, plane, to_second, sharp, work):
+        return
+    us, vs, weight, own, there = work[0], work[1], work[2], work[3:6], work[6:9]
+    du, dv, alike = 0.0, 0.0, -1.0
     for _ in range(ROUNDS):
-        _sample(second, us, vs, du, dv, there)
-        total, s1, s2, gx, gy = 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(SIDE * SIDE):
-            likeness = (there[0, k] - there[0, MIDDLE]) * sharp
-            w = weight[k] / (1.0 + likeness * likeness)
-            own[1, k] = w
-            total += w
-            s1 += w * value[k]
-            s2 += w * there[0, k]
-            gx += w * there[1, k]
-            gy += w * there[2, k]
-        s1, s2, gx, gy = s1 / total, s2 / total, gx / total, gy / total
-        # sums of the brightness here (a), there (b), and of the residual with its slopes
-        aa, bb, ab, ax, ay, bx, by, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(SIDE * SIDE):
-            w, a, b, x, y = own[1, k], value[k] - s1, there[0, k] - s2, there[1, k] - gx, there[2, k] - gy
-            aa += w * a * a
-            bb += w * b * b
-            ab += w * a * b
-            ax += w * a * x
-            ay += w * a * y
-            bx += w * b * x
-            by += w * b * y
-            xx += w * x * x
-            xy += w * x * y
-            yy += w * y * y
-        det = xx * yy - xy * xy
-        if not (ab > 0 and det > 1e-9 * (xx + yy) * (xx + yy)):
+        _sample(pictures.grey[b], us, vs, du, dv, there)
+        sx, sy, alike = _shift(weight, own, there, sharp)
+        if alike < 0:
             return
-        gain = ab / aa
-        rx, ry = gain * ax - bx, gain * ay - by
-        sx, sy = (yy * rx - xy * ry) / det, (xx * ry - xy * rx) / det
         step = math.sqrt(sx * sx + sy * sy)
         if step > 1.0:
             sx, sy = sx / step, sy / step
@@ -120,49 +155,45 @@ def _one(first, mask, size, K, c, n, second, size2, K2, turn, move, sharp, work,
             return
         if step < 0.01:
             break
-    out[0], out[1], out[2] = us[MIDDLE] + du, vs[MIDDLE] + dv, ab / math.sqrt(aa * bb)
+    out[0], out[1], out[2] = us[MIDDLE] + du, vs[MIDDLE] + dv, alike
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _all(home, view, c, n, turn, move, grey, mask, size, K, sharp, out):  # type: ignore[no-untyped-def]
+def _all(home, view, planes, to_second, pictures, sharp, out):  # type: ignore[no-untyped-def]
     work = np.empty((9, SIDE * SIDE))
+    c, n = planes
+    turn, move = to_second
     for i in range(len(home)):
-        a, b = home[i], view[i]
-        _one(grey[a], mask[a], size[a], K[a], c[i], n[i], grey[b], size[b], K[b], turn[i], move[i], sharp, work, out[i])
+        _one(pictures, home[i], view[i], (c[i], n[i]), (turn[i], move[i]), sharp, work, out[i])
 
 
 def follow(
     point: np.ndarray,
     home: np.ndarray,
     view: np.ndarray,
-    xyz: np.ndarray,
-    normal: np.ndarray,
-    grey: np.ndarray,
-    mask: np.ndarray,
-    size: np.ndarray,
-    K: np.ndarray,
-    R: np.ndarray,
-    t: np.ndarray,
+    pieces: tuple[np.ndarray, np.ndarray],
+    poses: tuple[np.ndarray, np.ndarray],
+    pictures: Pictures,
     sharp: float,
 ) -> np.ndarray:
     """Where pieces of surface are seen.
 
     Args:
         point, home, view: (k,) int64: piece, the view that shows it best, and the view it is looked for in.
-        xyz, normal: (m, 3) the pieces, in the world.
-        grey: (n, h, w) uint8; mask: (n, h, w) uint8, 0 off the object; size: (n, 2) width and height of each.
-        K: (n, 4) fu fv cu cv; R: (n, 3, 3), t: (n, 3): world to camera.
+        pieces: (m, 3) xyz and (m, 3) normals, in the world.
+        poses: (n, 3, 3) and (n, 3) world to camera.
         sharp: one over the grey-level width of the bilateral weights.
 
     Returns:
         (k, 3) u, v [px] and the normalised correlation, -1 where the piece was not found.
     """
+    (xyz, normal), (R, t) = pieces, poses
     c = np.einsum("kij,kj->ki", R[home], xyz[point]) + t[home]
     n = np.einsum("kij,kj->ki", R[home], normal[point])
     turn = np.einsum("kij,klj->kil", R[view], R[home])
     move = t[view] - np.einsum("kij,kj->ki", turn, t[home])
     out = np.tile([0.0, 0.0, -1.0], (len(point), 1))
-    _all(home, view, c, n, turn, move, grey, mask, size, K, sharp, out)
+    _all(home, view, (c, n), (turn, move), pictures, sharp, out)
     return out
 
 

@@ -12,7 +12,7 @@ import pycolmap
 
 from massprops.core.progress import Progress, silent
 from massprops.errors import InputError, NotPossible
-from massprops.sfm.attempt import ENOUGH, Attempt, SfmOptions, attempt, may_distort, steady
+from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, SfmOptions, attempt, may_distort, steady
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.extend import extend
 from massprops.sfm.features import read_mask
@@ -96,15 +96,16 @@ def reconstruct(
         )
     settings = refine_options(options, footage, found.mapping)
     options, model = replace(options, refine=settings), found.models[0]
+    given = ModelInputs(found, footage, options, work, progress)
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     if found.special:
-        model = match_predicted(model, found, footage, options, work, progress)
+        model = match_predicted(model, given, work)
         if footage.moving_pictures and not footage.rig and model.num_reg_images() < len(footage.frames):
-            model = _followed(model, found, footage, options, work, progress)
+            model = _followed(model, given)
         elif not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
-            model = extend(model, found, footage, options, work, progress)
+            model = extend(model, given)
     else:
-        model = close_loops(model, found, footage, options, work)
+        model = close_loops(model, given)
     placed = {model.image(i).name for i in model.reg_image_ids()}
     # a smaller model whose images the largest has taken in is none any more
     apart = [m for m in found.models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
@@ -112,19 +113,12 @@ def reconstruct(
     return finish(model, footage, found.mapping, options, sizes, warnings, progress)
 
 
-def _followed(
-    model: pycolmap.Reconstruction,
-    found: Attempt,
-    footage: FootageRecord,
-    options: SfmOptions,
-    work: Path,
-    progress: Progress,
-) -> pycolmap.Reconstruction:
+def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """The model with the images that its motion leads to, where they follow each other as motion lets them."""
-    grown = grow(model, found, footage, options, work, progress)
-    if grown.num_reg_images() == model.num_reg_images() or not steady(grown, footage, found.mapping):
+    grown = grow(model, given)
+    if grown.num_reg_images() == model.num_reg_images() or not steady(grown, given.footage, given.found.mapping):
         return model
-    return match_predicted(grown, found, footage, options, work / "grown", progress)
+    return match_predicted(grown, given, given.work / "grown")
 
 
 def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:

@@ -48,15 +48,21 @@ def import_sparse(
             f"{place}: only {len(kept)} of its {len(views)} images have a pose and a focal length that are numbers, "
             "and lie as far away as the others; export a model whose bundle adjustment converged"
         )
-    stamps = {f.name: f.timestamp_ns for f in footage.frames}
-    sizes = {f.name: footage.size(f) for f in footage.frames}
     order = sorted(kept, key=lambda i: frame_of[views.names[i]])
     names = tuple(frame_of[views.names[i]] for i in order)
-    chosen = views.take(np.array(order))
-    target = np.array([sizes[n] for n in names], float)
-    factor = target / chosen.size
+    out, factor = _as_stored(views.take(np.array(order)), names, footage)
     if np.any(np.abs(factor[:, 0] / factor[:, 1] - 1) > 0.01):
         raise InputError(f"{place}: its images have another shape than the footage; import the model of these images")
+    sparse = _observed_in(points, np.array(order), len(views), factor)
+    return model, out, sparse, _left_out(in_footage, len(kept), len(footage.frames))
+
+
+def _as_stored(chosen: Views, names: tuple[str, ...], footage: FootageRecord) -> tuple[Views, np.ndarray]:
+    """The views as those of the footage's frames `names`, and by what factors (n, 2) their images grow."""
+    stamps = {f.name: f.timestamp_ns for f in footage.frames}
+    sizes = {f.name: footage.size(f) for f in footage.frames}
+    target = np.array([sizes[n] for n in names], float)
+    factor = target / chosen.size
     K = chosen.K.copy()
     K[:, 0, 0] *= factor[:, 0]
     K[:, 1, 1] *= factor[:, 1]
@@ -69,32 +75,41 @@ def import_sparse(
         size=target.astype(int),
         timestamp_ns=np.array([stamps[n] for n in names], np.int64),
     )
-    row = np.full(len(views), -1)
+    return out, factor
+
+
+def _observed_in(points: SparsePoints, order: np.ndarray, views: int, factor: np.ndarray) -> SparsePoints:
+    """The points with their observations in the views `order` (n,), of so many, in images larger by factor (n, 2)."""
+    row = np.full(views, -1)
     row[order] = np.arange(len(order))
     keep = row[points.obs_view] >= 0
     view = row[points.obs_view[keep]]
     uv = (points.obs_uv[keep] + 0.5) * factor[view] - 0.5
     sorting = np.lexsort((points.obs_point[keep], view))
-    sparse = replace(
+    return replace(
         points,
         obs_view=view[sorting].astype(np.int32),
         obs_point=points.obs_point[keep][sorting],
         obs_uv=uv[sorting],
     )
+
+
+def _left_out(in_footage: list[bool], kept: int, frames: int) -> list[str]:
+    """Warnings of images that are in one only, or not sound."""
     warnings = []
     if not all(in_footage):
         warnings.append(
             f"{in_footage.count(False)} images of the imported model are not in the footage and were left out"
         )
-    if len(kept) < sum(in_footage):
+    if kept < sum(in_footage):
         warnings.append(
-            f"{sum(in_footage) - len(kept)} images of the imported model were left out: their pose or focal length is "
+            f"{sum(in_footage) - kept} images of the imported model were left out: their pose or focal length is "
             "no number or at infinity"
         )
-    missing = len(footage.frames) - sum(in_footage)
+    missing = frames - sum(in_footage)
     if missing:
         warnings.append(f"{missing} frames of the footage are not in the imported model and were left out")
-    return model, out, sparse, warnings
+    return warnings
 
 
 def _frame_names(footage: FootageRecord, names: tuple[str, ...]) -> dict[str, str]:

@@ -107,38 +107,17 @@ def follow_pieces(views: Views, image: Image, cloud, factor: float, seed: int) -
     Args:
         factor: by which images were reduced for the cloud: its points are a pixel of such images apart.
     """
-    import cv2
-
     from massprops.dense.depthmap import thresholds
-    from massprops.dense.reconstruct import grey_noise
-    from massprops.sfm.patches import follow, nearest_depth
+    from massprops.sfm.patches import follow
 
-    n = len(views)
-    K = np.stack([views.K[:, 0, 0], views.K[:, 1, 1], views.K[:, 0, 2], views.K[:, 1, 2]], axis=1)
-    w, h = views.size.max(0)
-    grey, mask, noise = np.zeros((n, h, w), np.uint8), np.zeros((n, h, w), np.uint8), np.zeros(n)
-    for i in range(n):
-        colour, m = image(i)
-        grey[i, : m.shape[0], : m.shape[1]] = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
-        mask[i, : m.shape[0], : m.shape[1]] = m
-        noise[i] = grey_noise(grey[i].astype(np.float32), mask[i])
+    pictures, noise = _pictures(views, image)
     every = cloud.xyz.astype(float)
     chosen = _spread(every, cloud.normal, cloud.sigma)
     xyz, normal = every[chosen], cloud.normal[chosen].astype(float)
     sight = views.centres[None] - xyz[:, None]
     sight /= np.linalg.norm(sight, axis=2, keepdims=True)
     facing = np.einsum("mni,mi->mn", sight, normal)
-    seen = facing > FACING
-    for i in range(n):
-        nearest = nearest_depth(every, K[i], views.R[i], views.t[i], factor, int(h * factor) + 1, int(w * factor) + 1)
-        c = xyz @ views.R[i].T + views.t[i]
-        uv = c[:, :2] / c[:, 2:] * K[i, :2] + K[i, 2:]
-        inside = (c[:, 2] > 0) & (uv > 0).all(1) & (uv < views.size[i] - 1).all(1)
-        u, v = np.where(inside[:, None], uv, 0).T
-        # points of the same surface, drawn wide, lie before this one by the slope
-        slack = c[:, 2] / (factor * K[i, 0]) * (1 + 2 * np.sqrt(1 / np.clip(facing[:, i], FACING, 1) ** 2 - 1))
-        hidden = c[:, 2] > nearest[(v * factor).astype(int), (u * factor).astype(int)] + slack
-        seen[:, i] &= inside & ~hidden & (mask[i][np.rint(v).astype(int), np.rint(u).astype(int)] > 0)
+    seen = (facing > FACING) & _in_sight(views, pictures, every, xyz, facing, factor)
     own = np.zeros_like(seen)
     which, place = entries(cloud.view_start.astype(np.int64), chosen)
     own[which, cloud.view_index[place]] = True
@@ -149,15 +128,15 @@ def follow_pieces(views: Views, image: Image, cloud, factor: float, seed: int) -
     wanted &= np.einsum("mni,mi->mn", sight, sight[rows, home]) > np.cos(np.deg2rad(WIDEST))
     wanted[rows, home] = False
     lot = np.where(wanted, np.random.default_rng([seed, 17]).random(wanted.shape), 2.0)
-    wanted &= lot <= np.sort(lot, axis=1)[:, min(VIEWS, n) - 1 : min(VIEWS, n)]
+    wanted &= lot <= np.sort(lot, axis=1)[:, min(VIEWS, len(views)) - 1 : min(VIEWS, len(views))]
     point, view = np.nonzero(wanted)
     sharp = 1.0 / thresholds(float(np.median(noise)))[0]
-    found = follow(point, home[point], view, xyz, normal, grey, mask, views.size, K, views.R, views.t, sharp)
+    found = follow(point, home[point], view, (xyz, normal), (views.R, views.t), pictures, sharp)
     good = found[:, 2] > CORRELATION
     point, view, uv = point[good], view[good], found[good, :2]
     often = np.bincount(point, minlength=len(xyz)) >= 2
     keep, point_of = often[point], np.cumsum(often) - 1
-    xyz, normal, home = xyz[often], normal[often], home[often]
+    xyz, normal, home, K = xyz[often], normal[often], home[often], pictures.K
     c = np.einsum("mij,mj->mi", views.R[home], xyz) + views.t[home]
     at_home = c[:, :2] / c[:, 2:] * K[home, :2] + K[home, 2:]
     return Pieces(
@@ -166,6 +145,43 @@ def follow_pieces(views: Views, image: Image, cloud, factor: float, seed: int) -
         np.concatenate([home, view[keep]]),
         np.concatenate([at_home, uv[keep]]),
     )  # fmt: skip
+
+
+def _pictures(views: Views, image: Image):  # type: ignore[no-untyped-def]
+    """The views' images as `massprops.sfm.patches.Pictures`, and their noise (n,) in grey levels."""
+    import cv2
+
+    from massprops.dense.reconstruct import grey_noise
+    from massprops.sfm.patches import Pictures
+
+    n, (w, h) = len(views), views.size.max(0)
+    K = np.stack([views.K[:, 0, 0], views.K[:, 1, 1], views.K[:, 0, 2], views.K[:, 1, 2]], axis=1)
+    grey, mask, noise = np.zeros((n, h, w), np.uint8), np.zeros((n, h, w), np.uint8), np.zeros(n)
+    for i in range(n):
+        colour, m = image(i)
+        grey[i, : m.shape[0], : m.shape[1]] = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
+        mask[i, : m.shape[0], : m.shape[1]] = m
+        noise[i] = grey_noise(grey[i].astype(np.float32), mask[i])
+    return Pictures(grey, mask, views.size, K), noise
+
+
+def _in_sight(views: Views, pictures, every: np.ndarray, xyz: np.ndarray, facing: np.ndarray, factor: float):  # type: ignore[no-untyped-def]
+    """(m, n) bool: which of the points xyz (m, 3) a view shows on the object, with none of `every` (k, 3) before them."""
+    from massprops.sfm.patches import nearest_depth
+
+    K, (w, h) = pictures.K, views.size.max(0)
+    out = np.zeros((len(xyz), len(views)), bool)
+    for i in range(len(views)):
+        nearest = nearest_depth(every, K[i], views.R[i], views.t[i], factor, int(h * factor) + 1, int(w * factor) + 1)
+        c = xyz @ views.R[i].T + views.t[i]
+        uv = c[:, :2] / c[:, 2:] * K[i, :2] + K[i, 2:]
+        inside = (c[:, 2] > 0) & (uv > 0).all(1) & (uv < views.size[i] - 1).all(1)
+        u, v = np.where(inside[:, None], uv, 0).T
+        # points of the same surface, drawn wide, lie before this one by the slope
+        slack = c[:, 2] / (factor * K[i, 0]) * (1 + 2 * np.sqrt(1 / np.clip(facing[:, i], FACING, 1) ** 2 - 1))
+        hidden = c[:, 2] > nearest[(v * factor).astype(int), (u * factor).astype(int)] + slack
+        out[:, i] = inside & ~hidden & (pictures.mask[i][np.rint(v).astype(int), np.rint(u).astype(int)] > 0)
+    return out
 
 
 def _spread(xyz: np.ndarray, normal: np.ndarray, sigma: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ def attitude_error(found: Views, truth: Views) -> float:
 
 
 def test_pieces_are_found_where_they_are_and_not_where_the_poses_say():
-    from massprops.sfm.patches import follow
+    from massprops.sfm.patches import Pictures, follow
 
     views, images, *_ = sphere_views(7, noise=0.0)
     wrong = turned(views, 0.5)
@@ -44,7 +44,8 @@ def test_pieces_are_found_where_they_are_and_not_where_the_poses_say():
     R[3], t[3] = views.R[3], views.t[3]
     point = np.repeat(np.arange(len(xyz)), 2)
     view = np.tile([2, 4], len(xyz))
-    found = follow(point, np.full(len(point), 3), view, xyz, xyz, grey, mask, views.size, K, R, t, 1 / 12.0)
+    pictures = Pictures(grey, mask, views.size, K)
+    found = follow(point, np.full(len(point), 3), view, (xyz, xyz), (R, t), pictures, 1 / 12.0)
     good = found[:, 2] > 0.8
     assert good.mean() > 0.5
 
