@@ -5,6 +5,7 @@ from tumbling import scene
 from massprops.campaigns.papers import hu2024
 from massprops.dynamics.quaternion import normalise, rotation_matrix
 from massprops.estimators.methods import principal_axis_ekf
+from massprops.estimators.principal.follow import followed
 from massprops.estimators.principal.frame import paper_frame, sign_rule, unique_frame
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
@@ -106,9 +107,9 @@ def test_the_24_symmetries_are_the_rotations_of_the_cube():
 def test_the_filter_is_the_same_in_all_24_frames_up_to_their_names():
     s = scene(1)
     start = first_guess(s.problem, Prior())
-    here = principal_axis_ekf.followed(s.problem, Prior(), start, 1e-6, 1e-6)
+    here = followed(s.problem, Prior(), start, 1e-6, 1e-6)
     for turn in hu2024.SYMMETRIES[[5, 14]]:
-        there = principal_axis_ekf.followed(s.problem, Prior(), start, 1e-6, 1e-6, turn)
+        there = followed(s.problem, Prior(), start, 1e-6, 1e-6, turn)
         assert np.allclose(there.run.w, here.run.w @ turn, atol=1e-9)
         assert np.allclose(there.run.f, here.run.f @ turn, atol=1e-7)
         assert np.allclose(np.trace(there.run.P[17:, 17:]), np.trace(here.run.P[17:, 17:]), rtol=1e-5)

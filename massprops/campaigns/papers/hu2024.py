@@ -34,7 +34,7 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
 from massprops.estimators.chaser_path import chaser_path
 from massprops.estimators.geometry.alignment import inverse_of
-from massprops.estimators.methods.principal_axis_ekf import followed, run_over
+from massprops.estimators.principal.follow import followed, run_over
 from massprops.estimators.principal.frame import SignRule, sign_rule, unique_frame
 from massprops.estimators.principal.run import start_in_frame
 from massprops.estimators.problem import Problem

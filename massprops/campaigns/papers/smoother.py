@@ -58,8 +58,8 @@ def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]
 
 
 def _run(c: dict[str, Any], seed: int) -> dict[str, Any]:
+    from massprops.estimators.batch.outcome import LARGEST_SIGMA_K
     from massprops.estimators.estimate import estimate_all
-    from massprops.estimators.methods.smoother import LARGEST_SIGMA_K
     from massprops.simulation.track_scenario import TrackScenario
     from massprops.simulation.tracks import simulate_tracks
 

@@ -11,9 +11,8 @@ from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.misfit import count, mean_square, whiteness
 from massprops.effects import effects, searched
 from massprops.estimators.batch.linearise import residuals
-from massprops.estimators.batch.solve import Fit, Search, believed, fit
+from massprops.estimators.batch.solve import Fit, Search, believed, covariance_of, fit
 from massprops.estimators.batch.state import BatchState
-from massprops.estimators.methods.smoother import covariance_of
 from massprops.model import Model
 
 MOST_ITERATIONS = 25

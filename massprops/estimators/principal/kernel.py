@@ -172,6 +172,17 @@ def _sight(
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _tell(tally: np.ndarray, good: bool, near: float, rows: int) -> None:
+    """One block more: passed, refused, sum of squared normalised innovations, number of rows."""
+    if good:
+        tally[0] += 1
+        tally[2] += near
+        tally[3] += rows
+    else:
+        tally[1] += 1
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _absorb_pixels(state: State, epochs: Epochs, e: int, rig: Rig, P: np.ndarray, gate: float, at: Linear) -> None:
     """The pixels of epoch e, into P and `at`."""
     x, f = state.x, state.f
@@ -196,12 +207,7 @@ def _absorb_pixels(state: State, epochs: Epochs, e: int, rig: Rig, P: np.ndarray
             good, near = False, 0.0
             if ahead:
                 near, good = _absorb(P, at.dx, columns, H, z, R2, gate)
-            if good:
-                tally[0] += 1
-                tally[2] += near
-                tally[3] += 2
-            else:
-                tally[1] += 1
+            _tell(tally, good, near, 2)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -229,12 +235,7 @@ def _round(state: State, epochs: Epochs, e: int, rig: Rig, P: np.ndarray, loose:
             z[a] += H[a, c] * at.d[columns[c]]
         R[a, a] = epochs.variance[e]
     near, good = _absorb(P, at.dx, columns, H, z, R, GATE_3 * loose)
-    if good:
-        tally[0] += 1
-        tally[2] += near
-        tally[3] += 3
-    else:
-        tally[1] += 1
+    _tell(tally, good, near, 3)
 
 
 @numba.njit(cache=True, error_model="numpy")

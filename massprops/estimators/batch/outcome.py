@@ -1,0 +1,125 @@
+"""From a batch fit to the estimate that every method gives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply
+from massprops.dynamics.sensitivities import sensitivities
+from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.batch.linearise import inertia_directions
+from massprops.estimators.batch.solve import Fit, covariance_of
+from massprops.estimators.batch.start import BatchStart
+from massprops.estimators.batch.state import ratio_slopes
+from massprops.estimators.problem import Problem
+from massprops.estimators.result import Estimate
+
+LARGEST_SIGMA_K = 0.18
+"""1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""
+LARGEST_SIGMA_AXES = 0.5
+"""1-sigma [rad] of a turn of the principal axes above which they are undetermined."""
+MISFIT = 2.0
+"""Chi-square over freedom beyond which the model does not explain the data."""
+
+
+def estimate_of(
+    name: str,
+    problem: Problem,
+    first: BatchStart,
+    found: Fit,
+    around: Surroundings,
+    seconds: float,
+    rival: str | None = None,
+    covariance: np.ndarray | None = None,
+) -> Estimate:
+    """The fit as an `Estimate`, with the covariance (size, size) of its parameters where it is not the plain one."""
+    state, motion = found.state, found.predicted.motion
+    covariance = covariance_of(found) if covariance is None else covariance
+    k, axes, slopes, turns = ratio_slopes(state.inertia)
+    block = covariance[12:17, 12:17]
+    k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
+    hidden = rival or _unobservable(np.sqrt(np.diag(k_covariance)), axes_covariance, state.w0, axes)
+    tracked = "tracks" in first.channels
+    sigma = _sigmas(problem, found, around, covariance)
+    cam = motion.turn
+    placed = first.observed.any(axis=(0, 1)) if first.observed.size else np.zeros(len(problem.features), bool)
+    return Estimate(
+        name=name,
+        converged=bool(found.converged and np.isfinite(found.cost)),
+        observable=not hidden,
+        reason=hidden or _unfit(found),
+        k1=None if hidden else float(k[0]),
+        k2=None if hidden else float(k[1]),
+        k_covariance=k_covariance,
+        inertia=state.inertia / 3.0,
+        principal_axes=None if hidden else axes,
+        axes_covariance=None if hidden else axes_covariance,
+        times=problem.times,
+        q=multiply(from_rotation_matrix(cam), found.predicted.q) if around.lvlh else found.predicted.q,
+        w=motion.w,
+        position=np.einsum("nij,nj->ni", cam, motion.r) if tracked else None,
+        velocity=np.einsum("nij,nj->ni", cam, motion.v) if tracked else None,
+        sigma_attitude=sigma[0],
+        sigma_w=sigma[1],
+        sigma_position=sigma[2] if tracked else None,
+        sigma_velocity=sigma[3] if tracked else None,
+        features=state.points[placed] if tracked else None,
+        feature_ids=problem.features[placed] if tracked else None,
+        body_frame=first.body_frame,
+        innovation=float(found.chi2 / found.freedom),
+        gated=int((found.weights == 0).sum()),
+        used=int(found.count),
+        cpu_us_per_step=1e6 * seconds / len(problem.times),
+        warnings=first.notes,
+    )
+
+
+def _sigmas(
+    problem: Problem, found: Fit, around: Surroundings, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """1-sigma (n, 3) of attitude, rates, position and velocity."""
+    state = found.state
+    turn, rate = sensitivities(
+        problem.times,
+        found.predicted.trajectory,
+        state.q0,
+        state.w0,
+        state.inertia,
+        inertia_directions(state.inertia),
+        state.model.acting,
+        state.model.flat(True),
+        around,
+    )
+    nm = state.motion_count
+    by_turn, by_path = np.r_[0:6, 12:17, 17 : 17 + nm], np.r_[6:12, 17 : 17 + nm]
+
+    def spread(J: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        own = covariance[np.ix_(rows, rows)]
+        return np.asarray(np.sqrt(np.maximum(np.einsum("nij,jk,nik->ni", J, own, J), 0.0)))
+
+    at = found.predicted
+    return spread(turn, by_turn), spread(rate, by_turn), spread(at.dr, by_path), spread(at.dv, by_path)
+
+
+def _unfit(found: Fit) -> str:
+    """Why the fit does not explain the data; empty when it does."""
+    if not (found.converged and np.isfinite(found.cost)):
+        return f"no rest after {found.iterations} iterations"
+    misfit = found.chi2 / found.freedom
+    if misfit > MISFIT:
+        return f"residuals are {np.sqrt(misfit):.2g} times the stated noise: the model lacks something, try diagnose"
+    return ""
+
+
+def _unobservable(sigma: np.ndarray, axes_covariance: np.ndarray, w0: np.ndarray, axes: np.ndarray) -> str:
+    """One line when the data do not show ratios or axes; empty when they do."""
+    if not np.isfinite(sigma).all() or sigma.max() > LARGEST_SIGMA_K:
+        along = np.abs(axes.T @ w0) / max(float(np.linalg.norm(w0)), 1e-300)
+        off = float(np.degrees(np.arccos(min(1.0, float(along.max())))))
+        return (
+            f"the motion does not show the ratios (1-sigma of k1, k2: {sigma[0]:.2g}, {sigma[1]:.2g}): "
+            f"it spins {off:.1f} deg from a principal axis, or is too short"
+        )
+    if np.sqrt(np.max(np.diag(axes_covariance))) > LARGEST_SIGMA_AXES:
+        return "the body is symmetric as far as the motion shows: its principal axes are not determined"
+    return ""

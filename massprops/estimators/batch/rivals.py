@@ -1,0 +1,60 @@
+"""Other inertias that a nearly flat spin allows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.batch.measurements import Measurements
+from massprops.estimators.batch.outcome import LARGEST_SIGMA_K
+from massprops.estimators.batch.solve import Belief, Fit, fit
+from massprops.estimators.batch.state import ratio_slopes
+from massprops.estimators.problem import Problem
+
+NEARLY_FLAT = 0.15
+"""Largest turn [rad] of the angular velocity in the body below which rival inertias are tried."""
+RIVAL_CHI2 = 12.0
+"""Difference of chi-square within which a rival explains the data as well."""
+
+
+def best_of_rivals(
+    problem: Problem, m: Measurements, found: Fit, around: Surroundings, belief: Belief
+) -> tuple[Fit, str | None]:
+    """The best of fits that begin with other inertias, and what is said when one differs but explains as much.
+
+    Near a flat spin the linear covariance holds at one answer and says nothing of the others; elsewhere the fit stands.
+    """
+    if not _turn_in_body(found.predicted.motion.w) < NEARLY_FLAT:
+        return found, None
+    moments, axes = np.linalg.eigh(found.state.inertia)
+    along = int(np.argmax(np.abs(axes.T @ found.state.w0)))
+    others = [i for i in range(3) if i != along]
+    starts = [np.eye(3)]
+    for place in range(3):
+        new = np.empty(3)
+        rest = np.delete(moments, place)
+        new[along], new[others[0]], new[others[1]] = moments[place], rest[0], rest[1]
+        starts.append((axes * new) @ axes.T)
+    fits = [found]
+    best = found
+    for inertia in starts:
+        other = fit(problem, m, replace(found.state, inertia=inertia), around, found.free, belief)
+        if not np.isfinite(other.cost):
+            continue
+        fits.append(other)
+        best = min(fits, key=lambda f: f.cost)
+        k = ratio_slopes(best.state.inertia)[0]
+        for f in fits:
+            off = np.max(np.abs(ratio_slopes(f.state.inertia)[0] - k))
+            if 2 * (f.cost - best.cost) < RIVAL_CHI2 and off > LARGEST_SIGMA_K:
+                return best, "bodies of quite different inertia explain this motion as well: it is nearly a flat spin"
+    return best, None
+
+
+def _turn_in_body(w: np.ndarray) -> float:
+    """Largest angle [rad] of the angular velocity in the body from its mean direction."""
+    way = w / np.maximum(np.linalg.norm(w, axis=1, keepdims=True), 1e-300)
+    mean = way.mean(axis=0)
+    return float(np.arccos(np.clip(np.min(way @ mean) / max(float(np.linalg.norm(mean)), 1e-300), -1, 1)))
