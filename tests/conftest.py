@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,3 +19,23 @@ def real_data() -> Path:
     if not DATA.is_dir():
         pytest.skip("../shared/data with real photographs and motion logs is not here")
     return DATA
+
+
+@pytest.fixture
+def with_package(tmp_path: Path) -> Callable[..., str]:
+    """`with_package(group, code, good=text, bad=text)`: what `code` prints where a package is installed whose modules, by
+    their texts, are entry points of the group."""
+
+    def printed(group: str, code: str, **modules: str) -> str:
+        points = "".join(f"{name} = plug_{name}\n" for name in modules)
+        for name, text in modules.items():
+            (tmp_path / f"plug_{name}.py").write_text(text)
+        info = tmp_path / "plug-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plug\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[{group}]\n{points}")
+        path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+        command, env = [sys.executable, "-c", code], {**os.environ, "PYTHONPATH": path}
+        return subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout
+
+    return printed

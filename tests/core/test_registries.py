@@ -6,7 +6,6 @@ import ast
 from collections.abc import Callable
 from dataclasses import fields
 from importlib import import_module
-from inspect import signature
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,10 +14,14 @@ import pytest
 
 import massprops
 from massprops.campaigns.kinds import kinds
+from massprops.campaigns.papers import WANTED as papers_want
 from massprops.campaigns.papers import papers
+from massprops.exchange.formats import WANTED as formats_want
 from massprops.exchange.formats import formats
+from massprops.packaged import is_flag, is_text, takes
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER
+from massprops.sfm.scale import WANTED as sources_want
 from massprops.sfm.scale import sources
 
 ROOT = Path(massprops.__file__).parent
@@ -27,14 +30,6 @@ STAGE_OPTIONS = {field.name for field in fields(ReconstructOptions)}
 
 def names(folder: str) -> list[str]:
     return sorted(p.stem for p in (ROOT / folder).glob("*.py") if not p.stem.startswith("_"))
-
-
-def is_text(value: Any) -> bool:
-    return isinstance(value, str) and value.strip() == value != ""
-
-
-def is_flag(value: Any) -> bool:
-    return isinstance(value, bool)
 
 
 def is_place(value: Any) -> bool:
@@ -49,15 +44,8 @@ def are_options(value: Any) -> bool:
     return isinstance(value, tuple) and set(value) <= STAGE_OPTIONS
 
 
-def takes(count: int) -> Callable[[Any], bool]:
-    return lambda function: len(signature(function).parameters) == count
-
-
 CATALOGUES: dict[str, tuple[list[str], dict[str, Callable[[Any], bool]]]] = {
-    "exchange.formats": (
-        names("exchange/formats"),
-        {"NAME": is_text, "SUFFIX": is_text, "NEEDS_METRES": is_flag, "MESHES": is_flag, "render": callable},
-    ),
+    "exchange.formats": (names("exchange/formats"), formats_want),
     "run.stages": (list(ORDER), {"READS": are_stages, "OPTIONS": are_options, "run": takes(1)}),
     "campaigns.kinds": (
         kinds(),
@@ -67,11 +55,8 @@ CATALOGUES: dict[str, tuple[list[str], dict[str, Callable[[Any], bool]]]] = {
             **dict.fromkeys(("parameters", "check", "prepared", "runs"), callable),
         },
     ),
-    "campaigns.papers": (
-        papers(),
-        {"PAPER": bool, "CASES": len, "RUNS": bool, "configuration": takes(1), "runs": takes(2), "table": takes(2)},
-    ),
-    "sfm.scale": (list(sources()), {"estimate": takes(1)}),
+    "campaigns.papers": (papers(), papers_want),
+    "sfm.scale": (list(sources()), sources_want),
     "report.sections": (names("report/sections"), {"TITLE": is_text, "ORDER": is_place, "render": takes(1)}),
 }
 FILES = [(room, name) for room, (found, _) in CATALOGUES.items() for name in found]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -128,18 +129,8 @@ def test_the_command_lists_and_refuses(tmp_path: Path) -> None:
     assert bad.returncode == 2 and len(bad.stderr.strip().splitlines()) == 1 and not bad.stdout
 
 
-def test_effects_of_installed_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_effects_of_installed_packages(with_package: Callable[..., str]) -> None:
     """An entry point is known like a file of the catalogue; a bad one is left out and listed as such."""
-    for name, text in (("good_effect", GOOD), ("bad_effect", GOOD.replace("return", "raise ValueError; return"))):
-        written(tmp_path, text, f"{name}.py")
-    info = tmp_path / "plug-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plug\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[massprops.effects]\ngood = good_effect\nbad = bad_effect\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
     code = "from massprops.effects import effects, refused; print('my-torque' in effects(), list(refused().values()))"
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {code}"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert done.stdout.startswith("True") and "torque() fails on numbers: ValueError" in done.stdout
+    said = with_package("massprops.effects", code, good=GOOD, bad=GOOD.replace("return", "raise ValueError; return"))
+    assert said.startswith("True") and "torque() fails on numbers: ValueError" in said

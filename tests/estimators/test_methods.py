@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -117,20 +116,13 @@ def estimate(problem, prior, start):
 '''
 
 
-def test_a_package_brings_an_estimator_in_one_file(tmp_path: Path) -> None:
+def test_a_package_brings_an_estimator_in_one_file(with_package: Callable[..., str]) -> None:
     """An entry point is known like a file of massprops; a bad one is left out, with the reason."""
-    (tmp_path / "good_method.py").write_text(GOOD)
-    (tmp_path / "bad_method.py").write_text(GOOD.replace("stereo|attitude", "sonar"))
-    info = tmp_path / "plug-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plug\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[massprops.estimators]\ngood = good_method\nbad = bad_method\n")
-    code = f"""
-import sys; sys.path.insert(0, {str(tmp_path)!r})
+    code = """
 import massprops
 from massprops.estimators.methods import refused
 found = massprops.estimate(massprops.simulate("tracks", frames=60, seed=3), method="first-guess")
 print(found[0].name, list(refused().values()))
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("first-guess ['NEEDS must be a tuple of any of: tracks")
+    said = with_package("massprops.estimators", code, good=GOOD, bad=GOOD.replace("stereo|attitude", "sonar"))
+    assert said.startswith("first-guess ['NEEDS must be a tuple of any of: tracks")

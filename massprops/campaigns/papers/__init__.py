@@ -4,24 +4,46 @@ A file has `PAPER`, `CASES` (case -> one sentence), `RUNS` (case -> default numb
 whole set-up as plain JSON), `runs(configuration, seeds) -> rows` (one flat row per seed, in order; a failed run is a row
 with `error`; the row of a seed does not depend on the other seeds) and `table(case, rows)` (`title`, `columns`, `rows`,
 `notes`: ours beside the paper's). Optional: `CHUNK` (runs worked on together), `BOXES` (case -> columns to draw),
-`speed()` (a benchmark as a flat dict). Adding a file adds the paper.
+`speed()` (a benchmark as a flat dict). Adding a file adds the paper; so does an installed package, by an entry point of the
+group `massprops.papers` whose value is such a module.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
 from massprops.campaigns.nearest import unknown
+from massprops.packaged import Wanted, faults_by, is_text, packaged, takes
 
 SPEED = "speed"
 """Name of the benchmark that a paper's file may have, asked for like a case."""
 
 
+WANTED: Wanted = {
+    "PAPER": is_text,
+    "CASES": bool,
+    "RUNS": bool,
+    "configuration": takes(1),
+    "runs": takes(2),
+    "table": takes(2),
+}
+
+
 def papers() -> list[str]:
-    """Names of the papers that come with the package."""
-    return sorted(p.stem for p in Path(__file__).parent.glob("*.py") if _is_paper(p))
+    """Names of all papers."""
+    return sorted([*_own(), *_packaged()])
+
+
+def _own() -> list[str]:
+    return [p.stem for p in Path(__file__).parent.glob("*.py") if _is_paper(p)]
+
+
+@cache
+def _packaged() -> dict[str, ModuleType]:
+    return packaged("massprops.papers", faults_by(WANTED), _own(), "PAPER")[0]
 
 
 def _is_paper(path: Path) -> bool:
@@ -35,9 +57,11 @@ def load_paper(name: str) -> ModuleType:
     Raises:
         InputError: there is none of that name.
     """
-    if name not in papers():
-        raise unknown("paper", name, papers())
-    return import_module(f"{__name__}.{name}")
+    if name in _own():
+        return import_module(f"{__name__}.{name}")
+    if name in _packaged():
+        return _packaged()[name]
+    raise unknown("paper", name, papers())
 
 
 def checked_case(paper: ModuleType, case: str) -> str:

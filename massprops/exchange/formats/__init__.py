@@ -7,16 +7,27 @@ MESHES: whether a visual and a collision mesh are written beside it and referenc
 FOLDER: True for a format of several files, which then lie in a folder of their own; may be left out.
 render(body, meshes) -> str or bytes: the file's content, or of several files a dictionary by name; `meshes` maps "visual"
 and "collision" to relative paths. Raises InputError where the body lacks what the format is about.
+
+A file of this folder is a format; so is a module that an installed package names by an entry point of the group
+`massprops.formats`.
 """
 
 from __future__ import annotations
 
 import pkgutil
+from functools import cache
 from importlib import import_module
 from types import ModuleType
 
+from massprops.packaged import Wanted, faults_by, is_flag, is_text, packaged
 
+WANTED: Wanted = {"NAME": is_text, "SUFFIX": is_text, "NEEDS_METRES": is_flag, "MESHES": is_flag, "render": callable}
+
+
+@cache
 def formats() -> dict[str, ModuleType]:
-    """Every format of this folder by its name."""
-    found = (import_module(f"{__name__}.{entry.name}") for entry in pkgutil.iter_modules(__path__))
-    return {module.NAME: module for module in sorted(found, key=lambda module: module.NAME)}
+    """Every format by its name."""
+    own = [import_module(f"{__name__}.{entry.name}") for entry in pkgutil.iter_modules(__path__)]
+    found = {module.NAME: module for module in own}
+    found |= packaged("massprops.formats", faults_by(WANTED), found)[0]
+    return dict(sorted(found.items()))

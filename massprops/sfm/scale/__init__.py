@@ -2,20 +2,29 @@
 
 A source is a module with `estimate(inputs: ScaleInputs) -> ScaleEstimate | None`; None when it was not asked for or
 the footage has none. One model unit is the greatest length of the object's mesh, the largest distance between two of
-its points.
+its points. An installed package brings a source by an entry point of the group `massprops.scale_sources`, a module that
+has a `NAME` besides.
 """
 
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from massprops.packaged import Wanted, faults_by, is_text, packaged, takes
 from massprops.sfm.scale.base import Scale, ScaleEstimate, ScaleInputs, choose
 
 __all__ = ["Scale", "ScaleEstimate", "ScaleInputs", "choose", "find_scale", "sources"]
 
+WANTED: Wanted = {"estimate": takes(1)}
 
-def sources() -> tuple[str, ...]:
-    """Names of all sources."""
-    from pathlib import Path
 
-    folder = Path(__file__).parent
-    return tuple(sorted(p.stem for p in folder.glob("*.py") if p.stem not in ("__init__", "base")))
+@cache
+def sources() -> dict[str, ModuleType]:
+    """Every source by its name."""
+    stems = (p.stem for p in Path(__file__).parent.glob("*.py") if p.stem not in ("__init__", "base"))
+    own = {stem: import_module(f"{__name__}.{stem}") for stem in sorted(stems)}
+    return own | packaged("massprops.scale_sources", faults_by({"NAME": is_text, **WANTED}), own)[0]
 
 
 def find_scale(inputs: ScaleInputs) -> Scale:
@@ -24,7 +33,5 @@ def find_scale(inputs: ScaleInputs) -> Scale:
     Raises:
         InputError: a source was asked for with values that cannot be used.
     """
-    from importlib import import_module
-
-    found = [import_module(f"massprops.sfm.scale.{name}").estimate(inputs) for name in sources()]
+    found = [source.estimate(inputs) for source in sources().values()]
     return choose([f for f in found if f is not None], inputs.length)
