@@ -177,7 +177,7 @@ def _run(arguments: list[str]) -> int:
         for argument in arguments:
             _check_text(argument)
         if os.environ.get(COMPLETE):
-            from typer.completion import completion_init
+            from typer.completion import completion_init  # type: ignore[attr-defined]
 
             completion_init()
         status = app().main(args=arguments, prog_name="massprops", standalone_mode=False)

@@ -246,7 +246,7 @@ class Campaign(Shown):
 
 
 @dataclass(frozen=True, repr=False)
-class Simulation(Shown, os.PathLike):
+class Simulation(Shown, os.PathLike[str]):
     """A sequence of known truth; the other functions take it in place of a folder.
 
     Attributes:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from massprops.consistency.crosscheck import CrossCheck
     from massprops.estimators.result import Prior
     from massprops.exchange.compare import Comparison
-    from massprops.run.masks import Sheet
+    from massprops.report.masks_page import Sheet
     from massprops.run.reconstruct import Run
     from massprops.sequence import Sequence as Recording
 

@@ -40,7 +40,7 @@ def _knock(address: str) -> None:
     """
     import asyncio
 
-    from distributed.core import connect
+    from distributed.comm.core import connect
 
     async def ask() -> Any:
         comm = await connect(address, timeout=ANSWER_S)

@@ -60,7 +60,7 @@ def same_cameras(cameras: list[dict[str, Any]], frames: list[dict[str, Any]]) ->
         cameras: entries of `footage.json`, with different numbers.
         frames: likewise; changed in place.
     """
-    kept: dict[tuple, dict[str, Any]] = {}
+    kept: dict[tuple[Any, ...], dict[str, Any]] = {}
     number: dict[int, int] = {}
     for camera in cameras:
         key = (

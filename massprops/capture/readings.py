@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -393,7 +394,7 @@ def _extent(xyz: np.ndarray, plane: np.ndarray | None = None) -> np.ndarray:
     return np.sort(reach[:, 1] - reach[:, 0])[::-1]
 
 
-def described(reading: Reading, scene: Scene, used: bool) -> dict:
+def described(reading: Reading, scene: Scene, used: bool) -> dict[str, Any]:
     """A reading for `shape.json`: in words, its extent [units of the reconstruction], whether it is used, the option."""
     return {
         "reading": reading.what,

@@ -240,7 +240,7 @@ def fuse(draws: Draws, mesh: MeshSide, motion: Measured) -> dict[str, Any]:
     drawn = np.linalg.eigvalsh(drawn_inertia)
     k, k_drawn = inertia_ratios(moments), inertia_ratios(drawn)
 
-    def bounds(values: np.ndarray, at: np.ndarray | float) -> list:
+    def bounds(values: np.ndarray, at: np.ndarray | float) -> list[Any]:
         low, high = np.quantile(values, [0.05, 0.95], axis=0)
         return np.stack([np.minimum(low, at), np.maximum(high, at)], axis=-1).tolist()
 

@@ -9,6 +9,7 @@ evidence, so hypotheses compare by their marginal likelihoods.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -191,7 +192,7 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     )  # fmt: skip
 
 
-def _linear_model(parts: list, balance: Balance, guess: _Guess) -> tuple[list[Block], np.ndarray]:
+def _linear_model(parts: list[Any], balance: Balance, guess: _Guess) -> tuple[list[Block], np.ndarray]:
     """The blocks of unknowns and the rows (r,) that they answer for, both over the noise.
 
     Raises:
@@ -209,7 +210,7 @@ def _linear_model(parts: list, balance: Balance, guess: _Guess) -> tuple[list[Bl
     return blocks, y + blocks[0].columns[:, :INERTIA] @ guess.shape
 
 
-def _rate_along(parts: list, post: Posterior, balance: Balance, guess: _Guess) -> np.ndarray:
+def _rate_along(parts: list[Any], post: Posterior, balance: Balance, guess: _Guess) -> np.ndarray:
     """(n, 3) rate along the path itself, of everything that was found."""
     base = post.mean["base"]
     shift = np.concatenate([base[:INERTIA] - guess.shape, base[INERTIA:]])
@@ -233,12 +234,12 @@ def _wheel_found(
     return axis / np.linalg.norm(axis), shapes @ post.mean["wheel"], np.sqrt(np.maximum(variance, 0.0))
 
 
-def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance) -> list:
+def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance) -> list[Any]:
     """Name, rate along the path (n, 3, k) of a unit of each unknown, its rows, prior, and the prior's kind, by block."""
     path, speed = record.path, record.speed
     count = balance.base_count
     sd = np.concatenate([np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * speed), np.full(count - INERTIA - 3, WIDE)])
-    out: list = [("base", balance.free(), balance.base(), sd, "fixed")]
+    out: list[Any] = [("base", balance.free(), balance.base(), sd, "fixed")]
     if record.rows.rates:
         out.append(("gyroscope scale", None, balance.scale(), SCALE_SD, "fixed"))
     if guess.axis is not None and guess.history is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from massprops.documents.fields import Names, Nested, Number, Text, document
 
@@ -27,6 +27,6 @@ class CampaignFile:
     runs: Annotated[int, Number("seeds for each point of the grid", "", 1, 10**12, whole=True)] | None = None
     seed: Annotated[int, Number("the first seed", "", 0, LARGEST_SEED, whole=True)] = 0
     chunk: Annotated[int, Number("runs that one worker does together", "", 1, MOST_CHUNK, whole=True)] | None = None
-    grid: Annotated[dict, Names("lists of values by parameter; every combination is run")] | None = None
-    draw: Annotated[dict, Names("distributions by parameter, as `{uniform: [0, 1]}`")] | None = None
+    grid: Annotated[dict[str, Any], Names("lists of values by parameter; every combination is run")] | None = None
+    draw: Annotated[dict[str, Any], Names("distributions by parameter, as `{uniform: [0, 1]}`")] | None = None
     limits: Annotated[LimitsFile, Nested("limits of one run")] | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class FeaturesFile:
     """Feature points, from the centre of mass, in the file's axes."""
 
     ids: Annotated[
-        tuple,
+        tuple[Any, ...],
         Listed(
             "numbers of the features in `tracks0`, all different",
             Number("", "", -(2**53), 2**53, whole=True),
@@ -45,7 +45,7 @@ class FrameFile:
     kind: Annotated[str, Text("in words")] | None = None
     mark: (
         Annotated[
-            tuple,
+            tuple[Any, ...],
             Listed(
                 "rows of timestamp [ns], q_w, q_x, q_y, q_z of the footage's `attitude0`",
                 Listed("", Number("", "", -LARGEST_STAMP, LARGEST_STAMP), count=5),
@@ -62,7 +62,7 @@ class FilterFile:
 
     format: Annotated[str, Text("kind and version of the file", (FORMAT,))] = FORMAT
     source: Annotated[str, Text("where the numbers come from")] | None = None
-    units: Annotated[dict, Names("`length`: `m` or `model`")] | None = None
+    units: Annotated[dict[str, Any], Names("`length`: `m` or `model`")] | None = None
     inertia: Annotated[np.ndarray, Array("about the centre of mass, tensor signs, any scale", "", (3, 3))] | None = None
     inertia_ratios: Annotated[RatiosFile, Nested("ratios, which must agree with the inertia")] | None = None
     principal_axes: Annotated[np.ndarray, Array("unit columns at right angles", "", (3, 3), -1.001, 1.001)] | None = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class ConfidenceFile:
     """How far to trust the numbers."""
 
     level: Annotated[str, Text("in one word", ("high", "medium", "low"))]
-    because: Annotated[tuple, Listed("one sentence each", Text("", longest=10_000))] = ()
+    because: Annotated[tuple[Any, ...], Listed("one sentence each", Text("", longest=10_000))] = ()
 
 
 @document(others="ignored")
@@ -100,7 +100,7 @@ class MassFile:
     format: Annotated[str, Text("kind and version of the file", (FORMAT,))] = FORMAT
     interval_90: Annotated[IntervalsFile, Nested("90 % intervals")] | None = None
     scale: Annotated[ScaleFile, Nested("where the scale comes from")] | None = None
-    surface: Annotated[dict, Names("`watertight`, `area`, `observed_fraction`")] | None = None
+    surface: Annotated[dict[str, Any], Names("`watertight`, `area`, `observed_fraction`")] | None = None
     frame: Annotated[str, Text("what the axes are")] | None = None
-    images: Annotated[dict, Names("`given`, `used`, `registered`")] | None = None
-    warnings: Annotated[tuple, Listed("one sentence each", Text("", longest=10_000))] | None = None
+    images: Annotated[dict[str, Any], Names("`given`, `used`, `registered`")] | None = None
+    warnings: Annotated[tuple[Any, ...], Listed("one sentence each", Text("", longest=10_000))] | None = None

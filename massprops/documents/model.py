@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -16,9 +16,9 @@ class EffectFile:
     """One effect. Its parameters and their units are those that `massprops.effects` lists."""
 
     name: Annotated[str, Text("name of the effect")]
-    parameters: Annotated[dict, Names("every parameter of the effect with its value")]
-    units: Annotated[dict, Names("units of the parameters, for the reader")] | None = None
-    sigma: Annotated[dict, Names("1-sigma of the parameters")] | None = None
+    parameters: Annotated[dict[str, Any], Names("every parameter of the effect with its value")]
+    units: Annotated[dict[str, Any], Names("units of the parameters, for the reader")] | None = None
+    sigma: Annotated[dict[str, Any], Names("1-sigma of the parameters")] | None = None
 
 
 @document(others="ignored")

@@ -13,7 +13,7 @@ from massprops.dynamics.kernels import quaternion_rate, to_body
 STEP = 1e-30
 
 
-def struck(y: Sequence, effect: ModuleType, p: Sequence) -> list:
+def struck(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> list[Any]:
     """The state just after: y = (q, h, extra) components, p the effect's own parameters.
 
     `swing` turns the body and leaves its momentum where it was in space; `jump` adds momentum.
@@ -32,7 +32,7 @@ def struck(y: Sequence, effect: ModuleType, p: Sequence) -> list:
     return [*q, *h, *y[7:]]
 
 
-def stepped(values: Sequence, j: int) -> list:
+def stepped(values: Sequence[Any], j: int) -> list[Any]:
     """The values with a complex step of number j."""
     return [v + 1j * STEP if i == j else v for i, v in enumerate(values)]
 
@@ -42,10 +42,10 @@ def acts_at_once(effect: ModuleType) -> bool:
     return hasattr(effect, "jump") or hasattr(effect, "swing")
 
 
-def struck_slopes(y: Sequence, effect: ModuleType, p: Sequence) -> tuple[np.ndarray, np.ndarray]:
+def struck_slopes(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives (ny, ny) by the state before and (ny, k) by the effect's parameters, by the complex step."""
 
-    def columns(start: list, other: Any, first: bool) -> np.ndarray:
+    def columns(start: list[Any], other: Any, first: bool) -> np.ndarray:
         out = []
         for j in range(len(start)):
             moved = stepped(start, j)

@@ -44,7 +44,7 @@ def cross(ax: N, ay: N, az: N, bx: N, by: N, bz: N) -> tuple[N, N, N]:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-def euler_acceleration(six: tuple, w: tuple, torque: tuple) -> tuple[N, N, N]:
+def euler_acceleration(six: tuple[Any, ...], w: tuple[Any, ...], torque: tuple[Any, ...]) -> tuple[N, N, N]:
     """Euler's equations: w_dot = I^-1 (torque - w x I w), body axes.
 
     Args:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numba
 import numpy as np
@@ -42,7 +43,7 @@ EQUATIONS = {
 
 
 @cache
-def functions(name: str) -> dict[Callable, object]:
+def functions(name: str) -> dict[Callable[..., Any], object]:
     """The compiled functions of this name by the plain ones, of every effect of the catalogue that has one."""
     found = {}
     for effect in catalogue().values():

@@ -8,7 +8,7 @@ continuous when the mass distribution changes or a wheel spins up, the angular v
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import ModuleType
@@ -51,7 +51,7 @@ class Acting:
     def extra(self) -> int:
         return sum(getattr(e, "STATES", 0) for e in self.effects)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[tuple[ModuleType, slice, slice]]:
         return iter(zip(self.effects, self.places, self.states, strict=True))
 
     @cached_property
@@ -60,7 +60,7 @@ class Acting:
         return any("orbit" in e.NEEDS for e in self.effects)
 
     @cached_property
-    def having(self) -> dict[str, list]:
+    def having(self) -> dict[str, list[Any]]:
         """By function's name: (function, place of its parameters, place of its states within y) of those that have it."""
         return {
             name: [
@@ -77,7 +77,7 @@ def six_of(inertia: np.ndarray) -> tuple[Any, ...]:
     return tuple(inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
-def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence) -> tuple:
+def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence[Any]) -> tuple[Any, ...]:
     """w from the state y = (q, h, extra): I(t) w = h - internal momentum; components."""
     hx, hy, hz = y[4], y[5], y[6]
     having = acting.having
@@ -90,7 +90,7 @@ def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence) -> t
     return symmetric_solve(a, b, c, d, e, f, hx, hy, hz)
 
 
-def slope(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence, around: Sky) -> list:
+def slope(t: Any, y: Sequence[Any], six: Sequence[Any], acting: Acting, p: Sequence[Any], around: Sky) -> list[Any]:
     """Time derivative of y = (qw, qx, qy, qz, hx, hy, hz, extra ...), component by component.
 
     h_dot = torque - w x h (Euler's equations for the momentum), q_dot = q (0, w) / 2.
@@ -108,14 +108,16 @@ def slope(t: Any, y: Sequence, six: Sequence, acting: Acting, p: Sequence, aroun
     return out
 
 
-def start_state(q0: Sequence, w0: Sequence, six: Sequence, acting: Acting, p: Sequence) -> list:
+def start_state(
+    q0: Sequence[Any], w0: Sequence[Any], six: Sequence[Any], acting: Acting, p: Sequence[Any]
+) -> list[Any]:
     """State at the first time from attitude and angular velocity there."""
     now, extra = six, []
     add = [0.0, 0.0, 0.0]
     for effect, place, _ in acting:
         if hasattr(effect, "inertia"):
             now = effect.inertia(0.0, now, p[place])
-        z: Sequence = ()
+        z: Sequence[Any] = ()
         if hasattr(effect, "internal_start"):
             z = effect.internal_start(w0, p[place])
             extra.extend(z)
@@ -197,7 +199,7 @@ class Trajectory:
     w: np.ndarray
     y: np.ndarray
     steps: Steps
-    before: dict[int, list]
+    before: dict[int, list[Any]]
 
 
 def trajectory(
@@ -252,12 +254,18 @@ def _marched(*given: Any) -> np.ndarray:
 
 
 def _plain_march(
-    y0: list, start: np.ndarray, size: np.ndarray, six: tuple, p: list, acting: Acting, around: Surroundings
+    y0: list[Any],
+    start: np.ndarray,
+    size: np.ndarray,
+    six: tuple[Any, ...],
+    p: list[Any],
+    acting: Acting,
+    around: Surroundings,
 ) -> np.ndarray:
     """`march` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
     y, out = y0, [y0]
     for t, h in zip(start.tolist(), size.tolist(), strict=True):
-        ways: list[list] = []
+        ways: list[list[Any]] = []
         for at, reach in ((INSIDE * h, 0.0), (0.5 * h, 0.5 * h), (0.5 * h, 0.5 * h), (h - INSIDE * h, h)):
             z = [a + reach * b for a, b in zip(y, ways[-1], strict=True)] if ways else y
             ways.append(slope(t + at, z, six, acting, p, around.sky(t + at, acting.orbiting)))

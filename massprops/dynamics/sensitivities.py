@@ -8,6 +8,7 @@ make one step of theirs.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def _slopes_of_slopes(
     six: np.ndarray,
     moves: np.ndarray,
     acting: Acting,
-    p: list,
+    p: list[Any],
     around: Surroundings,
 ) -> np.ndarray:
     """Derivatives (steps, 3, ny, ny + m) of the motion's slopes by state and parameters at start, middle and end.
@@ -131,7 +132,7 @@ def _slopes_of_slopes(
     ends[:, 1] += h[:, None] / 8.0 * (rates[:, 0] - rates[:, 2])
     F = np.zeros((*t.shape, ny, ny + 6 + d + len(p)))
 
-    def put(column: int, y: list, six: list, p: list) -> None:
+    def put(column: int, y: list[Any], six: list[Any], p: list[Any]) -> None:
         for i, value in enumerate(slope(t, y, six, acting, p, sky)):
             F[..., i, column] = np.imag(value) / STEP
 
@@ -164,14 +165,21 @@ def _over_steps(F: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 
 def _at_start(
-    q0: np.ndarray, w0: np.ndarray, six: list, moves: np.ndarray, acting: Acting, p: list, fixed: set[int], ny: int
+    q0: np.ndarray,
+    w0: np.ndarray,
+    six: list[Any],
+    moves: np.ndarray,
+    acting: Acting,
+    p: list[Any],
+    fixed: set[int],
+    ny: int,
 ) -> np.ndarray:
     """Derivatives (ny, m) of the state at the first time."""
     d, count = len(moves), len(p)
     S = np.zeros((ny, 6 + d + count))
     base_q, base_w = list(np.asarray(q0, float)), list(np.asarray(w0, float))
 
-    def started(q: list, w: list, s: list, v: list) -> np.ndarray:
+    def started(q: list[Any], w: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
         return np.imag(np.array(start_state(q, w, s, acting, v), complex)) / STEP
 
     for j in range(3):
@@ -192,8 +200,8 @@ def _across(
     step: int,
     number: int,
     acting: Acting,
-    six: list,
-    p: list,
+    six: list[Any],
+    p: list[Any],
     d: int,
     around: Surroundings,
 ) -> np.ndarray:
@@ -205,7 +213,7 @@ def _across(
     own[:, moments] = 0.0
     t0, inside = path.steps.start[step], INSIDE * path.steps.size[step]
 
-    def way(t: float, y: Sequence) -> np.ndarray:
+    def way(t: float, y: Sequence[Any]) -> np.ndarray:
         return np.array(slope(t, y, six, acting, p, around.sky(t, acting.orbiting)))
 
     leaves, begins = way(float(t0 - inside), before), way(float(t0 + inside), path.y[step])
@@ -248,7 +256,7 @@ def _outputs(
     six: np.ndarray,
     moves: np.ndarray,
     acting: Acting,
-    p: list,
+    p: list[Any],
     fixed: set[int],
 ) -> tuple[np.ndarray, np.ndarray]:
     d = len(moves)
@@ -257,7 +265,7 @@ def _outputs(
     t = times + INSIDE
     y = [at[:, i] for i in range(at.shape[1])]
 
-    def velocity(y: list, s: list, v: list) -> np.ndarray:
+    def velocity(y: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
         w = angular_velocity(t, y, s, acting, v)
         return np.stack([np.imag(np.broadcast_to(x, t.shape)) for x in w], axis=-1) / STEP
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from massprops.dynamics.kernels import differential_gravity
@@ -48,7 +50,7 @@ def path(
     return r, v, dr, dv
 
 
-def _rows(parts: tuple, n: int) -> np.ndarray:
+def _rows(parts: tuple[Any, ...], n: int) -> np.ndarray:
     return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)
 
 
@@ -68,7 +70,7 @@ def _fall(
     states = np.empty((len(size) + 1, 6))
     states[0] = y
 
-    def slope(l: list, y: list) -> list:
+    def slope(l: list[Any], y: list[Any]) -> list[Any]:
         return [y[3], y[4], y[5], *differential_gravity(around.mu, l[0], l[1], l[2], y[0], y[1], y[2])]
 
     for k, h in enumerate(size.tolist()):

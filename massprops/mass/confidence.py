@@ -7,6 +7,7 @@ cannot know of (images that show something else, a side filled in without eviden
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 WIDE, TOO_WIDE = 0.05, 0.20
 """Half width of the 90 % interval of the volume, relative, above which confidence is medium and low: what a table-top
@@ -66,7 +67,7 @@ class Evidence:
     hollow_likely: float = 0.0
 
 
-def confidence(evidence: Evidence) -> dict:
+def confidence(evidence: Evidence) -> dict[str, Any]:
     """`confidence` of `massprops.json`: {"level": "high" | "medium" | "low", "because": [text]}."""
     e = evidence
     lost = 1.0 - e.used / e.images if e.images else 0.0
@@ -139,7 +140,7 @@ def _unseen(e: Evidence) -> list[str]:
     ]
 
 
-def lowered(trust: dict, text: str) -> dict:
+def lowered(trust: dict[str, Any], text: str) -> dict[str, Any]:
     """The confidence one level lower, for a reason of its own."""
     level = LEVELS[min(LEVELS.index(trust["level"]) + 1, len(LEVELS) - 1)]
     kept = trust["because"] if trust["level"] != LEVELS[0] else trust["because"][1:]

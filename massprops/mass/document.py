@@ -22,13 +22,13 @@ FRAME = (
 
 def document(
     properties: MassProperties,
-    interval_90: dict[str, list],
-    scale: dict,
-    surface: dict,
+    interval_90: dict[str, list[Any]],
+    scale: dict[str, Any],
+    surface: dict[str, Any],
     warnings: list[str],
     frame: str = FRAME,
     density_assumed: bool = False,
-) -> dict:
+) -> dict[str, Any]:
     """The content of `massprops.json`, less `images`.
 
     Args:

@@ -11,6 +11,8 @@ An interval is the 5th to the 95th percentile of the replicates, stretched where
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from massprops.mass.integrals import central_inertia, scale_integrals
@@ -47,7 +49,7 @@ def scaled_replicates(
     return scale_integrals(rows, drawn * (length / lengths) if own_length else drawn)
 
 
-def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) -> dict[str, list]:
+def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) -> dict[str, list[Any]]:
     """`interval_90` of `massprops.json`: lowest and highest value of each quantity.
 
     Args:
@@ -61,7 +63,7 @@ def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) ->
     ratios = inertia_ratios(moments)
     middle = inertia_ratios(estimate.principal_moments)
 
-    def bounds(draws: np.ndarray, value: np.ndarray | float) -> list:
+    def bounds(draws: np.ndarray, value: np.ndarray | float) -> list[Any]:
         low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
         return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
 

@@ -9,6 +9,7 @@ exception: the axes between them are free, and count for nothing.
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def covariance_of_replicates(inertias: np.ndarray, inertia: np.ndarray, axes: np
     return out
 
 
-def covariance_of_intervals(document: dict, axes: np.ndarray) -> np.ndarray | None:
+def covariance_of_intervals(document: dict[str, Any], axes: np.ndarray) -> np.ndarray | None:
     """(5, 5) from `interval_90` of a `massprops.json`; None when it has none, or one without ends.
 
     k1 and k2 as stated, without correlation; the rest from the intervals of the tensor's elements, taken as

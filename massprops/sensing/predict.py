@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -19,7 +20,7 @@ class Sensed:
     effects: tuple[ModuleType, ...] = ()
     places: tuple[slice, ...] = ()
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[tuple[ModuleType, slice]]:
         return iter(zip(self.effects, self.places, strict=True))
 
     def having(self, function: str) -> list[tuple[ModuleType, slice]]:

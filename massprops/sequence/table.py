@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -197,7 +198,7 @@ def _stamp(cell: str | int) -> int:
     return value
 
 
-def _store(column: Column) -> list | array:
+def _store(column: Column) -> list[Any] | array[Any]:
     return [] if column.text else array("q" if column.name == "timestamp" else "d")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -152,7 +153,7 @@ def read_footage(folder: Path) -> FootageRecord:
     )
 
 
-def _camera(c: dict) -> CameraRecord:
+def _camera(c: dict[str, Any]) -> CameraRecord:
     T = c.get("T_BS")
     return CameraRecord(
         id=int(c["id"]),

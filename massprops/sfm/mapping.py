@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -188,7 +189,7 @@ def continue_mapping(
     return most if most.num_reg_images() > model.num_reg_images() else model
 
 
-def _global(database: Path, frames: Path, out: Path, options: MappingOptions) -> dict:
+def _global(database: Path, frames: Path, out: Path, options: MappingOptions) -> dict[str, Any]:
     if not options.fixed_intrinsics:
         view = pycolmap.ViewGraphCalibrationOptions()
         if hasattr(view, "random_seed"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -114,7 +115,7 @@ def _left_out(in_footage: list[bool], kept: int, frames: int) -> list[str]:
 
 def _frame_names(footage: FootageRecord, names: tuple[str, ...]) -> dict[str, str]:
     """Frame name of every model image that belongs to the footage; the model may have the user's own file names."""
-    keys: tuple = (lambda s: s, lambda s: Path(s).name, lambda s: Path(s).stem)
+    keys: tuple[Any, ...] = (lambda s: s, lambda s: Path(s).name, lambda s: Path(s).stem)
     out: dict[str, str] = {}
     taken: set[str] = set()
     for key in keys:

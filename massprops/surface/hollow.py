@@ -154,7 +154,7 @@ def _columns(grid: _Grid, local: np.ndarray, faces: np.ndarray) -> tuple[np.ndar
 
 
 @njit(cache=True, error_model="numpy")
-def _cross(xy, z, faces, rows, columns, cell, height, face):  # noqa: ANN001, ANN202
+def _cross(xy, z, faces, rows, columns, cell, height, face):  # type: ignore[no-untyped-def]
     """Number of crossings; written where there is room."""
     n = 0
     for f in range(len(faces)):

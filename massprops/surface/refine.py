@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 from massprops.surface.cloud import Cloud
 
@@ -80,7 +85,7 @@ def remove_bias(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: fl
     return vertices + shift[:, None] * vertex_normals(vertices, faces)
 
 
-def mean_matrix(faces: np.ndarray, size: int):  # noqa: ANN201
+def mean_matrix(faces: np.ndarray, size: int) -> csr_matrix:
     """Sparse (v, v) matrix that replaces each vertex by the mean of its neighbours."""
     from scipy.sparse import coo_matrix, diags
 

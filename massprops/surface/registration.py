@@ -205,7 +205,7 @@ def _outside(R: np.ndarray, t: np.ndarray, a: np.ndarray, b: np.ndarray, first: 
 
 
 @njit(cache=True, error_model="numpy")
-def _mean_outside(xyz, maps, size, P, most):  # noqa: ANN001, ANN202
+def _mean_outside(xyz, maps, size, P, most):  # type: ignore[no-untyped-def]
     total, count = 0.0, 0
     for v in range(len(P)):
         view = _view(maps, size, P, v)

@@ -140,7 +140,7 @@ def agreement(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _view(maps, size, P, v):  # noqa: ANN001, ANN202
+def _view(maps, size, P, v):  # type: ignore[no-untyped-def]
     """Map, size and matrix of view v as values: read once and not for every point."""
     p = (P[v, 0, 0], P[v, 0, 1], P[v, 0, 2], P[v, 0, 3], P[v, 1, 0], P[v, 1, 1], P[v, 1, 2], P[v, 1, 3],
          P[v, 2, 0], P[v, 2, 1], P[v, 2, 2], P[v, 2, 3])  # fmt: skip
@@ -148,7 +148,7 @@ def _view(maps, size, P, v):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _distance(view, x, y, z):  # noqa: ANN001, ANN202
+def _distance(view, x, y, z):  # type: ignore[no-untyped-def]
     """Distance to the outline in a view [px], or nan where the point is not in the image."""
     m, width, height, p = view
     d = p[8] * x + p[9] * y + p[10] * z + p[11]
@@ -166,7 +166,7 @@ def _distance(view, x, y, z):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _votes(xyz, maps, size, P, margin):  # noqa: ANN001, ANN202
+def _votes(xyz, maps, size, P, margin):  # type: ignore[no-untyped-def]
     out = np.zeros(len(xyz), np.int64)
     for v in range(len(P)):
         view = _view(maps, size, P, v)
@@ -177,7 +177,7 @@ def _votes(xyz, maps, size, P, margin):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _best(xyz, maps, size, P, need):  # noqa: ANN001, ANN202
+def _best(xyz, maps, size, P, need):  # type: ignore[no-untyped-def]
     """(n, need) the greatest distances of each point, descending."""
     out = np.full((len(xyz), need), -32.0)
     for v in range(len(P)):
@@ -194,7 +194,7 @@ def _best(xyz, maps, size, P, need):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _is_sky(maps, size, P, need, x, y, z):  # noqa: ANN001, ANN202
+def _is_sky(maps, size, P, need, x, y, z):  # type: ignore[no-untyped-def]
     """Whether `need` views see a point outside their outlines."""
     for v in range(len(P)):
         if _distance(_view(maps, size, P, v), x, y, z) > 0:
@@ -205,7 +205,7 @@ def _is_sky(maps, size, P, need, x, y, z):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _shoot(start, direction, first, reach, maps, size, P, need):  # noqa: ANN001, ANN202
+def _shoot(start, direction, first, reach, maps, size, P, need):  # type: ignore[no-untyped-def]
     out = np.empty_like(start)
     hit = np.zeros(len(start), np.bool_)
     for i in range(len(start)):

@@ -99,12 +99,12 @@ def _incidence(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _triple(ax, ay, az, bx, by, bz, cx, cy, cz):  # noqa: ANN001, ANN202
+def _triple(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
     return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
 
 
 @njit(cache=True, error_model="numpy")
-def _first(points, corners, start, tets, p, d):  # noqa: ANN001, ANN202
+def _first(points, corners, start, tets, p, d):  # type: ignore[no-untyped-def]
     """The tetrahedron about point p that direction d enters, the corner p has in it, and where d leaves it."""
     px, py, pz = points[p, 0], points[p, 1], points[p, 2]
     for q in range(start[p], start[p + 1]):
@@ -128,7 +128,7 @@ def _first(points, corners, start, tets, p, d):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _next(points, corners, t, entered, o, d):  # noqa: ANN001, ANN202
+def _next(points, corners, t, entered, o, d):  # type: ignore[no-untyped-def]
     """Facet through which the line leaves tetrahedron t, and the distance along it."""
     best, facet = 1e300, -1
     for k in range(4):
@@ -150,7 +150,7 @@ def _next(points, corners, t, entered, o, d):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _trace(points, corners, neighbours, incidence, lines, into, free):  # noqa: ANN001, ANN202
+def _trace(points, corners, neighbours, incidence, lines, into, free):  # type: ignore[no-untyped-def]
     (start, tets), (point, centre, sigma, weight) = incidence, lines
     d = np.empty(3)
     for r in range(len(point)):
@@ -181,7 +181,7 @@ def _trace(points, corners, neighbours, incidence, lines, into, free):  # noqa: 
 
 
 @njit(cache=True, error_model="numpy")
-def _behind(points, corners, neighbours, start, tets, point, direction, depth):  # noqa: ANN001, ANN202
+def _behind(points, corners, neighbours, start, tets, point, direction, depth):  # type: ignore[no-untyped-def]
     out = np.full(len(point), -1, np.int64)
     for r in range(len(point)):
         p = point[r]

@@ -11,6 +11,8 @@ linear in their normals.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from massprops.surface.cloud import Cloud
@@ -76,7 +78,9 @@ def sun_direction(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int 
     return found[:3] / length if length > 0 else None
 
 
-def _turned(mask: np.ndarray, towards: np.ndarray, beyond: float = 0.0) -> tuple[np.ndarray, np.ndarray, tuple]:
+def _turned(
+    mask: np.ndarray, towards: np.ndarray, beyond: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, tuple[Any, ...]]:
     """The object (r, c) bool in a window about it whose rows run away from the Sun, with `beyond` of its width more.
 
     Also the (2, 3) map into the window, and its size for OpenCV.

@@ -238,7 +238,9 @@ def _inertia_spread(tensor: np.ndarray, sigma: float) -> np.ndarray:
     return J @ J.T
 
 
-def _scores(c: dict[str, Any], truth: dict[str, np.ndarray], points: np.ndarray, start: RangeStart, run: Any) -> dict:
+def _scores(
+    c: dict[str, Any], truth: dict[str, np.ndarray], points: np.ndarray, start: RangeStart, run: Any
+) -> dict[str, Any]:
     k_true = ratios(np.diag(c["inertia_kg_m2"]))[0]
     k, k_cov = ratios_over(run.s, run.block)
     k0 = ratios(start.tensor)[0]

@@ -194,7 +194,7 @@ def diagnose_problem(
 
 
 def _begin(
-    case_of: Callable, refit: Callable, problem: Problem, progress: Watch, own_attitudes: bool
+    case_of: Callable[..., Any], refit: Callable[..., Any], problem: Problem, progress: Watch, own_attitudes: bool
 ) -> tuple[Case, Scored]:
     """The base model from the first guess that leads somewhere: sensors that are wrong together look like outliers to it.
 

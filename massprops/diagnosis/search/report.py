@@ -68,7 +68,7 @@ def _gap(d: Diagnosis) -> str:
     return "".join(parts)
 
 
-def _over_time(times: np.ndarray, m: Measurements, before: Residuals, after: Residuals) -> list:
+def _over_time(times: np.ndarray, m: Measurements, before: Residuals, after: Residuals) -> list[Any]:
     out = []
     for name, at, b, a in (
         ("tracks", m.seen.epoch, before.tracks, after.tracks),

@@ -7,6 +7,7 @@ in one linearisation, and the equations of each are a part of those of all.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -120,7 +121,7 @@ def _scored_together(
     return out
 
 
-def _free_of(entries: list, k: int) -> list[bool]:
+def _free_of(entries: list[Any], k: int) -> list[bool]:
     return next(moves for _, _, moves, owner in entries if owner == k)
 
 

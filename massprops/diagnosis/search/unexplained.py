@@ -23,7 +23,7 @@ MOST_KNOTS = 32
 def torque_effect(knots: np.ndarray) -> Any:
     """A body torque, linear between its values at `knots` (k,) [s]."""
 
-    def torque(t, q, w, p, inertia, around):
+    def torque(t: Any, q: Any, w: Any, p: Any, inertia: Any, around: Any) -> tuple[Any, Any, Any]:
         if isinstance(t, float):
             k = min(max(int(np.searchsorted(knots, t)) - 1, 0), len(knots) - 2)
             x = (t - knots[k]) / (knots[k + 1] - knots[k])

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.batch.linearise import inertia_directions
 from massprops.estimators.batch.measurements import Measurements
 from massprops.estimators.batch.solve import Fit, Search, covariance_of, fit
+from massprops.estimators.batch.state import inertia_directions
 from massprops.estimators.momentum import DIRECTIONS
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Halves

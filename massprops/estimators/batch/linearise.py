@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -240,7 +241,7 @@ def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: _Slopes)
     return J / problem.sigma_attitude[m.attitude_at, None, None]
 
 
-def _ways(function: Callable[..., tuple], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
+def _ways(function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
     """Derivatives (n, 3) of an effect's `function(times, values)` by each of its values, by the complex step."""
     own = [float(x) for x in values]
     for k in range(len(own)):
@@ -248,5 +249,5 @@ def _ways(function: Callable[..., tuple], times: np.ndarray, values: np.ndarray)
         yield np.imag(_columns(function(times, moved), len(times))) / 1e-30
 
 
-def _columns(parts: tuple, n: int) -> np.ndarray:
+def _columns(parts: tuple[Any, ...], n: int) -> np.ndarray:
     return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)

@@ -7,10 +7,9 @@ import numpy as np
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.batch.linearise import inertia_directions
 from massprops.estimators.batch.solve import Fit, covariance_of
 from massprops.estimators.batch.start import BatchStart
-from massprops.estimators.batch.state import ratio_slopes
+from massprops.estimators.batch.state import inertia_directions, ratio_slopes
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 

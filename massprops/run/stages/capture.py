@@ -25,7 +25,7 @@ BYTES_PER_PIXEL = 4
 """Colours and silhouette of every image, which the dense stage holds at once; nothing holds more."""
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes frames/, footage.json and, for a body before a background that stays, masks/."""
     from massprops.capture.footage import choose_all, choose_frames, judge_frames, open_sources, refuse_useless, said
 
@@ -273,13 +273,13 @@ def _given_masks(job: Job, sources: list[Source] | list[Input], frames: list[dic
         job.warn(f"{len(empty)} masks are all black ({some}): the object is taken not to be seen in those images")
 
 
-def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # type: ignore[no-untyped-def]
+def _silhouettes(job: Job, scene, frames: list[dict[str, Any]], name: str) -> None:  # type: ignore[no-untyped-def]
     import cv2
 
     from massprops.capture import silhouette as s
 
     images = job.out / "frames"
-    groups: dict[tuple, list[dict]] = {}
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for frame in frames:
         groups.setdefault(_same_picture(frame), []).append(frame)
     cut = {key: _cut(scene, [read_image(images / f["name"]) for f in _spread(own)]) for key, own in groups.items()}
@@ -307,7 +307,7 @@ def _silhouettes(job: Job, scene, frames: list[dict], name: str) -> None:  # typ
         job.warn(line)
 
 
-def _same_picture(frame: dict[str, Any]) -> tuple:
+def _same_picture(frame: dict[str, Any]) -> tuple[Any, ...]:
     """Frames with equal keys show one background at the same pixels, if it stays at all."""
     return (
         Path(frame["name"]).parent.name,
@@ -318,7 +318,7 @@ def _same_picture(frame: dict[str, Any]) -> tuple:
     )
 
 
-def _spread(frames: list[dict]) -> list[dict]:
+def _spread(frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return frames[:: max(1, len(frames) // 24)]
 
 
@@ -341,14 +341,14 @@ def _cut(scene: Scene, sample: list[np.ndarray]) -> Callable[[np.ndarray], np.nd
     return lambda image: s.against_background(image, middle, deviation)
 
 
-def _by_colour(job: Job, frames: list[dict]) -> None:
+def _by_colour(job: Job, frames: list[dict[str, Any]]) -> None:
     """Silhouettes before a plain backdrop once more, with the colours that all frames agree on."""
     import cv2
 
     from massprops.capture.colours import LEARN_AT, agrees, learn
     from massprops.capture.images import reduce
 
-    def both(frame: dict) -> tuple[np.ndarray, np.ndarray]:
+    def both(frame: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
         mask = read_image(job.out / "masks" / f"{frame['name']}.png", 0)
         return read_image(job.out / "frames" / frame["name"]), mask
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from massprops.core.inputs import read_image
@@ -11,7 +13,7 @@ READS = ("capture", "join", "surface")
 OPTIONS = ()
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes colour.npz: rgb (v, 3) uint8 of the surface's vertices, and which of them were seen."""
     from massprops.surface.colour import vertex_colours
     from massprops.views import Views, undistort

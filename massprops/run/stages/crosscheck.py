@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from massprops.core.files import write_json
 from massprops.core.outputs import Outputs
 from massprops.run.job import Job
@@ -13,7 +15,7 @@ METHODS = ("smoother", "momentum-ls")
 """What the verdict rests on; the filters, slow to compile at first, follow with `massprops crosscheck RUN`."""
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes `crosscheck.json` into the run folder; the page is made after it."""
     from massprops.consistency.crosscheck import crosscheck
     from massprops.consistency.trust import enter_verdict

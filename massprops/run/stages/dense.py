@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ READS = ("capture", "silhouettes", "join")
 OPTIONS = ("dense_views",)
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes points.npz and dense.json."""
 
     from massprops.dense.fusion import nothing_measured

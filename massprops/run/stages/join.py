@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ FEW_POINTS = 100
 """Sparse points of given poses below which stereo does not know where to look, and outlines tell where the body is."""
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes views.npz and points.npz (the views and sparse points that the body is made of), other.npz where
     surroundings are known, and join.json.
     """
@@ -29,7 +30,7 @@ def run(job: Job) -> dict:
     views, sparse = Views.load(job.work("sfm") / "views.npz"), SparsePoints.load(job.work("sfm") / "points.npz")
     placements = json.loads((job.work("shape") / "shape.json").read_text())["placements"]
     left_out = json.loads((job.work("silhouettes") / "silhouettes.json").read_text())["left_out"]
-    facts: dict = {"joined": [{"images": len(views)}], "unjoined": [], "support_plane": None}
+    facts: dict[str, Any] = {"joined": [{"images": len(views)}], "unjoined": [], "support_plane": None}
     if not placements and len(sparse.xyz) < FEW_POINTS:
         facts["middle"], facts["radius"] = _by_outlines(job, views)
     if placements:
@@ -44,7 +45,7 @@ def run(job: Job) -> dict:
     return {"joined": len(facts["joined"]), "unjoined": len(facts["unjoined"])}
 
 
-def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str]):  # type: ignore[no-untyped-def]
+def _joined(job: Job, views, sparse, placements: list[dict[str, Any]], left_out: set[str]):  # type: ignore[no-untyped-def]
     """Views and points of the best placement, that most images show, and of those that fit onto it."""
     from massprops.run.stages.shape import placement_folder
     from massprops.sfm.points import SparsePoints
@@ -57,7 +58,7 @@ def _joined(job: Job, views, sparse, placements: list[dict], left_out: set[str])
     # a measured shape before one that is known by what it hides
     order = sorted(range(len(placements)), key=lambda k: (placements[k]["method"] != "measured", -len(index[k])))
     first = order[0]
-    facts: dict = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
+    facts: dict[str, Any] = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
     base = _placed(job, views.take(index[first]), first)
     parts = [(index[first], np.eye(3), np.zeros(3), first)]
     for done, k in enumerate(order[1:]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ READS = ("sfm", "shape", "silhouettes", "join", "surface", "scale")
 OPTIONS = ("density", "seed")
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes `massprops.json` and `mesh.npz` (vertices in metres or model units, faces, observed)."""
     surface = json.loads((job.work("surface") / "surface.json").read_text())
     scale = json.loads((job.work("scale") / "scale.json").read_text())
@@ -67,13 +68,13 @@ def run(job: Job) -> dict:
     }
 
 
-def _shares(surface: dict) -> tuple[float, float, float]:
+def _shares(surface: dict[str, Any]) -> tuple[float, float, float]:
     """Shares of the surface that were measured, inferred and filled."""
     measured, inferred = float(surface["observed_fraction"]), float(surface.get("inferred_fraction", 0.0))
     return measured, inferred, max(0.0, 1.0 - measured - inferred)
 
 
-def _described(surface: dict, corners: np.ndarray) -> dict:
+def _described(surface: dict[str, Any], corners: np.ndarray) -> dict[str, Any]:
     """`surface` of `massprops.json`; corners (f, 3, 3) of the triangles in final units."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     measured, inferred, filled = _shares(surface)
@@ -87,7 +88,9 @@ def _described(surface: dict, corners: np.ndarray) -> dict:
     }
 
 
-def _evidence(job: Job, surface: dict, half_width: float, valid: float, readings: list[dict]) -> Evidence:
+def _evidence(
+    job: Job, surface: dict[str, Any], half_width: float, valid: float, readings: list[dict[str, Any]]
+) -> Evidence:
     """What the confidence is judged by; half_width: of the volume's interval, valid: share of possible replicates."""
     sfm, join, silhouettes = (
         json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join", "silhouettes")
@@ -111,7 +114,7 @@ def _evidence(job: Job, surface: dict, half_width: float, valid: float, readings
     )
 
 
-def readings_of(shape: dict, factor: float) -> list[dict]:
+def readings_of(shape: dict[str, Any], factor: float) -> list[dict[str, Any]]:
     """`readings` of `massprops.json`: what the object may be, its extent in final units, and how to ask for it.
 
     Args:

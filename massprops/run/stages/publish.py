@@ -22,7 +22,7 @@ FACE_COLOURS = ((214, 48, 49, 255), (178, 186, 194, 255), (9, 132, 227, 255))
 """Of faces filled in, measured, and closed at the plane of support: by `origin`."""
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes what there is; a stopped run gets the files of the stages that were done."""
     scale = _read(job.work("scale") / "scale.json") or {}
     factor = float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)

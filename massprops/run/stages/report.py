@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 from massprops.core.outputs import Outputs
 from massprops.run.job import Job
@@ -12,7 +13,7 @@ OPTIONS = ()
 PUBLISHES = "report"
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes `report.json` and `report.html` into the run folder."""
     from massprops.report.page import publish_report
 

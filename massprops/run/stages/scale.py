@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.run.job import Job
 
+if TYPE_CHECKING:
+    from massprops.sequence.data import RangeSeries
+
 READS = ("capture", "sfm", "surface")
 OPTIONS = ("scale", "scale_sigma", "distance", "marker")
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes scale.json."""
     from massprops.sfm.footage import read_footage
     from massprops.sfm.points import SparsePoints
@@ -60,7 +64,7 @@ def _centre(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return base + (volume[:, None] * (a + b + c)).sum(0) / (4 * volume.sum())
 
 
-def _range(source: Path):
+def _range(source: Path) -> RangeSeries | None:
     if not (source / "range0" / "data.csv").is_file():
         return None
     from massprops.sequence.read import read_sequence

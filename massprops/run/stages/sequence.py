@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.run.job import Job
 
+if TYPE_CHECKING:
+    from massprops.sequence.data import Environment, RangeSeries
+
 READS = ("capture", "sfm", "join")
 OPTIONS = ("motion",)
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes sequence/ and sequence.json."""
     from massprops.sequence.write import write_sequence
     from massprops.sfm.attitude import to_sequence
@@ -65,7 +69,7 @@ def _attitude_sigma(path: Path) -> np.ndarray | None:
         return z["attitude"]
 
 
-def _passed_on(source: Path):
+def _passed_on(source: Path) -> tuple[RangeSeries | None, Environment | None]:
     """Range and surroundings of the input, which images say nothing about."""
     from massprops.sequence.read import read_sequence
 

@@ -5,11 +5,17 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.errors import InputError
 from massprops.run.job import Job
+
+if TYPE_CHECKING:
+    from massprops.sfm.footage import FootageRecord
+    from massprops.sfm.points import SparsePoints
+    from massprops.sfm.reconstruct import SolvedCamera
 
 READS = ("capture",)
 OPTIONS = ("mapper", "sparse", "focal", "motion", "masks")
@@ -18,7 +24,7 @@ LENS = {"SIMPLE_PINHOLE": "no distortion", "SIMPLE_RADIAL": "k1", "RADIAL": "k1 
 """What is estimated of a lens, by COLMAP's name of the model."""
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes views.npz, points.npz, sparse/ and sfm.json."""
     from massprops.sfm.footage import read_footage
 
@@ -33,8 +39,9 @@ def run(job: Job) -> dict:
     return facts if document["imported"] else {**facts, "lens": document["lens"]}
 
 
-def _solve(job: Job, footage) -> dict:
-    from massprops.sfm.reconstruct import SfmOptions, reconstruct
+def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
+    from massprops.sfm.attempt import SfmOptions
+    from massprops.sfm.reconstruct import reconstruct
 
     work = job.out / "tmp"
     work.mkdir(parents=True)
@@ -69,7 +76,7 @@ def _solve(job: Job, footage) -> dict:
     }
 
 
-def _camera(footage, camera) -> dict:
+def _camera(footage: FootageRecord, camera: SolvedCamera) -> dict[str, Any]:
     """One camera of `sfm.json`; `held_out_px` is the error of observations set aside, by lens model."""
     prior = next(c for c in footage.cameras if c.id == camera.id)
     return {
@@ -89,7 +96,7 @@ def _camera(footage, camera) -> dict:
     }
 
 
-def _lens_line(cameras: list[dict]) -> str:
+def _lens_line(cameras: list[dict[str, Any]]) -> str:
     """The lens models in one line, with the errors that decided."""
     parts = []
     for c in cameras:
@@ -99,7 +106,7 @@ def _lens_line(cameras: list[dict]) -> str:
     return "; ".join(parts)
 
 
-def _import(job: Job, footage) -> dict:
+def _import(job: Job, footage: FootageRecord) -> dict[str, Any]:
     from massprops.sfm.precision import precision
     from massprops.sfm.sparse_import import import_sparse
 
@@ -129,7 +136,7 @@ def _import(job: Job, footage) -> dict:
     }
 
 
-def _write_model(model, folder: Path) -> None:
+def _write_model(model: Any, folder: Path) -> None:
     folder.mkdir(parents=True)
     model.write(folder)
 
@@ -138,7 +145,7 @@ def _seen_by(names: tuple[str, ...]) -> int:
     return len({n.split("/", 1)[0] for n in names})
 
 
-def _mean_error(points) -> float | None:
+def _mean_error(points: SparsePoints) -> float | None:
     return _finite(float(np.mean(points.error))) if len(points.error) else None
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,7 +46,7 @@ LEAST_VIEWS = 6
 """Images without which a placement is not tried."""
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes shape.json and, for each placement, a folder with shape.npz (vertices, faces), object.npz, other.npz and
     their colours.
 
@@ -121,7 +121,7 @@ def _rough_support(job: Job, views, region, sparse) -> tuple[Cloud, np.ndarray] 
     return None if plane is None else (cloud, plane)
 
 
-def _set_down(job: Job, views, sparse, region, footage: dict) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _set_down(job: Job, views, sparse, region, footage: dict[str, Any]) -> np.ndarray:  # type: ignore[no-untyped-def]
     """Labels (n,) of an object that has no features to tell its placements by: by what it hides of its support."""
     from massprops.capture.occlusion import COARSE, voxels
     from massprops.capture.set_down import LEAST_IMAGES, set_down_anew
@@ -137,10 +137,12 @@ def _set_down(job: Job, views, sparse, region, footage: dict) -> np.ndarray:  # 
     return set_down_anew(voxels(views, maps, plane, region, COARSE), maps, times)
 
 
-def _solved(job: Job, views, sparse, label: np.ndarray, pointed: list[Located]) -> tuple[list[dict], list[dict]]:  # type: ignore[no-untyped-def]
+def _solved(  # type: ignore[no-untyped-def]
+    job: Job, views, sparse, label: np.ndarray, pointed: list[Located]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Each placement's shape, and those that could not be had, for `shape.json`."""
-    placements: list[dict] = []
-    lost: list[dict] = []
+    placements: list[dict[str, Any]] = []
+    lost: list[dict[str, Any]] = []
     count = int(label.max(initial=0)) + 1
     for k in range(count):
         member = np.flatnonzero(label == k)
@@ -158,7 +160,7 @@ def _solved(job: Job, views, sparse, label: np.ndarray, pointed: list[Located]) 
     return placements, lost
 
 
-def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dict]) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:  # type: ignore[no-untyped-def]
     """Labels (n,) once more, by which placement's first shape hides what each image hides of the support."""
     from massprops.capture.occlusion import drawn_agreement, settled
     from massprops.surface.cloud import Cloud
@@ -180,7 +182,7 @@ def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dic
     return np.where(found < 0, -1, number[found])
 
 
-def _said(job: Job, facts: dict) -> dict:
+def _said(job: Job, facts: dict[str, Any]) -> dict[str, Any]:
     (job.out / "shape.json").write_text(json.dumps(facts, indent=1))
     return {"placements": [len(p["images"]) for p in facts["placements"]], "lost": len(facts["lost"])}
 
@@ -204,7 +206,7 @@ def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
     return [locate(p, footage, views) for p in wanted]
 
 
-def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> dict:  # type: ignore[no-untyped-def]
+def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> dict[str, Any]:  # type: ignore[no-untyped-def]
     """The first shape of one placement; views and sparse points are its own."""
     from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
@@ -315,7 +317,7 @@ def _image(job: Job, views, i: int) -> np.ndarray:  # type: ignore[no-untyped-de
     return undistort(read_image(job.work("capture") / "frames" / views.names[i]), views.K[i], views.distortion[i])
 
 
-def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> list[dict]:
+def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> list[dict[str, Any]]:
     """The readings between which nothing decides, each with its picture, for `shape.json`."""
     import cv2
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ READS = ("capture", "sfm", "shape")
 OPTIONS = ()
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes masks/ (in the geometry of the stored frames) and silhouettes.json."""
     import cv2
 
@@ -87,7 +88,7 @@ def _pixels(views, i: int, points: np.ndarray) -> np.ndarray:  # type: ignore[no
     return uv
 
 
-def _refine(job: Job, cv2, views, points: np.ndarray, footage: dict) -> list[float]:  # type: ignore[no-untyped-def]
+def _refine(job: Job, cv2, views, points: np.ndarray, footage: dict[str, Any]) -> list[float]:  # type: ignore[no-untyped-def]
     """The capture stage's masks; before a sky or background, doubt where the reconstruction knows of body."""
     from massprops.capture.doubt import predicted_silhouette, with_doubt
 
@@ -101,7 +102,7 @@ def _refine(job: Job, cv2, views, points: np.ndarray, footage: dict) -> list[flo
     return share
 
 
-def _from_shapes(job: Job, views, placements: list[dict]) -> tuple[list[float], list[str]]:  # type: ignore[no-untyped-def]
+def _from_shapes(job: Job, views, placements: list[dict[str, Any]]) -> tuple[list[float], list[str]]:  # type: ignore[no-untyped-def]
     """Silhouettes of every placement; images of none of them, and such as show it elsewhere, say nothing.
 
     Returns:

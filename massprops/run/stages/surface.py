@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,7 +43,7 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
     return float(np.mean(cKDTree(vertices).query(xyz, distance_upper_bound=far)[0] > far))
 
 
-def run(job: Job) -> dict:
+def run(job: Job) -> dict[str, Any]:
     """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length) and surface.json."""
     from massprops.surface.cloud import Cloud
     from massprops.surface.hollow import hollowed
@@ -93,7 +93,7 @@ def run(job: Job) -> dict:
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
 
 
-def _without_support(cloud: Cloud, place: dict) -> tuple[Cloud, Cloud]:
+def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]:
     """The body's points, and those of the plane it stands on; `place` is `join.json`.
 
     A silhouette may take in the shadow at the object's foot. Stereo measures the plane there all the same, and its lines
@@ -108,7 +108,7 @@ def _without_support(cloud: Cloud, place: dict) -> tuple[Cloud, Cloud]:
     return cloud.take(np.flatnonzero(~flat)), cloud.take(np.flatnonzero(flat))
 
 
-def _hollows(surface: Surface, place: dict) -> Hollows:
+def _hollows(surface: Surface, place: dict[str, Any]) -> Hollows:
     """Space of which nothing proves that it is material; none without a known support. `place` is `join.json`."""
     from massprops.surface.hollow import Hollows, hollows
 
@@ -136,7 +136,7 @@ def _masks(job: Job, views: Views) -> list[np.ndarray]:
     return masks
 
 
-def _before_black_sky(footage: dict) -> bool:
+def _before_black_sky(footage: dict[str, Any]) -> bool:
     """One still camera before black sky: what is unlit is dark, and the Sun keeps its place."""
     one_camera = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
     return one_camera and footage["background"] == "black" and not footage["masks_given"]
@@ -159,7 +159,7 @@ def _surface(
     grey: list[np.ndarray],
     cloud: Cloud,
     table: Cloud,
-    place: dict,
+    place: dict[str, Any],
     moving: bool,
 ) -> tuple[Surface, list[np.ndarray]]:
     """The closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
@@ -205,7 +205,7 @@ def _surface(
     return surface, masks
 
 
-def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict:
+def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
     """`surface.json`; lost: share of the measured points that the mesh misses; overlap: by image."""
     corners = surface.vertices[surface.faces]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -78,7 +79,7 @@ class Scale:
     all: tuple[ScaleEstimate, ...] = ()
     warnings: tuple[str, ...] = ()
 
-    def document(self) -> dict:
+    def document(self) -> dict[str, Any]:
         """`scale.json`."""
         return {
             "source": self.source,
