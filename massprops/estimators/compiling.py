@@ -41,14 +41,15 @@ def compiled(entry: str, *modules: str, fastmath: bool = True) -> Callable[..., 
                 copy = FunctionType(function.__code__, scope, name, function.__defaults__)
                 copy.__qualname__ = f"{name}_{digest}"
                 copy.__module__ = module.__name__
-                inner = (
-                    name != entry
-                )  # what only compiled code calls needs no way in from Python, which is slow to make
+                inner = name != entry
+                # one piece of machine code: else what runs after compiling is not what the cache holds, and a second run
+                # differs in its last digits
                 scope[name] = numba.njit(
                     copy,
-                    cache=True,
+                    cache=not inner,
                     fastmath=flags,
                     error_model="numpy",
+                    forceinline=inner,
                     no_cpython_wrapper=inner,
                     no_cfunc_wrapper=True,
                 )

@@ -9,13 +9,14 @@ import pytest
 
 from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_vector, multiply, rotate
 from massprops.dynamics.rigid_body import propagate
+from massprops.estimators.compiling import compiled
 from massprops.estimators.methods import ukf
 from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 from massprops.estimators.unscented import Camera, Measurements, Noise, Settings, State, filter_epochs
 from massprops.estimators.unscented.features import with_features, without_features
-from massprops.estimators.unscented.state import Loop
+from massprops.estimators.unscented.state import KERNEL, Loop
 from tests.estimators.unscented_arrays import run_loop
 
 INERTIA = np.diag([90.0, 100.0, 112.0])
@@ -195,6 +196,18 @@ def test_it_is_the_unscented_filter_of_the_textbook() -> None:
 def replace_rows(seen: Measurements, n: int) -> Measurements:
     names = ("dt", "z", "variance", "attitude")
     return replace(seen, **{name: getattr(seen, name)[:n] for name in names})
+
+
+def test_the_compiled_loop_is_one_piece_of_machine_code() -> None:
+    """Else what runs after compiling is not what the cache holds, and a second run differs in its last digits."""
+    from numba.core.caching import NullCache
+    from numba.core.dispatcher import Dispatcher
+
+    loop = compiled("run_loop", *KERNEL)
+    pieces = {f for f in loop.py_func.__globals__.values() if isinstance(f, Dispatcher)}
+    assert len(pieces) > 20
+    assert {f for f in pieces if not isinstance(f._cache, NullCache)} == {loop}
+    assert all(f.targetoptions.get("forceinline") for f in pieces - {loop})
 
 
 def test_stereo_tracks_give_ratios_within_their_sigmas() -> None:
