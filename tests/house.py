@@ -1,4 +1,5 @@
-"""What `make lint` holds the source to beside ruff and mypy: short functions, few parameters, nothing unused.
+"""What `make lint` holds the source to beside ruff and mypy: short functions, few parameters, no hidden imports, nothing
+unused.
 
 `python -m tests.house` prints one line for each fault. What is excepted is named below; an exception that is needed no
 longer is noted.
@@ -64,6 +65,32 @@ def size_faults() -> list[str]:
     return faults
 
 
+SHADOWED = {
+    "massprops/diagnosis/search/select.py:select:near",
+    "massprops/diagnosis/search/select.py:_nearness:near",
+    "massprops/diagnosis/search/select.py:_longer_forms:fits",
+}
+"""Names of functions' own, as `path:function:name`, that hide an import of their file: no new one."""
+
+
+def shadow_faults() -> list[str]:
+    """Parameters and variables of a function that have the name of something the file imports at its top."""
+    found = {}
+    for path in sorted(p for folder in ("massprops", "cli") for p in (ROOT / folder).rglob("*.py")):
+        where, tree = str(path.relative_to(ROOT)), ast.parse(path.read_text())
+        imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        top = {(name.asname or name.name).split(".")[0] for node in imports for name in node.names}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                inside = list(ast.walk(node))
+                own = {x.arg for x in inside if isinstance(x, ast.arg)}
+                own |= {x.id for x in inside if isinstance(x, ast.Name) and isinstance(x.ctx, ast.Store)}
+                for name in own & top:
+                    found[f"{where}:{node.name}:{name}"] = f"{where}:{node.lineno}: {node.name}: {name} hides an import"
+    note("SHADOWED", SHADOWED - set(found))
+    return [line for key, line in sorted(found.items()) if key not in SHADOWED]
+
+
 def note(where: str, stale: set[str]) -> None:
     """Says which exceptions can go."""
     for name in sorted(stale):
@@ -92,6 +119,6 @@ def unused_faults() -> list[str]:
 
 
 if __name__ == "__main__":
-    faults = size_faults() + unused_faults()
+    faults = size_faults() + shadow_faults() + unused_faults()
     print(*faults, sep="\n", end="\n" if faults else "")
     sys.exit(bool(faults))

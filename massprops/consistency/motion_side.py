@@ -180,14 +180,14 @@ def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray, size: f
         if rank < 9 or singular[-1] < 1e-4 * singular[0]:
             return None
         residual = t + np.einsum("nij,j->ni", A, x)
-        spread = 1.4826 * np.median(np.abs(residual), axis=0) + 1e-12 * np.linalg.norm(t, axis=1).mean()
-        weight = 1.0 / (spread**2 * (1.0 + (residual / (3.0 * spread)) ** 2))
+        scatter = 1.4826 * np.median(np.abs(residual), axis=0) + 1e-12 * np.linalg.norm(t, axis=1).mean()
+        weight = 1.0 / (scatter**2 * (1.0 + (residual / (3.0 * scatter)) ** 2))
     floor = (CENTRE_FLOOR * size) ** 2
     alike = np.array([_ar1(residual[:, j]) for j in range(3)])
     growth = float(np.max((1 + alike) / (1 - alike)))
     J = (A * np.sqrt(weight)[..., None]).reshape(-1, 9)
-    covariance = np.linalg.inv(J.T @ J) * growth * 3 * n / (3 * n - 9)
-    return Centre(x[:3], covariance[:3, :3] + floor * np.eye(3), float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))))
+    known = np.linalg.inv(J.T @ J) * growth * 3 * n / (3 * n - 9)
+    return Centre(x[:3], known[:3, :3] + floor * np.eye(3), float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))))
 
 
 def _ar1(x: np.ndarray) -> float:

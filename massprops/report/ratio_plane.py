@@ -110,10 +110,10 @@ def _at(k: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.stack([x, TALL - BOTTOM - share[..., 1] * (TALL - BOTTOM - EDGE)], axis=-1)
 
 
-def _drawn(mark: Mark, low: np.ndarray, high: np.ndarray, thick: bool) -> str:
-    x, y = _at(mark.k, low, high)
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in _at(mark.outline, low, high))
-    kind = f"{mark.style}{' thick' if thick else ''}"
+def _drawn(one: Mark, low: np.ndarray, high: np.ndarray, thick: bool) -> str:
+    x, y = _at(one.k, low, high)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in _at(one.outline, low, high))
+    kind = f"{one.style}{' thick' if thick else ''}"
     ring = f'<polygon class="ring {kind}" points="{points}"/>' if points else ""
     return f'{ring}<circle class="dot {kind}" cx="{x:.1f}" cy="{y:.1f}" r="{4 if thick else 2.5}"/>'
 

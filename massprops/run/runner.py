@@ -408,15 +408,15 @@ def _own_work(run: Path, force: bool) -> Outputs:
     return outputs
 
 
-def _what_failed(name: str, said: Mapping[str, Any], code: int | None, log: Path) -> tuple[int, str]:
+def _what_failed(name: str, said: Mapping[str, Any], code: int | None, written: Path) -> tuple[int, str]:
     """Exit code and reason of a stage that did not finish."""
     if "exit_code" in said:
         return int(said["exit_code"]), str(said["error"])
     if "error" in said:
-        return 3, f"stage {name} failed: {str(said['error']).rstrip('.')}{address_space_hint()} (details in {log})"
+        return 3, f"stage {name} failed: {str(said['error']).rstrip('.')}{address_space_hint()} (details in {written})"
     what = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
     hint = "; most often too little memory: fewer --frames or a smaller --max-size" if code == -signal.SIGKILL else ""
-    return 3, f"stage {name} died with {what}{hint or address_space_hint()} (details in {log})"
+    return 3, f"stage {name} died with {what}{hint or address_space_hint()} (details in {written})"
 
 
 def _no_manifest(run: Path, error: OSError) -> InputError:

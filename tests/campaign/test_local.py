@@ -360,6 +360,7 @@ def test_wrong_options(tmp_path: Path, capsys: pytest.CaptureFixture[str], optio
     assert "-o" in capsys.readouterr().err
 
 
+@pytest.mark.bench
 def test_scheduling_costs_less_than_5_ms_a_run(tmp_path: Path) -> None:
     """Chunks of one run that does next to nothing; processor time of the client, which a busy machine does not stretch."""
     plan = plan_of({"kind": "drill", "runs": 400, "draws": 1, "chunk": 1})

@@ -46,32 +46,32 @@ PRINTED_FILTER = {
 }
 
 
-def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
+def runs(setting: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
     """One row per seed."""
-    one = {"gp": _gp_run, "polhode": _polhode_run, "occlusion": _occlusion_run}[configuration["kind"]]
+    one = {"gp": _gp_run, "polhode": _polhode_run, "occlusion": _occlusion_run}[setting["kind"]]
     rows = []
     for seed in seeds:
         try:
-            rows.append({"seed": seed, **one(configuration, seed)})
+            rows.append({"seed": seed, **one(setting, seed)})
         except (MasspropsError, np.linalg.LinAlgError, FloatingPointError) as error:
             rows.append({"seed": seed, "error": f"{type(error).__name__}: {error}"})
     return rows
 
 
-def _motion(configuration: dict[str, Any], n: int) -> tuple[np.ndarray, np.ndarray]:
-    return model.truth(tuple(configuration["moments"]), tuple(configuration["w0"]), n)
+def _motion(setting: dict[str, Any], n: int) -> tuple[np.ndarray, np.ndarray]:
+    return model.truth(tuple(setting["moments"]), tuple(setting["w0"]), n)
 
 
-def _gp_run(configuration: dict[str, Any], seed: int) -> dict[str, Any]:
+def _gp_run(setting: dict[str, Any], seed: int) -> dict[str, Any]:
     import time
 
     from massprops.errors import NotPossible
     from massprops.estimators.gp import fit_process
 
-    spans, ahead = configuration["spans_s"], configuration["ahead_s"]
-    q, w = _motion(configuration, max(spans) + ahead)
-    clean = model.images(configuration, q, w)[:, 0, :3]
-    y = model.measured(configuration, q, w, seed)[:, 0, :3]
+    spans, ahead = setting["spans_s"], setting["ahead_s"]
+    q, w = _motion(setting, max(spans) + ahead)
+    clean = model.images(setting, q, w)[:, 0, :3]
+    y = model.measured(setting, q, w, seed)[:, 0, :3]
     t = np.arange(len(y), dtype=float)
     row: dict[str, Any] = {}
     for span in spans:
@@ -91,29 +91,29 @@ def _gp_run(configuration: dict[str, Any], seed: int) -> dict[str, Any]:
     return row
 
 
-def _polhode_run(configuration: dict[str, Any], seed: int) -> dict[str, Any]:
+def _polhode_run(setting: dict[str, Any], seed: int) -> dict[str, Any]:
     row: dict[str, Any] = {}
-    for f, own in configuration["at"].items():
+    for f, own in setting["at"].items():
         found = _gp_run(own, seed)
         row |= {f"{f} {key.rpartition('_')[0]}": value for key, value in found.items()}
     return row
 
 
-def _occlusion_run(configuration: dict[str, Any], seed: int) -> dict[str, Any]:
-    n, dark = configuration["total_s"], configuration["dark_from_s"]
-    q, w = _motion(configuration, n)
-    z = model.measured(configuration, q, w, seed)
-    state, first = model.begin(configuration, z)
-    variance = model.sigmas(configuration) ** 2
+def _occlusion_run(setting: dict[str, Any], seed: int) -> dict[str, Any]:
+    n, dark = setting["total_s"], setting["dark_from_s"]
+    q, w = _motion(setting, n)
+    z = model.measured(setting, q, w, seed)
+    state, first = model.begin(setting, z)
+    variance = model.sigmas(setting) ** 2
     unseen = z.copy()
     unseen[dark:] = np.nan
-    filled, spread, told = model.pseudo_measurements(configuration, z, dark)
+    filled, spread, told = model.pseudo_measurements(setting, z, dark)
     given = {"ukf": (unseen, variance), "benchmark": (z, variance), "ukf_gp": (filled, spread[first:])}
     row: dict[str, Any] = {"processes": sum(one is not None for one in told)}
     hidden = slice(dark - first, n - first)
     for name, (seen, R) in given.items():
-        run = model.filtered(configuration, state, seen[first:], R)
-        error = model.errors(configuration, run, q[first:], w[first:], dark - first - 1)
+        run = model.filtered(setting, state, seen[first:], R)
+        error = model.errors(setting, run, q[first:], w[first:], dark - first - 1)
         for key in ("w", "attitude", "k1", "k2"):
             row[f"{name}_{key}"] = float(np.sqrt(np.mean(error[key][hidden] ** 2)))
         row[f"{name}_nees"] = float(np.mean(error["nees"][hidden]))
