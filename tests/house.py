@@ -29,10 +29,8 @@ UNUSED = {
     "comment": "the same",
     "camera_model": "the same",
     "distortion_model": "the same",
-    "score_covariance": "a result for who asks for it",
-    "length_scales": "the same",
+    "length_scales": "a result for who asks for it",
     "sigma_velocity": "written by its name",
-    "points_sigma": "a result for who asks for it",
 }
 """Names that no line of ours uses, and why they stay."""
 

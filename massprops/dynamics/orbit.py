@@ -69,18 +69,5 @@ def lvlh_rate(orbit: Orbit, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rate[..., None] * normal, acceleration[..., None] * normal
 
 
-def perifocal_axes(inclination: float, node: float, perigee: float) -> np.ndarray:
-    """(3, 3) perifocal to Earth-centred inertial axes: turns by perigee, inclination and node angles [rad]."""
-
-    def about(axis: int, angle: float) -> np.ndarray:
-        c, s = np.cos(angle), np.sin(angle)
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        R = np.eye(3)
-        R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
-        return R
-
-    return about(2, node) @ about(0, inclination) @ about(2, perigee)
-
-
 def _turn(R: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("ij,...j->...i", np.asarray(R, float), v))

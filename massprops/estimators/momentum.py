@@ -30,8 +30,7 @@ class Momentum:
         inertia: (3, 3) body axes, trace 1, physically possible.
         momentum: (b, 3) in the reference frame, in units of the inertia times rad/s.
         information: (5, 5) second derivative of half the cost by `DIRECTIONS`, the noise's own share taken away.
-        score_covariance: (5, 5) of the cost's first derivative, from the residuals themselves, correlation included.
-        covariance: (5, 5) of the coordinates along `DIRECTIONS`.
+        covariance: (5, 5) of the coordinates along `DIRECTIONS`, from the residuals themselves, correlation included.
         noise_share: (5, 5) the part of the raw information that the noise of the rates alone would give.
         square: mean squared residual in units of its stated variance. used: (n,) epochs that fit.
         correlation: of the epochs used, how many share measurements.
@@ -40,7 +39,6 @@ class Momentum:
     inertia: np.ndarray
     momentum: np.ndarray
     information: np.ndarray
-    score_covariance: np.ndarray
     covariance: np.ndarray
     noise_share: np.ndarray
     square: float
@@ -156,7 +154,6 @@ def momentum_inertia(
         inertia,
         at.momentum,
         information,
-        spread,
         inverse @ spread @ inverse,
         problem.noise_share(at),
         square_mean,

@@ -80,17 +80,12 @@ class PriorTest:
         return {k: getattr(self, k) for k in ("verdict", "chi2", "degrees", "p_value", "frame", "reference")}
 
 
-def read_prior(path: str | Path) -> Prior:
-    """The prior of a filter file, in that file's frame.
+def read_filter(path: str | Path) -> FilterPrior:
+    """The prior of a filter file, in that file's frame, with the covariances and the frame's mark.
 
     Raises:
         InputError: no such file, not a filter file, or numbers that no body has.
     """
-    return read_filter(path).prior
-
-
-def read_filter(path: str | Path) -> FilterPrior:
-    """As `read_prior`, with the covariances and the frame's mark."""
     from massprops.documents.fields import read
     from massprops.documents.filter import FORMAT, FilterFile
     from massprops.documents.loading import load_yaml, shown

@@ -16,7 +16,7 @@ from massprops import estimate
 from massprops.errors import InputError, NotPossible
 from massprops.estimators import methods as registry
 from massprops.estimators.estimate import estimate_all
-from massprops.estimators.prior import read_filter, read_prior
+from massprops.estimators.prior import read_filter
 from massprops.mass.ratio_space import inertia_of
 
 
@@ -172,7 +172,7 @@ def test_prior_axes_are_tied_by_common_features(two_methods: None, tmp_path: Pat
 )
 def test_prior_that_no_body_has_is_one_clear_line(tmp_path: Path, changes: dict, said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
-        read_prior(filter_file(tmp_path / "f.yaml", TRUE_K, 0.01, **changes))
+        read_filter(filter_file(tmp_path / "f.yaml", TRUE_K, 0.01, **changes))
     assert "\n" not in str(caught.value) and "f.yaml" in str(caught.value)
 
 
@@ -182,7 +182,7 @@ def test_prior_of_ratios_alone(tmp_path: Path) -> None:
     found = read_filter(path)
     assert np.allclose(found.prior.inertia, inertia_of(TRUE_K, np.eye(3)))
     with pytest.raises(InputError, match="no such file"):
-        read_prior(tmp_path / "absent.yaml")
+        read_filter(tmp_path / "absent.yaml")
 
 
 def test_command_line(tmp_path: Path) -> None:

@@ -47,12 +47,11 @@ class Passage:
 
     Attributes:
         run: means and tallies joined over all parts; its `sigma` holds the leading errors that every part has.
-        points, points_sigma: (m, 3) principal axes [m], NaN where never carried.
+        points: (m, 3) principal axes [m], NaN where never carried.
     """
 
     run: Run
     points: np.ndarray
-    points_sigma: np.ndarray
     chosen: np.ndarray
 
 
@@ -71,12 +70,11 @@ def run_through(
     state, chosen = setup.state, setup.chosen
     n = len(problem.times)
     points = np.full((len(problem.features), 3), np.nan)
-    sigma = points.copy()
     if rows is not None or not setup.points:
         seen = rows if rows is not None else measurements(problem, setup, setup.first, n, chosen, fresh=True)
         run = filter_epochs(state, seen, setup.noise, settings)
-        _note(run.last, chosen, points, sigma)
-        return Passage(run, points, sigma, chosen)
+        points[chosen] = run.last.features
+        return Passage(run, points, chosen)
     X, covariance, last, both = _stereo_points(problem)
     parts: list[Run] = []
     begin = setup.first
@@ -86,7 +84,7 @@ def run_through(
         run = filter_epochs(state, seen, setup.noise, settings)
         parts.append(run)
         state = run.last
-        _note(state, chosen, points, sigma)
+        points[chosen] = state.features
         if end < n:
             keep = last[chosen] >= end
             state, chosen = without_features(state, keep), chosen[keep]
@@ -95,7 +93,7 @@ def run_through(
                 state = with_features(state, X[end - 1, new], covariance[end - 1, new])
                 chosen = np.concatenate([chosen, new])
         begin = end
-    return Passage(_joined(parts), points, sigma, chosen)
+    return Passage(_joined(parts), points, chosen)
 
 
 def _stereo_points(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -123,13 +121,6 @@ def _next_change(begin: int, n: int, chosen: np.ndarray, last: np.ndarray, both:
         if len(alive) < most and len(_newcomers(epoch, alive, last, both, most)):
             return epoch + 1
     return n
-
-
-def _note(state: State, chosen: np.ndarray, points: np.ndarray, sigma: np.ndarray) -> None:
-    if len(chosen):
-        points[chosen] = state.features
-        at = state.places()["features"]
-        sigma[chosen] = np.sqrt(np.diag(state.P)[at]).reshape(-1, 3)
 
 
 def _joined(parts: list[Run]) -> Run:
