@@ -12,7 +12,7 @@ from typing import Any
 
 
 @cache
-def compiled(entry: str, *modules: str, fastmath: bool = True) -> Callable[..., Any]:
+def compiled(entry: str, *modules: str, fastmath: bool = True, one_piece: bool = False) -> Callable[..., Any]:
     """The function `entry` of the last module, compiled by numba when first called and cached on disk.
 
     The functions of all the modules see each other's compiled form under their own names, so a module may import a
@@ -22,6 +22,9 @@ def compiled(entry: str, *modules: str, fastmath: bool = True) -> Callable[..., 
         entry: name of the function that is called from Python.
         modules: full names, e.g. "massprops.dynamics.kernels", of all that it calls and of its own.
         fastmath: lets sums be reordered and fused (infinite and NaN values keep their meaning).
+        one_piece: inlines all that the entry calls. A large loop of functions that are compiled one by one is other code
+            when it comes from the cache, and its last digits differ between a first run and later ones; to compile it
+            whole takes a third longer.
 
     Raises:
         ImportError: numba is not installed.
@@ -29,8 +32,9 @@ def compiled(entry: str, *modules: str, fastmath: bool = True) -> Callable[..., 
     import numba
 
     loaded = [import_module(name) for name in modules]
-    # numba checks a cached function against its own file only: the name tells apart the states of all the files
-    digest = sha256(b"".join(Path(str(m.__file__)).read_bytes() for m in loaded)).hexdigest()[:8]
+    # numba checks a cached function against its own file only: the name tells apart the states of all the files, and of this
+    files = [__file__, *(str(m.__file__) for m in loaded)]
+    digest = sha256(b"".join(Path(f).read_bytes() for f in files)).hexdigest()[:8]
     scope: dict[str, Any] = {"__name__": modules[-1]}
     for module in loaded:
         scope |= {k: v for k, v in vars(module).items() if not k.startswith("__")}
@@ -42,14 +46,12 @@ def compiled(entry: str, *modules: str, fastmath: bool = True) -> Callable[..., 
                 copy.__qualname__ = f"{name}_{digest}"
                 copy.__module__ = module.__name__
                 inner = name != entry
-                # one piece of machine code: else what runs after compiling is not what the cache holds, and a second run
-                # differs in its last digits
                 scope[name] = numba.njit(
                     copy,
-                    cache=not inner,
+                    cache=not (inner and one_piece),
                     fastmath=flags,
                     error_model="numpy",
-                    forceinline=inner,
+                    forceinline=inner and one_piece,
                     no_cpython_wrapper=inner,
                     no_cfunc_wrapper=True,
                 )

@@ -203,7 +203,7 @@ def test_the_compiled_loop_is_one_piece_of_machine_code() -> None:
     from numba.core.caching import NullCache
     from numba.core.dispatcher import Dispatcher
 
-    loop = compiled("run_loop", *KERNEL)
+    loop = compiled("run_loop", *KERNEL, one_piece=True)
     pieces = {f for f in loop.py_func.__globals__.values() if isinstance(f, Dispatcher)}
     assert len(pieces) > 20
     assert {f for f in pieces if not isinstance(f._cache, NullCache)} == {loop}

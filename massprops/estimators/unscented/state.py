@@ -264,7 +264,7 @@ def filter_epochs(
     b = state.places(settings.additive)["k"].stop
     record = Record(np.zeros((n, 19)), np.zeros((n, size)), np.zeros((n, b, b)), np.zeros((n, 3)))
     steps = _steps(seen, noise.diagonal(state, settings.additive))
-    loop = loop or compiled("run_loop", *KERNEL)
+    loop = loop or compiled("run_loop", *KERNEL, one_piece=True)
     given = (x, P, steps, _seen(seen, m), rule_of(state, seen, settings), record)
     begin = time.process_time()
     loop(*given)
