@@ -125,8 +125,8 @@ def _video_source(path: Path, stream: int, kind: str) -> Source:
 def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
     if not files:
         raise InputError(
-            f"{folder}: no images here (JPEG, PNG, TIFF, WebP, HEIC); give a video, a folder of images or a sequence "
-            "folder"
+            f"{folder}: no images here (JPEG, PNG, TIFF, WebP, HEIC); give {_folders_of_images(folder)}a video, a folder of "
+            "images or a sequence folder"
         )
     if len(files) < FEWEST:
         raise InputError(f"{folder}: {len(files)} images are too few for a shape; take at least 20 from all sides")
@@ -144,6 +144,12 @@ def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
     cameras, camera, turn = group(photographs)
     images = tuple(Still(p.timestamp_ns, p.path, c, t) for p, c, t in zip(photographs, camera, turn, strict=True))
     return Source(stream, "images", None, images, tuple(cameras), left_out=tuple(left_out))
+
+
+def _folders_of_images(folder: Path) -> str:
+    """Names the folders within that hold images, as the beginning of a list of what to give; empty where none does."""
+    inner = sorted(p for p in folder.iterdir() if p.is_dir() and list_images(p))[:NAMED]
+    return "".join(f"its folder {printable(p.name)}, " for p in inner)
 
 
 def refuse_few(name: str, count: int, left_out: Sequence[tuple[str, str]]) -> None:
