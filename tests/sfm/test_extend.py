@@ -68,6 +68,21 @@ def test_matches_with_images_that_are_not_placed_are_kept(solved, tmp_path):
     assert pairs() == {p for p in before if ids[-1] in p} != set()
 
 
+def test_pairs_that_were_compared_in_vain_can_be_matched_anew(solved, tmp_path):
+    """COLMAP keeps a row without matches of each, which none of its lists names."""
+    database = tmp_path / "copy.db"
+    database.write_bytes(solved[1].read_bytes())
+    a, b = sorted(solved[0].reg_image_ids())[:2]
+    with pycolmap.Database.open(database) as db:
+        db.delete_matches(a, b)
+        db.write_matches(a, b, np.zeros((0, 2), np.uint32))
+        assert pycolmap.image_pair_to_pair_id(a, b) not in db.read_all_matches()[0]
+    _forget(database, [a, b], {a})
+    with pycolmap.Database.open(database) as db:
+        db.write_matches(a, b, np.array([[0, 1]], np.uint32))
+        assert db.exists_matches(a, b)
+
+
 def test_an_image_gets_its_own_matches_back(solved, tmp_path):
     database = tmp_path / "copy.db"
     database.write_bytes(solved[1].read_bytes())
