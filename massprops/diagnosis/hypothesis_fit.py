@@ -154,7 +154,8 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
 def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[HypothesisFit, _Guess]:
     path, rows = record.path, record.rows
     balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
-    parts = _parts(record, hypothesis, guess, balance)
+    acting = {t.name: forcing_of(t, path, guess.rate, balance.inertia, record.sky) for t in hypothesis.terms}
+    parts = _parts(record, hypothesis, guess, balance, acting)
     blocks, y = _linear_model(parts, balance, guess)
     group = np.tile(np.arange(3), len(rows.at)) if rows.rates else None
     post = solve(blocks, y, record.noise_rows, group)
@@ -179,10 +180,9 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
         blocks=tuple(blocks), y=y,
     )  # fmt: skip
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
-    for term in hypothesis.terms:
-        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape), record.sky)
+    for name, forcing in acting.items():
         if forcing.internal is not None:
-            inside = inside + forcing.internal @ post.mean[term.name]
+            inside = inside + forcing.internal @ post.mean[name]
     if not rows.rates:
         moved = path.turned(phi, whole)
         found = replace(found, record=along(record, moved, attitudes_of(record)))
@@ -214,7 +214,7 @@ def _rate_along(parts: list[Any], post: Posterior, balance: Balance, guess: _Gue
     """(n, 3) rate along the path itself, of everything that was found."""
     base = post.mean["base"]
     shift = np.concatenate([base[:INERTIA] - guess.shape, base[INERTIA:]])
-    rate = np.linalg.solve(balance.inertia, np.swapaxes(balance.path.R, 1, 2) @ guess.start[:, None])[:, :, 0]
+    rate = balance.rate_of(guess.start)[:, :, 0]
     for name, along_path, _, _, _ in parts:
         if along_path is not None:
             unknown = shift if name == "base" else post.mean[name]
@@ -234,12 +234,14 @@ def _wheel_found(
     return axis / np.linalg.norm(axis), shapes @ post.mean["wheel"], np.sqrt(np.maximum(variance, 0.0))
 
 
-def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance) -> list[Any]:
+def _parts(
+    record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance, acting: dict[str, Forcing]
+) -> list[Any]:
     """Name, rate along the path (n, 3, k) of a unit of each unknown, its rows, prior, and the prior's kind, by block."""
     path, speed = record.path, record.speed
     count = balance.base_count
     sd = np.concatenate([np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * speed), np.full(count - INERTIA - 3, WIDE)])
-    out: list[Any] = [("base", balance.free(), balance.base(), sd, "fixed")]
+    out: list[Any] = [("base", balance.free, balance.base(), sd, "fixed")]
     if record.rows.rates:
         out.append(("gyroscope scale", None, balance.scale(), SCALE_SD, "fixed"))
     if guess.axis is not None and guess.history is not None:
@@ -248,15 +250,20 @@ def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balan
         history = Forcing(internal=axis[:, None] * shapes[:, None, :])
         turned = Forcing(internal=guess.history[:, None, None] * _across(axis))
         steps = np.concatenate([[WIDE * speed], np.full(shapes.shape[1] - 1, 1e-3 * speed)])
-        out.append(("wheel", balance.forced(history), balance.columns(history), steps, "sparse"))
-        out.append(("wheel axis", balance.forced(turned), balance.columns(turned), AXIS_SD, "fixed"))
-    for term in hypothesis.terms:
-        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape), record.sky)
-        out.append((term.name, balance.forced(forcing), balance.columns(forcing), _size(forcing, speed), "common"))
+        out.append(("wheel", *_answers(balance, history), steps, "sparse"))
+        out.append(("wheel axis", *_answers(balance, turned), AXIS_SD, "fixed"))
+    for name, forcing in acting.items():
+        out.append((name, *_answers(balance, forcing), _size(forcing, speed), "common"))
     if hypothesis.latent:
         forcing = torque_forcing(path, _torque_shapes(record))
-        out.append(("latent torque", balance.forced(forcing), balance.columns(forcing), 3e-3 * speed**2, "common"))
+        out.append(("latent torque", *_answers(balance, forcing), 3e-3 * speed**2, "common"))
     return out
+
+
+def _answers(balance: Balance, forcing: Forcing) -> tuple[np.ndarray, np.ndarray]:
+    """Rate along the path itself (n, 3, k) and rows (m, 3, k) of a unit of each unknown."""
+    along_path = balance.forced(forcing)
+    return along_path, balance.response(along_path)
 
 
 def _size(forcing: Forcing, speed: float) -> float:

@@ -7,6 +7,7 @@ solves for (`momentum_balance`). Inertial axes are those of attitude0 where ther
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,12 +39,12 @@ class MotionPath:
     q: np.ndarray
     w: np.ndarray
 
-    @property
+    @cached_property
     def R(self) -> np.ndarray:
         """(n, 3, 3) body to inertial."""
         return rotation_matrix(self.q)
 
-    @property
+    @cached_property
     def steps(self) -> np.ndarray:
         """(n - 1, 3) constant body rate that turns each attitude into the next [rad/s]."""
         turn = rotation_vector(multiply(conjugate(self.q[:-1]), self.q[1:]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import comb
 
 import numpy as np
@@ -58,7 +59,7 @@ class Record:
         """Whether the noise of the rows is stated, not estimated."""
         return self.noise_rows > 1.0
 
-    @property
+    @cached_property
     def sky(self) -> Sky | None:
         """What acts from outside along the path, inertial axes."""
         return None if self.around is None else self.around.sky(self.path.t)

@@ -65,6 +65,19 @@ def camera_of(views: Views, own: np.ndarray, sigma_px: float, T_BS: np.ndarray |
     )
 
 
+def as_pinhole(views: Views, points: SparsePoints) -> tuple[Views, SparsePoints]:
+    """Views without distortion, and the observations where such cameras would have made them."""
+    import cv2
+
+    uv = points.obs_uv.copy()
+    for i in range(len(views)):
+        own = points.obs_view == i
+        if own.any():
+            K, D = views.K[i], views.distortion[i]
+            uv[own] = cv2.undistortPoints(np.ascontiguousarray(uv[own])[:, None], K, D, P=K)[:, 0]
+    return replace(views, distortion=np.zeros((len(views), 4))), replace(points, obs_uv=uv)
+
+
 def to_sequence(
     views: Views,
     points: SparsePoints,
@@ -87,8 +100,11 @@ def to_sequence(
         still: why the body is no free one, in words; None for a tumbling body.
         attitude_sigma: (n,) [rad]; where it is absent or not finite, the residuals' angle stands in.
         mounting: (4, 4) T_BS by camera number.
-        images: file of every view by name; None leaves the images out.
+        images: file of every view by name; None leaves the images out, as a fisheye does: a sequence has no such lens, and
+            tracks are then those of a pinhole camera.
     """
+    if views.distortion.shape[1] > 4:
+        views, points, images = *as_pinhole(views, points), None
     stamps, warnings = clock(views, index)
     number = np.array([int(n.split("/", 1)[0][3:]) if n.startswith("cam") else 0 for n in views.names], int)
     error = residuals(views, points)

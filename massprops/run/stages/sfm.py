@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 READS = ("capture",)
 OPTIONS = ("mapper", "sparse", "focal", "motion", "masks")
 
-LENS = {"SIMPLE_PINHOLE": "no distortion", "SIMPLE_RADIAL": "k1", "RADIAL": "k1 k2", "OPENCV": "k1 k2 p1 p2 fx fy"}
+LENS = {
+    "SIMPLE_PINHOLE": "no distortion",
+    "SIMPLE_RADIAL": "k1",
+    "RADIAL": "k1 k2",
+    "OPENCV": "k1 k2 p1 p2 fx fy",
+    "OPENCV_FISHEYE": "fisheye",
+}
 """What is estimated of a lens, by COLMAP's name of the model."""
 
 

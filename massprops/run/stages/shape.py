@@ -75,9 +75,11 @@ def run(job: Job) -> dict[str, Any]:
     divided = given or find_placements(
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
     )
-    label = by_order(divided.label)
+    taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
+    times = np.array([taken[name] for name in views.names], np.int64)
+    label = by_order(divided.label, times)
     if not given and not divided.known:
-        label = _set_down(job, views, sparse, region, footage)
+        label = _set_down(job, views, sparse, region, times)
     placements, lost = _solved(job, views, sparse, label, pointed)
     if len(placements) > 1 and not given:
         # the object's own features know better than what is hidden of a plain table
@@ -121,7 +123,7 @@ def _rough_support(job: Job, views, region, sparse) -> tuple[Cloud, np.ndarray] 
     return None if plane is None else (cloud, plane)
 
 
-def _set_down(job: Job, views, sparse, region, footage: dict[str, Any]) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _set_down(job: Job, views, sparse, region, times: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
     """Labels (n,) of an object that has no features to tell its placements by: by what it hides of its support."""
     from massprops.capture.occlusion import COARSE, voxels
     from massprops.capture.set_down import LEAST_IMAGES, set_down_anew
@@ -132,8 +134,6 @@ def _set_down(job: Job, views, sparse, region, footage: dict[str, Any]) -> np.nd
         return none
     cloud, plane = found
     maps = _occlusion(job, views, cloud, plane, region)
-    taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
-    times = np.array([taken[name] for name in views.names], np.int64)
     return set_down_anew(voxels(views, maps, plane, region, COARSE), maps, times)
 
 
