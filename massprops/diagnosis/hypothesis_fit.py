@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.conserved_start import Start
-from massprops.diagnosis.criteria import AXIS_SD, SCALE_SD, SHAPE_SD, WIDE
+from massprops.diagnosis.criteria import AXIS_SD, OFFSET_SD, SCALE_SD, SHAPE_SD, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.evidence import Block, Posterior, block_gain, reduced, solve
 from massprops.diagnosis.latent_torque import factor, hats, matern, three_axes
@@ -72,11 +72,11 @@ class HypothesisFit:
 
     Attributes:
         record: with the path at the end; shape: (5,) of the inertia; inertia: (3, 3), trace 3; momentum: (3,) at the start, inertial axes.
-        evidence: log marginal likelihood; noise: (g,) factors on the rows' noise, by axis of a gyroscope; posterior: of all unknowns.
+        evidence: log marginal likelihood; noise: (g,) factors on the rows' noise (`Rows.groups`); posterior: of all unknowns.
         values: by effect, its unknowns; covariance: theirs.
         axis, history, history_sd: of a wheel: (3,), (n,) and (n,) [rad/s], or None.
-        torque: (n, 3) latent, body axes [rad/s^2]; left: (m, 3) what the rows hold beyond the model without the latent
-            torque, over their noise; residual: (m, 3) with it. rate: (n, 3) predicted.
+        torque: (n, 3) latent, body axes [rad/s^2]; left: (all, 3) what the rows hold beyond the model without the latent
+            torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
     """
 
     hypothesis: Hypothesis
@@ -102,6 +102,11 @@ class HypothesisFit:
     @property
     def names(self) -> tuple[str, ...]:
         return self.hypothesis.names
+
+    @property
+    def row_noise(self) -> np.ndarray:
+        """(3 all,) factor on the noise of each number measured."""
+        return np.asarray(self.noise[self.record.rows.groups])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,8 +162,7 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     acting = {t.name: forcing_of(t, path, guess.rate, balance.inertia, record.sky) for t in hypothesis.terms}
     parts = _parts(record, hypothesis, guess, balance, acting)
     blocks, y = _linear_model(parts, balance, guess)
-    group = np.tile(np.arange(3), len(rows.at)) if rows.rates else None
-    post = solve(blocks, y, record.noise_rows, group)
+    post = solve(blocks, y, record.noise_rows, rows.groups)
     base = post.mean["base"]
     step = base[:INERTIA] - guess.shape
     shape = guess.shape + step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
@@ -205,7 +209,7 @@ def _linear_model(parts: list[Any], balance: Balance, guess: _Guess) -> tuple[li
     ]
     if not all(np.isfinite(b.columns).all() for b in blocks):
         raise FloatingPointError("the path that is predicted leaves all bounds")
-    y = (balance.rows.measured - balance.constant(guess.start)).reshape(-1) * over
+    y = (balance.rows.values - balance.constant(guess.start)).reshape(-1) * over
     # the inertia's prior is about a ball, not about the present guess
     return blocks, y + blocks[0].columns[:, :INERTIA] @ guess.shape
 
@@ -242,8 +246,9 @@ def _parts(
     count = balance.base_count
     sd = np.concatenate([np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * speed), np.full(count - INERTIA - 3, WIDE)])
     out: list[Any] = [("base", balance.free, balance.base(), sd, "fixed")]
-    if record.rows.rates:
-        out.append(("gyroscope scale", None, balance.scale(), SCALE_SD, "fixed"))
+    if record.rows.rates or record.rows.gyroscope is not None:
+        columns = balance.sensor()
+        out.append(("gyroscope", None, columns, sensor_sd(columns.shape[2]), "fixed"))
     if guess.axis is not None and guess.history is not None:
         axis = guess.axis
         shapes = _wheel_shapes(record, hypothesis.lag)
@@ -258,6 +263,11 @@ def _parts(
         forcing = torque_forcing(path, _torque_shapes(record))
         out.append(("latent torque", *_answers(balance, forcing), 3e-3 * speed**2, "common"))
     return out
+
+
+def sensor_sd(count: int) -> np.ndarray:
+    """(count,) prior of the columns of `Balance.sensor`."""
+    return np.array([SCALE_SD] * 9 + [OFFSET_SD] * (count - 9))
 
 
 def _answers(balance: Balance, forcing: Forcing) -> tuple[np.ndarray, np.ndarray]:
@@ -307,7 +317,7 @@ def term_gain(fit: HypothesisFit, term: Term) -> float:
     balance = Balance(
         path=record.path, shape=fit.shape, momentum=guess_momentum, rate=fit.rate, rows=record.rows
     )  # fmt: skip
-    sigma = record.rows.spread * np.resize(fit.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
+    sigma = record.rows.spread * fit.row_noise
     columns = balance.columns(forcing_of(term, record.path, fit.rate, fit.inertia, record.sky))
     over = (record.rows.spread / sigma)[:, None]
     fixed = np.concatenate([b.columns for b in fit.blocks], axis=1) * over

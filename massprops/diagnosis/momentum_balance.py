@@ -88,17 +88,39 @@ class Rows:
     Attributes:
         at: (m,) points of the path; measured: (m, 3) rates [rad/s], or turns of the attitude measured from the path
             [rad], body axes; sigma: (m,) or (m, 3) 1-sigma; rates: which of the two they are.
+        gyroscope: rates beside attitudes, their rows after those of the attitudes, or None. all: m and theirs.
     """
 
     at: np.ndarray
     measured: np.ndarray
     sigma: np.ndarray
     rates: bool
+    gyroscope: Rows | None = None
 
     @property
     def spread(self) -> np.ndarray:
-        """(3 m,) 1-sigma of each number measured."""
-        return np.repeat(self.sigma, 3) if self.sigma.ndim == 1 else self.sigma.reshape(-1)
+        """(3 all,) 1-sigma of each number measured."""
+        own = np.repeat(self.sigma, 3) if self.sigma.ndim == 1 else self.sigma.reshape(-1)
+        return own if self.gyroscope is None else np.concatenate([own, self.gyroscope.spread])
+
+    @property
+    def values(self) -> np.ndarray:
+        """(all, 3) measured."""
+        return self.measured if self.gyroscope is None else np.concatenate([self.measured, self.gyroscope.measured])
+
+    @property
+    def points(self) -> np.ndarray:
+        """(all,) of the path."""
+        return self.at if self.gyroscope is None else np.concatenate([self.at, self.gyroscope.at])
+
+    @property
+    def groups(self) -> np.ndarray:
+        """(3 all,) which factor of the noise each number has: one for each axis of a gyroscope, one for attitudes, and one
+        for a gyroscope beside them."""
+        if self.rates:
+            return np.tile(np.arange(3), len(self.at))
+        beside = 0 if self.gyroscope is None else len(self.gyroscope.at)
+        return np.repeat([0, 1], [3 * len(self.at), 3 * beside])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,12 +200,10 @@ class Balance:
         return INERTIA + (3 if self.rows.rates else 6)
 
     def constant(self, momentum: np.ndarray) -> np.ndarray:
-        """(m, 3) what the rows hold when the momentum at the start is `momentum` (3,), inertial axes, and every other
+        """(all, 3) what the rows hold when the momentum at the start is `momentum` (3,), inertial axes, and every other
         unknown zero: near the rows, so that no large numbers stand against each other."""
         rate = self.rate_of(momentum)
-        if self.rows.rates:
-            return np.asarray(rate[self.rows.at, :, 0])
-        return np.asarray(self._turned(rate, own=True)[self.rows.at, :, 0])
+        return self._rows_of(rate, None if self.rows.rates else self._turned(rate, own=True))[:, :, 0]
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -192,23 +212,28 @@ class Balance:
         return np.concatenate([np.swapaxes(by_shape, 1, 2), self.inverse @ self.to_body], axis=2)
 
     def base(self) -> np.ndarray:
-        """(m, 3, `base_count`) columns of `free`, and with attitudes of the turn at the start."""
+        """(all, 3, `base_count`) columns of `free`, and with attitudes of the turn at the start."""
         out = self.response(self.free)
         if self.rows.rates:
             return out
         none = np.zeros((len(self.path.t), 3, 3))
-        return np.concatenate([out, self._turned(none, np.eye(3))[self.rows.at]], axis=2)
+        return np.concatenate([out, self._rows_of(none, self._turned(none, np.eye(3)))], axis=2)
 
-    def scale(self) -> np.ndarray:
-        """(m, 3, 9) columns of a gyroscope's scale and misalignment S: it shows (1 + S) w, and the path that was
-        integrated from it is turned by as much."""
+    def sensor(self) -> np.ndarray:
+        """(all, 3, 9 or 12) columns of a gyroscope's scale and misalignment S: it shows (1 + S) w, and a path that was
+        integrated from it is turned by as much. One beside attitudes has an offset too; attitudes have none of it."""
         shown = np.einsum("ij,nk->nijk", np.eye(3), self.rate).reshape(len(self.rate), 3, 9)
+        if self.rows.gyroscope is not None:
+            offset = np.broadcast_to(np.eye(3), (len(self.rate), 3, 3))
+            out = np.zeros((len(self.rows.points), 3, 12))
+            out[len(self.rows.at) :] = np.concatenate([shown, offset], axis=2)[self.rows.gyroscope.at]
+            return out
         R = self.path.R
         turn = -self.to_body @ integral(self.path.t, R @ shown)
         return np.asarray((shown + self._answer @ turn)[self.rows.at])
 
     def columns(self, forcing: Forcing) -> np.ndarray:
-        """(m, 3, k) response of the rows to a unit of each unknown."""
+        """(all, 3, k) response of the rows to a unit of each unknown."""
         return self.response(self.forced(forcing))
 
     def forced(self, forcing: Forcing) -> np.ndarray:
@@ -222,8 +247,17 @@ class Balance:
         return np.asarray(out if forcing.rate is None else out + forcing.rate)
 
     def response(self, rate: np.ndarray) -> np.ndarray:
-        """(m, 3, k) rows of a change of the rate (n, 3, k)."""
-        return np.asarray((rate if self.rows.rates else self._turned(rate))[self.rows.at])
+        """(all, 3, k) rows of a change of the rate (n, 3, k)."""
+        return self._rows_of(rate, None if self.rows.rates else self._turned(rate))
+
+    def _rows_of(self, rate: np.ndarray, turned: np.ndarray | None) -> np.ndarray:
+        """(all, 3, k) rows of a rate along the path itself (n, 3, k) and of the turns from it (n, 3, k), None for rates."""
+        if turned is None:
+            return np.asarray(rate[self.rows.at])
+        own, beside = turned[self.rows.at], self.rows.gyroscope
+        if beside is None:
+            return np.asarray(own)
+        return np.concatenate([own, rate[beside.at] + self._answer[beside.at] @ turned[beside.at]])
 
     def motion(self, rate: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Rate (n, 3) and turn (n, 3) from the path when the balance gives this rate (n, 3) along the path itself, and
