@@ -280,7 +280,11 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         rise = scene.xyz[own] @ top[:3] + top[3]
         step = max(2 * TOLERANCE * scene.region.radius, 2 * scene.pixel)
         upper, lower = rise > step, rise < -step
-        if top[:3] @ plane[:3] < PARALLEL or upper.mean() < LEAST_UPPER or np.median(height[np.abs(rise) < step]) < step:
+        if (
+            top[:3] @ plane[:3] < PARALLEL
+            or upper.mean() < LEAST_UPPER
+            or np.median(height[np.abs(rise) < step]) < step
+        ):
             continue
         level = own[np.abs(rise) < step]
         if not _is_ledge(scene, level, plane):
