@@ -29,6 +29,7 @@ from massprops.core.files import (
 from massprops.core.log import log
 from massprops.core.outputs import BASES, OWN, Outputs
 from massprops.core.processes import address_space_hint, child_environment, processors, python_module
+from massprops.documents.loading import load_yaml
 from massprops.errors import InputError
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
@@ -37,8 +38,6 @@ Watch = Callable[[str, int, int, int, int, str], None]
 """`watch(stage, number, count, done, total, what)`: how far the run is."""
 
 COMMAND = "reconstruct"
-LARGEST_MANIFEST = 10_000_000
-"""Bytes of `run.yaml`."""
 
 
 @dataclass
@@ -425,16 +424,10 @@ def _no_manifest(run: Path, error: OSError) -> InputError:
 
 def _read_manifest(run: Path) -> tuple[dict[str, dict[str, Any]], Any]:
     """The stages' entries of `run.yaml` and its outcome; what cannot be read counts as not done."""
-    import yaml
-
-    path = run / "run.yaml"
     try:
-        if path.stat().st_size > LARGEST_MANIFEST:
-            return {}, None
-        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+        content = load_yaml(run / "run.yaml")
         return {str(name): dict(entry) for name, entry in content["stages"].items()}, content.get("outcome")
-    except (OSError, yaml.YAMLError, AttributeError, TypeError, ValueError, KeyError, RecursionError):
+    except (InputError, AttributeError, TypeError, ValueError, KeyError):
         return {}, None
 
 
