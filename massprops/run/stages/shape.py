@@ -151,7 +151,9 @@ def _solved(  # type: ignore[no-untyped-def]
             if len(member) < LEAST_VIEWS:
                 raise NotPossible(f"{len(member)} images are too few for a placement of its own")
             here = [replace(p, view=int(np.flatnonzero(member == p.view)[0])) for p in pointed if p.view in member]
-            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements), here)
+            # the room stayed: what carried the object in most images carries it in the others
+            known = placements[0]["support_plane"] if placements else None
+            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements), here, known)
             placements.append({"label": k, "images": names, **facts})
         except NotPossible as error:
             if count == 1 or any(p.view in member for p in pointed):
@@ -206,8 +208,10 @@ def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
     return [locate(p, footage, views) for p in wanted]
 
 
-def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> dict[str, Any]:  # type: ignore[no-untyped-def]
-    """The first shape of one placement; views and sparse points are its own."""
+def _placement(  # type: ignore[no-untyped-def]
+    job: Job, views, sparse, number: int, pointed: list[Located], known: list[float] | None = None
+) -> dict[str, Any]:
+    """The first shape of one placement; views and sparse points are its own, known (4,) is another one's support."""
     from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
     from massprops.capture.support import least_rise, region_of
@@ -216,7 +220,8 @@ def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> 
     cloud, colour = _dense(job, views, region, sparse)
     pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
-    object_ = find_object(scene, pointed, job.options.keep_support, job.seed)
+    support = None if known is None else np.array(known)
+    object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support)
     found = object_.split
     job.progress(0, 1, "first shape")
     vertices, faces, method = _first_shape(job, views, cloud, found, region)
