@@ -209,6 +209,11 @@ def _sequence_sources(path: Path) -> list[Source]:
             data = folder / "data" if (folder / "data").is_dir() else folder
             source = _one_camera(_folder_source(data, list_images(data), number))
         if camera is not None:
+            if camera.stated and camera.resolution != source.cameras[0].size:
+                raise InputError(
+                    f"{folder / 'sensor.yaml'}: says {_by(camera.resolution)} pixels, and its images have "
+                    f"{_by(source.cameras[0].size)}: give resolution and intrinsics of these images"
+                )
             fu, fv, cu, cv = (float(v) for v in camera.intrinsics)
             known = replace(
                 source.cameras[0],
@@ -222,6 +227,10 @@ def _sequence_sources(path: Path) -> list[Source]:
     if not sources:
         raise InputError(f"{path}: a sequence without images; reconstruct needs cam0/data or cam0/video.mp4")
     return sources
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
 
 
 def judge_frames(source: Source, progress: Callable[[int, int, str], None]) -> Judged:

@@ -71,7 +71,7 @@ def diagnose_by_balance(
     record, lever = _record(sequence)
     turn = _turn(record.path.t, record.path.w)
     blind = turn < criteria.LEAST_TURN
-    found = rigid_body_alone(record) if blind else select(record, progress)
+    found = _without_effects(record, turn) if blind else select(record, progress)
     if record.rows.rates and sequence.rates is not None and sequence.rates.sigma is None:
         warnings.append(f"imu0 states no noise: {_noise(found):.3g} rad/s estimated, which no smooth torque can follow")
     document = document_of_selection(found, warnings)
@@ -80,6 +80,18 @@ def diagnose_by_balance(
     if lever is not None:
         document["lever"] = {"sensor_from_centre_of_mass_m": lever.r, "sigma": lever.sigma, "left_m_s2": lever.left}
     return BalanceDiagnosis(document=document, model=model_of_selection(found), record=record, selection=found)
+
+
+def _without_effects(record: Record, turn: float) -> Selection:
+    """The free body alone, for a record that shows too little of a turn to be searched.
+
+    Raises:
+        NotPossible: it shows nothing at all, as of a body that stands still.
+    """
+    try:
+        return rigid_body_alone(record)
+    except NotPossible:
+        raise NotPossible(_blind(turn)) from None
 
 
 def diagnose_several(

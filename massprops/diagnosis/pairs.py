@@ -20,23 +20,26 @@ MOVED = 2
 """Pairs, the most likely, whose times and directions are moved to their best."""
 
 
-def pairs(record: Record, singles: list[HypothesisFit], usable: list[ModuleType]) -> list[HypothesisFit]:
+def pairs(
+    record: Record, singles: list[tuple[HypothesisFit, HypothesisFit | None]], usable: list[ModuleType]
+) -> list[HypothesisFit]:
     """Fits of two effects, the most likely first.
 
     Args:
-        singles: fits of one effect, the most likely first; usable: effects that may act beside them.
+        singles: one effect by itself, the most likely first, and beside an unknown torque or None: by itself it is bent by
+            what the other does, beside an unknown torque it is not, so pairs begin at both. usable: effects that may act
+            beside them.
     """
     gap = float(np.median(np.diff(record.times)))
     found: dict[frozenset[str], HypothesisFit] = {}
-    for first in singles[:FIRSTS]:
+    for first, beside in singles[:FIRSTS]:
         for term in seconds(first, usable, gap)[:SECONDS]:
             both = replace(first.hypothesis, terms=(*first.hypothesis.terms, term))
-            fit = admissible(record, both, again(first), latent=False)
-            if fit is None:
-                continue
-            names = frozenset(fit.names)
-            if names not in found or fit.evidence > found[names].evidence:
-                found[names] = fit
+            for start in (first, beside):
+                fit = None if start is None else admissible(record, both, again(start), latent=False)
+                names = frozenset(both.names)
+                if fit is not None and (names not in found or fit.evidence > found[names].evidence):
+                    found[names] = fit
     ranked = sorted(found.values(), key=lambda f: -f.evidence)
     moved = [_both_moved(f, gap) for f in ranked[:MOVED]]
     return sorted([*moved, *ranked[MOVED:]], key=lambda f: -f.evidence)

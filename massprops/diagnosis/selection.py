@@ -95,7 +95,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
             tried.append(Candidate(alone=found))
     watch("balance of momentum: internal-rotor of any history", 0, 1)
     with suppress(NotPossible):
-        tried.append(_wheel(record))
+        tried.append(wheel_of_any_history(record))
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
         if one.beside is not None:
@@ -122,13 +122,13 @@ def asks_for_two(tried: list[Candidate], base: HypothesisFit, unknown: Hypothesi
 
 def _pairs(record: Record, tried: list[Candidate], usable: list[ModuleType]) -> list[Candidate]:
     """Pairs that are more likely than any single effect, pay for having been looked for, and predict better."""
-    singles = sorted((c.alone for c in tried), key=lambda f: -f.evidence)
+    singles = sorted(tried, key=lambda c: -c.alone.evidence)
     if not singles:
         return []
-    found = pairs(record, singles, usable)
+    found = pairs(record, [(c.alone, c.beside) for c in singles], usable)
     enough = max(c.evidence for c in tried) + criteria.BEATS_NOTHING + np.log(1 + len(found))
     noise = np.ones(3)
-    held = held_out_rms(singles[0], noise)
+    held = held_out_rms(singles[0].alone, noise)
     out = []
     for k, fit in enumerate(found):
         if fit.evidence > enough and not held_out_rms(fit, noise) > held:
@@ -174,7 +174,7 @@ def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
     return usable, skipped
 
 
-def _wheel(record: Record) -> Candidate:
+def wheel_of_any_history(record: Record) -> Candidate:
     """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all.
 
     Raises:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.capture.given import to_original
+from massprops.capture.images import LARGEST_PIXELS
 from massprops.core.files import hash_of, write_whole
 from massprops.core.inputs import read_image, readable
 from massprops.core.outputs import Outputs, claim, verify
@@ -121,6 +122,9 @@ def _encoded(run: Path, footage: dict[str, Any], names: list[str]) -> Iterator[t
     for frame, name in zip(footage["frames"], names, strict=True):
         size = tuple(cameras[frame["camera"]].get("source_size") or (frame["width"], frame["height"]))
         size = size[::-1] if frame.get("turn", 0) % 2 else size
+        for w, h in (size, (frame["width"], frame["height"])):
+            if not (w >= 1 and h >= 1 and w * h <= LARGEST_PIXELS):
+                raise ValueError(f"an image of {w}x{h} pixels")
         mask = read_mask(run, frame["name"])
         if mask is None or not (mask == 255).any():
             mask = np.zeros((frame["height"], frame["width"]), np.uint8)

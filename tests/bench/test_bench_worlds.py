@@ -15,7 +15,7 @@ from massprops.diagnosis.diagnose import diagnose_by_balance
 
 pytestmark = pytest.mark.bench
 SEEDS = [int(s) for s in os.environ.get("MASSPROPS_WORLD_SEEDS", "11,12").split(",")]
-CALLED = {"sunlight": "solar-pressure-on-plate"}
+CALLED = {"sunlight": "solar-pressure-on-facets"}
 """Effects under another name than Basilisk's kind."""
 
 
