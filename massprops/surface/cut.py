@@ -53,7 +53,7 @@ def manifold(tetra: Tetrahedra, inside: np.ndarray, never: np.ndarray | None = N
         never: (t,) bool, tetrahedra that no edge is thickened by, such as those that reach far out of the body: what
             pinches an edge beside them is taken away.
     """
-    shut = (tetra.neighbours < 0).any(1)
+    shut = np.asarray((tetra.neighbours < 0).any(1))
     if never is not None:
         shut = shut | never
     label = inside
