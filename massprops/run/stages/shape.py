@@ -89,6 +89,11 @@ def run(job: Job) -> dict[str, Any]:
         if not np.array_equal(better, label):
             label = better
             placements, lost = _solved(job, views, sparse, label, pointed)
+    if len(placements) > 1 and not given:
+        stood = _where_it_stood(job, views, region, label, placements)
+        if not np.array_equal(stood, label):
+            label = stood
+            placements, lost = _solved(job, views, sparse, label, pointed)
     if not placements:
         raise NotPossible(lost[0]["reason"])
     odd = [views.names[i] for i in np.flatnonzero(label < 0)]
@@ -182,6 +187,33 @@ def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dic
         np.where(np.isin(label, number), np.searchsorted(number, label), -1), drawn_agreement(views, maps, shapes)
     )
     return np.where(found < 0, -1, number[found])
+
+
+def _where_it_stood(job: Job, views, region, label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Labels (n,) in which placements are one where the object did not move between them."""
+    from massprops.surface.cloud import Cloud, agreeing
+    from massprops.surface.unmoved import groups_unmoved, paint_in_common
+
+    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
+    parts = []
+    for k in range(len(placements)):
+        folder = placement_folder(job.out, k)
+        cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
+        parts.append((cloud.take(agreeing(cloud)), colour[agreeing(cloud)]))
+    alike = np.zeros((len(parts), len(parts)))
+    for i, (first, one) in enumerate(parts):
+        for k, (second, other) in enumerate(parts[:i]):
+            if placements[i]["method"] == placements[k]["method"] == "measured":
+                alike[i, k] = paint_in_common(first, second, (one, other), pixel)
+    group = groups_unmoved(alike)
+    number = np.array([p["label"] for p in placements])
+    out = label.copy()
+    for k, g in enumerate(group):
+        out[label == number[k]] = number[g]
+    if len(np.unique(group)) == 1:
+        out[out < 0] = number[0]  # it stood all the time, in these images too
+    out[out >= 0] = np.unique(out[out >= 0], return_inverse=True)[1]
+    return out
 
 
 def _said(job: Job, facts: dict[str, Any]) -> dict[str, Any]:
