@@ -7,12 +7,13 @@ import pytest
 
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, scan
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.effect_search import again
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.momentum_balance import Balance, Rows
 from massprops.diagnosis.motion_path import path_from_rates
-from massprops.diagnosis.record import record_of_attitudes
+from massprops.diagnosis.record import Record, record_of_attitudes
 from massprops.diagnosis.screen import screened
-from massprops.diagnosis.selection import rms, within_noise, without_effects
+from massprops.diagnosis.selection import Candidate, asks_for_two, may_be_named, rms, within_noise, without_effects
 from massprops.dynamics.surroundings import Sky
 from massprops.effects import effects
 
@@ -98,3 +99,28 @@ def test_a_swing_turns_the_body_by_as_much_and_leaves_its_momentum() -> None:
     assert np.abs(turned[path.t < 0.42]).max() < 1e-12
     after = turned[np.searchsorted(path.t, 0.46)]
     assert after == pytest.approx(np.eye(3), abs=0.05)
+
+
+def candidate(record: Record, unknown: HypothesisFit, *names: str) -> Candidate:
+    """Effects by themselves and beside an unknown torque."""
+    terms = tuple(Term(effect=effects()[n]) for n in names)
+    start = Start(inertia=unknown.inertia, left=1.0)
+    alone = fit_hypothesis(record, Hypothesis(terms=terms, latent=False), start)
+    return Candidate(alone=alone, beside=fit_hypothesis(record, Hypothesis(terms=terms), again(alone)))
+
+
+def test_what_follows_all_of_a_pair_is_not_named_for_it() -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import recorded
+
+    sequence = recorded("sunlight+constant-body-torque", 11)
+    assert sequence.attitude is not None
+    record = record_of_attitudes(sequence.attitude, sequence.environment)
+    base, unknown = without_effects(record)
+    torque, faces = "constant-body-torque", "solar-pressure-on-facets"
+    singles = [candidate(record, unknown, torque), candidate(record, unknown, faces)]
+    both = candidate(record, unknown, torque, faces)
+    # the faces follow both within the noise, but are no likelier than a torque that nothing is known of
+    assert within_noise(singles[1].alone) and not may_be_named(singles[1], base, unknown)
+    assert asks_for_two(singles, base, unknown)
+    assert both.best is both.alone and may_be_named(both, base, unknown)
