@@ -69,6 +69,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "points": len(result.points.xyz),
         "reprojection_error_px": _mean_error(result.points),
         "residual_rms_px": result.precision.rms_px,
+        "contradicted_share": result.contradicted,
         "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),
         "distortion": list(result.cameras[0].distortion),
