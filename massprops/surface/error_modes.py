@@ -18,7 +18,7 @@ import numpy as np
 from massprops.surface.refine import face_normals
 
 SIDE_PIXELS = 0.3
-"""1-sigma of the offset of a patch of measured faces [px]. In spacecraft of simulated footage one array was 3 to 9 mm too
+"""Least 1-sigma of the offset of a patch of measured faces [px]. In spacecraft of simulated footage one array was 3 to 9 mm too
 thin and the other too thick, where a pixel is 11 and 17 mm."""
 COMMON = 0.3
 """1-sigma of the offset common to all unmeasured faces, over their distance from measured surface."""
@@ -42,12 +42,13 @@ MOST_BUMPS = 60
 
 
 def measured_modes(
-    vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, length: float, pixel: float
+    vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, length: float, sigma: np.ndarray
 ) -> np.ndarray:
     """(m, f) outward offsets of the faces, one row for each patch at one sigma; zero for unmeasured faces.
 
     Args:
-        vertices: (v, 3); faces: (f, 3); observed: (f,) bool; length: greatest length of the body; pixel: at the object.
+        vertices: (v, 3); faces: (f, 3); observed: (f,) bool; length: greatest length of the body.
+        sigma: (f,) of each face's offset.
     """
     seen = np.flatnonzero(observed)
     if not len(seen):
@@ -57,7 +58,7 @@ def measured_modes(
     # place and direction together, so that the two sides of a plate are different patches
     bump = _bumps(np.column_stack([middle, 2 * reach * normal]), 0, reach)
     modes = np.zeros((bump.shape[1], len(faces)))
-    modes[:, seen] = SIDE_PIXELS * pixel * bump.T
+    modes[:, seen] = sigma[seen] * bump.T
     return modes
 
 

@@ -26,7 +26,7 @@ from massprops.mass.properties import MassProperties, mass_properties, propertie
 from massprops.mass.ratio_space import covariance_of_replicates, log_components
 from massprops.simulation.motion import tumbling
 from massprops.simulation.scenario import load_scenario
-from massprops.surface.error_modes import fill_modes, measured_modes
+from massprops.surface.error_modes import SIDE_PIXELS, fill_modes, measured_modes
 from massprops.surface.refine import mean_matrix
 from massprops.surface.spread import BIAS_PIXELS, deform
 
@@ -113,7 +113,8 @@ def make_body(seed: int, low_sun: bool) -> Body:
     true = mass_properties(truth, 1000.0)
     observed = shown(truth, seed, 45.0 if low_sun else 15.0 + 20.0 * rng.random(), true.inertia, length)
     pixel = length / PIXELS
-    sides = measured_modes(np.asarray(truth.vertices), truth.faces, observed, length, pixel)
+    every = np.full(len(truth.faces), SIDE_PIXELS * pixel)
+    sides = measured_modes(np.asarray(truth.vertices), truth.faces, observed, length, every)
     offset = rng.standard_normal(len(sides)) @ sides + BIAS_PIXELS * pixel * rng.standard_normal() * observed
     ours = trimesh.Trimesh(moved(truth, offset), truth.faces, process=False)
     flat = closed_by_membrane(ours, observed)
@@ -139,7 +140,8 @@ def mesh_side(
     response, own = offset_response(v, f), mesh_integrals(v, f)
     rows = np.tile(own, (count, 1))
     rows += BIAS_PIXELS * pixel * rng.standard_normal((count, 1)) * response[observed].sum(0)
-    modes = np.concatenate([measured_modes(v, f, observed, length, pixel), fill_modes(v, f, observed, length)])
+    sides = measured_modes(v, f, observed, length, np.full(len(f), SIDE_PIXELS * pixel))
+    modes = np.concatenate([sides, fill_modes(v, f, observed, length)])
     rows += rng.standard_normal((count, len(modes))) @ (modes @ response)
     strain = FOCAL_SIGMA * rng.standard_normal((count, 3, 3))
     rows = deform(rows, 0.5 * (strain + strain.transpose(0, 2, 1)))

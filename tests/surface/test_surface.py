@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -143,12 +145,28 @@ def test_fill_is_uncertain_in_proportion_to_the_distance_from_measured_surface(s
 
 def test_two_sides_of_a_plate_err_apart():
     mesh = boxes(((1.0, 0.6, 0.02), (0, 0, 0))).subdivide().subdivide().subdivide()
-    modes = measured_modes(mesh.vertices, mesh.faces, np.ones(len(mesh.faces), bool), 1.17, 0.01)
+    modes = measured_modes(
+        mesh.vertices, mesh.faces, np.ones(len(mesh.faces), bool), 1.17, np.full(len(mesh.faces), 0.003)
+    )
     top, bottom = (mesh.face_normals[:, 2] * sign > 0.9 for sign in (1, -1))
     covariance = (modes[:, top] @ mesh.area_faces[top]) @ (modes[:, bottom] @ mesh.area_faces[bottom])
     own = np.sum((modes[:, top] @ mesh.area_faces[top]) ** 2)
     assert abs(covariance) < 0.05 * own
-    np.testing.assert_allclose(np.sqrt((modes**2).sum(0)), 0.3 * 0.01)
+    np.testing.assert_allclose(np.sqrt((modes**2).sum(0)), 0.003)
+
+
+def test_points_that_scatter_leave_the_volume_more_uncertain(seen_all_round):
+    surface, views = seen_all_round
+    rng = np.random.default_rng(5)
+    cloud = surface.cloud
+    pixel = surface.hull.pixel
+    # half of a pixel either way: their middle, and so the surface, stays
+    apart = 0.5 * pixel * rng.choice([-1.0, 1.0], len(cloud))
+    loose = replace(cloud, xyz=cloud.xyz + apart[:, None] * cloud.normal, sigma=np.full(len(cloud), 0.5 * pixel))
+    spread = [replicates(s, views, 0.0)[0][:, 0].std() for s in (surface, replace(surface, cloud=loose))]
+    area = solid(surface).area
+    assert spread[0] < 0.35 * pixel * area
+    assert 0.45 * pixel * area < spread[1] < 0.8 * pixel * area
 
 
 def test_nothing_is_uncertain_about_a_fill_where_all_was_measured(seen_all_round):
