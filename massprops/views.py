@@ -36,7 +36,8 @@ class Views:
         timestamp_ns: (n,) int64, -1 where the source has no clock.
         size: (n, 2) int, width and height [px].
         K: (n, 3, 3) pinhole matrix after undistortion [px].
-        distortion: (n, 4) OpenCV k1, k2, p1, p2 of the original image.
+        distortion: (n, 4) OpenCV k1, k2, p1, p2 of the original image; (n, 8) with k3 to k6 of the rational model
+            where a lens is a fisheye.
         R: (n, 3, 3) rotates world vectors into the camera.
         t: (n, 3) world origin in the camera.
     """
@@ -101,7 +102,7 @@ def undistort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray, nearest:
     Args:
         image: (h, w) or (h, w, 3) uint8.
         K: (3, 3) [px].
-        distortion: (4,) OpenCV k1, k2, p1, p2.
+        distortion: (4,) OpenCV k1, k2, p1, p2, or (8,) with k3 to k6.
         nearest: take the nearest pixel, for masks.
     """
     if not np.any(distortion):

@@ -125,8 +125,8 @@ def _video_source(path: Path, stream: int, kind: str) -> Source:
 def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
     if not files:
         raise InputError(
-            f"{folder}: no images here (JPEG, PNG, TIFF, WebP, HEIC); give a video, a folder of images or a sequence "
-            "folder"
+            f"{folder}: no images here (JPEG, PNG, TIFF, WebP, HEIC); give {_folders_of_images(folder)}a video, a folder of "
+            "images or a sequence folder"
         )
     if len(files) < FEWEST:
         raise InputError(f"{folder}: {len(files)} images are too few for a shape; take at least 20 from all sides")
@@ -144,6 +144,12 @@ def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
     cameras, camera, turn = group(photographs)
     images = tuple(Still(p.timestamp_ns, p.path, c, t) for p, c, t in zip(photographs, camera, turn, strict=True))
     return Source(stream, "images", None, images, tuple(cameras), left_out=tuple(left_out))
+
+
+def _folders_of_images(folder: Path) -> str:
+    """Names the folders within that hold images, as the beginning of a list of what to give; empty where none does."""
+    inner = sorted(p for p in folder.iterdir() if p.is_dir() and list_images(p))[:NAMED]
+    return "".join(f"its folder {printable(p.name)}, " for p in inner)
 
 
 def refuse_few(name: str, count: int, left_out: Sequence[tuple[str, str]]) -> None:
@@ -203,6 +209,11 @@ def _sequence_sources(path: Path) -> list[Source]:
             data = folder / "data" if (folder / "data").is_dir() else folder
             source = _one_camera(_folder_source(data, list_images(data), number))
         if camera is not None:
+            if camera.stated and camera.resolution != source.cameras[0].size:
+                raise InputError(
+                    f"{folder / 'sensor.yaml'}: says {_by(camera.resolution)} pixels, and its images have "
+                    f"{_by(source.cameras[0].size)}: give resolution and intrinsics of these images"
+                )
             fu, fv, cu, cv = (float(v) for v in camera.intrinsics)
             known = replace(
                 source.cameras[0],
@@ -216,6 +227,10 @@ def _sequence_sources(path: Path) -> list[Source]:
     if not sources:
         raise InputError(f"{path}: a sequence without images; reconstruct needs cam0/data or cam0/video.mp4")
     return sources
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
 
 
 def judge_frames(source: Source, progress: Callable[[int, int, str], None]) -> Judged:

@@ -26,6 +26,11 @@ FAR = 0.6
 """The same for a pixel where the surroundings are known and do not show."""
 WORK = 560
 """Longer side of the crop on which colours are separated [px]."""
+ITS_OWN, FAINTEST = 0.95, 1e-5
+"""Share of the object's points among all of a colour from which the colour is the object's alone, and least frequency of
+the colour among its points."""
+LEAST_PART = 0.02
+"""A part that a silhouette may lack, of its area."""
 ROUNDS = 2
 PRIOR, COLOUR, SMOOTH, HIDDEN = 1.0, 0.5, 3.0, 0.5
 """Weights of nearness to the drawn outline, of colour, of edges, and of surroundings that do not show."""
@@ -182,6 +187,53 @@ def refine(image: np.ndarray, known: Trimap) -> np.ndarray:
     back = (crop.shape[1], crop.shape[0])
     out[part] = cv2.resize(found, back, interpolation=cv2.INTER_LINEAR) > 0.5
     return _held(out, surely)
+
+
+@dataclass(frozen=True)
+class Paint:
+    """share: (BINS**3,) of the object's among all measured points of a colour, object's and surroundings', 0 where none
+    has it."""
+
+    share: np.ndarray
+
+    @staticmethod
+    def learn(own: np.ndarray, other: np.ndarray) -> Paint:
+        """From the colours (n, 3) and (m, 3) uint8 BGR of the object's points and of the surroundings', of all images."""
+        from scipy.ndimage import gaussian_filter
+
+        density = []
+        for bgr in (own, other):
+            cells = colour_cells(bgr[:, None]).ravel() if len(bgr) else np.zeros(0, int)
+            count = np.bincount(cells, minlength=BINS**3).reshape((BINS,) * 3) / max(len(cells), 1)
+            density.append(gaussian_filter(count, 1.0).ravel())
+        seen = density[0] > FAINTEST
+        return Paint(np.where(seen, density[0] / np.maximum(density[0] + density[1], 1e-30), 0.0))
+
+
+def unsure(image: np.ndarray, found: np.ndarray, painted: Paint) -> np.ndarray:
+    """(h, w) bool: what has the object's colours and no others', hangs together with the silhouette, and is not in it.
+
+    It may be a part of the object that no stereo has measured, such as a handle seen in one image only, or another thing of
+    its colour: the image does not say which.
+
+    Args:
+        image: (h, w, 3) uint8, undistorted; found: (h, w) bool of `refine`.
+        painted: of the object and its surroundings.
+    """
+    import cv2
+
+    size = equivalent_diameter(found)
+    side = max(3, round(2 * BAND * size) | 1)
+    alike = ((painted.share[colour_cells(image)] > ITS_OWN) & ~found).astype(np.uint8)
+    # along the outline a fringe always has the object's colours
+    alike = cv2.morphologyEx(alike, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    grown = cv2.dilate(alike, np.ones((side, side), np.uint8)) > 0
+    count, piece, stats, _ = cv2.connectedComponentsWithStats((grown & ~found).astype(np.uint8), connectivity=8)
+    near = cv2.dilate(found.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    touches = np.bincount(piece[near], minlength=count) > 0
+    keep = touches & (stats[:, cv2.CC_STAT_AREA] > LEAST_PART * np.count_nonzero(found))
+    keep[0] = False
+    return np.asarray(keep[piece])
 
 
 def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:

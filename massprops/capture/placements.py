@@ -19,10 +19,18 @@ LEAST_PAIRS = 6
 """Pairs of like direction across a division without which it is not believed."""
 MET = 0.6
 """Least share of each part's images that look from like directions as some image of the other."""
+NEXT_DEG = 12.0
+"""Angle within which one placement is sure to show the same features. Where only one part meets the other, pairs so near
+across the division must share less than pairs of like direction within it, which are farther apart: next to a border of
+one placement they share more."""
+SURE = 0.3
+"""Part of its largest component from which on a component of the dividing eigenvector has a sign."""
 LEAST_SHARED = 3
 """Features in common with a placement's images, all together, that make an image one of them."""
 NEIGHBOURS = 3
 """Decided images on each side, in the order of capture, that must show the same placement to decide one between them."""
+PAUSE = 5.0
+"""A pause this many times the usual one between two images is when hands were at work."""
 LEAST_POINTS = 60
 """Sparse points on the object without which no division is looked for."""
 FEW = 0.25
@@ -117,20 +125,45 @@ def _linked(label: np.ndarray, shared: np.ndarray) -> np.ndarray:
     return out
 
 
-def by_order(label: np.ndarray) -> np.ndarray:
+def by_order(label: np.ndarray, timestamp_ns: np.ndarray | None = None) -> np.ndarray:
     """Labels (n,) in the order of capture, with undecided images (-1) given the placement of their neighbours.
 
     An object is set down anew a few times, not between any two images: where the `NEIGHBOURS` decided images before and
-    those after all show one placement, so does the image between them.
+    those after all show one placement, so does the image between them. Where the decided images of every placement follow
+    each other, so do all of its images, and those between two placements are divided by the one long pause.
+
+    Args:
+        label: (n,) of `divide`.
+        timestamp_ns: (n,) when each was taken, not positive where nobody knows.
     """
     out = label.copy()
     decided = np.flatnonzero(label >= 0)
+    runs = 1 + int(np.count_nonzero(np.diff(label[decided])))
+    if len(decided) and runs == len(np.unique(label[decided])):
+        for before, after in zip(decided[:-1], decided[1:], strict=True):
+            out[before:after] = label[before]
+            if label[before] != label[after]:
+                cut = _long_pause(timestamp_ns, int(before), int(after))
+                out[before + 1 : after] = -1
+                if cut is not None:
+                    out[before:cut], out[cut : after + 1] = label[before], label[after]
+        return out
     for i in np.flatnonzero(label < 0):
         place = int(np.searchsorted(decided, i))
         near = label[decided[max(0, place - NEIGHBOURS) : place + NEIGHBOURS]]
         if len(near) >= NEIGHBOURS and (near == near[0]).all():
             out[i] = near[0]
     return out
+
+
+def _long_pause(timestamp_ns: np.ndarray | None, before: int, after: int) -> int | None:
+    """The first image after the one long pause among images `before` to `after`, or None where there is none."""
+    if timestamp_ns is None or (timestamp_ns <= 0).any():
+        return None
+    pause = np.diff(timestamp_ns).astype(float)
+    usual = max(float(np.median(pause)), 1.0)
+    long = [i for i in range(before, after) if pause[i] > PAUSE * usual]
+    return long[0] + 1 if len(long) == 1 else None
 
 
 def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
@@ -148,18 +181,38 @@ def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
         return None
     affinity = np.minimum(shared, usual) - np.where(like, 0.5 * usual, 0.0)
     affinity[~apart] = 0.0
-    side = np.linalg.eigh(affinity)[1][:, -1] > 0
+    side = _sides(affinity, shared)
     if min(side.sum(), (~side).sum()) < 4:
         return None
     across = side[:, None] != side[None]
     # two sides of one placement meet at their border only; two placements are seen from the same directions
     met = (like & across).any(1)
-    if min(met[side].mean(), met[~side].mean()) < MET:
+    met_side, met_other = met[side].mean(), met[~side].mean()
+    if max(met_side, met_other) < MET:
         return None
-    between, within = shared[like & across], shared[like & ~across]
+    # a placement of a few images is seen from some of the directions of the other
+    near = like if min(met_side, met_other) >= MET else like & (angle < NEXT_DEG)
+    between, within = shared[near & across], shared[like & ~across]
     if len(between) < 2 * LEAST_PAIRS or len(within) < 2 * LEAST_PAIRS:
         return None
     return side if np.median(between) < FEW * np.median(within) else None
+
+
+def _sides(affinity: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    """(n,) bool: the sign of the leading eigenvector of affinities (n, n), and where it is next to zero, the side with whose
+    decided images an image shares more features (n, n), the surest first.
+
+    The eigenvector keeps to where the directions of two placements meet; along the rest of a long ring its sign is noise.
+    """
+    leading = np.linalg.eigh(affinity)[1][:, -1]
+    side = np.where(np.abs(leading) > SURE * np.abs(leading).max(), np.sign(leading), 0.0)
+    while (side == 0).any():
+        drawn = np.where(side == 0, shared @ side, 0.0)
+        surest = int(np.argmax(np.abs(drawn)))
+        if drawn[surest] == 0:
+            break
+        side[surest] = np.sign(drawn[surest])
+    return np.asarray(side > 0)
 
 
 def on_object(xyz: np.ndarray, centres: np.ndarray, centre: np.ndarray, radius: float, seed: int = 0) -> np.ndarray:

@@ -14,6 +14,8 @@ import numpy as np
 
 from massprops.capture.choice import Located
 from massprops.capture.support import (
+    CAMERAS_ABOVE,
+    MOST_BELOW,
     TOLERANCE,
     OnSupport,
     Region,
@@ -27,6 +29,8 @@ from massprops.capture.support import (
 from massprops.errors import NotPossible
 from massprops.views import Views
 
+PARALLEL = 0.97
+"""Cosine between normals of planes that are parallel."""
 NEAR_PX = (3.0, 6.0, 12.0)
 """Distances from the pixel pointed at within which points are looked for, one after the other [px]."""
 DEEP = 0.05
@@ -89,7 +93,13 @@ class Found:
     readings: list[Reading] = field(default_factory=list)
 
 
-def find_object(scene: Scene, pointed: Sequence[Located] = (), keep_support: bool = False, seed: int = 0) -> Found:
+def find_object(
+    scene: Scene,
+    pointed: Sequence[Located] = (),
+    keep_support: bool = False,
+    seed: int = 0,
+    known: np.ndarray | None = None,
+) -> Found:
     """The object among the points of a region.
 
     Args:
@@ -97,11 +107,14 @@ def find_object(scene: Scene, pointed: Sequence[Located] = (), keep_support: boo
         pointed: what the user points at in these views.
         keep_support: what it stands on belongs to it, down to the lowest plane seen.
         seed: of the draws.
+        known: (4,) support of another placement in the same room.
 
     Raises:
         NotPossible: the user points at the support or at nothing.
     """
     plane = find_support(scene.xyz, scene.normal, scene.views.centres, scene.region, seed)
+    if known is not None and (plane is None or plane[:3] @ known[:3] < PARALLEL) and _bears(scene, known):
+        plane = known
     if keep_support and plane is not None:
         plane = lowest_support(scene, plane, seed)
     first = split(scene.xyz, scene.normal, plane, scene.region, scene.pixel)
@@ -118,6 +131,16 @@ def find_object(scene: Scene, pointed: Sequence[Located] = (), keep_support: boo
     if top is not None:
         return _with_stand(scene, first, top, pointed)
     return Found(first, [] if pointed else _rivals(scene, first, piece, weight))
+
+
+def _bears(scene: Scene, plane: np.ndarray) -> bool:
+    """Whether a plane (4,) may carry all that was measured: next to nothing lies below it, and the cameras above.
+
+    A flat side that faces the cameras is the largest plane of images that show little of the table.
+    """
+    height = scene.xyz @ plane[:3] + plane[3]
+    above = np.mean(scene.views.centres @ plane[:3] + plane[3] > 0)
+    return bool(np.mean(height < -2 * TOLERANCE * scene.region.radius) < MOST_BELOW and above > CAMERAS_ABOVE)
 
 
 def _as_split(scene: Scene, piece: np.ndarray, member: np.ndarray, plane: np.ndarray | None) -> OnSupport:
@@ -230,7 +253,7 @@ def lowest_support(scene: Scene, plane: np.ndarray, seed: int = 0) -> np.ndarray
     best, depth = plane, 0.0
     for other in planes(xyz, normal, scene.region.radius, seed):
         below = float((other[:3] @ middle + other[3]) - (plane[:3] @ middle + plane[3]))
-        parallel = other[:3] @ plane[:3] > 0.97
+        parallel = other[:3] @ plane[:3] > PARALLEL
         if parallel and below > max(depth, 4 * TOLERANCE * scene.region.radius):
             best, depth = other, below
     return best
@@ -257,7 +280,11 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         rise = scene.xyz[own] @ top[:3] + top[3]
         step = max(2 * TOLERANCE * scene.region.radius, 2 * scene.pixel)
         upper, lower = rise > step, rise < -step
-        if top[:3] @ plane[:3] < 0.97 or upper.mean() < LEAST_UPPER or np.median(height[np.abs(rise) < step]) < step:
+        if (
+            top[:3] @ plane[:3] < PARALLEL
+            or upper.mean() < LEAST_UPPER
+            or np.median(height[np.abs(rise) < step]) < step
+        ):
             continue
         level = own[np.abs(rise) < step]
         if not _is_ledge(scene, level, plane):

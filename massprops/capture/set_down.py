@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.capture.occlusion import LEAST_AGREEMENT, Occlusion, Voxels, explained, hull
+from massprops.capture.placements import PAUSE
 
 LEAST_IMAGES = 8
 """Images of a placement: half of them must make a hull (`occlusion.LEAST_HIDDEN`) and half of them test it."""
 BETTER = 0.015
 """Rise of the foretold intersection over union that a division must bring. Set on one plain cup, turned over and moved by
 its own width: .039 at the right place, .049 at the best. Of a flat plate no hull explains enough to be divided."""
-PAUSE = 5.0
-"""A pause this many times the usual one between two images is when hands were at work."""
 
 
 def foretold(grid: Voxels, maps: Occlusion, member: np.ndarray) -> np.ndarray:

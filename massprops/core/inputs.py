@@ -7,6 +7,7 @@ from typing import Any
 
 from massprops.core.files import files_below, hash_file, hash_of, plain
 from massprops.core.outputs import OWN
+from massprops.core.processes import muffled
 from massprops.errors import InputError
 
 
@@ -18,7 +19,8 @@ def read_image(path: Path, kind: int = 1) -> Any:
     """
     import cv2
 
-    image = cv2.imread(str(path), kind)
+    with muffled():
+        image = cv2.imread(str(path), kind) if path.is_file() else None
     if image is None:
         raise OSError(5, "an image of an earlier stage cannot be read", str(path))
     return image

@@ -106,6 +106,15 @@ class Outputs:
 
     # -- asking
 
+    def _check_place(self, name: str) -> None:
+        """A name may come from a file that is read, such as a run's list of its images."""
+        try:
+            place = Path(_inside(name)).parts[0]
+        except ValueError:
+            place = OWN
+        if place == OWN:
+            raise InputError(f"{self.folder}: {name!r} does not stay in this folder, and no other is written")
+
     def check(self, by: str, names: Iterable[str], inputs: Iterable[Path] = (), force: bool = False) -> None:
         """Refuses what must not be written over.
 
@@ -122,6 +131,7 @@ class Outputs:
         names = list(names)
         for name in names:
             path = self.folder / name
+            self._check_place(name)
             self._check_parents(path)
             own = self._owner(name) == by or self.folders.get(name.rstrip("/")) == by
             for source in given:

@@ -40,6 +40,8 @@ SHAPE_SD = 1.5
 """Prior of the logarithms of second moments: bodies up to 20 times as long as thick lie within two of it."""
 SCALE_SD = 0.005
 """Prior of a gyroscope's scale and misalignment: between data sheets of raw ones (1 to 3 %) and calibrated ones (0.1 %)."""
+OFFSET_SD = 0.01
+"""Prior of the offset of a gyroscope beside attitudes [rad/s]: a phone's, and far more than a spacecraft's."""
 WIDE = 10.0
 """Prior of momenta at the start over those of the mean moment: no word at all."""
 AXIS_SD = 0.3

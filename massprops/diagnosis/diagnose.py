@@ -36,12 +36,11 @@ class BalanceDiagnosis:
 
 
 def decides(sequence: Sequence) -> bool:
-    """Whether the balance of momentum decides by itself: body rates of a short record, or attitudes, and nothing else
-    measured."""
-    measured = [x for x in (sequence.tracks, sequence.attitude, sequence.range, sequence.rates) if x is not None]
-    if len(measured) != 1:
+    """Whether the balance of momentum decides by itself: body rates of a short record, or attitudes with or without body
+    rates beside them, and nothing else measured."""
+    if sequence.tracks is not None or sequence.range is not None:
         return False
-    if sequence.rates is not None and len(sequence.rates.w):
+    if sequence.attitude is None and sequence.rates is not None and len(sequence.rates.w):
         return _turn(sequence.rates.timestamp_ns * 1e-9, sequence.rates.w) < criteria.MOST_TURN
     if sequence.attitude is not None and len(sequence.attitude.q) >= FEWEST_ROWS:
         try:
@@ -61,7 +60,7 @@ def _turn(times: np.ndarray, w: np.ndarray) -> float:
 def diagnose_by_balance(
     sequence: Sequence, progress: Callable[[str, int, int], None] = lambda what, done, total: None
 ) -> BalanceDiagnosis:
-    """What a record of body rates or of attitudes lacks beside a free rigid body.
+    """What a record of body rates, of attitudes or of both lacks beside a free rigid body.
 
     `body.yaml` has no say: an inertia that is wrong would be paid for by an effect.
 
@@ -72,8 +71,8 @@ def diagnose_by_balance(
     record, lever = _record(sequence)
     turn = _turn(record.path.t, record.path.w)
     blind = turn < criteria.LEAST_TURN
-    found = rigid_body_alone(record) if blind else select(record, progress)
-    if sequence.rates is not None and sequence.rates.sigma is None:
+    found = _without_effects(record, turn) if blind else select(record, progress)
+    if record.rows.rates and sequence.rates is not None and sequence.rates.sigma is None:
         warnings.append(f"imu0 states no noise: {_noise(found):.3g} rad/s estimated, which no smooth torque can follow")
     document = document_of_selection(found, warnings)
     if blind:
@@ -83,13 +82,25 @@ def diagnose_by_balance(
     return BalanceDiagnosis(document=document, model=model_of_selection(found), record=record, selection=found)
 
 
+def _without_effects(record: Record, turn: float) -> Selection:
+    """The free body alone, for a record that shows too little of a turn to be searched.
+
+    Raises:
+        NotPossible: it shows nothing at all, as of a body that stands still.
+    """
+    try:
+        return rigid_body_alone(record)
+    except NotPossible:
+        raise NotPossible(_blind(turn)) from None
+
+
 def diagnose_several(
     sequences: dict[str, Sequence], progress: Callable[[str, int, int], None] = lambda what, done, total: None
 ) -> dict[str, Any]:
     """What several records of one body lack beside a free rigid body: the content of `diagnosis.json`.
 
     Args:
-        sequences: of body rates alone or of attitudes alone, by name; their body axes are the same.
+        sequences: of body rates alone or of attitudes, by name; their body axes are the same.
 
     Raises:
         InputError: a record holds something else.
@@ -100,7 +111,7 @@ def diagnose_several(
     for name, sequence in sequences.items():
         if not decides(sequence):
             raise InputError(
-                f"{name}: records given together hold body rates alone over at most ten turns, or attitudes alone"
+                f"{name}: records given together hold body rates alone over at most ten turns, or attitudes"
             )
     found = [diagnose_by_balance(s, progress) for s in sequences.values()]
     joint = together([f.selection for f in found])
@@ -120,11 +131,11 @@ def write_several(document: dict[str, Any], out: Path, inputs: Iterable[Path], f
 
 
 def _record(sequence: Sequence) -> tuple[Record, Lever | None]:
-    if sequence.rates is None:
-        assert sequence.attitude is not None
-        return record_of_attitudes(sequence.attitude, sequence.environment), None
-    record = record_of_rates(sequence.rates)
-    return record, check_free_flight(sequence, record)
+    if sequence.attitude is None:
+        assert sequence.rates is not None
+        record = record_of_rates(sequence.rates)
+        return record, check_free_flight(sequence, record)
+    return record_of_attitudes(sequence.attitude, sequence.environment, sequence.rates), None
 
 
 def _blind(turn: float) -> str:
@@ -158,10 +169,11 @@ def residual_table(d: BalanceDiagnosis) -> str:
     """Residuals before and after by measurement, and the latent torque of the rigid body alone."""
     lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
     s = d.selection
-    kind = "rate" if d.record.rows.rates else "attitude"
     before = s.base.residual / s.noise
     after = (s.named[0].alone if s.named else s.base).residual / s.noise
-    for t, b, a in zip(d.record.stamp, before, after, strict=True):
+    kinds = ["rate" if d.record.rows.rates else "attitude"] * len(d.record.stamp)
+    kinds += ["rate"] * (len(before) - len(kinds))
+    for t, kind, b, a in zip(d.record.row_stamp, kinds, before, after, strict=True):
         lines += [f"{t},{kind},,,{name},{b[k]:.4f},{a[k]:.4f}" for k, name in enumerate("xyz")]
     if s.verdict == "unexplained":
         for t, v in zip(d.record.stamp, s.unknown.torque[d.record.rows.at], strict=True):

@@ -175,7 +175,7 @@ def _wheel_parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, f
 
 def where(s: Selection) -> list[dict[str, Any]]:
     """The parts of the record that a free rigid body explains worst."""
-    times, residual = s.base.record.times, s.base.residual / s.noise
+    times, residual = s.base.record.row_times, s.base.residual / s.noise
     edges = np.linspace(times[0], times[-1], INTERVALS + 1)
     out = []
     for a, b in zip(edges[:-1], edges[1:], strict=True):

@@ -12,6 +12,8 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 - `momentum_variants(held, gap)`: others worth a fit once one is found, gap the time between measurements [s];
 - `momentum_steps(held, gap)`: by name, the step with which a value that was scanned is moved to its best.
 
+- `unit_torques(t, q, w, around)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each.
+
 With `parts` in `held` the unknowns come once for each part, and a parameter is their sum.
 """
 
@@ -118,6 +120,9 @@ def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarr
     sky = Sky((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) if sky is None else sky
     n, six = len(path.t), six_of(inertia)
     q = tuple(path.q.T)
+    if hasattr(effect, "unit_torques"):
+        units = effect.unit_torques(path.t, q, tuple(rate.T), sky)
+        return torque_forcing(path, np.moveaxis(np.array(units), 2, 0).swapaxes(1, 2))
     columns, held = [], dict(term.held)
     for unknown in term.unknowns:
         p = [1.0 if q.name == unknown else held.get(q.name, 0.0) for q in effect.PARAMETERS]

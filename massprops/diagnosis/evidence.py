@@ -60,6 +60,33 @@ class Posterior:
     residual: np.ndarray
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Rows:
+    """The rows as inner products, by noise factor.
+
+    Attributes:
+        X: (r, k) columns of all blocks; y: (r,); groups: which rows have each factor; G: (k, k) and by: (k,) of each
+            group's columns with themselves and with y; n: (g,) rows of each.
+    """
+
+    X: np.ndarray
+    y: np.ndarray
+    groups: list[np.ndarray]
+    G: list[np.ndarray]
+    by: list[np.ndarray]
+    n: np.ndarray
+
+
+def _rows(blocks: list[Block], y: np.ndarray, group: np.ndarray | None) -> _Rows:
+    X = np.concatenate([b.columns for b in blocks], axis=1)
+    group = np.zeros(len(y), int) if group is None else group
+    groups = [group == g for g in range(int(group.max()) + 1)]
+    Gs, bys = [X[own].T @ X[own] for own in groups], [X[own].T @ y[own] for own in groups]
+    if not all(np.isfinite(G).all() for G in Gs):
+        raise FloatingPointError("the columns leave all bounds")
+    return _Rows(X=X, y=y, groups=groups, G=Gs, by=bys, n=np.array([int(own.sum()) for own in groups]))
+
+
 def solve(
     blocks: list[Block], y: np.ndarray, noise_rows: float, group: np.ndarray | None = None, steps: int = STEPS
 ) -> Posterior:
@@ -72,58 +99,31 @@ def solve(
     Raises:
         FloatingPointError, numpy.linalg.LinAlgError: the numbers leave all bounds.
     """
-    from scipy.linalg import cho_factor, cho_solve
-
-    X = np.concatenate([b.columns for b in blocks], axis=1)
-    group = np.zeros(len(y), int) if group is None else group
-    groups = [group == g for g in range(int(group.max()) + 1)]
-    Gs, bys = [X[own].T @ X[own] for own in groups], [X[own].T @ y[own] for own in groups]
-    if not all(np.isfinite(G).all() for G in Gs):
-        raise FloatingPointError("the columns leave all bounds")
-    n = np.array([int(own.sum()) for own in groups])
-    places, at = [], 0
-    for block in blocks:
-        places.append(slice(at, at + block.count))
-        at += block.count
+    rows = _rows(blocks, y, group)
+    ends = np.cumsum([b.count for b in blocks])
+    places = [slice(int(end) - b.count, int(end)) for b, end in zip(blocks, ends, strict=True)]
     sd = np.concatenate([np.broadcast_to(np.asarray(b.sd, float), b.count) for b in blocks]).copy()
     scale = {b.name: float(np.median(np.broadcast_to(b.sd, b.count))) for b in blocks if b.kind == "sparse"}
-    noise, evidence = np.ones(len(groups)), -np.inf
-    residual = y
-    mean = np.zeros(at)
-    covariance = np.zeros((at, at))
+    noise, evidence = np.ones(len(rows.groups)), -np.inf
+    residual, mean, covariance = y, np.zeros(len(sd)), np.zeros((len(sd), len(sd)))
     for _ in range(steps):
-        G = np.add.reduce([g / s**2 for g, s in zip(Gs, noise, strict=True)])
-        by = np.add.reduce([b / s**2 for b, s in zip(bys, noise, strict=True)])
-        whole = sd[:, None] * G * sd + np.eye(at)
-        if not np.isfinite(whole).all():
-            raise FloatingPointError("the unknowns leave all bounds")
-        factor = cho_factor(whole, lower=True)
-        mean = sd * cho_solve(factor, sd * by)
-        covariance = sd[:, None] * cho_solve(factor, np.diag(sd))
-        residual = y - X @ mean
-        left = np.array([float(residual[own] @ residual[own]) for own in groups])
+        mean, covariance, root = _unknowns(rows, sd, noise)
+        residual = y - rows.X @ mean
+        left = np.array([float(residual[own] @ residual[own]) for own in rows.groups])
         prior = float(np.sum((mean / sd) ** 2))
-        new = -float(np.sum(n * np.log(noise) + 0.5 * left / noise**2)) - 0.5 * prior
-        new -= float(np.sum(np.log(np.diag(factor[0]))))
+        new = -float(np.sum(rows.n * np.log(noise) + 0.5 * left / noise**2)) - 0.5 * prior
+        new -= float(np.sum(np.log(root)))
         new -= 0.5 * noise_rows * float(np.sum(2.0 * np.log(noise) + 1.0 / noise**2 - 1.0))
-        second = mean**2 + np.diag(covariance)
-        for block, own in zip(blocks, places, strict=True):
-            if block.kind == "common":
-                sd[own] = np.sqrt(max(float(np.mean(second[own])), 1e-24))
-            elif block.kind == "sparse":
-                new += _sparse_bound(sd[own], second[own], scale[block.name])
-                precision = (DEGREES + 1.0) / (DEGREES * scale[block.name] ** 2 + second[own])
-                sd[own] = 1.0 / np.sqrt(precision)
-                scale[block.name] = 1.0 / np.sqrt(float(np.mean(precision)))
+        new += _moved_sizes(blocks, places, sd, scale, mean**2 + np.diag(covariance))
         # what of each group's residual the unknowns took up: expectation maximisation's second moment
-        taken = np.array([float(np.sum(covariance * g)) for g in Gs])
-        noise = np.sqrt((left + taken + noise_rows) / (n + noise_rows))
+        taken = np.array([float(np.sum(covariance * g)) for g in rows.G])
+        noise = np.sqrt((left + taken + noise_rows) / (rows.n + noise_rows))
         if not np.isfinite(new) or not np.isfinite(sd).all():
             raise FloatingPointError("the unknowns leave all bounds")
-        if abs(new - evidence) < SMALL_GAIN:
-            evidence = new
-            break
+        settled = abs(new - evidence) < SMALL_GAIN
         evidence = new
+        if settled:
+            break
     return Posterior(
         evidence=float(evidence),
         mean={b.name: mean[p] for b, p in zip(blocks, places, strict=True)},
@@ -132,6 +132,38 @@ def solve(
         noise=noise,
         residual=residual,
     )
+
+
+def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (k,) and covariance (k, k) of the unknowns under prior sd (k,) and noise factors (g,), and the diagonal (k,) of
+    the Cholesky factor of their precision over the prior's."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    G = np.add.reduce([g / s**2 for g, s in zip(rows.G, noise, strict=True)])
+    by = np.add.reduce([b / s**2 for b, s in zip(rows.by, noise, strict=True)])
+    whole = sd[:, None] * G * sd + np.eye(len(sd))
+    if not np.isfinite(whole).all():
+        raise FloatingPointError("the unknowns leave all bounds")
+    factor = cho_factor(whole, lower=True)
+    mean = sd * cho_solve(factor, sd * by)
+    return mean, sd[:, None] * cho_solve(factor, np.diag(sd)), np.diag(factor[0])
+
+
+def _moved_sizes(
+    blocks: list[Block], places: list[slice], sd: np.ndarray, scale: dict[str, float], second: np.ndarray
+) -> float:
+    """Moves the sizes `sd` (k,) and `scale` of common and sparse blocks, in place, to what the unknowns' second moments
+    (k,) say; what sparse blocks add to the evidence before that."""
+    gained = 0.0
+    for block, own in zip(blocks, places, strict=True):
+        if block.kind == "common":
+            sd[own] = np.sqrt(max(float(np.mean(second[own])), 1e-24))
+        elif block.kind == "sparse":
+            gained += _sparse_bound(sd[own], second[own], scale[block.name])
+            precision = (DEGREES + 1.0) / (DEGREES * scale[block.name] ** 2 + second[own])
+            sd[own] = 1.0 / np.sqrt(precision)
+            scale[block.name] = 1.0 / np.sqrt(float(np.mean(precision)))
+    return gained
 
 
 def _sparse_bound(sd: np.ndarray, second: np.ndarray, scale: float) -> float:

@@ -29,13 +29,14 @@ def held_out_rms(fit: HypothesisFit, over: np.ndarray) -> float:
     The fit's own linearisation serves: only what enters linearly is found again without the block. The first block and the
     last are always seen: a history that may be any, of a wheel or of an unknown torque, says nothing beyond its ends.
     """
-    count = len(fit.record.times)
-    if count < criteria.FEWEST_HELD:
+    if len(fit.record.times) < criteria.FEWEST_HELD:
         return float("nan")
-    block = np.minimum(np.arange(count) * criteria.BLOCKS // count, criteria.BLOCKS - 1)
+    times = fit.record.row_times
+    count = len(times)
+    block = np.minimum(np.argsort(np.argsort(times)) * criteria.BLOCKS // count, criteria.BLOCKS - 1)
     ends = (block == 0) | (block == criteria.BLOCKS - 1)
     fold = np.repeat(np.where(ends, -1, block % criteria.FOLDS), 3)
-    noise = np.resize(fit.noise, 3)[np.arange(3 * count) % 3]
+    noise = fit.row_noise
     X = np.concatenate([b.columns for b in fit.blocks], axis=1)
     sd = np.concatenate([fit.posterior.sd[b.name] for b in fit.blocks])
     left = np.full(len(fit.y), np.nan)

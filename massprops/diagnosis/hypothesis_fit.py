@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.conserved_start import Start
-from massprops.diagnosis.criteria import AXIS_SD, SCALE_SD, SHAPE_SD, WIDE
+from massprops.diagnosis.criteria import AXIS_SD, OFFSET_SD, SCALE_SD, SHAPE_SD, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.evidence import Block, Posterior, block_gain, reduced, solve
 from massprops.diagnosis.latent_torque import factor, hats, matern, three_axes
@@ -72,11 +72,11 @@ class HypothesisFit:
 
     Attributes:
         record: with the path at the end; shape: (5,) of the inertia; inertia: (3, 3), trace 3; momentum: (3,) at the start, inertial axes.
-        evidence: log marginal likelihood; noise: (g,) factors on the rows' noise, by axis of a gyroscope; posterior: of all unknowns.
+        evidence: log marginal likelihood; noise: (g,) factors on the rows' noise (`Rows.groups`); posterior: of all unknowns.
         values: by effect, its unknowns; covariance: theirs.
         axis, history, history_sd: of a wheel: (3,), (n,) and (n,) [rad/s], or None.
-        torque: (n, 3) latent, body axes [rad/s^2]; left: (m, 3) what the rows hold beyond the model without the latent
-            torque, over their noise; residual: (m, 3) with it. rate: (n, 3) predicted.
+        torque: (n, 3) latent, body axes [rad/s^2]; left: (all, 3) what the rows hold beyond the model without the latent
+            torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
     """
 
     hypothesis: Hypothesis
@@ -102,6 +102,11 @@ class HypothesisFit:
     @property
     def names(self) -> tuple[str, ...]:
         return self.hypothesis.names
+
+    @property
+    def row_noise(self) -> np.ndarray:
+        """(3 all,) factor on the noise of each number measured."""
+        return np.asarray(self.noise[self.record.rows.groups])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,10 +159,10 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
 def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[HypothesisFit, _Guess]:
     path, rows = record.path, record.rows
     balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
-    parts = _parts(record, hypothesis, guess, balance)
+    acting = {t.name: forcing_of(t, path, guess.rate, balance.inertia, record.sky) for t in hypothesis.terms}
+    parts = _parts(record, hypothesis, guess, balance, acting)
     blocks, y = _linear_model(parts, balance, guess)
-    group = np.tile(np.arange(3), len(rows.at)) if rows.rates else None
-    post = solve(blocks, y, record.noise_rows, group)
+    post = solve(blocks, y, record.noise_rows, rows.groups)
     base = post.mean["base"]
     step = base[:INERTIA] - guess.shape
     shape = guess.shape + step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
@@ -179,10 +184,9 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
         blocks=tuple(blocks), y=y,
     )  # fmt: skip
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
-    for term in hypothesis.terms:
-        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape), record.sky)
+    for name, forcing in acting.items():
         if forcing.internal is not None:
-            inside = inside + forcing.internal @ post.mean[term.name]
+            inside = inside + forcing.internal @ post.mean[name]
     if not rows.rates:
         moved = path.turned(phi, whole)
         found = replace(found, record=along(record, moved, attitudes_of(record)))
@@ -205,7 +209,7 @@ def _linear_model(parts: list[Any], balance: Balance, guess: _Guess) -> tuple[li
     ]
     if not all(np.isfinite(b.columns).all() for b in blocks):
         raise FloatingPointError("the path that is predicted leaves all bounds")
-    y = (balance.rows.measured - balance.constant(guess.start)).reshape(-1) * over
+    y = (balance.rows.values - balance.constant(guess.start)).reshape(-1) * over
     # the inertia's prior is about a ball, not about the present guess
     return blocks, y + blocks[0].columns[:, :INERTIA] @ guess.shape
 
@@ -214,7 +218,7 @@ def _rate_along(parts: list[Any], post: Posterior, balance: Balance, guess: _Gue
     """(n, 3) rate along the path itself, of everything that was found."""
     base = post.mean["base"]
     shift = np.concatenate([base[:INERTIA] - guess.shape, base[INERTIA:]])
-    rate = np.linalg.solve(balance.inertia, np.swapaxes(balance.path.R, 1, 2) @ guess.start[:, None])[:, :, 0]
+    rate = balance.rate_of(guess.start)[:, :, 0]
     for name, along_path, _, _, _ in parts:
         if along_path is not None:
             unknown = shift if name == "base" else post.mean[name]
@@ -234,29 +238,42 @@ def _wheel_found(
     return axis / np.linalg.norm(axis), shapes @ post.mean["wheel"], np.sqrt(np.maximum(variance, 0.0))
 
 
-def _parts(record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance) -> list[Any]:
+def _parts(
+    record: Record, hypothesis: Hypothesis, guess: _Guess, balance: Balance, acting: dict[str, Forcing]
+) -> list[Any]:
     """Name, rate along the path (n, 3, k) of a unit of each unknown, its rows, prior, and the prior's kind, by block."""
     path, speed = record.path, record.speed
     count = balance.base_count
     sd = np.concatenate([np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * speed), np.full(count - INERTIA - 3, WIDE)])
-    out: list[Any] = [("base", balance.free(), balance.base(), sd, "fixed")]
-    if record.rows.rates:
-        out.append(("gyroscope scale", None, balance.scale(), SCALE_SD, "fixed"))
+    out: list[Any] = [("base", balance.free, balance.base(), sd, "fixed")]
+    if record.rows.rates or record.rows.gyroscope is not None:
+        columns = balance.sensor()
+        out.append(("gyroscope", None, columns, sensor_sd(columns.shape[2]), "fixed"))
     if guess.axis is not None and guess.history is not None:
         axis = guess.axis
         shapes = _wheel_shapes(record, hypothesis.lag)
         history = Forcing(internal=axis[:, None] * shapes[:, None, :])
         turned = Forcing(internal=guess.history[:, None, None] * _across(axis))
         steps = np.concatenate([[WIDE * speed], np.full(shapes.shape[1] - 1, 1e-3 * speed)])
-        out.append(("wheel", balance.forced(history), balance.columns(history), steps, "sparse"))
-        out.append(("wheel axis", balance.forced(turned), balance.columns(turned), AXIS_SD, "fixed"))
-    for term in hypothesis.terms:
-        forcing = forcing_of(term, path, guess.rate, inertia_of(guess.shape), record.sky)
-        out.append((term.name, balance.forced(forcing), balance.columns(forcing), _size(forcing, speed), "common"))
+        out.append(("wheel", *_answers(balance, history), steps, "sparse"))
+        out.append(("wheel axis", *_answers(balance, turned), AXIS_SD, "fixed"))
+    for name, forcing in acting.items():
+        out.append((name, *_answers(balance, forcing), _size(forcing, speed), "common"))
     if hypothesis.latent:
         forcing = torque_forcing(path, _torque_shapes(record))
-        out.append(("latent torque", balance.forced(forcing), balance.columns(forcing), 3e-3 * speed**2, "common"))
+        out.append(("latent torque", *_answers(balance, forcing), 3e-3 * speed**2, "common"))
     return out
+
+
+def sensor_sd(count: int) -> np.ndarray:
+    """(count,) prior of the columns of `Balance.sensor`."""
+    return np.array([SCALE_SD] * 9 + [OFFSET_SD] * (count - 9))
+
+
+def _answers(balance: Balance, forcing: Forcing) -> tuple[np.ndarray, np.ndarray]:
+    """Rate along the path itself (n, 3, k) and rows (m, 3, k) of a unit of each unknown."""
+    along_path = balance.forced(forcing)
+    return along_path, balance.response(along_path)
 
 
 def _size(forcing: Forcing, speed: float) -> float:
@@ -300,7 +317,7 @@ def term_gain(fit: HypothesisFit, term: Term) -> float:
     balance = Balance(
         path=record.path, shape=fit.shape, momentum=guess_momentum, rate=fit.rate, rows=record.rows
     )  # fmt: skip
-    sigma = record.rows.spread * np.resize(fit.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
+    sigma = record.rows.spread * fit.row_noise
     columns = balance.columns(forcing_of(term, record.path, fit.rate, fit.inertia, record.sky))
     over = (record.rows.spread / sigma)[:, None]
     fixed = np.concatenate([b.columns for b in fit.blocks], axis=1) * over

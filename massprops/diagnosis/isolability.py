@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from massprops.diagnosis.criteria import SCALE_SD, SHAPE_SD, SIGNIFICANT, WIDE
+from massprops.diagnosis.criteria import SHAPE_SD, SIGNIFICANT, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of, scan
 from massprops.diagnosis.evidence import reduced
+from massprops.diagnosis.hypothesis_fit import sensor_sd
 from massprops.diagnosis.momentum_balance import INERTIA, Balance, shape_of
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.selection import usable_effects
@@ -122,9 +123,9 @@ def _information(record: Record, balance: Balance, terms: list[Term]) -> tuple[n
     sd = np.concatenate(
         [np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * record.speed), np.full(balance.base_count - INERTIA - 3, WIDE)]
     )
-    if record.rows.rates:
-        base = np.concatenate([base, balance.scale()], axis=2)
-        sd = np.concatenate([sd, np.full(9, SCALE_SD)])
+    if record.rows.rates or record.rows.gyroscope is not None:
+        columns = balance.sensor()
+        base, sd = np.concatenate([base, columns], axis=2), np.concatenate([sd, sensor_sd(columns.shape[2])])
     parts, places, at = [], [], 0
     for term in terms:
         columns = balance.columns(forcing_of(term, record.path, balance.rate, balance.inertia, record.sky))

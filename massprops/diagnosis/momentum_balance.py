@@ -26,6 +26,7 @@ Units: momenta over the mean moment, trace I = 3, so torques in rad/s^2 and mome
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -36,14 +37,16 @@ INERTIA = 5
 """Columns of the inertia: the ways one of trace 3 can change."""
 
 
+@cache
 def traceless() -> np.ndarray:
-    """(5, 3, 3) orthonormal symmetric matrices without trace."""
+    """(5, 3, 3) orthonormal symmetric matrices without trace, not to be written to."""
     r = np.sqrt(0.5)
     E = np.zeros((INERTIA, 3, 3))
     E[0] = np.diag([r, -r, 0.0])
     E[1] = np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0)
     for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
         E[2 + k, i, j] = E[2 + k, j, i] = r
+    E.flags.writeable = False
     return E
 
 
@@ -85,17 +88,39 @@ class Rows:
     Attributes:
         at: (m,) points of the path; measured: (m, 3) rates [rad/s], or turns of the attitude measured from the path
             [rad], body axes; sigma: (m,) or (m, 3) 1-sigma; rates: which of the two they are.
+        gyroscope: rates beside attitudes, their rows after those of the attitudes, or None. all: m and theirs.
     """
 
     at: np.ndarray
     measured: np.ndarray
     sigma: np.ndarray
     rates: bool
+    gyroscope: Rows | None = None
 
     @property
     def spread(self) -> np.ndarray:
-        """(3 m,) 1-sigma of each number measured."""
-        return np.repeat(self.sigma, 3) if self.sigma.ndim == 1 else self.sigma.reshape(-1)
+        """(3 all,) 1-sigma of each number measured."""
+        own = np.repeat(self.sigma, 3) if self.sigma.ndim == 1 else self.sigma.reshape(-1)
+        return own if self.gyroscope is None else np.concatenate([own, self.gyroscope.spread])
+
+    @property
+    def values(self) -> np.ndarray:
+        """(all, 3) measured."""
+        return self.measured if self.gyroscope is None else np.concatenate([self.measured, self.gyroscope.measured])
+
+    @property
+    def points(self) -> np.ndarray:
+        """(all,) of the path."""
+        return self.at if self.gyroscope is None else np.concatenate([self.at, self.gyroscope.at])
+
+    @property
+    def groups(self) -> np.ndarray:
+        """(3 all,) which factor of the noise each number has: one for each axis of a gyroscope, one for attitudes, and one
+        for a gyroscope beside them."""
+        if self.rates:
+            return np.tile(np.arange(3), len(self.at))
+        beside = 0 if self.gyroscope is None else len(self.gyroscope.at)
+        return np.repeat([0, 1], [3 * len(self.at), 3 * beside])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,10 +175,24 @@ class Balance:
     rate: np.ndarray
     rows: Rows
 
-    @property
+    @cached_property
     def inertia(self) -> np.ndarray:
         """(3, 3), trace 3."""
         return inertia_of(self.shape)
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """(3, 3) of the inertia."""
+        return np.asarray(np.linalg.inv(self.inertia))
+
+    @cached_property
+    def to_body(self) -> np.ndarray:
+        """(n, 3, 3) inertial to body axes."""
+        return np.swapaxes(self.path.R, 1, 2)
+
+    def rate_of(self, momentum: np.ndarray) -> np.ndarray:
+        """(n, 3, 1) rate along the path when the momentum is `momentum` (3,), inertial axes, and nothing else acts."""
+        return np.asarray(np.linalg.solve(self.inertia, self.to_body @ momentum[:, None]))
 
     @property
     def base_count(self) -> int:
@@ -161,52 +200,64 @@ class Balance:
         return INERTIA + (3 if self.rows.rates else 6)
 
     def constant(self, momentum: np.ndarray) -> np.ndarray:
-        """(m, 3) what the rows hold when the momentum at the start is `momentum` (3,), inertial axes, and every other
+        """(all, 3) what the rows hold when the momentum at the start is `momentum` (3,), inertial axes, and every other
         unknown zero: near the rows, so that no large numbers stand against each other."""
-        rate = np.linalg.solve(self.inertia, np.swapaxes(self.path.R, 1, 2) @ momentum[:, None])
-        if self.rows.rates:
-            return np.asarray(rate[self.rows.at, :, 0])
-        return np.asarray(self._turned(rate, own=True)[self.rows.at, :, 0])
+        rate = self.rate_of(momentum)
+        return self._rows_of(rate, None if self.rows.rates else self._turned(rate, own=True))[:, :, 0]
 
+    @cached_property
     def free(self) -> np.ndarray:
         """(n, 3, 8) rate along the path itself of a unit of each of the inertia's shape and of the momentum at the start."""
-        inverse = np.linalg.inv(self.inertia)
-        by_shape = -np.einsum("ij,ajk,nk->nia", inverse, inertia_slopes(self.shape), self.rate)
-        return np.concatenate([by_shape, inverse @ np.swapaxes(self.path.R, 1, 2)], axis=2)
+        by_shape = -np.swapaxes(self.rate @ np.swapaxes(self.inverse @ inertia_slopes(self.shape), 1, 2), 0, 1)
+        return np.concatenate([np.swapaxes(by_shape, 1, 2), self.inverse @ self.to_body], axis=2)
 
     def base(self) -> np.ndarray:
-        """(m, 3, `base_count`) columns of `free`, and with attitudes of the turn at the start."""
-        out = self.response(self.free())
+        """(all, 3, `base_count`) columns of `free`, and with attitudes of the turn at the start."""
+        out = self.response(self.free)
         if self.rows.rates:
             return out
         none = np.zeros((len(self.path.t), 3, 3))
-        return np.concatenate([out, self._turned(none, np.eye(3))[self.rows.at]], axis=2)
+        return np.concatenate([out, self._rows_of(none, self._turned(none, np.eye(3)))], axis=2)
 
-    def scale(self) -> np.ndarray:
-        """(m, 3, 9) columns of a gyroscope's scale and misalignment S: it shows (1 + S) w, and the path that was
-        integrated from it is turned by as much."""
+    def sensor(self) -> np.ndarray:
+        """(all, 3, 9 or 12) columns of a gyroscope's scale and misalignment S: it shows (1 + S) w, and a path that was
+        integrated from it is turned by as much. One beside attitudes has an offset too; attitudes have none of it."""
         shown = np.einsum("ij,nk->nijk", np.eye(3), self.rate).reshape(len(self.rate), 3, 9)
+        if self.rows.gyroscope is not None:
+            offset = np.broadcast_to(np.eye(3), (len(self.rate), 3, 3))
+            out = np.zeros((len(self.rows.points), 3, 12))
+            out[len(self.rows.at) :] = np.concatenate([shown, offset], axis=2)[self.rows.gyroscope.at]
+            return out
         R = self.path.R
-        turn = -np.swapaxes(R, 1, 2) @ integral(self.path.t, R @ shown)
-        return np.asarray((shown + self._answer() @ turn)[self.rows.at])
+        turn = -self.to_body @ integral(self.path.t, R @ shown)
+        return np.asarray((shown + self._answer @ turn)[self.rows.at])
 
     def columns(self, forcing: Forcing) -> np.ndarray:
-        """(m, 3, k) response of the rows to a unit of each unknown."""
+        """(all, 3, k) response of the rows to a unit of each unknown."""
         return self.response(self.forced(forcing))
 
     def forced(self, forcing: Forcing) -> np.ndarray:
         """(n, 3, k) rate along the path itself of a unit of each unknown."""
         total = np.zeros((len(self.path.t), 3, forcing.count))
         if forcing.momentum is not None:
-            total += np.swapaxes(self.path.R, 1, 2) @ forcing.momentum
+            total += self.to_body @ forcing.momentum
         if forcing.internal is not None:
             total -= forcing.internal
-        out = np.linalg.inv(self.inertia) @ total
+        out = self.inverse @ total
         return np.asarray(out if forcing.rate is None else out + forcing.rate)
 
     def response(self, rate: np.ndarray) -> np.ndarray:
-        """(m, 3, k) rows of a change of the rate (n, 3, k)."""
-        return np.asarray((rate if self.rows.rates else self._turned(rate))[self.rows.at])
+        """(all, 3, k) rows of a change of the rate (n, 3, k)."""
+        return self._rows_of(rate, None if self.rows.rates else self._turned(rate))
+
+    def _rows_of(self, rate: np.ndarray, turned: np.ndarray | None) -> np.ndarray:
+        """(all, 3, k) rows of a rate along the path itself (n, 3, k) and of the turns from it (n, 3, k), None for rates."""
+        if turned is None:
+            return np.asarray(rate[self.rows.at])
+        own, beside = turned[self.rows.at], self.rows.gyroscope
+        if beside is None:
+            return np.asarray(own)
+        return np.concatenate([own, rate[beside.at] + self._answer[beside.at] @ turned[beside.at]])
 
     def motion(self, rate: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Rate (n, 3) and turn (n, 3) from the path when the balance gives this rate (n, 3) along the path itself, and
@@ -215,55 +266,18 @@ class Balance:
             return rate, np.zeros_like(rate)
         first = np.zeros((3, 1)) if turn is None else turn[:, None]
         phi = self._turned(rate[:, :, None], first, own=True)
-        return rate + (self._answer() @ phi)[:, :, 0], phi[:, :, 0]
+        return rate + (self._answer @ phi)[:, :, 0], phi[:, :, 0]
 
     def _turned(self, rate: np.ndarray, first: np.ndarray | None = None, own: bool = False) -> np.ndarray:
         """(n, 3, k) turns from the path of rates (n, 3, k) along it, from `first` (3, k) on; less the path's own turning
         where `own` says so."""
-        first = np.zeros((3, rate.shape[2])) if first is None else first
-        steps = self.path.steps
-        return _march(self.path.t, self._answer(), steps, rate, first, steps if own else np.zeros_like(steps))
+        from massprops.diagnosis.turn_kernel import turned
 
+        first = np.zeros((3, rate.shape[2])) if first is None else first
+        rate = np.ascontiguousarray(rate)
+        return np.asarray(turned(self.path.t, self._answer, self.path.steps, rate, first, 1.0 if own else 0.0))
+
+    @cached_property
     def _answer(self) -> np.ndarray:
         """(n, 3, 3) how the rate answers a turn from the path: I^-1 [R^T L]x."""
-        return np.asarray(np.linalg.inv(self.inertia) @ skew(self.momentum))
-
-
-def _march(
-    t: np.ndarray, answer: np.ndarray, steps: np.ndarray, rate: np.ndarray, first: np.ndarray, less: np.ndarray
-) -> np.ndarray:
-    """(n, 3, k) with phi' = (answer - [u]x) phi + rate - less from `first` (3, k), by the trapezoid.
-
-    Args:
-        steps, less: (n - 1, 3) constant from each point to the next: the path's own rate u, and what is taken off.
-    """
-    h = np.diff(t)[:, None, None]
-    u = skew(steps)
-    left = np.linalg.inv(np.eye(3) - 0.5 * h * (answer[1:] - u))
-    step = left @ (np.eye(3) + 0.5 * h * (answer[:-1] - u))
-    push = left @ (0.5 * h * (rate[1:] + rate[:-1]) - h * less[:, :, None])
-    return _recursion(step, push, first)
-
-
-def _recursion(step: np.ndarray, push: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """(n + 1, 3, k) with x_0 = first (3, k), x_i+1 = step_i x_i + push_i; step (n, 3, 3), push (n, 3, k).
-
-    All stretches of about sqrt(n) steps are done side by side, each as a linear map of where it begins.
-    """
-    n, k = len(push), push.shape[2]
-    length = max(1, int(np.sqrt(n)))
-    count = -(-n // length)
-    spare = count * length - n
-    steps = np.concatenate([step, np.broadcast_to(np.eye(3), (spare, 3, 3))]).reshape(count, length, 3, 3)
-    pushes = np.concatenate([push, np.zeros((spare, 3, k))]).reshape(count, length, 3, k)
-    carried, added = np.empty_like(steps), np.empty_like(pushes)
-    carried[:, 0], added[:, 0] = steps[:, 0], pushes[:, 0]
-    for i in range(1, length):
-        carried[:, i] = steps[:, i] @ carried[:, i - 1]
-        added[:, i] = steps[:, i] @ added[:, i - 1] + pushes[:, i]
-    begins = np.empty((count, 3, k))
-    begins[0] = first
-    for j in range(1, count):
-        begins[j] = carried[j - 1, -1] @ begins[j - 1] + added[j - 1, -1]
-    out = (carried @ begins[:, None] + added).reshape(count * length, 3, k)[:n]
-    return np.concatenate([first[None], out])
+        return np.ascontiguousarray(self.inverse @ skew(self.momentum))

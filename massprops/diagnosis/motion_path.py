@@ -7,6 +7,7 @@ solves for (`momentum_balance`). Inertial axes are those of attitude0 where ther
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from massprops.dynamics.quaternion import (
 LARGEST_STEP = np.radians(3.0)
 """Rotation between two points of the path: the trapezoid's error per turn is then below 0.02 %."""
 MOST_POINTS = 6000
+ALIKE_S = 1e-9
+"""Times that are one [s]: stamps are whole nanoseconds."""
 LEAST_POINTS = 240
 """Of a path: an event is placed to a fraction of a step, and a short record of attitudes has few epochs."""
 
@@ -38,12 +41,12 @@ class MotionPath:
     q: np.ndarray
     w: np.ndarray
 
-    @property
+    @cached_property
     def R(self) -> np.ndarray:
         """(n, 3, 3) body to inertial."""
         return rotation_matrix(self.q)
 
-    @property
+    @cached_property
     def steps(self) -> np.ndarray:
         """(n - 1, 3) constant body rate that turns each attitude into the next [rad/s]."""
         turn = rotation_vector(multiply(conjugate(self.q[:-1]), self.q[1:]))
@@ -70,6 +73,12 @@ def path_points(t: np.ndarray, w: np.ndarray) -> np.ndarray:
     return np.concatenate([*inner, t[-1:]])
 
 
+def nearest(points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(k,) which of rising times (n,) is nearest to each of times (k,)."""
+    after = np.clip(np.searchsorted(points, t), 1, len(points) - 1)
+    return np.where(t - points[after - 1] < points[after] - t, after - 1, after)
+
+
 def path_from_rates(t: np.ndarray, w: np.ndarray) -> MotionPath:
     """Rates (m, 3) at times (m,) integrated from an attitude of zero; between samples a cubic spline."""
     from scipy.interpolate import CubicSpline
@@ -87,14 +96,18 @@ def path_from_rates(t: np.ndarray, w: np.ndarray) -> MotionPath:
     return MotionPath(t=points, q=normalise(q), w=spline(points))
 
 
-def path_from_attitudes(t: np.ndarray, q: np.ndarray, w: np.ndarray) -> MotionPath:
-    """Attitudes (m, 4) and rates (m, 3) at times (m,), joined by cubics in the rotation vector from each to the next.
+def path_from_attitudes(t: np.ndarray, q: np.ndarray, w: np.ndarray, more: np.ndarray | None = None) -> MotionPath:
+    """Attitudes (m, 4) and rates (m, 3) at times (m,), joined by cubics in the rotation vector from each to the next, with
+    points at `more` times too.
 
     The rates need only be good enough to say how many whole turns lie between two attitudes.
     """
     from scipy.interpolate import CubicHermiteSpline
 
     points = path_points(t, w)
+    if more is not None:
+        new = more[np.abs(points[nearest(points, more)] - more) > ALIKE_S]
+        points = np.sort(np.concatenate([points, new]))
     at = np.clip(np.searchsorted(t, points, side="right") - 1, 0, len(t) - 2)
     step = np.diff(t)[:, None]
     between = rotation_vector(multiply(conjugate(q[:-1]), q[1:]))

@@ -38,7 +38,7 @@ def _gap(d: BalanceDiagnosis) -> str:
     s = d.selection
     shown = s.named[0].alone if s.named else s.base
     series = [
-        (name, d.record.times, np.sqrt(np.mean((fit.residual / s.noise) ** 2, axis=1)))
+        (name, d.record.times, np.sqrt(np.mean((fit.residual / s.noise) ** 2, axis=1))[: len(d.record.times)])
         for name, fit in (("before", s.base), ("after", shown))
     ]
     return (

@@ -14,28 +14,31 @@ from massprops.diagnosis.record import Record
 
 FIRSTS = 3
 """Single effects, the most likely, beside which a second is looked for: one that acts with another may not be first alone."""
-SECONDS = 4
-"""Effects fitted beside each of them, those with the largest gain to first order."""
+SECONDS = 6
+"""Effects fitted beside each of them, those with the largest gain to first order. Beside a wheel that a torque bends the torque
+stood fifth in one Basilisk record and first in another."""
 MOVED = 2
 """Pairs, the most likely, whose times and directions are moved to their best."""
 
 
-def pairs(record: Record, singles: list[HypothesisFit], usable: list[ModuleType]) -> list[HypothesisFit]:
+def pairs(
+    record: Record, singles: list[tuple[HypothesisFit, HypothesisFit | None]], usable: list[ModuleType]
+) -> list[HypothesisFit]:
     """Fits of two effects, the most likely first.
 
     Args:
-        singles: fits of one effect, the most likely first; usable: effects that may act beside them.
+        singles: one effect by itself, the most likely first, and beside an unknown torque or None: by itself it is bent by
+            what the other does, beside an unknown torque it is not. The second is looked for beside either, and the pair
+            begins there. usable: effects that may act beside them.
     """
     gap = float(np.median(np.diff(record.times)))
     found: dict[frozenset[str], HypothesisFit] = {}
-    for first in singles[:FIRSTS]:
-        for term in seconds(first, usable, gap)[:SECONDS]:
-            both = replace(first.hypothesis, terms=(*first.hypothesis.terms, term))
-            fit = admissible(record, both, again(first), latent=False)
-            if fit is None:
-                continue
-            names = frozenset(fit.names)
-            if names not in found or fit.evidence > found[names].evidence:
+    for start in (fit for single in singles[:FIRSTS] for fit in single if fit is not None):
+        for term in seconds(start, usable, gap)[:SECONDS]:
+            both = replace(start.hypothesis, terms=(*start.hypothesis.terms, term))
+            fit = admissible(record, both, again(start), latent=False)
+            names = frozenset(both.names)
+            if fit is not None and (names not in found or fit.evidence > found[names].evidence):
                 found[names] = fit
     ranked = sorted(found.values(), key=lambda f: -f.evidence)
     moved = [_both_moved(f, gap) for f in ranked[:MOVED]]

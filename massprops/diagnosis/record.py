@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import comb
 
 import numpy as np
 
 from massprops.diagnosis.momentum_balance import Rows
-from massprops.diagnosis.motion_path import MotionPath, path_from_attitudes, path_from_rates
+from massprops.diagnosis.motion_path import MotionPath, nearest, path_from_attitudes, path_from_rates
 from massprops.dynamics.surroundings import Sky, Surroundings
 from massprops.errors import NotPossible
 from massprops.estimators.rates import LocalFit, from_attitude
@@ -21,6 +22,8 @@ COEFFICIENTS = 4
 """Of the local cubic behind each rate of a record of attitudes (`estimators.rates`)."""
 LARGEST_TURN = 0.7
 """Turn [rad] between two rows up to which a cubic follows the rate of a tumble to a thousandth."""
+SMALL_TURN = 0.1
+"""Turn [rad] over which the mean of a gyroscope's rates beside attitudes is the rate at the middle, to a thousandth."""
 ORDER = 5
 """Of the differences that noise is taken from. A racquet turning at 15 rad/s, seen 100 times a second, still shows in third
 ones: two to three times the noise."""
@@ -54,11 +57,23 @@ class Record:
     screen: Record | None = None
 
     @property
+    def row_times(self) -> np.ndarray:
+        """(all,) of every row, those of a gyroscope beside attitudes last [s]."""
+        beside = self.rows.gyroscope
+        return self.times if beside is None else np.concatenate([self.times, self.path.t[beside.at]])
+
+    @property
+    def row_stamp(self) -> np.ndarray:
+        """(all,) of every row [ns]."""
+        more = self.row_times[len(self.times) :]
+        return np.concatenate([self.stamp, self.stamp[0] + np.round(more * 1e9).astype(np.int64)])
+
+    @property
     def stated(self) -> bool:
         """Whether the noise of the rows is stated, not estimated."""
         return self.noise_rows > 1.0
 
-    @property
+    @cached_property
     def sky(self) -> Sky | None:
         """What acts from outside along the path, inertial axes."""
         return None if self.around is None else self.around.sky(self.path.t)
@@ -110,8 +125,9 @@ def local_noise(values: np.ndarray) -> np.ndarray:
     return np.maximum(np.sqrt((window * near + WHOLE_COUNTS * whole) / (window + WHOLE_COUNTS)), 1e-12)
 
 
-def record_of_attitudes(series: AttitudeSeries, environment: Environment) -> Record:
-    """A record of attitudes, turned into inertial axes by the chaser's own.
+def record_of_attitudes(series: AttitudeSeries, environment: Environment, rates: RateSeries | None = None) -> Record:
+    """A record of attitudes, turned into inertial axes by the chaser's own, with a gyroscope's rates beside them or
+    without.
 
     Raises:
         NotPossible: too few attitudes.
@@ -132,16 +148,56 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment) -> Rec
         raise NotPossible("attitude0 is too thin to show a rate")
     w = np.stack([np.interp(times, times[fine], local.w[fine, k]) for k in range(3)], axis=1)
     # the attitudes themselves, not smoothed: smoothing bends the path where something happens at once
-    path = path_from_attitudes(times, q, w)
+    gyroscope = None if rates is None else _beside(times, rates, series.timestamp_ns[0])
+    path = path_from_attitudes(times, q, w, None if gyroscope is None else gyroscope.times)
     at = np.asarray(np.searchsorted(path.t, times))
     around = Surroundings(environment)
     speed = float(np.median(np.linalg.norm(w, axis=1)))
     record = Record(
-        path=path, rows=Rows(at=at, measured=np.zeros((len(at), 3)), sigma=sigma, rates=False), times=times,
+        path=path, times=times,
+        rows=Rows(
+            at=at, measured=np.zeros((len(at), 3)), sigma=sigma, rates=False,
+            gyroscope=None if gyroscope is None else gyroscope.rows(path),
+        ),
         noise_rows=STATED_ROWS, speed=speed, around=around, stamp=stamp,
         screen=_as_rates(times, local, around, stamp, speed),
     )  # fmt: skip
     return along(record, path, q)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Gyroscope:
+    """Rates w (g, 3) [rad/s] beside attitudes, at times (g,) [s], with their 1-sigma (g, 3)."""
+
+    times: np.ndarray
+    w: np.ndarray
+    sigma: np.ndarray
+
+    def rows(self, path: MotionPath) -> Rows:
+        """Along a path that has points at the times."""
+        return Rows(at=nearest(path.t, self.times), measured=self.w, sigma=self.sigma, rates=True)
+
+
+def _beside(times: np.ndarray, rates: RateSeries, first: int) -> _Gyroscope | None:
+    """The rates within the times (m,) of attitudes, as means over stretches in which the body turns little; None of none.
+
+    Args:
+        first: stamp of the first attitude [ns].
+    """
+    since = (rates.timestamp_ns - first) * 1e-9
+    own = (since >= times[0]) & (since <= times[-1])
+    since, w = since[own], rates.w[own]
+    if len(since) < FEWEST_ROWS:
+        return None
+    sigma = np.maximum(rates.sigma or 0.0, np.median(local_noise(w), axis=0))
+    gap = float(np.median(np.diff(since)))
+    turn = gap * float(np.max(np.linalg.norm(w, axis=1)))
+    block = max(1, min(len(since) // MOST_ROWS, int(SMALL_TURN / max(turn, 1e-300))))
+    count = len(since) // block
+    every = slice(None, None, max(1, count // MOST_ROWS))
+    middle = since[: count * block].reshape(count, block).mean(axis=1)[every]
+    mean = w[: count * block].reshape(count, block, 3).mean(axis=1)[every]
+    return _Gyroscope(times=middle, w=mean, sigma=np.tile(sigma / np.sqrt(block), (len(middle), 1)))
 
 
 def _as_rates(times: np.ndarray, local: LocalFit, around: Surroundings, stamp: np.ndarray, speed: float) -> Record:

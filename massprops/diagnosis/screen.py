@@ -93,7 +93,7 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
     for _ in range(PASSES):
         balance = Balance(path=path, shape=shape, momentum=path.w, rate=rate, rows=rows)
         own = joined([forcing_of(t, path, rate, balance.inertia, record.sky) for t in terms])
-        free = balance.free()
+        free = balance.free
         along = free if own is None else np.concatenate([free, balance.forced(own)], axis=2)
         X = along[rows.at].reshape(len(over), -1) * over[:, None]
         y = (rows.measured - balance.constant(L0)).reshape(-1) * over + X[:, :INERTIA] @ shape
@@ -104,7 +104,7 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
         left, unknowns = y - X @ x, len(x)
         step = x[:INERTIA] - shape
         moved = along @ np.concatenate([step, x[INERTIA:]])
-        rate = np.linalg.solve(balance.inertia, np.swapaxes(path.R, 1, 2) @ L0[:, None])[:, :, 0] + moved
+        rate = balance.rate_of(L0)[:, :, 0] + moved
         shape = shape + step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
         L0 = L0 + x[INERTIA : INERTIA + 3]
     mean_square = float(left @ left) / len(left)

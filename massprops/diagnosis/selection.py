@@ -45,12 +45,15 @@ class Candidate:
 
     @property
     def evidence(self) -> float:
-        """Log evidence of the better of the two."""
-        return max(self.alone.evidence, -np.inf if self.beside is None else self.beside.evidence)
+        """Log evidence of `best`."""
+        return self.best.evidence
 
     @property
     def best(self) -> HypothesisFit:
-        """The better of the two."""
+        """By itself where it leaves no more than the stated noise: nothing else is then needed, and an unknown torque beside it
+        only takes a part of it. Else the more likely of the two."""
+        if self.alone.record.stated and within_noise(self.alone):
+            return self.alone
         if self.beside is not None and self.beside.evidence > self.alone.evidence:
             return self.beside
         return self.alone
@@ -95,7 +98,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
             tried.append(Candidate(alone=found))
     watch("balance of momentum: internal-rotor of any history", 0, 1)
     with suppress(NotPossible):
-        tried.append(_wheel(record))
+        tried.append(wheel_of_any_history(record))
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
         if one.beside is not None:
@@ -105,7 +108,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         tried[k] = Candidate(alone=one.alone, beside=admissible(record, h, again(one.alone), latent=True))
     if asks_for_two(tried, base, unknown):
         watch("two effects at once", 0, 1)
-        tried += _pairs(record, tried, usable)
+        tried += _pairs(record, tried, usable, {c.name for c in tried if may_be_named(c, base, unknown)})
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknown, tried)
     return Selection(
@@ -114,21 +117,28 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
 
 
 def asks_for_two(tried: list[Candidate], base: HypothesisFit, unknown: HypothesisFit) -> bool:
-    """Whether no single effect is enough: the likeliest leaves more than the noise that is stated, or none may be named."""
+    """Whether no single effect is enough: none may be named, or each that may leaves more than the noise that is stated."""
+    good = [c for c in tried if may_be_named(c, base, unknown)]
     if base.record.stated:
-        return bool(tried) and not any(within_noise(c.alone) for c in tried)
-    return not any(may_be_named(c, base, unknown) for c in tried)
+        return bool(tried) and not any(within_noise(c.alone) for c in good)
+    return not good
 
 
-def _pairs(record: Record, tried: list[Candidate], usable: list[ModuleType]) -> list[Candidate]:
-    """Pairs that are more likely than any single effect, pay for having been looked for, and predict better."""
-    singles = sorted((c.alone for c in tried), key=lambda f: -f.evidence)
+def _pairs(record: Record, tried: list[Candidate], usable: list[ModuleType], good: set[str]) -> list[Candidate]:
+    """Pairs that are more likely than any single effect, pay for having been looked for, and predict better.
+
+    Args:
+        good: names of those that may be named. With a stated noise the others count by themselves: what they gain beside an
+            unknown torque is that torque's, and may be the second effect's.
+    """
+    singles = sorted(tried, key=lambda c: -c.alone.evidence)
     if not singles:
         return []
-    found = pairs(record, singles, usable)
-    enough = max(c.evidence for c in tried) + criteria.BEATS_NOTHING + np.log(1 + len(found))
+    found = pairs(record, [(c.alone, c.beside) for c in singles], usable)
+    own = [c.alone.evidence if record.stated and c.name not in good else c.evidence for c in tried]
+    enough = max(own) + criteria.BEATS_NOTHING + np.log(1 + len(found))
     noise = np.ones(3)
-    held = held_out_rms(singles[0], noise)
+    held = held_out_rms(singles[0].alone, noise)
     out = []
     for k, fit in enumerate(found):
         if fit.evidence > enough and not held_out_rms(fit, noise) > held:
@@ -174,7 +184,7 @@ def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
     return usable, skipped
 
 
-def _wheel(record: Record) -> Candidate:
+def wheel_of_any_history(record: Record) -> Candidate:
     """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all.
 
     Raises:

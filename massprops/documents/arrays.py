@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -33,6 +34,10 @@ def open_arrays(path: Path) -> Iterator[Any]:
             yield arrays
     except (EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, MemoryError) as error:
         raise ValueError(f"{path}: damaged ({type(error).__name__})") from None
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a place before the file's beginning, which a damaged directory names
+            raise
+        raise ValueError(f"{path}: damaged ({error.strerror})") from None
 
 
 def _refuse_hollow(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:

@@ -25,7 +25,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
     Raises:
         InputError: no such file, beyond a limit, not YAML, or not a mapping.
     """
-    return parse_yaml(_text(path), str(path))
+    return parse_yaml(load_text(path), str(path))
 
 
 def load_json(path: Path) -> dict[str, Any]:
@@ -34,7 +34,7 @@ def load_json(path: Path) -> dict[str, Any]:
     Raises:
         InputError: no such file, beyond a limit, not JSON, or not a mapping.
     """
-    return parse_json(_text(path), str(path))
+    return parse_json(load_text(path), str(path))
 
 
 def parse_yaml(text: str, where: str) -> dict[str, Any]:
@@ -66,7 +66,12 @@ def parse_json(text: str, where: str) -> dict[str, Any]:
     return _mapping(content, where)
 
 
-def _text(path: Path) -> str:
+def load_text(path: Path) -> str:
+    """A document as text, a byte order mark left out.
+
+    Raises:
+        InputError: no such file, not UTF-8, or larger than any document is.
+    """
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
@@ -114,4 +119,4 @@ def _finite(text: str) -> float:
     return value
 
 
-__all__ = ["load_json", "load_yaml", "parse_json", "parse_yaml", "shown"]
+__all__ = ["load_json", "load_text", "load_yaml", "parse_json", "parse_yaml", "shown"]

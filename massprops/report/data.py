@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,10 @@ from typing import Any
 import numpy as np
 
 from massprops.core.outputs import Outputs
+from massprops.documents.fields import read
+from massprops.documents.loading import load_json, load_yaml
+from massprops.documents.scale_json import ScaleStageFile
+from massprops.errors import InputError
 from massprops.report.meshes import Shape, lighten, read_compared, read_shape
 
 READ = (
@@ -82,10 +85,27 @@ class RunData:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object, or {} when the file is absent or broken."""
     try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError):
+        return load_json(path)
+    except InputError:
         return {}
-    return content if isinstance(content, dict) else {}
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    """`run.yaml`, or {} when it is absent or broken."""
+    try:
+        manifest = load_yaml(path)
+    except InputError:
+        return {}
+    parts = ("inputs", "stages", "versions", "options")
+    return {} if any(not isinstance(manifest.get(part) or {}, dict) for part in parts) else manifest
+
+
+def _factor(scale: dict[str, Any]) -> float:
+    """Final length units per unit of the structure from motion."""
+    try:
+        return read(ScaleStageFile, scale, "scale.json").factor
+    except InputError:
+        return 1.0
 
 
 def _read_points(folder: Path, views: Any) -> Any:
@@ -101,14 +121,8 @@ def _read_points(folder: Path, views: Any) -> Any:
 
 def read_run(folder: Path) -> RunData:
     """Reads everything the page shows."""
-    import yaml
-
     from massprops.views import Views
 
-    try:
-        manifest = yaml.safe_load((folder / "run.yaml").read_text()) or {}
-    except (OSError, yaml.YAMLError):
-        manifest = {}
     outputs = Outputs(folder)
     changed = tuple(name for name in READ if not outputs.intact(name))
 
@@ -125,8 +139,7 @@ def read_run(folder: Path) -> RunData:
         "surface": known("work", "surface", "surface.json"),
         "scale": known("work", "scale", "scale.json"),
     }
-    scale = facts["scale"]
-    factor = float(scale.get("metres_per_unit") or 1.0) * float(scale.get("unit_per_sfm") or 1.0)
+    factor = _factor(facts["scale"])
     try:
         views = None if "work/sfm" in changed else Views.load(folder / "work" / "sfm" / "views.npz")
     except (OSError, ValueError, KeyError):
@@ -136,7 +149,7 @@ def read_run(folder: Path) -> RunData:
     return RunData(
         folder=folder,
         document=known("massprops.json"),
-        manifest=manifest if isinstance(manifest, dict) else {},
+        manifest=_read_manifest(folder / "run.yaml"),
         verdict=known("report.json"),
         crosscheck=known("crosscheck.json"),
         comparison=known("compare.json"),

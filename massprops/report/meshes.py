@@ -51,8 +51,11 @@ def read_shape(folder: Path, factor: float, compared: Shape | None = None) -> Sh
             return lighten(replace(shape, distance=compared.distance) if same and compared is not None else shape)
     path = folder / "work" / "surface" / "surface.npz"
     if path.is_file():
-        with open_arrays(path) as z:
-            return lighten(Shape(z["vertices"] * factor, z["faces"], z["observed"].astype(bool)))
+        try:
+            with open_arrays(path) as z:
+                return lighten(Shape(z["vertices"] * factor, z["faces"], z["observed"].astype(bool)))
+        except (OSError, ValueError, KeyError, IndexError, TypeError):  # a report is made of what can be read
+            return None
     return None
 
 

@@ -8,7 +8,9 @@ from urllib.parse import quote
 
 from massprops.core.files import hash_of
 from massprops.core.outputs import deliver
+from massprops.core.processes import muffled
 from massprops.errors import InputError
+from massprops.mass.document import read_document
 from massprops.mass.recommended import as_recommended
 from massprops.report.data import read_json
 from massprops.report.html import Safe, data_uri, number, table, text
@@ -51,12 +53,20 @@ def write_runs(folder: Path, runs: list[Path], force: bool = False) -> Path:
     return folder / NAME
 
 
+def _document(path: Path) -> dict[str, Any]:
+    """`massprops.json`, or {} where it is missing or its numbers are none of a body."""
+    try:
+        return read_document(path)
+    except InputError:
+        return {}
+
+
 class _Run:
     """What the page says of one run; files that are missing or broken leave gaps."""
 
     def __init__(self, path: Path, folder: Path) -> None:
         self.path = path
-        self.document = read_json(path / "massprops.json")
+        self.document = _document(path / "massprops.json")
         self.crosscheck, self.verdict = read_json(path / "crosscheck.json"), read_json(path / "report.json")
         self.best: dict[str, Any] = as_recommended(self.document) if self.document else {}
         self.metric = (self.document.get("units") or {}).get("length") == "m"
@@ -111,7 +121,8 @@ class _Run:
         import cv2
 
         frames = sorted((self.path / "work" / "capture" / "frames").rglob("*.*"))
-        image = cv2.imread(str(frames[len(frames) // 2])) if frames else None
+        with muffled():
+            image = cv2.imread(str(frames[len(frames) // 2])) if frames else None
         if image is None:
             return Safe("")
         small = cv2.resize(
@@ -145,7 +156,7 @@ def _compared(a: _Run, b: _Run) -> str:
         if one is not None and two is not None:
             apart = f"{two - one:+.4f}" if quantity.startswith("k") or not one else _apart(two / one)
             first, second = a.bounds(quantity), b.bounds(quantity)
-            if first and second:
+            if first and second and None not in (*first, *second):
                 meet = "yes" if first[0] <= second[1] and second[0] <= first[1] else "no"
         unit = a.unit_of(quantity) if a.metric == b.metric else ""
         rows.append(

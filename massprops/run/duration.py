@@ -6,6 +6,9 @@ import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from massprops.documents.loading import load_yaml
+from massprops.errors import InputError
+
 LEAST_S = 0.05
 """A stage that took less was not computed: it was there from before."""
 LEAST_SPENT_S = 5.0
@@ -15,15 +18,13 @@ MOST_RUNS, LARGEST_BYTES = 5, 4_000_000
 
 def earlier_times(run: Path) -> list[dict[str, float]]:
     """Seconds of each stage, in order, of the newest runs that were finished in this folder or beside it."""
-    import yaml
-
     files = [p for p in run.resolve().parent.glob("*/run.yaml") if p.stat().st_size < LARGEST_BYTES]
     found = []
     for path in sorted(files, key=lambda p: -p.stat().st_mtime)[:MOST_RUNS]:
         try:
-            stages = yaml.load(path.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))["stages"]
+            stages = load_yaml(path)["stages"]
             times = {str(name): float(entry["seconds"]) for name, entry in stages.items() if entry["status"] == "done"}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError):
+        except (InputError, ValueError, KeyError, TypeError, AttributeError):
             continue
         if times:
             found.append(times)

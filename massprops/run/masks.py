@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from massprops.capture.given import to_original
+from massprops.capture.images import LARGEST_PIXELS
 from massprops.core.files import hash_of, write_whole
 from massprops.core.inputs import read_image, readable
 from massprops.core.outputs import Outputs, claim, verify
+from massprops.documents.arrays import open_arrays
+from massprops.documents.loading import load_json
 from massprops.errors import InputError
 from massprops.report.masks_page import Sheet, Silhouette, masks_page
 
@@ -39,7 +42,22 @@ def masks(run: str | Path, out: str | Path | None = None, force: bool = False) -
         >>> sheet = massprops.masks("runs/one")  # doctest: +SKIP
         >>> min(s.iou for s in sheet.images if s.iou is not None)  # doctest: +SKIP
     """
-    run = readable(Path(run)).resolve()
+    with _as_left(Path(run)):
+        return _masks(readable(Path(run)).resolve(), out, force)
+
+
+@contextlib.contextmanager
+def _as_left(run: Path) -> Iterator[None]:
+    """Tells a run folder whose work/ is not what its command left there, and that has no record to tell it by."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
+        raise InputError(
+            f"{run}: its work/ is not as 'massprops reconstruct' leaves it ({type(error).__name__}): give that command again"
+        ) from error
+
+
+def _masks(run: Path, out: str | Path | None, force: bool) -> Sheet:
     footage = _footage(run)
     out = readable(Path(out)).resolve() if out is not None else run.parent / f"{run.name}-masks"
     if out == run or run in out.parents:
@@ -74,7 +92,7 @@ def _footage(run: Path) -> dict[str, Any]:
             "silhouettes"
         )
     verify(run, "work/capture", "work/silhouettes", "work/sfm", "work/join", "work/surface")
-    return json.loads((run / "work" / "capture" / "footage.json").read_text())
+    return load_json(run / "work" / "capture" / "footage.json")
 
 
 def mask_names(footage: dict[str, Any]) -> list[str]:
@@ -104,6 +122,9 @@ def _encoded(run: Path, footage: dict[str, Any], names: list[str]) -> Iterator[t
     for frame, name in zip(footage["frames"], names, strict=True):
         size = tuple(cameras[frame["camera"]].get("source_size") or (frame["width"], frame["height"]))
         size = size[::-1] if frame.get("turn", 0) % 2 else size
+        for w, h in (size, (frame["width"], frame["height"])):
+            if not (w >= 1 and h >= 1 and w * h <= LARGEST_PIXELS):
+                raise ValueError(f"an image of {w}x{h} pixels")
         mask = read_mask(run, frame["name"])
         if mask is None or not (mask == 255).any():
             mask = np.zeros((frame["height"], frame["width"]), np.uint8)
@@ -153,7 +174,7 @@ def against_mesh(run: Path) -> dict[str, float]:
     if not surface.is_file() or not join.is_file():
         return {}
     views = Views.load(join)
-    with np.load(surface, allow_pickle=False) as z:
+    with open_arrays(surface) as z:
         vertices, faces = z["vertices"], z["faces"]
     out = {}
     for i, name in enumerate(views.names):
@@ -173,7 +194,7 @@ def why_left_out(run: Path, footage: dict[str, Any]) -> dict[str, str]:
 
     def read(stage: str) -> dict[str, Any]:
         path = run / "work" / stage / f"{stage}.json"
-        return json.loads(path.read_text()) if path.is_file() else {}
+        return load_json(path) if path.is_file() else {}
 
     names = [f["name"] for f in footage["frames"]]
     placed = set(Views.load(run / "work" / "sfm" / "views.npz").names)

@@ -29,6 +29,7 @@ from massprops.core.files import (
 from massprops.core.log import log
 from massprops.core.outputs import BASES, OWN, Outputs
 from massprops.core.processes import address_space_hint, child_environment, processors, python_module
+from massprops.documents.loading import load_json, load_yaml
 from massprops.errors import InputError
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
@@ -37,8 +38,6 @@ Watch = Callable[[str, int, int, int, int, str], None]
 """`watch(stage, number, count, done, total, what)`: how far the run is."""
 
 COMMAND = "reconstruct"
-LARGEST_MANIFEST = 10_000_000
-"""Bytes of `run.yaml`."""
 
 
 @dataclass
@@ -110,7 +109,7 @@ class _Chain:
         self.keys = _keys(self.stages, options, inputs)
         self.before, self.told = _read_manifest(run)
         self.outcome = Outcome()
-        self.begun = False
+        self.begun, self.partial_stage = False, ""
         self.outputs = _own_work(run, force)
 
     def go(self) -> Outcome:
@@ -123,17 +122,19 @@ class _Chain:
                 outcome.stages[name] = self.before[name]
                 remove_folder(self._parts(name).parent)
                 log.info("stage %s: kept, its inputs are as they were", name)
-            elif not self._make(name, number):
-                self._forget_refused()
-                return outcome
+            else:
+                if name in ALWAYS:
+                    self._settle()
+                if not self._make(name, number):
+                    self._forget_refused()
+                    return outcome
             self._note_partial(name)
             if self.watch:
                 self.watch(name, number, len(self.order), 1, 1, "")
             outcome.warnings += [w for w in outcome.stages[name].get("warnings", []) if w not in outcome.warnings]
             if self.begun:
-                if not outcome.exit_code and not outcome.partial:
-                    remove(self.run / "work" / "stopped.json")
                 self._write_manifest()
+        self._settle()
         if outcome.partial and not outcome.exit_code:
             outcome.exit_code, outcome.reason = 3, outcome.partial
         if (self.begun or self.told is not None) and self.told != self._conclusion:
@@ -238,10 +239,23 @@ class _Chain:
         facts = outcome.stages[name].get("facts")
         partial = facts.get("partial") if isinstance(facts, dict) else None
         if partial and not outcome.exit_code and not outcome.partial:
-            outcome.partial = str(partial)
-            # a disk that was full then may have kept the last command from writing it
-            if self.begun or not (self.run / "work" / "stopped.json").is_file():
-                self._write_stopped(3, outcome.partial, name)
+            outcome.partial, self.partial_stage = str(partial), name
+
+    def _settle(self) -> None:
+        """Makes `stopped.json` say what this run came to; the last command may have met a full disk, or been killed."""
+        if self.outcome.exit_code:  # written where it failed
+            return
+        path = self.run / "work" / "stopped.json"
+        if not self.outcome.partial:
+            if path.exists():
+                remove(path)
+            return
+        try:
+            found = load_json(path)
+        except InputError:
+            found = {}
+        if found != {"exit_code": 3, "reason": self.outcome.partial, "stage": self.partial_stage}:
+            self._write_stopped(3, self.outcome.partial, self.partial_stage)
 
     def _write_stopped(self, code: int, reason: str, stage: str) -> None:
         try:
@@ -425,16 +439,10 @@ def _no_manifest(run: Path, error: OSError) -> InputError:
 
 def _read_manifest(run: Path) -> tuple[dict[str, dict[str, Any]], Any]:
     """The stages' entries of `run.yaml` and its outcome; what cannot be read counts as not done."""
-    import yaml
-
-    path = run / "run.yaml"
     try:
-        if path.stat().st_size > LARGEST_MANIFEST:
-            return {}, None
-        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+        content = load_yaml(run / "run.yaml")
         return {str(name): dict(entry) for name, entry in content["stages"].items()}, content.get("outcome")
-    except (OSError, yaml.YAMLError, AttributeError, TypeError, ValueError, KeyError, RecursionError):
+    except (InputError, AttributeError, TypeError, ValueError, KeyError):
         return {}, None
 
 

@@ -21,6 +21,7 @@ class Camera:
         rate_hz: frame rate, None when unknown.
         video: file of the images, when there is one.
         images: image files with timestamps, when there are some: tuple of (timestamp_ns, path).
+        stated: whether the resolution is known, not taken to be twice the principal point.
     """
 
     resolution: tuple[int, int]
@@ -31,6 +32,7 @@ class Camera:
     rate_hz: float | None = None
     video: Path | None = None
     images: tuple[tuple[int, Path], ...] = ()
+    stated: bool = True
 
 
 @dataclass(frozen=True)

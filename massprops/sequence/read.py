@@ -89,6 +89,7 @@ def _camera(folder: Path, warnings: list[str]) -> Camera:
         rate_hz=document.rate_hz,
         video=folder / "video.mp4" if (folder / "video.mp4").is_file() else None,
         images=_images(folder, warnings),
+        stated=document.resolution is not None,
     )
 
 

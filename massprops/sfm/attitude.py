@@ -65,6 +65,24 @@ def camera_of(views: Views, own: np.ndarray, sigma_px: float, T_BS: np.ndarray |
     )
 
 
+def as_pinhole(
+    views: Views, points: SparsePoints, images: dict[str, Path] | None
+) -> tuple[Views, SparsePoints, dict[str, Path] | None]:
+    """Where a lens is a fisheye, which a sequence does not know: views without distortion, the observations where such
+    cameras would have made them, and no images; else everything as it is."""
+    import cv2
+
+    if views.distortion.shape[1] == 4:
+        return views, points, images
+    uv = points.obs_uv.copy()
+    for i in range(len(views)):
+        own = points.obs_view == i
+        if own.any():
+            K, D = views.K[i], views.distortion[i]
+            uv[own] = cv2.undistortPoints(np.ascontiguousarray(uv[own])[:, None], K, D, P=K)[:, 0]
+    return replace(views, distortion=np.zeros((len(views), 4))), replace(points, obs_uv=uv), None
+
+
 def to_sequence(
     views: Views,
     points: SparsePoints,
@@ -87,11 +105,11 @@ def to_sequence(
         still: why the body is no free one, in words; None for a tumbling body.
         attitude_sigma: (n,) [rad]; where it is absent or not finite, the residuals' angle stands in.
         mounting: (4, 4) T_BS by camera number.
-        images: file of every view by name; None leaves the images out.
+        images: file of every view by name, or None; left out for a fisheye, whose tracks become a pinhole camera's.
     """
+    views, points, images = as_pinhole(views, points, images)
     stamps, warnings = clock(views, index)
-    number = np.array([int(n.split("/", 1)[0][3:]) if n.startswith("cam") else 0 for n in views.names], int)
-    error = residuals(views, points)
+    number, error = _camera_numbers(views), residuals(views, points)
     cameras, tracked = {}, np.zeros(len(views), bool)
     for c in sorted(set(number.tolist())):
         own = one_camera(views, number == c)
@@ -125,6 +143,11 @@ def to_sequence(
         environment=environment or Environment(chaser_attitude="inertial"),
         warnings=tuple(warnings),
     )
+
+
+def _camera_numbers(views: Views) -> np.ndarray:
+    """(n,) N of each view's `camN`, 0 for a folder of images."""
+    return np.array([int(n.split("/", 1)[0][3:]) if n.startswith("cam") else 0 for n in views.names], int)
 
 
 def _attitudes(

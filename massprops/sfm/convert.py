@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import InputError
+from massprops.sfm.fisheye import rational
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -16,10 +17,12 @@ HALF = 0.5
 
 
 def opencv_camera(camera: pycolmap.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(3, 3) pinhole matrix and (4,) k1, k2, p1, p2 with OpenCV's pixel centres, exactly the same projection.
+    """(3, 3) pinhole matrix and OpenCV's distortion with its pixel centres, the same projection.
+
+    The distortion is (4,) k1, k2, p1, p2, or for a fisheye (8,) with k3 to k6.
 
     Raises:
-        InputError: a model that these four numbers cannot express.
+        InputError: a model that these numbers cannot express.
     """
     p = np.asarray(camera.params, float)
     name = camera.model_name
@@ -31,12 +34,24 @@ def opencv_camera(camera: pycolmap.Camera) -> tuple[np.ndarray, np.ndarray]:
     elif name in ("PINHOLE", "OPENCV"):
         fu, fv, cu, cv = p[:4]
         distortion[: len(p) - 4] = p[4:]
+    elif name == "FULL_OPENCV":
+        fu, fv, cu, cv = p[:4]
+        distortion = p[4:]
+    elif name.endswith("_FISHEYE") and name.removesuffix("_FISHEYE") in ("SIMPLE_RADIAL", "RADIAL", "OPENCV"):
+        fu, fv, cu, cv = p[:4] if name == "OPENCV_FISHEYE" else (p[0], p[0], *p[1:3])
+        terms = p[4:] if name == "OPENCV_FISHEYE" else p[3:]
+        distortion = rational(np.pad(terms, (0, 4 - len(terms))), image_radius(camera, fu, cu, cv))
     else:
         raise InputError(
             f"camera model {name} cannot be used; undistort the images or rebuild the model with OPENCV or SIMPLE_RADIAL"
         )
     K = np.array([[fu, 0, cu - HALF], [0, fv, cv - HALF], [0, 0, 1.0]])
     return K, distortion
+
+
+def image_radius(camera: pycolmap.Camera, focal: float, cu: float, cv: float) -> float:
+    """Distance of the farthest corner of the image from the principal point (cu, cv) [px], over the focal length [px]."""
+    return float(np.hypot(max(cu, camera.width - cu), max(cv, camera.height - cv)) / focal)
 
 
 def to_views(model: pycolmap.Reconstruction, timestamps: dict[str, int] | None = None) -> tuple[Views, list[int]]:
@@ -54,12 +69,14 @@ def to_views(model: pycolmap.Reconstruction, timestamps: dict[str, int] | None =
         size.append((camera.width, camera.height))
     stamps = np.array([(timestamps or {}).get(im.name, -1) for im in images], np.int64)
     n = len(images)
+    width = max((len(d) for d in D), default=4)
+    D = [np.pad(d, (0, width - len(d))) for d in D]
     views = Views(
         tuple(im.name for im in images),
         stamps,
         np.array(size, int).reshape(n, 2),
         np.array(K, float).reshape(n, 3, 3),
-        np.array(D, float).reshape(n, 4),
+        np.array(D, float).reshape(n, width),
         np.array(R, float).reshape(n, 3, 3),
         np.array(t, float).reshape(n, 3),
     )

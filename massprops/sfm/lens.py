@@ -16,13 +16,16 @@ from dataclasses import dataclass, field
 import numpy as np
 import pycolmap
 
-from massprops.sfm.convert import opencv_camera, to_views
+from massprops.sfm.convert import image_radius, opencv_camera, to_views
+from massprops.sfm.fisheye import fisheye
 from massprops.sfm.points import project, project_camera
 
-MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
-"""From few parameters to many: none, k1, k2, and p1, p2 with two focal lengths."""
+MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
+"""From few parameters to many: none, k1, k2, p1, p2 with two focal lengths, and a fisheye, which is tried where one of the
+others sees a distortion."""
 
-RADIAL_TERMS = {"SIMPLE_PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2, "OPENCV": 2}
+RADIAL_TERMS = {"SIMPLE_PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2, "OPENCV": 2, "OPENCV_FISHEYE": 2}
+"""Terms that stand in the statement of precision; a fisheye's are correlated, and two carry what they know."""
 
 HELD_OUT = 0.2
 """Share of a track's observations that is set aside, of tracks that keep three."""
@@ -80,7 +83,10 @@ def converted(camera: pycolmap.Camera, model: str) -> pycolmap.Camera:
     K, d = opencv_camera(camera)
     fu, fv, cu, cv = K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5
     if model == "OPENCV":
-        params = [fu, fv, cu, cv, *d]
+        params = [fu, fv, cu, cv, *d[:4]]
+    elif model == "OPENCV_FISHEYE":
+        k = np.zeros(4) if len(d) > 4 else fisheye(d, image_radius(camera, fu, cu, cv))
+        params = [fu, fv, cu, cv, *k]
     else:
         params = [0.5 * (fu + fv), cu, cv, *d[: RADIAL_TERMS[model]]]
     out = pycolmap.Camera(
@@ -176,26 +182,30 @@ def choose_lenses(
     """
     start, held = hold_out(model, seed)
     camera = np.array([model.image(i).camera_id for i in held.image.tolist()], int)
+    best = dict.fromkeys(model.cameras, MODELS[0])
     errors: dict[str, np.ndarray] = {}
     fits: dict[str, dict[int, pycolmap.Camera]] = {}
-    for name in MODELS:
+    for before, name in zip((MODELS[0], *MODELS), MODELS, strict=False):
+        if name == MODELS[-1] and set(best.values()) == {MODELS[0]}:
+            break
         trial = pycolmap.Reconstruction(start)
         set_models(trial, dict.fromkeys(trial.cameras, name))
         adjust(trial)
         errors[name] = loss(distances(trial, held), loss_px)
         fits[name] = {c: pycolmap.Camera(camera.todict()) for c, camera in trial.cameras.items()}
         start = trial
+        for c in model.cameras if name != MODELS[0] else ():
+            own = camera == c
+            part = HeldOut(held.image[own], held.point[own], held.uv[own])
+            # against the step before too: the lens of another camera, freed at the same step, may be what helped
+            better = own.sum() >= FEWEST and all(
+                falls(errors[n][own], errors[name][own], part) for n in {best[c], before}
+            )
+            if better and moves(fits[name][c], fits[best[c]][c], part.uv) > visible_px:
+                best[c] = name
     chosen = {}
     for c in model.cameras:
         own = camera == c
-        part = HeldOut(held.image[own], held.point[own], held.uv[own])
-        mine = {n: e[own] for n, e in errors.items()}
-        best = MODELS[0]
-        for before, name in zip(MODELS[:-1], MODELS[1:], strict=True) if own.sum() >= FEWEST else ():
-            # against the step before too: the lens of another camera, freed at the same step, may be what helped
-            better = all(falls(mine[n], mine[name], part) for n in {best, before})
-            if better and moves(fits[name][c], fits[best][c], part.uv) > visible_px:
-                best = name
-        scores = {n: float(np.sqrt(np.mean(e))) for n, e in mine.items()} if own.any() else {}
-        chosen[c] = LensChoice(best, scores, int(own.sum()))
+        scores = {n: float(np.sqrt(np.mean(e[own]))) for n, e in errors.items()} if own.any() else {}
+        chosen[c] = LensChoice(best[c], scores, int(own.sum()))
     return chosen

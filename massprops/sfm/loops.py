@@ -89,13 +89,13 @@ def match_predicted(
 def _forget(database: Path, ids: list[int], fresh: set[int]) -> None:
     """Takes the matches of images `fresh` with the placed images `ids` out of a database; all others stay."""
     placed = set(ids)
+    pairs = {(min(a, b), max(a, b)) for a in fresh & placed for b in placed - {a}}
     with pycolmap.Database.open(database) as db:
-        for pair_id in db.read_all_matches()[0]:
-            a, b = pycolmap.pair_id_to_image_pair(pair_id)
-            if a in placed and b in placed and (a in fresh or b in fresh):
+        for a, b in sorted(pairs):  # each is asked for: a pair that was compared in vain is in no list of COLMAP's
+            if db.exists_matches(a, b):
                 db.delete_matches(a, b)
-                if db.exists_two_view_geometry(a, b):
-                    db.delete_two_view_geometry(a, b)
+            if db.exists_two_view_geometry(a, b):
+                db.delete_two_view_geometry(a, b)
 
 
 def _agreeing(

@@ -82,9 +82,10 @@ class SparsePoints:
 
 
 def project(K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:
-    """Pixels (m, 2) of world points (m, 3), one camera per point: K (m, 3, 3), distortion (m, 4), R (m, 3, 3), t (m, 3).
+    """Pixels (m, 2) of world points (m, 3), one camera per point: K (m, 3, 3), distortion (m, 4 or 8), R (m, 3, 3),
+    t (m, 3).
 
-    OpenCV's radial-tangential model.
+    OpenCV's radial-tangential model, or its rational one.
     """
     c = np.einsum("mij,mj->mi", R, xyz) + t
     return project_camera(K, distortion, c)
@@ -93,12 +94,24 @@ def project(K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray,
 def project_camera(K: np.ndarray, distortion: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Pixels (m, 2) of points (m, 3) in camera axes."""
     x, y = c[:, 0] / c[:, 2], c[:, 1] / c[:, 2]
-    k1, k2, p1, p2 = distortion.T
+    p1, p2 = distortion[:, 2], distortion[:, 3]
     r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * k2)
+    radial, _ = radial_factor(distortion, r2)
     xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     return np.stack([K[:, 0, 0] * xd + K[:, 0, 2], K[:, 1, 1] * yd + K[:, 1, 2]], 1)
+
+
+def radial_factor(distortion: np.ndarray, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By how much a lens stretches places at squared radius r2 (m,), and the derivative by r2; distortion (m, 4 or 8)."""
+    k = distortion
+    if k.shape[1] == 4:
+        return 1 + r2 * (k[:, 0] + r2 * k[:, 1]), k[:, 0] + 2 * r2 * k[:, 1]
+    above = 1 + r2 * (k[:, 0] + r2 * (k[:, 1] + r2 * k[:, 4]))
+    below = 1 + r2 * (k[:, 5] + r2 * (k[:, 6] + r2 * k[:, 7]))
+    slope = k[:, 0] + r2 * (2 * k[:, 1] + 3 * r2 * k[:, 4])
+    slope_below = k[:, 5] + r2 * (2 * k[:, 6] + 3 * r2 * k[:, 7])
+    return above / below, (slope * below - above * slope_below) / below**2
 
 
 def residuals(views: Views, points: SparsePoints) -> np.ndarray:

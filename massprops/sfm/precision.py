@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.sfm.points import SparsePoints, residuals
+from massprops.sfm.points import SparsePoints, radial_factor, residuals
 from massprops.views import Views
 
 
@@ -105,8 +105,7 @@ def _slopes(views: Views, points: SparsePoints) -> _Slopes:
     c = a + views.t[v]
     x, y, z = c[:, 0] / c[:, 2], c[:, 1] / c[:, 2], c[:, 2]
     r2 = x * x + y * y
-    radial = 1 + r2 * (D[:, 0] + r2 * D[:, 1])
-    g = D[:, 0] + 2 * r2 * D[:, 1]
+    radial, g = radial_factor(D, r2)
     dx = np.stack([radial + 2 * x * x * g, 2 * x * y * g], 1)
     dy = np.stack([2 * x * y * g, radial + 2 * y * y * g], 1)
     by_place = np.stack([dx, dy], 1) * f[:, None, None]

@@ -13,6 +13,7 @@ import pycolmap
 from massprops.core.progress import Progress, silent
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, SfmOptions, attempt, may_distort, steady
+from massprops.sfm.contradictions import contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.extend import extend
 from massprops.sfm.features import read_mask
@@ -65,6 +66,7 @@ class SfmResult:
         precision: of the last adjustment.
         cameras: the one with most images first.
         warnings: one line each.
+        contradicted: share of the matches in pairs that contradict the model.
     """
 
     model: pycolmap.Reconstruction
@@ -74,6 +76,7 @@ class SfmResult:
     precision: Precision
     cameras: tuple[SolvedCamera, ...]
     warnings: tuple[str, ...]
+    contradicted: float = 0.0
 
 
 def reconstruct(
@@ -110,7 +113,10 @@ def reconstruct(
     # a smaller model whose images the largest has taken in is none any more
     apart = [m for m in found.models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *apart))
-    return finish(model, footage, found.mapping, options, sizes, warnings, progress)
+    result = finish(model, footage, found.mapping, options, sizes, warnings, progress)
+    against = contradictions(model, found.database)
+    more = against.said({f.name: f.source_name for f in footage.frames})
+    return replace(result, contradicted=against.share, warnings=(*result.warnings, *more))
 
 
 def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:

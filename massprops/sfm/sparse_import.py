@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from massprops.documents.loading import shown
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.model_bytes import check_lengths
 from massprops.sfm.model_folder import find_model
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.sound import take_out
@@ -31,11 +33,20 @@ def import_sparse(
         NotPossible: fewer than three of its images belong to the footage.
     """
     place = find_model(folder)
+    check_lengths(place)
     try:
         model = pycolmap.Reconstruction(place)
     except Exception as error:
-        raise InputError(f"{place}: not a readable COLMAP model ({error}); export it again") from error
-    views, points, found = take_out(model, given_focal=True, given_poses=True)
+        raise InputError(f"{place}: not a readable COLMAP model ({shown(error)}); export it again") from error
+    try:
+        views, points, found = take_out(model, given_focal=True, given_poses=True)
+    except (
+        KeyError,
+        IndexError,
+        ValueError,
+        OverflowError,
+    ) as error:  # points that it lacks, names and sizes that are none
+        raise InputError(f"{place}: a damaged COLMAP model ({shown(error)}); export it again") from error
     points = points.observed(found.observations)
     frame_of = _frame_names(footage, views.names)
     in_footage = [name in frame_of for name in views.names]

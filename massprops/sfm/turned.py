@@ -48,7 +48,7 @@ def turn_camera(camera: pycolmap.Camera, turn: int, camera_id: int) -> pycolmap.
     size = (camera.width, camera.height)
     p = np.asarray(camera.params, float).copy()
     tangential = camera.model_name == "OPENCV"
-    two = camera.model_name in ("PINHOLE", "OPENCV")
+    two = camera.model_name in ("PINHOLE", "OPENCV", "OPENCV_FISHEYE")
     place = slice(2, 4) if two else slice(1, 3)
     p[place] = turn_points(p[place][None], size, turn)[0]
     if two and turn % 2:

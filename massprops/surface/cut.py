@@ -45,15 +45,30 @@ def minimum_cut(tetra: Tetrahedra, costs: Costs) -> np.ndarray:
     return np.asarray(graph.get_grid_segments(nodes), bool)
 
 
-def manifold(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
-    """The labels with bubbles filled, and pinched edges thickened until the surface is a manifold."""
+def manifold(tetra: Tetrahedra, inside: np.ndarray, never: np.ndarray | None = None) -> np.ndarray:
+    """The labels with bubbles filled, and pinched edges thickened until the surface is a manifold.
+
+    Args:
+        inside: (t,) bool.
+        never: (t,) bool, tetrahedra that no edge is thickened by, such as those that reach far out of the body: what
+            pinches an edge beside them is taken away.
+    """
+    shut = np.asarray((tetra.neighbours < 0).any(1))
+    if never is not None:
+        shut = shut | never
     label = inside
-    for _ in range(20):
+    for _ in range(40):
         label = ~_reached_from_outside(tetra, label)
-        pinched = _pinched(tetra, label)
-        if not pinched.any():
+        about, edge = _pinched(tetra, label)
+        if not len(about):
             break
-        label = label | pinched
+        beside = np.bincount(edge, shut[about], minlength=int(edge.max()) + 1) > 0
+        gone = np.zeros(len(label), bool)
+        gone[about[beside[edge]]] = True
+        label = label.copy()
+        label[about] = True
+        label &= ~gone & ~shut
+        shut = shut | gone
     return label
 
 
@@ -76,22 +91,24 @@ def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     return np.isin(part, rim) & ~inside
 
 
-def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
-    """(t,) tetrahedra about edges that more than two surface triangles share."""
+def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges that more than two surface triangles share: the tetrahedra (k,) about them, and the number (k,) of the edge."""
     faces = surface_faces(tetra, inside)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     size = len(tetra.points)
     code, count = np.unique(edges[:, 0] * size + edges[:, 1], return_counts=True)
     bad = code[count > 2]
-    out = np.zeros(len(inside), bool)
-    if len(bad) == 0:
-        return out
-    rim = (tetra.neighbours < 0).any(1)
-    for i in range(4):
+    about, edge = [], []
+    for i in range(4) if len(bad) else ():
         for j in range(i + 1, 4):
             pair = np.sort(tetra.corners[:, [i, j]], axis=1).astype(np.int64)
-            out |= np.isin(pair[:, 0] * size + pair[:, 1], bad)
-    return out & ~rim
+            own = pair[:, 0] * size + pair[:, 1]
+            place = np.minimum(np.searchsorted(bad, own), len(bad) - 1)
+            here = np.flatnonzero(bad[place] == own)
+            about.append(here)
+            edge.append(place[here])
+    none = np.zeros(0, int)
+    return np.concatenate([none, *about]), np.concatenate([none, *edge])
 
 
 def surface_faces(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:

@@ -109,7 +109,8 @@ def reconstruct_surface(
     progress(2, 5, "tetrahedra")
     costs = _costs(tetra, thinned, hull, views, kind, beside, fill)
     progress(3, 5, "lines of sight")
-    body = manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving))
+    guard = (kind[tetra.corners] == GUARD).any(1)
+    body = manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving), guard)
     if body.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
     progress(4, 5, "cut")

@@ -107,6 +107,18 @@ def test_stereo_pairs_share_a_name_and_an_instant(tmp_path: Path) -> None:
     assert footage["cameras"][1]["T_BS"][0][3] == pytest.approx(0.1)
 
 
+def test_intrinsics_of_another_size_are_refused(tmp_path: Path) -> None:
+    """As of images that were reduced after they were calibrated: their focal length is not the one that is stated."""
+    photographs(tmp_path / "seq" / "cam0" / "data", [turned(8.0 * i) for i in range(8)])
+    sensor = tmp_path / "seq" / "cam0" / "sensor.yaml"
+    sensor.write_text("resolution: [320, 240]\nintrinsics: [400.0, 400.0, 159.5, 119.5]\n")
+    with pytest.raises(InputError, match=r"sensor.yaml: says 320x240 pixels, and its images have 160x120"):
+        staged(tmp_path, tmp_path / "seq")
+    sensor.write_text("intrinsics: [200.0, 200.0, 79.5, 59.5]\n")
+    (tmp_path / "again").mkdir()
+    assert staged(tmp_path / "again", tmp_path / "seq")[1]["cameras"][0]["focal_px"] == 200.0
+
+
 def test_instants_without_clocks_go_by_place() -> None:
     none = np.full(5, -1, np.int64)
     mine, theirs = same_instant(np.arange(5), none, np.array([1, 3, 4, 7]), none[:4])

@@ -5,7 +5,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
+from massprops.capture.from_shape import (
+    Paint,
+    far_from,
+    moved,
+    overlap,
+    refine,
+    shows_points,
+    to_stored,
+    trimap,
+    unsure,
+)
 from massprops.views import undistort
 
 SHAPE = (240, 320)
@@ -62,6 +72,25 @@ def test_a_side_that_was_not_measured_is_found_by_what_it_hides() -> None:
     found = refine(image, trimap(measured, points, np.full(len(points), 2.0), shows))
     assert overlap(np.isfinite(measured), truth) < 0.75
     assert overlap(found, truth) > 0.95
+
+
+def test_an_unmeasured_part_of_the_objects_colour_is_left_open() -> None:
+    """A handle far from the measured body, a like thing that stands apart, and another of the table's colours."""
+    rng = np.random.default_rng(2)
+    body, handle, apart = disc(130, 120, 45), disc(210, 120, 40) & ~disc(210, 120, 25), disc(290, 40, 20)
+    beside = disc(130, 190, 26)
+    image = np.where((body | handle | apart)[..., None], [60, 90, 190], [120, 120, 110]) + 5.0 * rng.standard_normal(
+        (*SHAPE, 3)
+    )
+    image[beside & ~body] = [150, 60, 50]
+    image = np.clip(image, 0, 255).astype(np.uint8)
+    painted = Paint.learn(image[body], np.concatenate([image[~(body | handle | apart)], image[beside & ~body]]))
+    left_open = unsure(image, body, painted)
+    assert left_open[handle & ~body].mean() > 0.95
+    assert not left_open[apart | body].any() and not left_open[beside & ~handle].any()
+    assert left_open[~(handle | body)].mean() < 0.05
+    # nothing is known of colours that no point has
+    assert not unsure(image, body, Paint.learn(image[:0].reshape(-1, 3), image[apart])).any()
 
 
 def test_views_that_show_the_object_elsewhere() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.capture.placements import divide, find_placements
+from massprops.capture.placements import by_order, divide, find_placements
 
 
 def ring(n: int, phase: float = 0.0) -> np.ndarray:
@@ -43,6 +43,37 @@ def test_one_placement_is_not_divided() -> None:
     for n in (16, 24, 50):
         direction = ring(n)
         assert not divide(shared(direction, np.zeros(n, int), rng), direction).any()
+
+
+def test_a_placement_of_a_few_images_from_one_side() -> None:
+    """Seven images of one face against a whole ring: most of the ring has no partner among them."""
+    rng = np.random.default_rng(4)
+    direction = np.concatenate([ring(60)[:7], ring(36, 0.05)])
+    placement = np.repeat([1, 0], [7, 36])
+    assert np.array_equal(divide(shared(direction, placement, rng), direction), placement)
+
+
+def test_a_side_that_shares_little_is_no_placement() -> None:
+    """Few features at a corner: images on both sides of it share little, and still the nearest share most."""
+    rng = np.random.default_rng(5)
+    for n in (24, 40, 60):
+        direction = ring(n)
+        count = shared(direction, np.zeros(n, int), rng)
+        side = np.arange(n) < n // 4
+        across = side[:, None] != side[None]
+        count[across] = count[across] // 3
+        assert not divide(count, direction).any()
+
+
+def test_undecided_images_follow_the_order_of_capture() -> None:
+    label = np.array([1, 1, -1, 1, -1, 0, -1, 0, 0, 0])
+    clock = np.cumsum([1, 4, 4, 5, 3, 90, 5, 4, 6, 4]) * 10**9
+    assert by_order(label, clock).tolist() == [1, 1, 1, 1, 1, 0, 0, 0, 0, 0]
+    # without a pause nobody knows on which side of the turn it was taken
+    assert by_order(label, np.arange(1, 11) * 10**9).tolist() == [1, 1, 1, 1, -1, 0, 0, 0, 0, 0]
+    assert by_order(label).tolist() == [1, 1, 1, 1, -1, 0, 0, 0, 0, 0]
+    # placements that come and go say nothing of what lies between
+    assert by_order(np.array([1, 0, 1, -1, 0, 1, 0])).tolist() == [1, 0, 1, -1, 0, 1, 0]
 
 
 def test_the_room_casts_no_vote() -> None:

@@ -315,3 +315,24 @@ def test_table_points_that_rise_towards_the_foot_are_no_stand() -> None:
     assert not found.readings
     tall = found.split.member[-8000:]
     assert tall.mean() > 0.9
+
+
+def test_a_side_that_faces_the_cameras_is_not_what_carries_it() -> None:
+    """A tilted plate over a table of which little is measured; another placement has shown the table."""
+    rng = np.random.default_rng(3)
+    turn = np.deg2rad(40)
+    tilt = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])
+    face, normal = rectangle(rng, 40_000, 0.5, 0.4, 0.0)
+    plate = face @ tilt.T + [0, 0, 0.35], normal @ tilt.T
+    bar = box(rng, 3000, np.array([0.12, 0.03, 0.02]), np.array([0, -0.55, 0.02]))
+    table = rectangle(rng, 1500, 0.3, 0.1, 0.0)
+    table = table[0] + [0, -0.55, 0], table[1]
+    points = made((plate, RED), (bar, BLUE), (table, GREY))
+    # photographs from the side to which it looks
+    points = replace(points, views=VIEWS.take(VIEWS.centres[:, 1] < -1.0))
+    alone, told = find_object(points), find_object(points, known=np.array([0, 0, 1.0, 0]))
+    assert alone.split.member[:40_000].mean() < 0.01, "the face is taken for the table"
+    assert told.split.member[:40_000].mean() > 0.95 and not told.split.member[40_000:].any()
+    # a plane with things below it carries nothing
+    wrong = find_object(points, known=np.array([0, 0, 1.0, -0.2]))
+    np.testing.assert_array_equal(wrong.split.member, alone.split.member)

@@ -225,7 +225,11 @@ def test_frames_from_python(tmp_path: Path) -> None:
     assert [f.index for f in frames] == sorted(f.index for f in frames)
     nothing = tmp_path / "nothing"
     nothing.mkdir()
-    with pytest.raises(InputError, match="no images here"):
+    with pytest.raises(InputError, match="no images here.*; give a video"):
+        next(read_frames(nothing))
+    (nothing / "images").mkdir()
+    Image.fromarray(scene(0)).save(nothing / "images" / "1.png")
+    with pytest.raises(InputError, match="give its folder images, a video"):
         next(read_frames(nothing))
 
 

@@ -117,6 +117,13 @@ def test_only_regular_files_are_written_and_no_link_is_followed(tmp_path: Path) 
     assert stat.S_ISFIFO((folder / "pipe").lstat().st_mode)
 
 
+@pytest.mark.parametrize("name", ["../x", "a/../../x", "/x", "", ".massprops/x", ".massprops/../../x"])
+def test_no_name_leads_out_of_the_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="does not stay in this folder"), claim(tmp_path / "out", "c", [name]):
+        pass
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_was_changed_cut_or_removed_is_not_read(tmp_path: Path) -> None:
     write(tmp_path, "one", OLD, "k1")
     verify(tmp_path, "a.json", "b/", "unknown")

@@ -25,7 +25,7 @@ def _nanoseconds(seconds: float) -> int:
 
 
 def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and attitudes (n, 4), body to inertial, of a body with one of `KINDS` or `STRANGERS` acting."""
+    """Times (n,) and attitudes (n, 4), body to inertial, of a body with some of `KINDS` or `STRANGERS`, joined by +, acting."""
     from Basilisk.simulation import spacecraft
     from Basilisk.utilities import SimulationBaseClass
 
@@ -49,11 +49,11 @@ def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> 
     hub.hub.sigma_BNInit = [[v] for v in sigma]
     hub.hub.omega_BN_BInit = [[v] for v in w]
     world.AddModelToTask("t", hub)
-    kept = {**KINDS, **STRANGERS}[kind](world, hub, rng, inertia, w)
+    kept = [{**KINDS, **STRANGERS}[k](world, hub, rng, inertia, w) for k in kind.split("+")]
     recorder = hub.scStateOutMsg.recorder(_nanoseconds(period))
     world.AddModelToTask("t", recorder)
     world.InitializeSimulation()
-    for until, act in sorted(kept.get("acts", []), key=lambda a: a[0]):
+    for until, act in sorted((act for k in kept for act in k.get("acts", [])), key=lambda a: a[0]):
         world.ConfigureStopTime(_nanoseconds(until))
         world.ExecuteSimulation()
         act()
@@ -225,6 +225,12 @@ KINDS: dict[str, Callable[..., dict]] = {
     "none": _nothing, "gravity-gradient-torque": _gravity, "sunlight": _sunlight, "constant-body-torque": _leak,
     "impulse": _firing, "internal-rotor": _wheel,
 }  # fmt: skip
+
+PAIRS = (
+    "constant-body-torque+internal-rotor", "constant-body-torque+impulse", "sunlight+constant-body-torque",
+    "internal-rotor+impulse", "sunlight+internal-rotor", "sunlight+impulse",
+)  # fmt: skip
+"""Two at once. Gravity has no part: at these rates its gradient hardly shows by itself."""
 
 
 def recorded(kind: str, seed: int, sigma: float = SIGMA, seconds: float = 900.0, period: float = 2.0) -> Sequence:

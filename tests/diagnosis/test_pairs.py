@@ -12,7 +12,7 @@ from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.effect_search import widening
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import SECONDS, pairs, seconds
-from massprops.diagnosis.record import Record, record_of_rates
+from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import (
     Candidate,
     Selection,
@@ -20,6 +20,7 @@ from massprops.diagnosis.selection import (
     may_be_named,
     rms,
     usable_effects,
+    wheel_of_any_history,
     without_effects,
 )
 
@@ -46,7 +47,7 @@ def test_the_second_of_two_effects_is_found_beside_the_first(record: Record) -> 
         steady = [m for m in usable if m.NAME != "impulse"]
         assert other in [t.name for t in seconds(fit, steady, 0.01)[:SECONDS]]
     both = [m for m in usable if m.NAME in ("drag-by-axis", "constant-body-torque", "internal-rotor")]
-    found = pairs(record, single, both)[0]
+    found = pairs(record, [(f, None) for f in single], both)[0]
     assert set(found.names) == {"drag-by-axis", "constant-body-torque"}
     assert found.evidence > max(f.evidence for f in single) + 20 and rms(found.residual) < 1.15
     for name, truth in (("drag-by-axis", DRAG), ("constant-body-torque", TORQUE)):
@@ -90,3 +91,19 @@ def test_a_small_effect_that_leaves_the_stated_noise_may_be_named() -> None:
     assert may_be_named(Candidate(alone=fit), base, unknown)
     idle = alone(record_of_rates(tumble(rate=100.0)), "drag-by-axis")
     assert not may_be_named(Candidate(alone=idle), base, unknown)
+
+
+def test_a_wheel_that_a_torque_bends_is_found_from_beside_an_unknown_torque() -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import recorded
+
+    sequence = recorded("constant-body-torque+internal-rotor", 51)
+    assert sequence.attitude is not None
+    record = record_of_attitudes(sequence.attitude, sequence.environment)
+    wheel = wheel_of_any_history(record)
+    usable = [m for m in usable_effects(record)[0] if m.NAME != "impulse"]
+    assert wheel.beside is not None and seconds(wheel.beside, usable, 2.0)[0].name == "constant-body-torque"
+    torque = [m for m in usable if m.NAME == "constant-body-torque"]
+    found = pairs(record, [(wheel.alone, wheel.beside)], torque)[0]
+    assert rms(wheel.alone.residual) > 5.0 and rms(found.residual) < 1.05
+    assert set(found.names) == {"internal-rotor", "constant-body-torque"}

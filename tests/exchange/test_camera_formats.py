@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +74,21 @@ def test_nerfstudio_cameras_see_the_points_where_they_were(run: Path, tmp_path: 
         # OpenGL's camera looks along -z with y up
         assert frame["fl_x"] * x / -z + frame["cx"] - 0.5 == pytest.approx(ours[0] / ours[2])
         assert frame["fl_y"] * -y / -z + frame["cy"] - 0.5 == pytest.approx(ours[1] / ours[2])
+
+
+def test_a_fisheye_keeps_its_lens(run: Path, tmp_path: Path) -> None:
+    """COLMAP's FULL_OPENCV has the same eight numbers; Nerfstudio has no such model."""
+    views = views_of(run)
+    lens = np.array([-0.1, 0.02, 0.0, 0.0, 0.001, 0.3, 0.01, 0.0])
+    replace(views, distortion=np.tile(lens, (len(views), 1))).save(run / "work" / "sfm" / "views.npz")
+    try:
+        folder = export(run, "colmap-text", tmp_path / "model")
+        camera = (folder / "cameras.txt").read_text().splitlines()[-1].split()
+        assert camera[1] == "FULL_OPENCV" and np.allclose([float(v) for v in camera[-8:]], lens)
+        with pytest.raises(InputError, match="fisheye"):
+            export(run, "nerfstudio", tmp_path / "transforms.json")
+    finally:
+        views.save(run / "work" / "sfm" / "views.npz")
 
 
 def test_nerfstudio_in_a_reader_of_its_data_sets(run: Path, tmp_path: Path) -> None:

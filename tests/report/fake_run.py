@@ -53,9 +53,11 @@ def cameras(count: int, size: tuple[int, int]) -> Views:
     )
 
 
-def make_run(folder: Path, metric: bool = True, count: int = 12, hostile: bool = False) -> Path:
+def make_run(
+    folder: Path, metric: bool = True, count: int = 12, hostile: bool = False, size: tuple[int, int] = (480, 360)
+) -> Path:
     """Everything that a finished run leaves and the report reads."""
-    run, size = folder, (480, 360)
+    run = folder
     for part in ("capture/frames/cam0", "sfm", "silhouettes", "dense", "surface", "scale"):
         (run / "work" / part).mkdir(parents=True)
     (run / "masks" / "cam0").mkdir(parents=True)

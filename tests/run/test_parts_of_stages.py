@@ -51,7 +51,7 @@ def placed(tmp_path: Path) -> tuple[Path, int]:
     shape = run / "work" / "shape"
     folder = shape / "placement0"
     folder.mkdir(parents=True)
-    (shape / "shape.json").write_text(json.dumps({"placements": [{"images": names}], "lost": []}))
+    (shape / "shape.json").write_text(json.dumps({"placements": [{"images": names, "method": "measured"}], "lost": []}))
     np.savez(folder / "shape.npz", vertices=body.vertices, faces=body.faces)
     for name, colour, xyz in (("object", "colour", body.vertices), ("other", "other_colour", body.vertices * 2)):
         np.savez(folder / f"{name}.npz", xyz=xyz)

@@ -199,6 +199,16 @@ def test_what_a_killed_command_was_writing_is_cleared_away(tmp_path: Path, packa
     assert tree(run) == before
 
 
+def test_an_error_of_the_disk_that_is_over_is_not_told_on_the_page(tmp_path: Path, package: str) -> None:
+    """It came after the last stage but the page was done, so that this alone is left to make."""
+    run = tmp_path / "run"
+    go(run, package)
+    (run / "work" / "stopped.json").write_text('{"exit_code": 2, "reason": "Input/output error", "stage": "second"}')
+    shutil.rmtree(run / "work" / "report")
+    assert go(run, package).exit_code == 0
+    assert (run / "report.html").read_text() == "stopped: False" and not (run / "work" / "stopped.json").exists()
+
+
 def test_results_of_a_stopped_run_are_not_called_of_other_inputs(tmp_path: Path, package: str) -> None:
     run = tmp_path / "run"
     FLAGS.add("fail")

@@ -117,6 +117,9 @@ def test_why_a_run_is_partial_is_written_by_the_next_command_where_it_is_missing
     stopped.unlink()
     assert go(run, package).exit_code == 3
     assert json.loads(stopped.read_text()) == before and calls(run) == ["first", "second"]
+    stopped.write_text('{"exit_code": 2, "reason": "Input/output error", "stage": "second"}')
+    assert go(run, package).exit_code == 3
+    assert json.loads(stopped.read_text()) == before, "an error of the disk is over"
 
 
 def test_finished_stages_are_not_run_again_and_options_reach_their_dependents_only(run: Path, package: str) -> None:

@@ -38,6 +38,24 @@ def test_an_image_in_its_place_stays_and_one_elsewhere_goes(solved):
     assert sorted(model.reg_image_ids()) == ids[:-1]
 
 
+def test_pairs_that_contradict_a_model_are_counted(solved):
+    """An image a tenth of its distance off: all that it shares with others contradicts its place."""
+    from massprops.sfm.contradictions import contradictions
+
+    model, database = pycolmap.Reconstruction(solved[0]), solved[1]
+    right = contradictions(model, database)
+    assert right.share < 0.02 and not right.said({})
+    names = sorted(model.image(i).name for i in model.reg_image_ids())
+    for last in sorted(model.reg_image_ids())[-len(names) // 3 :]:
+        frame = model.frame(model.image(last).frame_id)
+        pose = np.asarray(frame.rig_from_world.matrix()).copy()
+        pose[1, 3] += 0.1 * pose[2, 3] * (1 + last % 3)
+        frame.rig_from_world = pycolmap.Rigid3d(pose)
+    wrong = contradictions(model, database)
+    (said,) = wrong.said({wrong.pairs[0][0]: "IMG 7.jpg"})
+    assert wrong.share > 0.3 and "IMG 7.jpg" in said and wrong.pairs[0][1] in said
+
+
 def test_an_image_that_sees_little_of_what_is_before_it_goes(solved):
     model = pycolmap.Reconstruction(solved[0])
     ids = sorted(model.reg_image_ids())
@@ -66,6 +84,21 @@ def test_matches_with_images_that_are_not_placed_are_kept(solved, tmp_path):
     assert pairs() == before - gone and len(gone) == len(ids) - 2
     _forget(database, ids[:-1], set(ids))
     assert pairs() == {p for p in before if ids[-1] in p} != set()
+
+
+def test_pairs_that_were_compared_in_vain_can_be_matched_anew(solved, tmp_path):
+    """COLMAP keeps a row without matches of each, which none of its lists names."""
+    database = tmp_path / "copy.db"
+    database.write_bytes(solved[1].read_bytes())
+    a, b = sorted(solved[0].reg_image_ids())[:2]
+    with pycolmap.Database.open(database) as db:
+        db.delete_matches(a, b)
+        db.write_matches(a, b, np.zeros((0, 2), np.uint32))
+        assert pycolmap.image_pair_to_pair_id(a, b) not in db.read_all_matches()[0]
+    _forget(database, [a, b], {a})
+    with pycolmap.Database.open(database) as db:
+        db.write_matches(a, b, np.array([[0, 1]], np.uint32))
+        assert db.exists_matches(a, b)
 
 
 def test_an_image_gets_its_own_matches_back(solved, tmp_path):

@@ -111,6 +111,84 @@ def test_a_strong_lens_shows_on_one_object_too():
     assert model.cameras[1].params[3] == pytest.approx(-0.3, abs=0.05)
 
 
+def fisheye_pictures(k, angle_deg, start=ONE):
+    """As `pictured`, by a fisheye of 300 px whose edge looks `angle_deg` off its axis."""
+    import pycolmap
+
+    model = pictured([(0.0, 0.0, 0.0, 0.0, 1.0)], reach=8.0 * np.tan(np.deg2rad(angle_deg)) * 0.7, n=10, m=600)
+    out = pycolmap.Reconstruction()
+    out.add_camera_with_trivial_rig(
+        pycolmap.Camera(camera_id=1, model=start, width=SIZE[0], height=SIZE[1], params=[300.0, 320, 240, -0.2])
+    )
+    rng = np.random.default_rng(1)
+    tracks = {p: pycolmap.Track() for p in model.point3D_ids()}
+    for i in sorted(model.reg_image_ids()):
+        M = np.asarray(model.image(i).cam_from_world().matrix())
+        uv = []
+        for p in tracks:
+            c = M[:, :3] @ model.point3D(p).xyz + M[:, 3]
+            t = np.arctan2(np.hypot(c[0], c[1]), c[2])
+            place = 300.0 * t * (1 + k * t * t) * c[:2] / np.hypot(c[0], c[1]) + [319.5, 239.5]
+            if t < np.deg2rad(angle_deg) and (place > 0).all() and (place < np.array(SIZE) - 1).all():
+                tracks[p].add_element(i, len(uv))
+                uv.append(place + 0.3 * rng.standard_normal(2) + 0.5)
+        image = pycolmap.Image(name=f"cam0/{i}.png", camera_id=1, image_id=i, keypoints=np.array(uv))
+        out.add_image_with_trivial_frame(image, model.image(i).cam_from_world())
+    for p, track in tracks.items():
+        if track.length() >= 3:
+            out.add_point3D(model.point3D(p).xyz, track)
+    return out
+
+
+@pytest.mark.parametrize("k", [0.0, -0.05])
+def test_a_fisheye_is_seen_where_no_polynomial_fits(k):
+    from massprops.sfm.convert import to_points, to_views
+    from massprops.sfm.points import residuals
+
+    model = fisheye_pictures(k, 60)
+    refined = chosen(model)
+    assert refined.lenses[1].model == "OPENCV_FISHEYE"
+    errors = refined.lenses[1].held_out_px
+    assert errors["OPENCV_FISHEYE"] < errors["OPENCV"]
+    # what reads it as a pinhole camera's distortion agrees with COLMAP's own projection
+    views, ids = to_views(model)
+    assert views.distortion.shape[1] == 8
+    model.update_point_3d_errors()
+    points = to_points(model, ids)
+    away = np.linalg.norm(residuals(views, points), axis=1)
+    mean = np.bincount(points.obs_point, away) / np.bincount(points.obs_point)
+    np.testing.assert_allclose(mean, points.error, atol=2e-2)
+    assert model.cameras[1].params[0] == pytest.approx(300, rel=0.01)
+
+
+@pytest.mark.parametrize("k", [(0.0, 0.0, 0.0, 0.0), (-0.04, 0.005, 0.0, 0.0), (0.05, -0.02, 0.01, -0.002)])
+def test_a_fisheye_and_its_rational_model_agree(k):
+    """Over the whole image, by the library that undistorts it."""
+    import cv2
+
+    from massprops.sfm.fisheye import rational, widest_angle
+
+    K = np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]])
+    angle = np.linspace(0.01, widest_angle(np.array(k), 400 / 300), 100)
+    turn = np.linspace(0, 20, 100)
+    ray = np.column_stack([np.tan(angle) * np.cos(turn), np.tan(angle) * np.sin(turn), np.ones(100)])[:, None]
+    zero = np.zeros(3)
+    true = cv2.fisheye.projectPoints(ray, zero, zero, K, np.array(k))[0]
+    ours = cv2.projectPoints(ray, zero, zero, K, rational(np.array(k), 400 / 300))[0]
+    assert np.abs(true - ours).max() < 0.03
+
+
+def test_slopes_of_the_lens_are_those_of_its_factor():
+    from massprops.sfm.fisheye import rational
+    from massprops.sfm.points import radial_factor
+
+    u = np.linspace(0.0, 2.0, 50)
+    for d in (np.array([-0.2, 0.05, 1e-3, 2e-3]), rational(np.array([-0.03, 0.01, 0.0, 0.0]), 1.2)):
+        rows = np.tile(d, (50, 1))
+        step = (radial_factor(rows, u + 1e-6)[0] - radial_factor(rows, u - 1e-6)[0]) / 2e-6
+        np.testing.assert_allclose(radial_factor(rows, u)[1], step, atol=1e-8)
+
+
 def test_what_is_held_out_leaves_tracks_whole(monkeypatch):
     from massprops.sfm.lens import hold_out
 

@@ -52,12 +52,12 @@ def test_opencv_camera_projects_as_colmap(model, extra):
     np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
-def test_camera_that_four_numbers_cannot_express():
+def test_camera_that_these_numbers_cannot_express():
     from massprops.sfm.convert import opencv_camera
 
     pycolmap = pytest.importorskip("pycolmap")
-    camera = pycolmap.Camera.create_from_model_name(1, "OPENCV_FISHEYE", 500.0, 640, 480)
-    with pytest.raises(InputError, match="OPENCV_FISHEYE"):
+    camera = pycolmap.Camera.create_from_model_name(1, "THIN_PRISM_FISHEYE", 500.0, 640, 480)
+    with pytest.raises(InputError, match="THIN_PRISM_FISHEYE"):
         opencv_camera(camera)
 
 
@@ -139,6 +139,21 @@ def test_attitude_is_the_rotation_of_the_view():
     assert len(s.tracks.uv) == 300
     np.testing.assert_allclose(s.cameras[0].intrinsics, [900, 900, 319.5, 239.5])
     assert s.cameras[0].rate_hz == pytest.approx(1.0)
+
+
+def test_a_fisheye_gives_the_tracks_of_a_pinhole_camera():
+    from massprops.sfm.fisheye import rational
+    from massprops.sfm.points import project
+
+    views, points = scene.make(6, 40)
+    v, k = points.obs_view, rational(np.array([-0.02, 0.0, 0.0, 0.0]), 0.5)
+    bent = replace(views, distortion=np.tile(k, (6, 1)))
+    uv = project(bent.K[v], bent.distortion[v], bent.R[v], bent.t[v], points.xyz[points.obs_point])
+    assert np.abs(uv - points.obs_uv).max() > 1
+    s = to_sequence(bent, replace(points, obs_uv=uv), np.arange(6), None)
+    straight = to_sequence(views, points, np.arange(6), None)
+    np.testing.assert_allclose(s.tracks.uv, straight.tracks.uv, atol=1e-3)
+    assert not s.cameras[0].distortion.any() and len(s.cameras[0].distortion) == 4
 
 
 def test_static_footage_has_no_attitude_and_no_clock_is_said():

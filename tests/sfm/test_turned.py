@@ -18,15 +18,16 @@ def held(views, turns, cameras, camera):
 
 
 @pytest.mark.parametrize("turn", [0, 1, 2, 3])
-def test_a_turned_camera_sees_the_turned_points(turn):
+@pytest.mark.parametrize(
+    ("model", "terms"), [("OPENCV", (-0.1, 0.02, 3e-3, -2e-3)), ("OPENCV_FISHEYE", (-0.03, 0.01, 0.0, 0.0))]
+)
+def test_a_turned_camera_sees_the_turned_points(turn, model, terms):
     import pycolmap
 
     from massprops.sfm.convert import opencv_camera
     from massprops.sfm.turned import QUARTER, turn_camera, turn_points
 
-    camera = pycolmap.Camera(
-        camera_id=1, model="OPENCV", width=640, height=480, params=[500, 520, 310, 250, -0.1, 0.02, 3e-3, -2e-3]
-    )
+    camera = pycolmap.Camera(camera_id=1, model=model, width=640, height=480, params=[500, 520, 310, 250, *terms])
     c = np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (50, 3))
 
     def seen(camera, c):

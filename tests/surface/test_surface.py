@@ -180,6 +180,21 @@ def test_border_of_any_labels_is_closed(seed):
     assert mesh.is_volume and mesh.volume == pytest.approx(tetra.volume[label].sum())
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_no_pinched_edge_is_thickened_by_what_reaches_out(seed):
+    """Far points hold the space about a body: a tetrahedron with one of them would be a needle."""
+    rng = np.random.default_rng(seed)
+    far = 3 * rng.standard_normal((40, 3))
+    tetra = tetrahedralise(np.concatenate([rng.random((300, 3)), 0.5 + far / np.linalg.norm(far, axis=1)[:, None] * 3]))
+    out = (tetra.corners >= 300).any(1)
+    # ragged up to the very border, where the far points begin
+    label = manifold(tetra, ~out & (rng.random(len(out)) < 0.6), out)
+    assert not label[out].any()
+    mesh = trimesh.Trimesh(tetra.points, surface_faces(tetra, label), process=False)
+    mesh.remove_unreferenced_vertices()
+    assert mesh.is_volume and mesh.volume == pytest.approx(tetra.volume[label].sum())
+
+
 @pytest.mark.parametrize("count", [0, 50])
 def test_too_few_points_say_so(count):
     views = cameras(sphere_directions(6), 3.0, 600)

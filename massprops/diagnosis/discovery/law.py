@@ -109,8 +109,8 @@ def _regression(at: HypothesisFit, groups: list[Group], terms: list[LibraryTerm]
         path=record.path, shape=at.shape, momentum=at.rate @ at.inertia, rate=at.rate, rows=record.rows
     )  # fmt: skip
     columns = balance.columns(torque_forcing(record.path, columns_of(terms, record.path, at.rate, record.sky)))
-    noise = np.resize(at.noise, 3)[np.arange(3 * len(record.rows.at)) % 3]
-    plain = [b for b in at.blocks if b.name in ("base", "gyroscope scale")]
+    noise = at.row_noise
+    plain = [b for b in at.blocks if b.name in ("base", "gyroscope")]
     fixed = np.concatenate([b.columns for b in plain], axis=1) / noise[:, None]
     sd = np.concatenate([at.posterior.sd[b.name] for b in plain])
     over = 1.0 / (record.rows.spread * noise)

@@ -52,7 +52,8 @@ def diagnose(
 ) -> Diagnosis | BalanceDiagnosis:
     """Where model and data disagree, and which effect the model lacks.
 
-    Body rates alone, and attitudes alone, go by the balance of momentum (`massprops.diagnosis`), everything else by the search over starts.
+    Short records of body rates, and attitudes with or without rates, go by the balance of momentum (`massprops.diagnosis`),
+    everything else by the search over starts.
 
     Args:
         source: sequence folder, run folder, or a `Sequence`.

@@ -60,6 +60,58 @@ class Selection:
     verdict: str = "none"
 
 
+@dataclass(kw_only=True)
+class _Course:
+    """Where a selection stands.
+
+    Attributes:
+        case, base, watch: as `select` takes them; usable: effects that may act; out: what was tried; first: fits of one
+            effect; longer: of longer forms; good: those of all that may be named, the best first.
+    """
+
+    case: Case
+    base: Scored
+    watch: Watch
+    usable: list[ModuleType]
+    out: Selection
+    first: list[Scored]
+    longer: list[Scored] = field(default_factory=list)
+    good: list[Scored] = field(default_factory=list)
+
+    def join(self, found: list[Scored]) -> None:
+        """Takes those of some fits that may be named among the good ones."""
+        self.good = sorted([*self.good, *(s for s in found if may_be(s, self.base))], key=lambda s: s.bic)
+
+    def lengthen(self, modules: list[ModuleType]) -> None:
+        """Longer forms of some effects, until one explains the data."""
+        found: list[Scored] = []
+        for module in modules:
+            found += _longer_forms(self.case, self.base, module, self.first, self.watch)
+            if any(explained(s) and may_be(s, self.base) for s in found):
+                break
+        self.longer.extend(found)
+        self.out.tried.extend(found)
+        self.join(found)
+
+    def pair(self, violated: bool) -> None:
+        """Two effects at once: a second beside each of the best, until a pair is settled."""
+        pairs = beside_each(self.case, self.first, self.usable, self.watch) if violated else []
+        better = self._needed(pairs)
+        for k, s in enumerate([] if any(settled(p) for p in better) else _beam(self.good)):
+            rest = [m for m in self.usable if m.NAME not in s.names]
+            what = f"two effects, with {s.names[0]} ({k + 1})"
+            least = min((p.fit.cost for p in pairs), default=np.inf)
+            pairs += fits_beside(self.case, s, rest, FITS_OF_A_PAIR, self.watch, what, against=least)
+            better = self._needed(pairs)
+            if any(settled(p) for p in better):
+                break
+        self.out.tried += pairs
+        self.good = sorted([*self.good, *better], key=lambda s: s.bic)
+
+    def _needed(self, pairs: list[Scored]) -> list[Scored]:
+        return [p for p in pairs if may_be(p, self.base) and all_needed(p, [*self.first, *self.longer])]
+
+
 def select(
     case: Case,
     base: Scored,
@@ -74,17 +126,47 @@ def select(
         watch: told of each step.
     """
     out = Selection(base, best=base)
-    usable: list[ModuleType] = []
+    usable, out.skipped = _usable(case)
+    if explained(base) and not base.held > PREDICTS and not violated:
+        return out
+    first = _singles(case, base, usable, watch, violated)
+    if other is not None and _explains_more(other, base, first):
+        return None
+    out.tried += first
+    course = _Course(case=case, base=base, watch=watch, usable=usable, out=out, first=first)
+    course.good = [s for s in first if may_be(s, base)]
+    leading, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
+    if not any(settled(s) for s in course.good):
+        course.lengthen(leading)
+    if course.good and not any(settled(s) for s in course.good):
+        course.pair(violated)
+    if course.good:
+        steps = stepwise(case, ([s for s in course.good if explained(s)] or course.good)[0], usable, watch)
+        out.tried += steps
+        course.join(steps)
+    if not any(explained(s) for s in course.good):
+        if explained(base) and not violated:
+            return out
+        course.lengthen(far)
+    return _concluded(case, base, course.good, out)
+
+
+def _usable(case: Case) -> tuple[list[ModuleType], dict[str, str]]:
+    """The effects that the search tries with what the case knows, and by name why others are left out."""
+    usable, skipped = [], {}
     for name, module in effects().items():
         if not getattr(module, "SEARCHED", True):
             continue
         missing = lacks(module, set(case.there))
         if missing:
-            out.skipped[name] = missing
+            skipped[name] = missing
         else:
             usable.append(module)
-    if explained(base) and not base.held > PREDICTS and not violated:
-        return out
+    return usable, skipped
+
+
+def _singles(case: Case, base: Scored, usable: list[ModuleType], watch: Watch, violated: bool) -> list[Scored]:
+    """Fits of one effect, the best first."""
     first = fits_beside(case, base, usable, FEWEST_FITS, watch, "one effect")
     if violated and not any(DENSITY in s.names for s in first):
         # what the contradiction itself says, however steep the scores of others from so wrong a model
@@ -93,50 +175,11 @@ def select(
     if first and not explained(first[0]) and first[0].fit.iterations >= MOST_ITERATIONS:
         # what leads is seen through to its end before another effect is asked to help
         first[0] = refit(case, first[0].fit.state, first[0].added, most=3 * MOST_ITERATIONS)
-    if other is not None and _explains_more(other, base, first):
-        return None
-    out.tried += first
-    longer: list[Scored] = []
-    good = [s for s in first if may_be(s, base)]
-    done = [s for s in good if settled(s)]
-    near, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
+    return first
 
-    def lengthen(modules: list[ModuleType]) -> list[Scored]:
-        """Longer forms of some effects; those that explain the data."""
-        found: list[Scored] = []
-        for module in modules:
-            found += _longer_forms(case, base, module, first, watch)
-            if any(explained(s) and may_be(s, base) for s in found):
-                break
-        longer.extend(found)
-        out.tried.extend(found)
-        good[:] = sorted([*good, *(s for s in found if may_be(s, base))], key=lambda s: s.bic)
-        return [s for s in good if settled(s)]
 
-    done = done or lengthen(near)
-    if not done and good:
-        pairs = beside_each(case, first, usable, watch) if violated else []
-        better = [p for p in pairs if may_be(p, base) and all_needed(p, [*first, *longer])]
-        done = [p for p in better if settled(p)]
-        for k, s in enumerate([] if done else _beam(good)):
-            rest = [m for m in usable if m.NAME not in s.names]
-            what = f"two effects, with {s.names[0]} ({k + 1})"
-            least = min((p.fit.cost for p in pairs), default=np.inf)
-            pairs += fits_beside(case, s, rest, FITS_OF_A_PAIR, watch, what, against=least)
-            better = [p for p in pairs if may_be(p, base) and all_needed(p, [*first, *longer])]
-            done = [p for p in better if settled(p)]
-            if done:
-                break
-        out.tried += pairs
-        good = sorted([*good, *better], key=lambda s: s.bic)
-    if good:
-        steps = stepwise(case, ([s for s in good if explained(s)] or good)[0], usable, watch)
-        out.tried += steps
-        good = sorted([*good, *(s for s in steps if may_be(s, base))], key=lambda s: s.bic)
-    if not any(explained(s) for s in good):
-        if explained(base) and not violated:
-            return out
-        lengthen(far)
+def _concluded(case: Case, base: Scored, good: list[Scored], out: Selection) -> Selection:
+    """The verdict on what may be named, the best first."""
     done = [s for s in good if explained(s)] or [s for s in good if fits(s)][:1]
     while done and not _constant(case, done[0]):
         done = done[1:]
@@ -248,15 +291,15 @@ def _nearness(
         return modules, []
     most = base.bic - min(s.bic for s in first)
     best = {m.NAME: min((s for s in first if s.names == (m.NAME,)), key=lambda s: s.bic, default=None) for m in modules}
-    near, far = [], []
+    leading, far = [], []
     for m in modules:
         s = best[m.NAME]
         much = s is not None and s.fitted**2 - 1.0 < FIRST_SHARE * (base.fitted**2 - 1.0)
         if s is not None and much and base.bic - s.bic > AS_GOOD * most:
-            near.append(m)
+            leading.append(m)
         elif much or not moves_at_once(m):
             far.append(m)
-    return near, far
+    return leading, far
 
 
 def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Scored], watch: Watch) -> list[Scored]:
@@ -288,6 +331,6 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
                 ]
         small = case.fitted.count <= SMALL
         least = np.inf if small else near(min((s.fit.cost for s in singles), default=np.inf))
-        fits = [refit(case, state, added, most=40 if small else 20, against=least) for state in states]
-        out += [s if explained(s) else best_moment(case, s) for s in fits]
+        refitted = [refit(case, state, added, most=40 if small else 20, against=least) for state in states]
+        out += [s if explained(s) else best_moment(case, s) for s in refitted]
     return out

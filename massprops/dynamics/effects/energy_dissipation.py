@@ -39,13 +39,14 @@ MOMENTUM_UNKNOWNS = ("share",)
 def momentum_columns(t, R, w, held):
     """Momentum of a sphere of the body's mean moment that the layer drives: for a `share` of one."""
     pace = held["coupling"]
-    z = w.copy()
+    turning = (R @ w[:, :, None])[:, :, 0]
+    keep = 2.718281828459045 ** (-pace * (t[1:] - t[:-1]))
+    driven = 0.5 * (1.0 - keep)[:, None] * (turning[1:] + turning[:-1])
     # in inertial axes the layer alone changes it: d(R z)/dt = coupling R (w - z), exact for w constant over a step
+    z = turning.copy()
     for k in range(1, len(t)):
-        keep = 2.718281828459045 ** (-pace * (t[k] - t[k - 1]))
-        carried = R[k].T @ (R[k - 1] @ z[k - 1])
-        z[k] = keep * carried + (1.0 - keep) * 0.5 * (w[k] + R[k].T @ (R[k - 1] @ w[k - 1]))
-    return {"internal": z[:, :, None]}
+        z[k] = keep[k - 1] * z[k - 1] + driven[k - 1]
+    return {"internal": R.swapaxes(1, 2) @ z[:, :, None]}
 
 
 def momentum_scan(t, w):

@@ -29,8 +29,9 @@ def render(body: Body, meshes: Mapping[str, str]) -> dict[str, str]:
     # one camera for each lens: alike in every number
     lens = np.column_stack([views.size, views.K[:, 0, 0], views.K[:, 1, 1], views.K[:, :2, 2] + 0.5, views.distortion])
     kinds, which = np.unique(lens, axis=0, return_inverse=True)
+    model = "OPENCV" if views.distortion.shape[1] == 4 else "FULL_OPENCV"
     rows = [
-        f"{k + 1} OPENCV {int(row[0])} {int(row[1])} " + " ".join(f"{v:.12g}" for v in row[2:])
+        f"{k + 1} {model} {int(row[0])} {int(row[1])} " + " ".join(f"{v:.12g}" for v in row[2:])
         for k, row in enumerate(kinds)
     ]
     lists = _observations(cameras)

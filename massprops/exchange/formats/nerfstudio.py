@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.errors import InputError
 from massprops.exchange.body import Body
 from massprops.exchange.cameras import ORIGIN, camera_to_body, read_cameras
 
@@ -25,6 +26,10 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
     cameras = read_cameras(body, NAME)
     views, pose = cameras.views, camera_to_body(cameras.views)
     pose[:, :3, 1:3] *= -1.0
+    if views.distortion.shape[1] > 4:
+        raise InputError(
+            "--to nerfstudio: this camera is a fisheye, which that format has otherwise: use --to colmap-text"
+        )
     frames = []
     for i, name in enumerate(views.names):
         frame: dict[str, Any] = {"file_path": str((cameras.frames / name).resolve())}

@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 READS = ("capture",)
 OPTIONS = ("mapper", "sparse", "focal", "motion", "masks")
 
-LENS = {"SIMPLE_PINHOLE": "no distortion", "SIMPLE_RADIAL": "k1", "RADIAL": "k1 k2", "OPENCV": "k1 k2 p1 p2 fx fy"}
+LENS = {
+    "SIMPLE_PINHOLE": "no distortion",
+    "SIMPLE_RADIAL": "k1",
+    "RADIAL": "k1 k2",
+    "OPENCV": "k1 k2 p1 p2 fx fy",
+    "OPENCV_FISHEYE": "fisheye",
+}
 """What is estimated of a lens, by COLMAP's name of the model."""
 
 
@@ -63,6 +69,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "points": len(result.points.xyz),
         "reprojection_error_px": _mean_error(result.points),
         "residual_rms_px": result.precision.rms_px,
+        "contradicted_share": result.contradicted,
         "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),
         "distortion": list(result.cameras[0].distortion),

@@ -76,9 +76,11 @@ def run(job: Job) -> dict[str, Any]:
     divided = given or find_placements(
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
     )
-    label = by_order(divided.label)
+    taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
+    times = np.array([taken[name] for name in views.names], np.int64)
+    label = by_order(divided.label, times)
     if not given and not divided.known:
-        label = _set_down(job, views, sparse, region, footage)
+        label = _set_down(job, views, sparse, region, times)
     placements, lost = _solved(job, views, sparse, label, pointed)
     if len(placements) > 1 and not given:
         # the object's own features know better than what is hidden of a plain table
@@ -87,6 +89,11 @@ def run(job: Job) -> dict[str, Any]:
         better = np.where(sure, divided.label, hidden)
         if not np.array_equal(better, label):
             label = better
+            placements, lost = _solved(job, views, sparse, label, pointed)
+    if len(placements) > 1 and not given:
+        stood = _where_it_stood(job, views, region, label, placements)
+        if not np.array_equal(stood, label):
+            label = stood
             placements, lost = _solved(job, views, sparse, label, pointed)
     if not placements:
         raise NotPossible(lost[0]["reason"])
@@ -122,7 +129,7 @@ def _rough_support(job: Job, views, region, sparse) -> tuple[Cloud, np.ndarray] 
     return None if plane is None else (cloud, plane)
 
 
-def _set_down(job: Job, views, sparse, region, footage: dict[str, Any]) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _set_down(job: Job, views, sparse, region, times: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
     """Labels (n,) of an object that has no features to tell its placements by: by what it hides of its support."""
     from massprops.capture.occlusion import COARSE, voxels
     from massprops.capture.set_down import LEAST_IMAGES, set_down_anew
@@ -133,8 +140,6 @@ def _set_down(job: Job, views, sparse, region, footage: dict[str, Any]) -> np.nd
         return none
     cloud, plane = found
     maps = _occlusion(job, views, cloud, plane, region)
-    taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
-    times = np.array([taken[name] for name in views.names], np.int64)
     return set_down_anew(voxels(views, maps, plane, region, COARSE), maps, times)
 
 
@@ -152,7 +157,9 @@ def _solved(  # type: ignore[no-untyped-def]
             if len(member) < LEAST_VIEWS:
                 raise NotPossible(f"{len(member)} images are too few for a placement of its own")
             here = [replace(p, view=int(np.flatnonzero(member == p.view)[0])) for p in pointed if p.view in member]
-            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements), here)
+            # the room stayed: what carried the object in most images carries it in the others
+            known = placements[0]["support_plane"] if placements else None
+            facts = _placement(job, views.take(member), sparse.of_views(member), len(placements), here, known)
             placements.append({"label": k, "images": names, **facts})
         except NotPossible as error:
             if count == 1 or any(p.view in member for p in pointed):
@@ -183,6 +190,33 @@ def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dic
     return np.where(found < 0, -1, number[found])
 
 
+def _where_it_stood(job: Job, views, region, label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Labels (n,) in which placements are one where the object did not move between them."""
+    from massprops.surface.cloud import Cloud, agreeing
+    from massprops.surface.unmoved import groups_unmoved, paint_in_common
+
+    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
+    parts = []
+    for k in range(len(placements)):
+        folder = placement_folder(job.out, k)
+        cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
+        parts.append((cloud.take(agreeing(cloud)), colour[agreeing(cloud)]))
+    alike = np.zeros((len(parts), len(parts)))
+    for i, (first, one) in enumerate(parts):
+        for k, (second, other) in enumerate(parts[:i]):
+            if placements[i]["method"] == placements[k]["method"] == "measured":
+                alike[i, k] = paint_in_common(first, second, (one, other), pixel)
+    group = groups_unmoved(alike)
+    number = np.array([p["label"] for p in placements])
+    out = label.copy()
+    for k, g in enumerate(group):
+        out[label == number[k]] = number[g]
+    if len(np.unique(group)) == 1:
+        out[out < 0] = number[0]  # it stood all the time, in these images too
+    out[out >= 0] = np.unique(out[out >= 0], return_inverse=True)[1]
+    return out
+
+
 def _said(job: Job, facts: dict[str, Any]) -> dict[str, Any]:
     (job.out / "shape.json").write_text(json.dumps(facts, indent=1))
     return {"placements": [len(p["images"]) for p in facts["placements"]], "lost": len(facts["lost"])}
@@ -207,8 +241,10 @@ def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
     return [locate(p, footage, views) for p in wanted]
 
 
-def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> dict[str, Any]:  # type: ignore[no-untyped-def]
-    """The first shape of one placement; views and sparse points are its own."""
+def _placement(  # type: ignore[no-untyped-def]
+    job: Job, views, sparse, number: int, pointed: list[Located], known: list[float] | None = None
+) -> dict[str, Any]:
+    """The first shape of one placement; views and sparse points are its own, known (4,) is another one's support."""
     from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
     from massprops.capture.support import least_rise, region_of
@@ -218,7 +254,8 @@ def _placement(job: Job, views, sparse, number: int, pointed: list[Located]) -> 
     cloud, colour = _dense(job, views, region, sparse)
     pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
-    object_ = find_object(scene, pointed, job.options.keep_support, job.seed)
+    support = None if known is None else np.array(known)
+    object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support)
     found = object_.split
     job.progress(0, 1, "first shape")
     vertices, faces, hidden = _first_shape(job, views, cloud, found, region)

@@ -11,7 +11,17 @@ import numpy as np
 
 from massprops.capture.before import hidden_share, something_before
 from massprops.capture.frame_edge import cut_off
-from massprops.capture.from_shape import far_from, moved, overlap, refine, shows_points, to_stored, trimap
+from massprops.capture.from_shape import (
+    Paint,
+    far_from,
+    moved,
+    overlap,
+    refine,
+    shows_points,
+    to_stored,
+    trimap,
+    unsure,
+)
 from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
 from massprops.errors import NotPossible
@@ -112,16 +122,19 @@ def _from_shapes(job: Job, views, placements: list[dict[str, Any]]) -> tuple[lis
 
     number = {name: i for i, name in enumerate(views.names)}
     found: dict[int, np.ndarray] = {}
+    painted = _paint(job, placements)
     for k, placement in enumerate(placements):
         index = np.array([number[name] for name in placement["images"]])
-        drawn = _placement(job, views, index, k, len(found))
+        drawn = _placement(job, views, index, k, len(found), painted)
         agreement = np.array([a for _, a in drawn])
         out = moved(agreement)
         found.update({int(i): mask for i, (mask, _), o in zip(index, drawn, out, strict=True) if not o})
     share = []
     for i, name in enumerate(views.names):
         if i in found:
-            mask = to_stored(found[i], tuple(views.size[i]), views.K[i], views.distortion[i])
+            lens = tuple(views.size[i]), views.K[i], views.distortion[i]
+            mask = to_stored(found[i] == 255, *lens)
+            mask[(to_stored(found[i] > 0, *lens) > 0) & (mask == 0)] = 128
             share.append(_save(job, cv2, name, mask))
         else:
             _save(job, cv2, name, np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8))
@@ -129,8 +142,27 @@ def _from_shapes(job: Job, views, placements: list[dict[str, Any]]) -> tuple[lis
     return share, [n for i, n in enumerate(views.names) if i not in found and n in known]
 
 
-def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> list[tuple[np.ndarray, float]]:  # type: ignore[no-untyped-def]
-    """Silhouette (h, w) of each view, drawn from a placement's shape and refined, and how far the two agree."""
+def _paint(job: Job, placements: list[dict[str, Any]]) -> Paint | None:
+    """Colours of the object and of what is about it over all placements; None where none was measured."""
+    from massprops.run.stages.shape import placement_folder
+
+    folders = [placement_folder(job.work("shape"), k) for k, p in enumerate(placements) if p["method"] == "measured"]
+    if not folders:
+        return None
+    own = [_own_points(folder)[1] for folder in folders]
+    other = [np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1] for folder in folders]
+    return Paint.learn(np.concatenate(own), np.concatenate(other))
+
+
+def _placement(  # type: ignore[no-untyped-def]
+    job: Job, views, index: np.ndarray, number: int, before: int, painted: Paint | None
+) -> list[tuple[np.ndarray, float]]:
+    """Silhouette (h, w) uint8 of each view, drawn from a placement's shape and refined, and how far the two agree.
+
+    Args:
+        index: rows of its views; number: its own; before: views done before it.
+        painted: colours of the object, which tell what a silhouette may lack: 128.
+    """
     from massprops.capture.doubt import project
     from massprops.geometry.rasterise import rasterise
     from massprops.run.stages.shape import placement_folder
@@ -154,9 +186,12 @@ def _placement(job: Job, views, index: np.ndarray, number: int, before: int) -> 
         uv_all, bgr_all = np.concatenate([uv, at]), np.concatenate([colour[ahead], own_colour])
         shown = shows_points(image, uv_all, bgr_all, far_from(depth))
         known = trimap(depth, uv, camera[:, 2], shown[: len(uv)])
-        mask = refine(image, known)
+        solid = refine(image, known)
+        mask = np.where(solid, 255, 0).astype(np.uint8)
+        if painted is not None:
+            mask[unsure(image, solid, painted)] = 128
         hidden = hidden_share(depth, at, deep, shown[len(uv) :])
-        return {"mask": mask, "overlap": np.array(overlap(mask, known.drawn)), "hidden": np.array(hidden)}
+        return {"mask": mask, "overlap": np.array(overlap(solid, known.drawn)), "hidden": np.array(hidden)}
 
     hidden, out = np.zeros(len(index)), []
     for done, i in enumerate(index):

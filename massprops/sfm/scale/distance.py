@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.documents.loading import load_text
 from massprops.errors import InputError
 from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
 
@@ -23,11 +24,13 @@ def read_named(source: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         return {}
     named = {}
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(load_text(path).splitlines(), 1):
         if line.strip() and not line.startswith("#"):
             try:
                 name, x, y, z = (part.strip() for part in line.split(","))
                 named[name] = np.array([float(x), float(y), float(z)])
+                if not np.isfinite(named[name]).all():
+                    raise ValueError("not finite")
             except ValueError as error:
                 raise InputError(f"{path}:{number}: not a picked point; write name,x,y,z in model units") from error
     return named

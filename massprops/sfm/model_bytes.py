@@ -1,0 +1,88 @@
+"""Whether the files of a binary COLMAP model hold as much as they announce.
+
+COLMAP's reader believes every count: one flipped bit makes it read on past the end of a file for hours. The layout is that
+of COLMAP's documentation ("Output Format"), little endian.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+from massprops.errors import InputError
+
+POSE = 7 * 8
+SENSOR = 4 + 4
+LEAST_CAMERA = 4 + 4 + 8 + 8 + 3 * 8
+"""Number, model, width, height, and the parameters of the simplest model."""
+
+
+def check_lengths(folder: Path) -> None:
+    """Refuses a model of which a file announces more than it holds.
+
+    Raises:
+        InputError: names the file.
+    """
+    for name, walk in WALKS.items():
+        path = folder / f"{name}.bin"
+        if not path.is_file():
+            continue
+        try:
+            with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                if walk(data) > len(data):
+                    raise ValueError
+        except (ValueError, struct.error, OverflowError):
+            raise InputError(f"{path}: damaged, it announces more than it holds; export the model again") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def _cameras(data: mmap.mmap) -> int:
+    return 8 + _count(data, 0) * LEAST_CAMERA
+
+
+def _images(data: mmap.mmap) -> int:
+    at = 8
+    for _ in range(_count(data, 0)):
+        end = data.find(b"\0", at + 4 + POSE + 4)
+        if end < 0:
+            raise ValueError("a name without an end")
+        at = end + 1 + 8 + 24 * _count(data, end + 1)
+    return at
+
+
+def _points(data: mmap.mmap) -> int:
+    at = 8
+    for _ in range(_count(data, 0)):
+        at += 8 + 3 * 8 + 3 + 8
+        at += 8 + 8 * _count(data, at)
+    return at
+
+
+def _rigs(data: mmap.mmap) -> int:
+    at = 8
+    for _ in range(_count(data, 0)):
+        sensors = struct.unpack_from("<I", data, at + 4)[0]
+        at += 8 + (SENSOR if sensors else 0)
+        for _ in range(sensors - 1):
+            at += SENSOR + 1 + (POSE if struct.unpack_from("<B", data, at + SENSOR)[0] else 0)
+    return at
+
+
+def _frames(data: mmap.mmap) -> int:
+    at = 8
+    for _ in range(_count(data, 0)):
+        at += 4 + 4 + POSE
+        at += 4 + (SENSOR + 8) * struct.unpack_from("<I", data, at)[0]
+    return at
+
+
+def _count(data: mmap.mmap, at: int) -> int:
+    return int(struct.unpack_from("<Q", data, at)[0])
+
+
+WALKS: dict[str, Callable[[mmap.mmap], int]] = {
+    "cameras": _cameras, "images": _images, "points3D": _points, "rigs": _rigs, "frames": _frames,
+}  # fmt: skip
