@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,6 +27,10 @@ UNSTEADY = 25.0
 """Scatter of a point's colour over the images [grey levels] above which it is not known: gloss, or something on it."""
 SHOWS, HIDES, LEAST_SHOWS, LEAST_HIDES = 3.0, 4.5, 9.0, 16.0
 """A point shows within so many of its scatters, is hidden beyond so many, and not below so many grey levels."""
+ABOUT = 30
+"""Points of the support about one that stereo did not measure, whose colour it must have (within `LEAST_SHOWS`). About a
+grey padlock on a plain grey cloth, whose shade hid half of the plane's points, the hull's silhouettes overlapped the true
+ones by 0.70 and 0.79 without such points, with them by 0.86 and 0.84."""
 WIDE, HIGH = 0.65, 1.1
 """Half width and height of the space that is searched, in radii of the region."""
 MOST_SHOWN = 0.2
@@ -45,14 +49,21 @@ class Occlusion:
     Attributes:
         state: n arrays (h, w) int8.
         cell: (n,) size of a cell [px].
+        support, colour: (k, 3) points of the support of which the views know something, and their colours, uint8 BGR.
     """
 
     state: list[np.ndarray]
     cell: np.ndarray
+    support: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    colour: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
 
 
-def support_points(plane: np.ndarray, region: Region, measured: np.ndarray, pixel: float) -> np.ndarray:
-    """(m, 3) grid on the support. Near the middle only where stereo measured it: below an object there is nothing to see.
+def support_points(
+    plane: np.ndarray, region: Region, measured: np.ndarray, pixel: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3) grid on the support, and (m,) bool which of it is sure to be seen.
+
+    Near the middle that is only what stereo measured: below an object there is nothing to see.
 
     Args:
         plane: (4,); region: where the cameras look; measured: (k, 3) dense points on the plane; pixel: at the object.
@@ -72,7 +83,7 @@ def support_points(plane: np.ndarray, region: Region, measured: np.ndarray, pixe
     away = np.full(len(grid), np.inf)
     if len(measured):
         away[near] = cKDTree(measured).query(grid[near], distance_upper_bound=3 * step)[0]
-    return grid[~near | np.isfinite(away)]
+    return grid, ~near | np.isfinite(away)
 
 
 def sampled(views: Views, image: Callable[[int], np.ndarray], xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,8 +116,8 @@ def _pixels(views: Views, i: int, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return camera[:, :2] / safe @ views.K[i, :2, :2].T + views.K[i, :2, 2], ahead
 
 
-def visibility(colour: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """(n, m) int8: 1 the point shows in the view, -1 it is hidden, 0 not known.
+def visibility(colour: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n, m) int8: 1 the point shows in the view, -1 it is hidden, 0 not known; and (m, 3) the points' own colours.
 
     A point's own colour is the median over the views, each view's exposure divided out; its scatter says how far a view
     may differ.
@@ -127,20 +138,43 @@ def visibility(colour: np.ndarray, there: np.ndarray) -> np.ndarray:
     known = there & (there.sum(0) >= LEAST_SEEN) & (scatter < UNSTEADY)
     shows = known & (off < np.maximum(SHOWS * scatter, LEAST_SHOWS))
     hides = known & (off > np.maximum(HIDES * scatter, LEAST_HIDES))
-    return shows.astype(np.int8) - hides.astype(np.int8)
+    return shows.astype(np.int8) - hides.astype(np.int8), own
 
 
-def occlusion_maps(views: Views, image: Callable[[int], np.ndarray], xyz: np.ndarray) -> Occlusion:
+def continued(xyz: np.ndarray, own: np.ndarray, sure: np.ndarray) -> np.ndarray:
+    """(m,) bool: points of the support that are sure to be seen, and such as have the colour of the nearest of those.
+
+    A cloth of one colour gives stereo nothing to measure, but it goes on in its colour, which no shade and no object has.
+
+    Args:
+        xyz: (m, 3); own: (m, 3) their colours, NaN where nobody knows; sure: (m,) bool, of `support_points`.
+    """
+    from scipy.spatial import cKDTree
+
+    out = sure.copy()
+    known = sure & np.isfinite(own).all(1)
+    if known.sum() < ABOUT or sure.all():
+        return out
+    near = cKDTree(xyz[known]).query(xyz[~sure], k=ABOUT)[1]
+    out[~sure] = np.abs(own[~sure] - np.median(own[known][near], axis=1)).max(1) < LEAST_SHOWS
+    return out
+
+
+def occlusion_maps(
+    views: Views, image: Callable[[int], np.ndarray], xyz: np.ndarray, sure: np.ndarray | None = None
+) -> Occlusion:
     """What each view shows of the support.
 
     Args:
         views: n views.
         image: `image(i)` is (h, w, 3) uint8, undistorted.
-        xyz: (m, 3) points of the support.
+        xyz, sure: (m, 3) and (m,) points of the support (`support_points`); all are sure by default.
     """
     import cv2
 
-    seen = visibility(*sampled(views, image, xyz))
+    seen, own = visibility(*sampled(views, image, xyz))
+    kept = continued(xyz, own, np.ones(len(xyz), bool) if sure is None else sure)
+    xyz, seen, own = xyz[kept], seen[:, kept], own[kept]
     states, cells = [], []
     for i in range(len(views)):
         w, h = views.size[i]
@@ -156,7 +190,8 @@ def occlusion_maps(views: Views, image: Callable[[int], np.ndarray], xyz: np.nda
         known = count[0] + count[1] > 1.5
         states.append(np.where(known, np.where(count[0] >= count[1], 1, -1), 0).astype(np.int8))
         cells.append(cell)
-    return Occlusion(states, np.array(cells))
+    known = (seen != 0).any(0)
+    return Occlusion(states, np.array(cells), xyz[known], np.clip(own[known], 0, 255).astype(np.uint8))
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ class Evidence:
         images: how many were given to structure from motion.
         used: how many show the object where the model has it.
         unjoined: placements of the object that could not be joined to the one used.
+        joined: placements that the mesh is made of.
         valid: share of the replicates that are bodies at all.
         overlap: intersection over union of the mesh's silhouettes and the images' own, median over the images.
         cut: images in which the object goes on beyond the frame.
@@ -57,6 +58,7 @@ class Evidence:
     images: int
     used: int
     unjoined: int = 0
+    joined: int = 1
     valid: float = 1.0
     overlap: float = 1.0
     readings: tuple[str, ...] = ()
@@ -108,6 +110,8 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
         ),
         _said(1.0 - e.valid, 0.05, 0.5, "the surface is so uncertain that some of its variants are no bodies"),
     ]
+    if e.joined > 1 and e.filled > FILLED:
+        said.append((2, _open_though_turned(e)))
     if e.unjoined:
         said.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
     level = max(rank for rank, _ in said)
@@ -119,6 +123,17 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
     if not because:
         because = [said[0][1]]
     return {"level": LEVELS[level], "because": because + _unseen(e)}
+
+
+def _open_though_turned(e: Evidence) -> str:
+    """What is still filled in after the object was seen from more sides than one: it may be open there.
+
+    A flower pot that was turned over and joined rightly was filled to its rim, as nothing was measured in its dark inside.
+    """
+    return (
+        f"the object was turned over, and {100 * e.filled:.0f} % of the surface was filled in all the same: it may be hollow "
+        "there; light its inside and photograph it from above"
+    )
 
 
 def _unseen(e: Evidence) -> list[str]:

@@ -1,35 +1,35 @@
-"""Two placements of one rigid body laid onto each other by its shape and its silhouettes, without features.
+"""Two placements of one rigid body laid onto each other by its silhouettes, its shape and its paint, without features.
 
-Small glossy things have too few features in common. But the measured points of each placement must fall inside the
-silhouettes of the other, and where both saw the same side, their points must lie on each other. Rotations are tried over
-the whole sphere, scored by the silhouettes, refined by trimmed point-to-plane ICP (Chen and Medioni 1992; Chetverikov
-and others 2005), and scored again; the best must be clearly better than every other rotation.
+Small glossy things have too few features in common. But the silhouettes of both must be those of one body
+(`coherence`): turns are tried over the whole sphere and fitted to the silhouettes and to what each placement stood on.
+Where both saw the same side, their points must lie on each other (trimmed point-to-plane ICP: Chen and Medioni 1992;
+Chetverikov and others 2005) and have the same paint. The best must be clearly better than every other turn, but for those
+that make the same body.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from massprops.surface.cloud import Cloud
-from massprops.surface.silhouette import Hull, _distance, _view
+from massprops.surface.coherence import MOST, TOUCHES, Extent, Pair, Witnesses, extent, moved, rim_rays
+from massprops.surface.silhouette import make_hull
+from massprops.views import Views
 
-TRIED, REFINED = 2000, 60
-"""Rotations scored, and those of them that are refined."""
-POINTS = 400
-"""Points of each placement that are scored."""
-MOST = 25.0
-"""A point farther outside than this counts no more [px]."""
+TRIED, FITTED, KEPT = 12_000, 120, 40
+"""Turns scored, those of them that are fitted to the silhouettes, and the different answers that are refined."""
+FEW, RIMS, POINTS = 200, 800, 400
+"""Rim rays of each placement that every turn is scored with, and those of the refinement; points beside them."""
+NEED = 3
+"""Silhouettes that must agree that a place is empty."""
+ALIKE_DEG = 4.0
+"""Answers nearer than this to a better one are the same."""
 APART_DEG = 20.0
 """Rotations nearer than this to each other are one answer."""
 CLEAR = 1.5
 """How many times worse than the best the next rotation must be."""
-POLISHED, TURN, SHIFT = 1000, 0.05, 0.02
-"""Points of each placement that the last refinement scores, and its first steps [rad] and [of the object's size]."""
 APART_PX = 0.05
 """And by how many pixels: no outline is known better."""
 PAINTED, FINE, COARSE = 6000, 4, 150
@@ -43,25 +43,63 @@ other answer's."""
 LEAST_NOISE = 0.03
 """Smallest standard deviation of wrong answers' paint: of `PAINTED` points at most half lie where both were seen."""
 LARGEST = 1.5
-"""Mean distance outside [px] above which nothing fits. On two rendered pairs the right answers had 0.56 and 0.68, the best
-wrong ones 1.22 and 2.14."""
+"""Mean distance outside [px] above which nothing fits."""
 LARGEST_PAINTED = 4.0
 """The same where the paint decides: shapes lack sides that were badly lit."""
-SAME_PX, SAME_SHARE = 2.0, 0.97
-"""Two answers are one body where this share of the points of either lies within so many pixels of the other: the
-silhouettes know no better (`LARGEST`). A cup, or a plain brick, looks the same however it is turned about its axes."""
+SAME_PX, OTHER_SHARE = 2.0, 0.03
+"""Two answers are one body where the silhouettes say so and all but this share of the points of either lie within so many
+pixels of the other; points that are not on their own placement's shape do not count, nor as many again. Of a flower pot
+that was turned by 30 to 180 degrees about its axis 84 to 92 % lay there, and 93 % on its own shape."""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """One placement: its points (Cloud) and their colours (n, 3), its hull of silhouettes, the middle (3,) of its first
-    shape and points (m, 3) all over that, the side it stood on among them."""
+    """One placement.
+
+    Attributes:
+        cloud: its measured points; colour: (n, 3) theirs.
+        extent: how far outside its silhouettes and its support every place is.
+        rims: the rays along its silhouettes' rims.
+        middle: (3,) of its first shape; shape: (m, 3) points all over that, the side it stood on among them.
+        pixel: size of a pixel at the object [world units].
+        missed: mean distance by which its rims miss its own silhouettes [px]: how far these can be relied on.
+    """
 
     cloud: Cloud
     colour: np.ndarray
-    hull: Hull
+    extent: Extent
+    rims: Witnesses
     middle: np.ndarray
     shape: np.ndarray
+    pixel: float
+    missed: float
+
+
+def placed(
+    cloud: Cloud,
+    colour: np.ndarray,
+    views: Views,
+    masks: list[np.ndarray],
+    shape: np.ndarray,
+    middle: np.ndarray,
+    support: np.ndarray | None,
+    seed: int = 0,
+) -> Placed:
+    """A placement as it can be laid onto another.
+
+    Args:
+        cloud, colour: measured points and their colours (n, 3).
+        views, masks: its cameras, and (h, w) uint8 silhouettes, undistorted.
+        shape: (m, 3) points all over its first shape; middle: (3,) of that.
+        support: (4,) plane that it stood on, or None.
+        seed: of the rays drawn.
+    """
+    # points beside the silhouettes must not make these say less
+    hull = replace(make_hull(views, masks, cloud.xyz, support=support), need=NEED)
+    own = extent(hull, shape)
+    rng = np.random.default_rng([seed, 32])
+    rims, every = (rim_rays(views, masks, own, RIMS, rng, touches) for touches in (TOUCHES, MOST))
+    return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.missed(own))
 
 
 @dataclass(frozen=True)
@@ -70,11 +108,13 @@ class Registration:
 
     Attributes:
         R, t: (3, 3) and (3,): x in the first placement's frame is R x + t of the second's.
-        outside_px: mean distance by which points of each fall outside the silhouettes of the other.
+        outside_px: mean distance by which rims and points of each miss the silhouettes of the other.
         rival_px: the same of the best rotation that is another answer, and makes another body.
         colour: correlation of the colours where both placements saw the surface.
         rival_colour: the largest of the other answers that the silhouettes bear.
         colour_noise: standard deviation of the correlation for answers that are wrong.
+        symmetric: other rotations make the same body and fit as well.
+        own_px: mean distance by which the placements' rims miss their own silhouettes.
     """
 
     R: np.ndarray
@@ -84,6 +124,8 @@ class Registration:
     colour: float
     rival_colour: float
     colour_noise: float
+    symmetric: bool = False
+    own_px: float = 0.0
 
     @property
     def painted(self) -> bool:
@@ -99,12 +141,33 @@ class Registration:
     def clear(self) -> bool:
         """Whether it fits and nothing else does nearly as well, by paint or by shape.
 
-        Shape decides against the paint only where it is much clearer.
+        Shape decides against the paint only where it is much clearer, and by more than the silhouettes are wrong.
         """
-        worse = max(CLEAR * self.outside_px, self.outside_px + APART_PX)
         against = self.rival_colour - self.colour
-        by_shape = any(self.rival_px > n * worse and against < n * SURE * self.colour_noise for n in (1, 2))
+        by_shape = any(
+            self.rival_px > n * (worse(self.outside_px) + self.own_px) and against < n * SURE * self.colour_noise
+            for n in (1, 2)
+        )
         return self.fits and (self.painted or by_shape)
+
+
+def worse(outside_px: float) -> float:
+    """The distance [px] from which an answer is clearly worse than one of this distance."""
+    return max(CLEAR * outside_px, outside_px + APART_PX)
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """A rotation and shift, how far outside [px], and the paint's correlation."""
+
+    R: np.ndarray
+    t: np.ndarray
+    outside: float
+    colour: float = 0.0
+
+    def away(self, other: _Answer) -> float:
+        """Angle between two answers [deg]."""
+        return float(np.degrees(np.arccos(np.clip((np.trace(self.R.T @ other.R) - 1) / 2, -1, 1))))
 
 
 def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
@@ -114,108 +177,56 @@ def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
         first, second: placements in the units of one reconstruction.
         seed: of the rotations and points tried.
     """
-    from scipy.spatial.transform import Rotation
-
-    rng = np.random.default_rng([seed, 31])
-    a, b = (_some(p.cloud.xyz, POINTS, rng) for p in (first, second))
-    turns = Rotation.random(TRIED, rng=rng).as_matrix()
-    shifts = first.middle - turns @ second.middle
-    scores = np.array([_outside(R, t, a, b, first, second) for R, t in zip(turns, shifts, strict=True)])
-    found = []
-    dense = _Pair(first, second, rng)
-    for k in np.argsort(scores, kind="stable")[:REFINED]:
-        R, t = dense.refined(turns[k], shifts[k])
-        found.append((_outside(R, t, a, b, first, second), R, t))
-    found.sort(key=lambda f: f[0])
-    near = [f for f in found if f[0] < LARGEST_PAINTED]
-    rest = np.argsort(scores, kind="stable")[REFINED : 2 * REFINED]
-    alike = [dense.colour(R, t) for _, R, t in near]
-    # the paint decides where it is clear: shapes may be incomplete, each on the side that was badly lit
-    chosen = int(np.argmax(alike)) if near else 0
-    others = [c for c, (_, Q, _) in zip(alike, near, strict=True) if _angle(Q, near[chosen][1]) > APART_DEG]
-    noise = max(LEAST_NOISE, float(np.std(others)) if others else 0.0)
-    other = _best_other(near, alike, near[chosen][1], dense) if near else 0.0
-    painted = max(alike, default=0.0) > max(COLOUR, other + SURE * noise)
-    _, R, t = near[chosen] if painted else found[0]
-    rival_colour = _best_other(near, alike, R, dense)
-    more = (_some(p.cloud.xyz, POLISHED, rng) for p in (first, second))
-    score = partial(_outside, a=next(more), b=next(more), first=first, second=second)
-    laid = dense.refined(R, t, rounds=60)
-    R, t = _polished(*laid, score, second.middle, dense.size)
-    # outlines know a turn to a degree; paint that matches knows it better
-    if dense.colour(*laid) > dense.colour(R, t) + SURE * noise:
-        R, t = laid
-    best = score(R, t)
-    tried = found + [(float(scores[k]), turns[k], shifts[k]) for k in rest]
-    rival = np.inf
-    for _, Q, u in [f for f in sorted(tried, key=lambda f: f[0]) if _angle(f[1], R) > APART_DEG]:
-        Q, u = dense.refined(Q, u, rounds=60)
-        if dense.one_body((R, t), (Q, u)):
-            continue
-        Q, u = _polished(Q, u, score, second.middle, dense.size)
-        if _angle(Q, R) > APART_DEG and not dense.one_body((R, t), (Q, u)):
-            rival = score(Q, u)
-            break
-    return Registration(R, t, best, rival, dense.colour(R, t), rival_colour, noise)
+    both = _Pair(first, second, np.random.default_rng([seed, 31]))
+    answers = both.answers()
+    best = _chosen(answers)
+    others = [a for a in answers if a.away(best) > APART_DEG]
+    noise = _noise(others)
+    alike = [a for a in others if both.one_body(best, a)]
+    rivals = [a.outside for a in others if a not in alike]
+    return Registration(
+        best.R,
+        best.t,
+        best.outside,
+        min(rivals, default=np.inf),
+        best.colour,
+        max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=0.0),
+        noise,
+        any(a.outside < worse(best.outside) for a in alike),
+        0.5 * (first.missed + second.missed),
+    )
 
 
-def _best_other(
-    near: list[tuple[float, np.ndarray, np.ndarray]], alike: list[float], R: np.ndarray, dense: _Pair
-) -> float:
-    """The best paint (`alike`) of the answers `near` (outside [px], R, t) that stay others when they are refined to the
-    end; 0 at least."""
-    for k in np.argsort(alike)[::-1]:
-        _, Q, u = near[k]
-        if _angle(Q, R) > APART_DEG and _angle(dense.refined(Q, u, rounds=60)[0], R) > APART_DEG:
-            return max(0.0, alike[k])
-    return 0.0
+def _chosen(answers: list[_Answer]) -> _Answer:
+    """The answer that paint or silhouettes favour, of answers in the order of their silhouettes.
 
-
-def _polished(
-    R: np.ndarray, t: np.ndarray, score: Callable[[np.ndarray, np.ndarray], float], middle: np.ndarray, size: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The rotation and shift near these that the silhouettes bear best (Powell 1964).
-
-    Glossy sides are measured badly, and few points lie on the same side in both placements: ICP alone left 2.5 degrees.
+    The paint decides where it is clear: shapes may be incomplete, each on the side that was badly lit. Among answers
+    that the silhouettes bear as well it decides at all.
     """
-    from scipy.optimize import minimize
-    from scipy.spatial.transform import Rotation
+    near = [a for a in answers if a.outside < LARGEST_PAINTED]
+    if near:
+        best = max(near, key=lambda a: a.colour)
+        others = [a for a in answers if a.away(best) > APART_DEG]
+        rival = max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=0.0)
+        if best.colour > max(COLOUR, rival + SURE * _noise(others)):
+            return best
+    return max((a for a in answers if a.outside < worse(answers[0].outside)), key=lambda a: a.colour)
 
-    def moved(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        Q = Rotation.from_rotvec(TURN * x[:3]).as_matrix() @ R
-        return Q, R @ middle + t + SHIFT * size * x[3:] - Q @ middle
 
-    best = minimize(lambda x: score(*moved(x)), np.zeros(6), method="Powell", options={"maxfev": 300, "ftol": 1e-3})
-    return moved(best.x) if best.fun < score(R, t) else (R, t)
+def _noise(wrong: list[_Answer]) -> float:
+    """Standard deviation of the paint's correlation over wrong answers."""
+    return max(LEAST_NOISE, float(np.std([a.colour for a in wrong])) if wrong else 0.0)
 
 
 def _some(xyz: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
     return np.ascontiguousarray(xyz[np.sort(rng.permutation(len(xyz))[:most])])
 
 
-def _angle(P: np.ndarray, Q: np.ndarray) -> float:
-    return float(np.degrees(np.arccos(np.clip((np.trace(P.T @ Q) - 1) / 2, -1, 1))))
-
-
-def _outside(R: np.ndarray, t: np.ndarray, a: np.ndarray, b: np.ndarray, first: Placed, second: Placed) -> float:
-    """Mean distance [px] of points outside the silhouettes of the other placement."""
-    here = _mean_outside(np.ascontiguousarray(b @ R.T + t), first.hull.maps, first.hull.size, first.hull.P, MOST)
-    there = _mean_outside(np.ascontiguousarray((a - t) @ R), second.hull.maps, second.hull.size, second.hull.P, MOST)
-    return 0.5 * (here + there)
-
-
-@njit(cache=True, error_model="numpy")
-def _mean_outside(xyz, maps, size, P, most):  # type: ignore[no-untyped-def]
-    total, count = 0.0, 0
-    for v in range(len(P)):
-        view = _view(maps, size, P, v)
-        for i in range(len(xyz)):
-            d = _distance(view, xyz[i, 0], xyz[i, 1], xyz[i, 2])
-            if np.isnan(d):
-                d = most
-            total += min(max(d, 0.0), most)
-            count += 1
-    return total / max(count, 1)
+def _witnesses(side: Placed, rng: np.random.Generator) -> Witnesses:
+    """A placement's rim rays, and some of its measured points."""
+    xyz = _some(side.cloud.xyz, POINTS, rng)
+    start = np.concatenate([side.rims.start, side.rims.start[-1] + 1 + np.arange(len(xyz))])
+    return Witnesses(np.concatenate([side.rims.xyz, xyz]), start)
 
 
 def texture(xyz: np.ndarray, colour: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -234,23 +245,49 @@ def texture(xyz: np.ndarray, colour: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 class _Pair:
-    """Points of two placements, ready for ICP."""
+    """Two placements, ready to be laid onto each other."""
 
     def __init__(self, first: Placed, second: Placed, rng: np.random.Generator) -> None:
         from scipy.spatial import cKDTree
 
+        self.first, self.second, self.rng = first, second, rng
+        self.outlines = Pair(first.extent, second.extent, _witnesses(first, rng), _witnesses(second, rng))
         self.xyz, self.normal = first.cloud.xyz, first.cloud.normal
-        self.first, self.second = (cKDTree(np.concatenate([p.cloud.xyz, p.shape])) for p in (first, second))
+        self.bodies = [cKDTree(np.concatenate([p.cloud.xyz, p.shape])) for p in (first, second)]
         apart = np.median(cKDTree(second.shape).query(second.shape, k=2)[0][:, 1])
-        self.size = float(np.ptp(self.xyz, axis=0).max())
-        self.tolerance = max(SAME_PX * first.hull.pixel, 2.0 * float(apart))
+        self.tolerance = max(SAME_PX * first.pixel, 2.0 * float(apart))
         self.tree = cKDTree(self.xyz)
         pick = np.sort(rng.permutation(len(second.cloud))[:1500])
         self.moving, self.facing = second.cloud.xyz[pick], second.cloud.normal[pick]
+        wrong = np.mean(cKDTree(second.shape).query(self.moving)[0] > self.tolerance)
+        self.borne = 1.0 - OTHER_SHARE - 2.0 * float(wrong)
         shown = np.sort(rng.permutation(len(second.cloud))[:PAINTED])
         self.shown, self.shown_facing = second.cloud.xyz[shown], second.cloud.normal[shown]
         self.colours = texture(self.xyz, first.colour, self.xyz)
         self.own = texture(second.cloud.xyz, second.colour, self.shown)
+
+    def answers(self) -> list[_Answer]:
+        """Ways of laying the second placement onto the first, in the order of their silhouettes."""
+        from scipy.spatial.transform import Rotation
+
+        few = self.outlines.some(FEW, self.rng)
+        middle = self.second.middle
+        turns = Rotation.random(TRIED, rng=self.rng).as_matrix()
+        shifts = self.first.middle - turns @ middle
+        order = np.argsort(few.scores(turns, shifts), kind="stable")
+        found = [few.fitted(turns[k], shifts[k], middle) for k in order[:FITTED]]
+        kept: list[_Answer] = []
+        for a in sorted((_Answer(R, t, few.score(R, t)) for R, t in found), key=lambda a: a.outside):
+            if all(a.away(b) > ALIKE_DEG for b in kept):
+                kept.append(a)
+        return sorted((self.refined(a) for a in kept[:KEPT]), key=lambda a: a.outside)
+
+    def refined(self, answer: _Answer) -> _Answer:
+        """The answer fitted to all silhouettes, and with its surfaces laid onto each other where those bear it."""
+        ways = [self.outlines.fitted(answer.R, answer.t, self.second.middle)]
+        ways.append(self.laid(*ways[0]))
+        by_rims, by_points = (_Answer(R, t, self.outlines.score(R, t), self.colour(R, t)) for R, t in ways)
+        return by_points if by_points.outside < worse(by_rims.outside) else by_rims
 
     def colour(self, R: np.ndarray, t: np.ndarray) -> float:
         """Mean correlation of the three channels over points that both placements saw; 0 where they are few."""
@@ -265,22 +302,26 @@ class _Pair:
         covariance = ((theirs - theirs.mean(0)) * (own - own.mean(0))).mean(0)
         return float(np.mean(covariance / np.maximum(spread, 1e-9)))
 
-    def one_body(self, one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
-        """Whether two ways (R, t) of laying the second placement onto the first make the same body.
+    def one_body(self, one: _Answer, other: _Answer) -> bool:
+        """Whether two ways of laying the second placement onto the first make the same body.
 
-        The side that a placement stood on belongs to it as its first shape closes it.
+        They do where either placement looks the same to itself when it is turned from the one to the other. The side that a
+        placement stood on belongs to it as its first shape closes it.
         """
-        for (R, t), (Q, u) in ((one, other), (other, one)):
-            x = self.moving @ R.T + t
-            away = np.minimum(self.first.query(x)[0], self.second.query((x - u) @ Q)[0])
-            if np.mean(away < self.tolerance) < SAME_SHARE:
+        across, back = other.R @ one.R.T, one.R.T @ other.R
+        ways = ((self.first, across, other.t - across @ one.t), (self.second, back, one.R.T @ (other.t - one.t)))
+        if not any(side.rims.missed(side.extent, R, t) < worse(side.missed) for side, R, t in ways):
+            return False
+        first, second = self.bodies
+        for a, b in ((one, other), (other, one)):
+            x = self.moving @ a.R.T + a.t
+            away = np.minimum(first.query(x)[0], second.query((x - b.t) @ b.R)[0])
+            if np.mean(away < self.tolerance) < self.borne:
                 return False
         return True
 
-    def refined(self, R: np.ndarray, t: np.ndarray, rounds: int = 15) -> tuple[np.ndarray, np.ndarray]:
-        """Trimmed point-to-plane ICP: the closest half of the points that face alike decide."""
-        from scipy.spatial.transform import Rotation
-
+    def laid(self, R: np.ndarray, t: np.ndarray, rounds: int = 40) -> tuple[np.ndarray, np.ndarray]:
+        """Trimmed point-to-plane ICP, held by the silhouettes: the closest half of the points that face alike decide."""
         for _ in range(rounds):
             x, n = self.moving @ R.T + t, self.facing @ R.T
             away, index = self.tree.query(x)
@@ -289,12 +330,19 @@ class _Pair:
                 break
             use = alike & (away <= np.quantile(away[alike], 0.5))
             p, q, m = x[use], self.xyz[index[use]], self.normal[index[use]]
-            middle = p.mean(0)
-            rows = np.column_stack([np.cross(p - middle, m), m])
-            right = np.einsum("ij,ij->i", q - p, m)
-            step = np.linalg.lstsq(rows, right, rcond=1e-6)[0]
-            turn = Rotation.from_rotvec(step[:3]).as_matrix()
-            R, t = turn @ R, turn @ (t - middle) + middle + step[3:]
+            about = R @ self.second.middle + t
+            beside = np.einsum("ij,ij->i", p - q, m) / self.first.pixel
+            slope = np.column_stack([np.cross(p - about, m), m]) / self.first.pixel
+            out, fall = self.outlines.rows(R, t, about)
+            rows, values = np.concatenate([slope, fall]), np.concatenate([beside, out])
+            # so that each kind counts by the mean of its distances
+            count = np.repeat([len(beside), len(out)], [len(beside), len(out)])
+            weight = 1.0 / (count * np.maximum(np.abs(values), 1.0))
+            unit = np.array([1.0, 1, 1, *np.full(3, self.first.extent.size)])
+            rows = rows * unit
+            normal = rows.T @ (weight[:, None] * rows)
+            step = -np.linalg.lstsq(normal, rows.T @ (weight * values), rcond=1e-6)[0] * unit
+            R, t = moved(R, t, about, step)
             if np.linalg.norm(step[:3]) < 1e-6:
                 break
         return R, t

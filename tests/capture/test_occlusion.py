@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import trimesh
@@ -11,6 +12,7 @@ from test_readings import RED, SIZE, VIEWS, K
 from massprops.capture.occlusion import (
     Occlusion,
     boundary,
+    continued,
     drawn_agreement,
     held_share,
     hidden_shape,
@@ -24,6 +26,7 @@ from massprops.capture.occlusion import (
 from massprops.capture.support import Region
 from massprops.geometry.rasterise import silhouette
 from massprops.run.stages.shape import HELD, WHOLE, WHOLLY
+from massprops.run.stages.silhouettes import _surroundings
 from massprops.surface.cloud import Cloud
 from massprops.surface.outline_cloud import surface_of_outlines
 from massprops.surface.silhouette import agreement, shown_as_object
@@ -55,7 +58,7 @@ def photograph(i: int, body: bool = True) -> np.ndarray:
 
 def seen(image: Callable[[int], np.ndarray], half: float = 0.28) -> Occlusion:
     pixel = float(np.median(np.linalg.norm(VIEWS.centres - REGION.centre, axis=1) / VIEWS.K[:, 0, 0]))
-    return occlusion_maps(VIEWS, image, support_points(PLANE, REGION, table(half), pixel))
+    return occlusion_maps(VIEWS, image, *support_points(PLANE, REGION, table(half), pixel))
 
 
 def table(half: float = 0.28) -> np.ndarray:
@@ -103,9 +106,39 @@ def test_an_empty_table_hides_nothing() -> None:
 
 
 def test_only_the_measured_support_counts_near_the_middle() -> None:
-    points = support_points(PLANE, REGION, table(), 0.006)
+    points, sure = support_points(PLANE, REGION, table(), 0.006)
+    points = points[sure]
     off = np.abs(points[:, :2]).max(1)
     assert off.min() > 0.2 and off.max() > 1.5 and np.abs(points[:, 2]).max() < 1e-9
+
+
+def test_a_plain_support_goes_on_where_stereo_measured_nothing() -> None:
+    """But not as a shade, nor where the colour is not known."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-10.0, 11), np.arange(-10.0, 11)))
+    xyz = np.column_stack([x, y, np.zeros(len(x))])
+    own = np.tile([90.0, 100, 95], (len(x), 1))
+    shade, unknown = (x > 0) & (np.hypot(x, y) < 4), (x < -2) & (np.hypot(x, y) < 4)
+    own[shade], own[unknown] = 60, np.nan
+    sure = np.hypot(x, y) > 6
+    assert np.array_equal(continued(xyz, own, sure), ~shade & ~unknown)
+    assert np.array_equal(continued(xyz, own, np.zeros(len(x), bool)), np.zeros(len(x), bool)), "nothing to go on from"
+
+
+def test_the_known_support_is_given_with_its_colours() -> None:
+    maps = seen(photograph)
+    assert len(maps.support) == len(maps.colour) > 1000
+    np.testing.assert_allclose(maps.support[:, 2], 0, atol=1e-9)
+    assert abs(float(np.median(maps.colour)) - 120) < 15
+
+
+def test_silhouettes_are_drawn_with_all_known_support(tmp_path: Path) -> None:
+    other = Cloud(np.eye(3), np.eye(3), np.ones(3), np.array([0, 1, 2, 3]), np.zeros(3, int))
+    other.save(tmp_path / "other.npz")
+    np.save(tmp_path / "other_colour.npy", np.tile(np.array([10, 20, 30], np.uint8), (3, 1)))
+    assert _surroundings(tmp_path)[1].tolist() == [[30, 20, 10]] * 3, "stored as RGB, given as BGR"
+    np.savez(tmp_path / "support.npz", xyz=np.zeros((2, 3)), colour=np.full((2, 3), 7, np.uint8))
+    xyz, colour = _surroundings(tmp_path)
+    assert len(xyz) == len(colour) == 5 and (colour[3:] == 7).all()
 
 
 def test_exposure_is_no_occlusion_and_gloss_is_unknown() -> None:
@@ -117,7 +150,7 @@ def test_exposure_is_no_occlusion_and_gloss_is_unknown() -> None:
     colour[:, 190:] = rng.uniform(0, 255, (12, 10, 3))  # these mirror the room
     there = np.ones((12, 200), bool)
     there[:, 180:190] = False
-    state = visibility(colour.clip(0, 255).astype(np.uint8), there)
+    state, _ = visibility(colour.clip(0, 255).astype(np.uint8), there)
     assert (state[3, :40] == -1).mean() > 0.9
     rest = np.delete(state[:, 40:180], 3, axis=0)
     assert (rest == 1).mean() > 0.9 and (rest == -1).mean() < 0.02
@@ -181,7 +214,7 @@ def test_each_image_goes_to_the_placement_that_hides_what_it_hides() -> None:
         picture[silhouette(*shape, VIEWS.K[i], VIEWS.R[i], VIEWS.t[i], SIZE)] = RED[::-1]
         return picture
 
-    maps = occlusion_maps(VIEWS, image, support_points(PLANE, REGION, table(0.4), 0.006))
+    maps = occlusion_maps(VIEWS, image, *support_points(PLANE, REGION, table(0.4), 0.006))
     agreement = drawn_agreement(VIEWS, maps, meshes)
     label = truth.copy()
     label[:6] = -1

@@ -163,7 +163,7 @@ def outlined(run: Path, body: trimesh.Trimesh) -> tuple[dict, Job]:
         place / "object.npz"
     )
     np.save(place / "colour.npy", np.tile(np.array(RED, np.uint8), (6000, 1)))
-    facts = {"placements": [{"images": list(VIEWS.names)}], "lost": []}
+    facts = {"placements": [{"method": "measured", "images": list(VIEWS.names)}], "lost": []}
     (run / "work" / "shape" / "shape.json").write_text(json.dumps(facts))
     job = Job(run=run, options=ReconstructOptions(), out=run / "work" / "silhouettes")
     silhouettes.run(job)

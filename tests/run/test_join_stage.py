@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from typing import Any
+
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
+from massprops.run.stages.join import _reason, _said
 from massprops.sfm.points import SparsePoints, project
 from massprops.surface.cloud import Cloud
+from massprops.surface.registration import Registration
 from massprops.views import Views
 
 RNG = np.random.default_rng(0)
@@ -34,6 +39,21 @@ def sparse() -> SparsePoints:
         point,
         np.zeros((k, 2)),
     )
+
+
+def registered(**kwargs: Any) -> Registration:
+    usual = {"outside_px": 0.7, "rival_px": 1.4, "colour": 0.0, "rival_colour": 0.0, "colour_noise": 0.03}
+    return Registration(R, T, **(usual | kwargs))
+
+
+def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothing() -> None:
+    """As of a padlock, whose silhouettes missed its shackle: the best answer was wrong, 0.7 px to 1.4 px."""
+    assert registered().clear and not registered(own_px=0.8).clear
+    assert registered(own_px=0.2, rival_px=3.7).clear
+    said = _said(registered(symmetric=True))
+    assert said["symmetric"] is True and json.loads(json.dumps(said)) == said
+    assert "equally well" in _reason(registered(own_px=0.8))
+    assert "another object" in _reason(registered(outside_px=5.0))
 
 
 def test_moving_views_with_their_world_changes_no_image() -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.core.inputs import read_image
 from massprops.run.job import Job
+
+if TYPE_CHECKING:
+    from massprops.surface.registration import Registration
 
 READS = ("sfm", "shape", "silhouettes")
 OPTIONS = ()
@@ -16,6 +19,10 @@ OPTIONS = ()
 AROUND = 1.5
 """Sparse points farther than this from the object's middle, in its radii, do not say how deep it lies in a view."""
 
+TOO_COARSE = (
+    "of one of them only the outline is known, by what it hides of its support, which is too coarse to be joined"
+)
+"""A padlock whose dark shackle was missing in most silhouettes fitted best, and by its paint too, the wrong way round."""
 FEW_POINTS = 100
 """Sparse points of given poses below which stereo does not know where to look, and outlines tell where the body is."""
 
@@ -59,30 +66,21 @@ def _joined(job: Job, views, sparse, placements: list[dict[str, Any]], left_out:
     order = sorted(range(len(placements)), key=lambda k: (placements[k]["method"] != "measured", -len(index[k])))
     first = order[0]
     facts: dict[str, Any] = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
-    base = _placed(job, views.take(index[first]), first)
+    supports = [None if p["support_plane"] is None else np.array(p["support_plane"]) for p in placements]
+    base = _placed(job, views.take(index[first]), first, supports[first])
     parts = [(index[first], np.eye(3), np.zeros(3), first)]
     for done, k in enumerate(order[1:]):
         job.progress(done, len(order) - 1, "joining placements")
-        found = register(base, _placed(job, views.take(index[k]), k), job.seed)
-        said = {
-            "images": len(index[k]),
-            "outside_px": found.outside_px,
-            "rival_px": found.rival_px,
-            "colour_correlation": found.colour,
-            "rival_colour_correlation": found.rival_colour,
-            "colour_correlation_noise": found.colour_noise,
-        }
+        if any(placements[i]["method"] != "measured" for i in (first, k)):
+            facts["unjoined"].append({"images": len(index[k]), "fits": True, "reason": TOO_COARSE})
+            continue
+        found = register(base, _placed(job, views.take(index[k]), k, supports[k]), job.seed)
+        said = {"images": len(index[k]), **_said(found)}
         if found.clear:
             facts["joined"].append(said)
             parts.append((index[k], found.R, found.t, k))
         else:
-            reason = (
-                f"however it is turned, its points fall {found.outside_px:.1f} px outside the other's silhouettes: another "
-                "object, or too little of it was measured"
-                if not found.fits
-                else "two ways of turning it fit equally well"
-            )
-            facts["unjoined"].append({**said, "fits": found.fits, "reason": reason})
+            facts["unjoined"].append({**said, "fits": found.fits, "reason": _reason(found)})
     if len(parts) == 1:
         facts["support_plane"] = placements[first]["support_plane"]
         facts["support_rise"] = placements[first]["support_rise"]
@@ -105,6 +103,29 @@ def _joined(job: Job, views, sparse, placements: list[dict[str, Any]], left_out:
     return Views.joined(all_views), SparsePoints.joined(all_points), facts
 
 
+def _said(found: Registration) -> dict[str, Any]:
+    """What `join.json` says of a registration."""
+    return {
+        "outside_px": found.outside_px,
+        "own_px": found.own_px,
+        "rival_px": found.rival_px,
+        "colour_correlation": found.colour,
+        "rival_colour_correlation": found.rival_colour,
+        "colour_correlation_noise": found.colour_noise,
+        "symmetric": found.symmetric,
+    }
+
+
+def _reason(found: Registration) -> str:
+    """Why a placement is not joined."""
+    if found.fits:
+        return "two ways of turning it fit equally well"
+    return (
+        f"however it is turned, its points fall {found.outside_px:.1f} px outside the other's silhouettes: another "
+        "object, or too little of it was measured"
+    )
+
+
 def _by_outlines(job: Job, views) -> tuple[list[float], float]:  # type: ignore[no-untyped-def]
     """Middle and radius of the body, from its silhouettes."""
     from massprops.surface.outline_cloud import ball_of_outlines
@@ -119,18 +140,16 @@ def _by_outlines(job: Job, views) -> tuple[list[float], float]:  # type: ignore[
     return middle.tolist(), radius
 
 
-def _placed(job: Job, views, number: int):  # type: ignore[no-untyped-def]
+def _placed(job: Job, views, number: int, support: np.ndarray | None):  # type: ignore[no-untyped-def]
     """A placement as the registration wants it."""
     from massprops.run.stages.shape import placement_folder
     from massprops.surface.cloud import Cloud, agreeing
-    from massprops.surface.registration import Placed
-    from massprops.surface.silhouette import make_hull
+    from massprops.surface.registration import placed
     from massprops.views import undistort
 
     folder = placement_folder(job.work("shape"), number)
     cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
     kept = agreeing(cloud)
-    cloud, colour = cloud.take(kept), colour[kept]
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
     masks = [
@@ -142,7 +161,8 @@ def _placed(job: Job, views, number: int):  # type: ignore[no-untyped-def]
         )
         for i, name in enumerate(views.names)
     ]
-    return Placed(cloud, colour, make_hull(views, masks, cloud.xyz), centroid(vertices, faces), vertices)
+    middle = centroid(vertices, faces)
+    return placed(cloud.take(kept), colour[kept], views, masks, vertices, middle, support, job.seed)
 
 
 def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

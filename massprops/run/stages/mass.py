@@ -105,6 +105,7 @@ def _evidence(
         images=int(sfm["given"]),
         used=sum(p["images"] for p in join["joined"]),
         unjoined=len(join["unjoined"]),
+        joined=len(join["joined"]),
         valid=valid,
         overlap=float(surface.get("silhouette_overlap", 1.0)),
         cut=len(silhouettes.get("cut_off") or []),

@@ -21,6 +21,7 @@ from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
 
 if TYPE_CHECKING:
+    from massprops.capture.occlusion import Occlusion
     from massprops.capture.readings import Reading, Scene
     from massprops.surface.cloud import Cloud
 
@@ -247,6 +248,7 @@ def _placement(  # type: ignore[no-untyped-def]
     from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
     from massprops.capture.support import least_rise, region_of
+    from massprops.surface.colour import vertex_colours
 
     region = region_of(views)
     cloud, colour = _dense(job, views, region, sparse)
@@ -256,22 +258,22 @@ def _placement(  # type: ignore[no-untyped-def]
     object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support)
     found = object_.split
     job.progress(0, 1, "first shape")
-    vertices, faces, method = _first_shape(job, views, cloud, found, region)
-    member = found.member if method == "measured" else np.zeros(len(cloud), bool)
-    own, other = cloud.take(np.flatnonzero(member)), cloud.take(np.flatnonzero(found.other))
-    own_colour = colour[member]
-    if method != "measured":
-        own = on_mesh(vertices, faces)
-        own_colour = np.zeros((len(own), 3), np.uint8)
+    vertices, faces, hidden = _first_shape(job, views, cloud, found, region)
+    own, other = cloud.take(np.flatnonzero(found.member)), cloud.take(np.flatnonzero(found.other))
+    own_colour = colour[found.member]
     folder = placement_folder(job.out, number)
     folder.mkdir(exist_ok=True)
+    if hidden is not None:
+        own_colour, seen = vertex_colours(vertices, faces, views, lambda i: _image(job, views, i))
+        own, own_colour = on_mesh(vertices, faces).take(np.flatnonzero(seen)), own_colour[seen]
+        np.savez(folder / "support.npz", xyz=hidden.support, colour=hidden.colour)
     np.savez(folder / "shape.npz", vertices=vertices, faces=faces)
     own.save(folder / "object.npz")
     np.save(folder / "colour.npy", own_colour)
     np.save(folder / "other_colour.npy", colour[found.other])
     other.save(folder / "other.npz")
     return {
-        "method": method,
+        "method": "measured" if hidden is None else "hides its support",
         "readings": _readings(job, scene, object_.readings, number),
         "support_plane": None if found.plane is None else found.plane.tolist(),
         "support_rise": None
@@ -283,8 +285,10 @@ def _placement(  # type: ignore[no-untyped-def]
     }
 
 
-def _first_shape(job: Job, views, cloud, found, region) -> tuple[np.ndarray, np.ndarray, str]:  # type: ignore[no-untyped-def]
-    """Vertices and faces of the shape that stereo has measured, or of what hides its support, and which of the two.
+def _first_shape(  # type: ignore[no-untyped-def]
+    job: Job, views, cloud, found, region
+) -> tuple[np.ndarray, np.ndarray, Occlusion | None]:
+    """Vertices and faces of the shape that stereo has measured, or of what hides its support, and then where that is.
 
     Of a plain thing stereo measures a part. Where the support shows round all of it, what is hidden of the support shows
     the whole.
@@ -296,18 +300,19 @@ def _first_shape(job: Job, views, cloud, found, region) -> tuple[np.ndarray, np.
     except NotPossible as error:
         if found.plane is None:
             raise
-        hidden = hidden_shape(views, _occlusion(job, views, cloud, found.plane, region), found.plane, region)
+        maps = _occlusion(job, views, cloud, found.plane, region)
+        hidden = hidden_shape(views, maps, found.plane, region)
         if hidden is None:
             raise error
-        return hidden.vertices, hidden.faces, "hides its support"
+        return hidden.vertices, hidden.faces, maps
     if found.plane is not None:
         maps = _occlusion(job, views, cloud, found.plane, region)
         agrees = support_agreement(views, maps, vertices, faces)
         if agrees < WHOLE:
             hidden = _hidden_whole(views, maps, found.plane, region, (vertices, faces), cloud.xyz[found.member])
             if hidden is not None and support_agreement(views, maps, hidden.vertices, hidden.faces) > agrees + WHOLLY:
-                return hidden.vertices, hidden.faces, "hides its support"
-    return vertices, faces, "measured"
+                return hidden.vertices, hidden.faces, maps
+    return vertices, faces, None
 
 
 def _hidden_whole(views, maps, plane, region, measured, xyz: np.ndarray):  # type: ignore[no-untyped-def]
@@ -344,7 +349,7 @@ def _occlusion(job: Job, views, cloud, plane, region):  # type: ignore[no-untype
 
     held = cloud.xyz[on_plane(cloud.xyz, cloud.normal, plane, TOLERANCE * region.radius)]
     pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
-    return occlusion_maps(views, lambda i: _image(job, views, i), support_points(plane, region, held, pixel))
+    return occlusion_maps(views, lambda i: _image(job, views, i), *support_points(plane, region, held, pixel))
 
 
 def _image(job: Job, views, i: int) -> np.ndarray:  # type: ignore[no-untyped-def]

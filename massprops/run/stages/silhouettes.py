@@ -171,9 +171,7 @@ def _placement(  # type: ignore[no-untyped-def]
     folder = placement_folder(job.work("shape"), number)
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
-    with np.load(folder / "other.npz", allow_pickle=False) as z:
-        other = z["xyz"]
-    colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
+    other, colour = _surroundings(folder)
     own, own_colour = _own_points(folder)
 
     def silhouette(i: int) -> Arrays:
@@ -209,6 +207,17 @@ def _placement(  # type: ignore[no-untyped-def]
             "('massprops masks')"
         )
     return out
+
+
+def _surroundings(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) of what is not the object and their colours (n, 3) BGR: of a plain one all of its known support."""
+    with np.load(folder / "other.npz", allow_pickle=False) as z:
+        xyz = z["xyz"]
+    colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
+    if not (folder / "support.npz").is_file():
+        return xyz, colour
+    with np.load(folder / "support.npz", allow_pickle=False) as z:
+        return np.concatenate([xyz, z["xyz"]]), np.concatenate([colour, z["colour"]])
 
 
 def _own_points(folder: Path) -> tuple[np.ndarray, np.ndarray]:
