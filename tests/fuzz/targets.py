@@ -29,6 +29,7 @@ from massprops.sequence import (
     write_sequence,
 )
 
+from .model_targets import model_targets
 from .run_targets import run_targets
 
 
@@ -348,7 +349,7 @@ def targets() -> dict[str, Callable[[], Target]]:
         "videos": lambda: Target(_video_seeds(), _video),
         "options": lambda: Target({"options.txt": [o.encode() for o in OPTIONS]}, _options),
     }
-    made |= run_targets(Target)
+    made |= run_targets(Target) | model_targets(Target)
     for name in ("model", "filter", "scenario", "campaign"):
         made[name] = lambda name=name: _documents()[name]
     return made
