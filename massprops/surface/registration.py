@@ -244,6 +244,13 @@ def texture(xyz: np.ndarray, colour: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.asarray(levels[0] - levels[1])
 
 
+def correlation(one: np.ndarray, other: np.ndarray) -> float:
+    """Mean over the channels of the correlation of two textures (n, 3)."""
+    spread = one.std(0) * other.std(0)
+    covariance = ((one - one.mean(0)) * (other - other.mean(0))).mean(0)
+    return float(np.mean(covariance / np.maximum(spread, 1e-9)))
+
+
 class _Pair:
     """Two placements, ready to be laid onto each other."""
 
@@ -297,10 +304,7 @@ class _Pair:
         if alike.sum() < 0.1 * len(x):
             return 0.0
         use = alike & (away <= np.quantile(away[alike], 0.5))
-        theirs, own = self.colours[index[use]], self.own[use]
-        spread = theirs.std(0) * own.std(0)
-        covariance = ((theirs - theirs.mean(0)) * (own - own.mean(0))).mean(0)
-        return float(np.mean(covariance / np.maximum(spread, 1e-9)))
+        return correlation(self.colours[index[use]], self.own[use])
 
     def one_body(self, one: _Answer, other: _Answer) -> bool:
         """Whether two ways of laying the second placement onto the first make the same body.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.surface.cloud import Cloud
-from massprops.surface.registration import texture
+from massprops.surface.registration import correlation, texture
 
 NEAR_PX = 2.0
 """Points of both parts this near to each other are of one place [px]."""
@@ -37,9 +37,7 @@ def paint_in_common(first: Cloud, second: Cloud, colours: tuple[np.ndarray, np.n
         return 0.0
     one = texture(first.xyz, colours[0], first.xyz[index[use]])
     other = texture(second.xyz, colours[1], second.xyz[use])
-    spread = one.std(axis=0) * other.std(axis=0)
-    covariance = ((one - one.mean(axis=0)) * (other - other.mean(axis=0))).mean(axis=0)
-    return float(np.mean(covariance / np.maximum(spread, 1e-9)))
+    return correlation(one, other)
 
 
 def groups_unmoved(alike: np.ndarray) -> np.ndarray:

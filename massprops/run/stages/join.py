@@ -142,15 +142,12 @@ def _by_outlines(job: Job, views) -> tuple[list[float], float]:  # type: ignore[
 
 def _placed(job: Job, views, number: int, support: np.ndarray | None):  # type: ignore[no-untyped-def]
     """A placement as the registration wants it."""
-    from massprops.run.stages.shape import placement_folder
-    from massprops.surface.cloud import Cloud, agreeing
+    from massprops.run.stages.shape import placement_folder, placement_points
     from massprops.surface.registration import placed
     from massprops.views import undistort
 
-    folder = placement_folder(job.work("shape"), number)
-    cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
-    kept = agreeing(cloud)
-    with np.load(folder / "shape.npz", allow_pickle=False) as z:
+    cloud, colour = placement_points(job.work("shape"), number)
+    with np.load(placement_folder(job.work("shape"), number) / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
     masks = [
         undistort(
@@ -162,7 +159,7 @@ def _placed(job: Job, views, number: int, support: np.ndarray | None):  # type: 
         for i, name in enumerate(views.names)
     ]
     middle = centroid(vertices, faces)
-    return placed(cloud.take(kept), colour[kept], views, masks, vertices, middle, support, job.seed)
+    return placed(cloud, colour, views, masks, vertices, middle, support, job.seed)
 
 
 def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

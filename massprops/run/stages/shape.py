@@ -192,15 +192,10 @@ def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dic
 
 def _where_it_stood(job: Job, views, region, label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:  # type: ignore[no-untyped-def]
     """Labels (n,) in which placements are one where the object did not move between them."""
-    from massprops.surface.cloud import Cloud, agreeing
     from massprops.surface.unmoved import groups_unmoved, paint_in_common
 
-    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
-    parts = []
-    for k in range(len(placements)):
-        folder = placement_folder(job.out, k)
-        cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
-        parts.append((cloud.take(agreeing(cloud)), colour[agreeing(cloud)]))
+    pixel = _pixel_size(views, region)
+    parts = [placement_points(job.out, k) for k in range(len(placements))]
     alike = np.zeros((len(parts), len(parts)))
     for i, (first, one) in enumerate(parts):
         for k, (second, other) in enumerate(parts[:i]):
@@ -252,7 +247,7 @@ def _placement(  # type: ignore[no-untyped-def]
 
     region = region_of(views)
     cloud, colour = _dense(job, views, region, sparse)
-    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
+    pixel = _pixel_size(views, region)
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
     support = None if known is None else np.array(known)
     object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support)
@@ -348,7 +343,7 @@ def _occlusion(job: Job, views, cloud, plane, region):  # type: ignore[no-untype
     from massprops.capture.support import TOLERANCE, on_plane
 
     held = cloud.xyz[on_plane(cloud.xyz, cloud.normal, plane, TOLERANCE * region.radius)]
-    pixel = float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
+    pixel = _pixel_size(views, region)
     return occlusion_maps(views, lambda i: _image(job, views, i), *support_points(plane, region, held, pixel))
 
 
@@ -381,6 +376,21 @@ def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> l
 def placement_folder(work: Path, number: int) -> Path:
     """Where the files of a placement are."""
     return work / f"placement{number}"
+
+
+def placement_points(work: Path, number: int) -> tuple[Cloud, np.ndarray]:
+    """The points of a placement's object that agree with their neighbours, and their colours (n, 3) uint8."""
+    from massprops.surface.cloud import Cloud, agreeing
+
+    folder = placement_folder(work, number)
+    cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
+    kept = agreeing(cloud)
+    return cloud.take(kept), colour[kept]
+
+
+def _pixel_size(views, region) -> float:  # type: ignore[no-untyped-def]
+    """Size of a pixel at the object, in the median view [units of the views]."""
+    return float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
 
 
 def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
