@@ -11,12 +11,13 @@ import os
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from massprops.core.files import plain
 from massprops.core.parts import Parts
-from massprops.core.processes import die_with_parent, limit_memory
+from massprops.core.processes import die_with_parent, limit_memory, peak_memory_mb
 from massprops.errors import MasspropsError
 from massprops.run.job import Job, ReconstructOptions
 from massprops.run.stages import load_stage
@@ -30,6 +31,8 @@ def main() -> int:
     pipe = os.fdopen(int(os.environ["MASSPROPS_PIPE"]), "w", buffering=1)
 
     def say(content: dict[str, Any]) -> None:
+        if "progress" not in content:
+            content["peak_memory_mb"] = peak_memory_mb()
         pipe.write(json.dumps(plain(content)) + "\n")
 
     last = [0.0]
@@ -103,7 +106,7 @@ def _disk_full(folder: Path, probe: int = 1 << 18) -> bool:
     return False
 
 
-def _unexpected(say, error: Exception, job: Job) -> int:  # type: ignore[no-untyped-def]
+def _unexpected(say: Callable[[dict[str, Any]], None], error: Exception, job: Job) -> int:
     if _disk_full(job.out):
         say({"error": _no_place(job.run, "the disk is full"), "exit_code": 2, "again": True})
         return 0

@@ -27,7 +27,7 @@ from massprops.core.files import (
     write_whole,
 )
 from massprops.core.log import log
-from massprops.core.outputs import BASES, OWN, Outputs
+from massprops.core.outputs import BASES, OWN, Outputs, lock_to_pass
 from massprops.core.processes import address_space_hint, child_environment, processors, python_module
 from massprops.documents.loading import load_json, load_yaml
 from massprops.errors import InputError
@@ -107,7 +107,7 @@ class _Chain:
         self.order, self.package, self.force = order, package, force
         self.stages = {name: load_stage(name, package) for name in order}
         self.keys = _keys(self.stages, options, inputs)
-        self.before, self.told = _read_manifest(run)
+        self.before, self.outcome_before = _read_manifest(run)
         self.outcome = Outcome()
         self.begun, self.partial_stage = False, ""
         self.outputs = _own_work(run, force)
@@ -124,7 +124,7 @@ class _Chain:
                 log.info("stage %s: kept, its inputs are as they were", name)
             else:
                 if name in ALWAYS:
-                    self._settle()
+                    self._record_outcome()
                 if not self._make(name, number):
                     self._forget_refused()
                     return outcome
@@ -134,10 +134,10 @@ class _Chain:
             outcome.warnings += [w for w in outcome.stages[name].get("warnings", []) if w not in outcome.warnings]
             if self.begun:
                 self._write_manifest()
-        self._settle()
+        self._record_outcome()
         if outcome.partial and not outcome.exit_code:
             outcome.exit_code, outcome.reason = 3, outcome.partial
-        if (self.begun or self.told is not None) and self.told != self._conclusion:
+        if (self.begun or self.outcome_before is not None) and self.outcome_before != self._conclusion:
             self._write_manifest()  # the last command may have been killed before it could tell
         return outcome
 
@@ -152,12 +152,14 @@ class _Chain:
         if before.get("key") != key or tree is None or tree["key"] != key:
             return False
         if not self.outputs.intact(f"work/{name}"):
-            self.outcome.warnings.append(f"work/{name} was changed, damaged or removed, and is made again")
+            self.outcome.warnings.append(f"work/{name} was changed, damaged or removed, and is computed again")
             return False
         owner = getattr(self.stages[name], "PUBLISHES", None)
         if owner is not None and not self.outputs.complete(owner, key):
             if any(entry["by"] == owner for entry in self.outputs.files.values()):
-                self.outcome.warnings.append(f"what stage {name} published was changed or removed, and is made again")
+                self.outcome.warnings.append(
+                    f"what stage {name} published was changed or removed, and is computed again"
+                )
             return False
         return True
 
@@ -212,7 +214,7 @@ class _Chain:
             outputs.retract()
             if held != f"{base}-stopped":
                 self.outcome.warnings.append(
-                    f"the results that this folder held are of other inputs or options: they are now in {OWN}/previous"
+                    f"the earlier results in this folder belong to other inputs or options: they are now in {OWN}/previous"
                 )
         for name in self.order:
             if self.before.get(name, {}).get("key") != self.keys[name]:
@@ -241,7 +243,7 @@ class _Chain:
         if partial and not outcome.exit_code and not outcome.partial:
             outcome.partial, self.partial_stage = str(partial), name
 
-    def _settle(self) -> None:
+    def _record_outcome(self) -> None:
         """Makes `stopped.json` say what this run came to; the last command may have met a full disk, or been killed."""
         if self.outcome.exit_code:  # written where it failed
             return
@@ -273,27 +275,28 @@ class _Chain:
             return {"status": "failed"}, 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
         begun = time.monotonic()
         with output:
-            child, said, usage = self._converse(name, number, request, output)
+            child, answer, usage = self._run_child(name, number, request, output)
         entry: dict[str, Any] = {
             "key": self.keys[name],
             "status": "done",
             "seconds": round(time.monotonic() - begun, 3),
             "cpu_seconds": round(usage.ru_utime + usage.ru_stime, 3),
-            "peak_memory_mb": round(usage.ru_maxrss / 1024, 1),
-            "facts": plain(said.get("facts", {})),
-            "warnings": list(said.get("warnings", [])),
+            # what the system says of a child is never less than its parent had in memory as it began
+            "peak_memory_mb": round(answer.get("peak_memory_mb") or usage.ru_maxrss / 1024, 1),
+            "facts": plain(answer.get("facts", {})),
+            "warnings": list(answer.get("warnings", [])),
         }
         log.info(
             "stage %s: %s", name, ", ".join(f"{k} {entry[k]}" for k in ("seconds", "cpu_seconds", "peak_memory_mb"))
         )
         log.debug("stage %s: %s", name, entry["facts"])
-        if "facts" in said:
+        if "facts" in answer:
             entry["sha256"] = hash_tree(out)
             return entry, 0, ""
         entry["status"] = "failed"
-        if "exit_code" in said and not said.get("again"):  # as it would be the next time
+        if "exit_code" in answer and not answer.get("again"):  # as it would be the next time
             remove_folder(self._parts(name).parent)
-        return entry, *_what_failed(name, said, child.returncode, written)
+        return entry, *_what_failed(name, answer, child.returncode, written)
 
     def _parts(self, name: str) -> Path:
         """Where a stage keeps what it has finished of its work, until it is done; what it kept under another key goes."""
@@ -326,7 +329,7 @@ class _Chain:
     def _threads(self) -> int:
         return self.options.threads or processors()
 
-    def _converse(self, name: str, number: int, request: Path, output: Any) -> tuple[Any, dict[str, Any], Any]:
+    def _run_child(self, name: str, number: int, request: Path, output: Any) -> tuple[Any, dict[str, Any], Any]:
         """Starts a stage's process and listens to it until it ends: the process, its last word, what it used."""
         read_end, write_end = os.pipe()
         environment = child_environment(
@@ -337,35 +340,39 @@ class _Chain:
             MKL_NUM_THREADS="1",
             GLOG_minloglevel="1",
         )
-        child = subprocess.Popen(
-            python_module("massprops.run.child", str(request)),
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            pass_fds=(write_end,),
-            env=environment,
-        )
-        os.close(write_end)
-        said: dict[str, Any] = {}
+        answer: dict[str, Any] = {}
+        child: subprocess.Popen[bytes] | None = None
         try:
             with os.fdopen(read_end) as pipe:
+                try:
+                    child = subprocess.Popen(
+                        python_module("massprops.run.child", str(request)),
+                        stdin=subprocess.DEVNULL,
+                        stdout=output,
+                        stderr=subprocess.STDOUT,
+                        pass_fds=(write_end, *lock_to_pass(self.run)),
+                        env=environment,
+                    )
+                finally:
+                    os.close(write_end)
                 for line in pipe:
                     try:
                         message = json.loads(line)
                     except ValueError:
                         continue
                     if "progress" not in message:
-                        said = message
+                        answer = message
                     elif self.watch:
                         self.watch(name, number, len(self.order), *message["progress"])
             _, status, usage = os.wait4(child.pid, 0)
             child.returncode = os.waitstatus_to_exitcode(status)
         except BaseException:
-            child.send_signal(signal.SIGKILL)
-            child.wait()
+            if child is not None:
+                child.send_signal(signal.SIGKILL)
+                child.wait()
             remove_folder(self.run / "work" / f"{name}.tmp-{os.getpid()}")
             raise
-        return child, said, usage
+        return child, answer, usage
 
     def _write_manifest(self) -> None:
         import yaml
@@ -384,7 +391,7 @@ class _Chain:
             dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
             text = yaml.dump(plain(content), Dumper=dumper, sort_keys=False)
             write_whole(self.run / "run.yaml", text, self.outputs.place)
-            self.told = self._conclusion
+            self.outcome_before = self._conclusion
         except OSError as error:
             raise _no_manifest(self.run, error) from None
 
@@ -422,12 +429,15 @@ def _own_work(run: Path, force: bool) -> Outputs:
     return outputs
 
 
-def _what_failed(name: str, said: Mapping[str, Any], code: int | None, written: Path) -> tuple[int, str]:
+def _what_failed(name: str, answer: Mapping[str, Any], code: int | None, written: Path) -> tuple[int, str]:
     """Exit code and reason of a stage that did not finish."""
-    if "exit_code" in said:
-        return int(said["exit_code"]), str(said["error"])
-    if "error" in said:
-        return 3, f"stage {name} failed: {str(said['error']).rstrip('.')}{address_space_hint()} (details in {written})"
+    if "exit_code" in answer:
+        return int(answer["exit_code"]), str(answer["error"])
+    if "error" in answer:
+        return (
+            3,
+            f"stage {name} failed: {str(answer['error']).rstrip('.')}{address_space_hint()} (details in {written})",
+        )
     what = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
     hint = "; most often too little memory: fewer --frames or a smaller --max-size" if code == -signal.SIGKILL else ""
     return 3, f"stage {name} died with {what}{hint or address_space_hint()} (details in {written})"

@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
 import pytest
 import yaml
 
+from massprops.core import outputs
 from massprops.core.files import write_whole
 from massprops.core.inputs import hash_input
 from massprops.core.outputs import locked
@@ -46,6 +48,8 @@ STAGES = {
                 raise InputError("the input is wrong")
             if (job.run / "full").exists():
                 raise OSError(28, "No space left on device", str(job.out))
+            if (job.run / "hungry").exists():
+                bytearray(10**15)
             if (job.run / "bug").exists():
                 raise KeyError("oops")
             job.warn("careful")
@@ -137,6 +141,13 @@ def test_finished_stages_are_not_run_again_and_options_reach_their_dependents_on
     assert (run / "work/second/value").read_text() == "20.0"
 
 
+def test_the_memory_of_a_stage_is_its_own(run: Path, package: str) -> None:
+    """The system tells a child's peak from what its parent held at its start."""
+    held = b"x" * 600_000_000
+    found = go(run, package)
+    assert 1 < found.stages["first"]["peak_memory_mb"] < 300 < len(held) / 1e6
+
+
 @pytest.mark.parametrize("how", ["die", "wrong"])
 def test_a_run_stands_without_an_extra_stage_which_is_tried_again(run: Path, package: str, how: str) -> None:
     order = ("first", "crosscheck", "report")
@@ -167,6 +178,7 @@ def test_a_changed_input_runs_everything_again(run: Path, package: str) -> None:
         ("wrong", 2, "the input is wrong"),
         ("full", 2, "No space left"),
         ("bug", 3, "KeyError"),
+        ("hungry", 3, "not enough memory: fewer --frames"),
     ],
 )
 def test_failures_are_one_line_and_keep_what_was_done(run: Path, package: str, flag: str, code: int, says: str) -> None:
@@ -182,9 +194,9 @@ def test_failures_are_one_line_and_keep_what_was_done(run: Path, package: str, f
     assert (run / "page").read_text() == "False"
 
 
-def test_kill_minus_nine_and_the_same_command_again(run: Path, package: str, tmp_path: Path) -> None:
-    (run / "wait").touch()
-    code = (
+def command(run: Path, package: str, tmp_path: Path) -> str:
+    """A program that runs the chain, for a process of its own."""
+    return (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from pathlib import Path\n"
         "from massprops.core.outputs import locked\n"
@@ -194,13 +206,23 @@ def test_kill_minus_nine_and_the_same_command_again(run: Path, package: str, tmp
         "with locked(r):\n"
         f"    run_stages(r, ReconstructOptions(), {{'a': '1'}}, order={ORDER!r}, package={package!r})\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", code])
+
+
+@pytest.mark.parametrize("how", ["SIGKILL", "SIGTERM", "SIGINT", "SIGSTOP"])
+def test_a_signal_and_the_same_command_again(run: Path, package: str, tmp_path: Path, how: str) -> None:
+    """A stopped one is at work yet, and dies stopped."""
+    (run / "wait").touch()
+    process = subprocess.Popen([sys.executable, "-c", command(run, package, tmp_path)])
     while not (run / "waiting").exists():
         assert process.poll() is None
         time.sleep(0.02)
     with pytest.raises(InputError, match=rf"another massprops .*process {process.pid}\)"), locked(run):
         pass
-    os.kill(process.pid, signal.SIGKILL)
+    os.kill(process.pid, getattr(signal, how))
+    if how == "SIGSTOP":
+        with pytest.raises(InputError, match=rf"process {process.pid}\)"), locked(run):
+            pass
+        os.kill(process.pid, signal.SIGKILL)
     process.wait()
     (run / "wait").unlink()
     with locked(run):
@@ -209,6 +231,68 @@ def test_kill_minus_nine_and_the_same_command_again(run: Path, package: str, tmp
     assert (run / "work/second/value").read_text() == repr(120 * 1000.0)
     assert not (run / "work/second/partial").exists()
     assert calls(run) == ["first", "second", "second"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="sees processes by /proc")
+def test_a_stage_does_not_outlive_a_command_that_ends_as_it_starts(run: Path, package: str, tmp_path: Path) -> None:
+    """The kernel ends a stage with its command only from the moment at which the stage asks for it.
+
+    The stage is kept at its imports until the command has ended.
+    """
+    go_on, started = tmp_path / "go_on", tmp_path / "started"
+    os.mkfifo(go_on)
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, sys\n"
+        "if sys.orig_argv[-1].endswith('second.request.json'):\n"
+        f"    open({str(started)!r}, 'w').write(str(os.getpid()))\n"
+        f"    open({str(go_on)!r}).read()\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", command(run, package, tmp_path)])
+    while not (started.exists() and started.read_text()):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.terminate()
+    process.wait()
+    (tmp_path / "sitecustomize.py").unlink()
+    orphan = Path(f"/proc/{started.read_text()}")
+    assert orphan.exists(), "it is still importing"
+    go_on.write_text("")
+    with locked(run):  # waits for it: it might write until it ends
+        assert calls(run) == ["first"], "it did nothing"
+        assert not orphan.exists() or "Z" in (orphan / "stat").read_text().split()
+        assert go(run, package).exit_code == 0
+    assert calls(run) == ["first", "second"] and not list((run / "work").glob("*.tmp-*"))
+
+
+def test_a_folder_stays_locked_as_long_as_a_child_of_a_dead_command_writes_into_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = (
+        "import os, subprocess, sys\n"
+        "from pathlib import Path\n"
+        "from massprops.core.outputs import lock_to_pass, locked\n"
+        "run = Path(sys.argv[1])\n"
+        "with locked(run):\n"
+        "    subprocess.Popen(['cat'], pass_fds=lock_to_pass(run), stdout=subprocess.DEVNULL)\n"
+        "    os._exit(0)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdin=subprocess.PIPE)
+    process.wait()
+    assert process.stdin is not None
+    monkeypatch.setattr(outputs, "ENDING_S", 0.1)
+    with pytest.raises(InputError, match=rf"another massprops .*process {process.pid}\)"), locked(tmp_path):
+        pass
+    monkeypatch.setattr(outputs, "ENDING_S", 600.0)
+    threading.Timer(0.1, process.stdin.close).start()  # its child ends
+    with locked(tmp_path):
+        assert process.stdin.closed
+
+
+def test_a_lock_that_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / ".massprops").mkdir()
+    os.mkfifo(tmp_path / ".massprops" / "lock")
+    with pytest.raises(InputError, match="lock: is a device or pipe"), locked(tmp_path):
+        pass
 
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:
