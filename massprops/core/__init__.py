@@ -1,1 +1,1 @@
-"""What every part stands on: files, processes, text for people."""
+"""Files, processes and text: what every other package uses."""

@@ -1,7 +1,7 @@
 """The file layer: every change that massprops makes to a disk goes through the few functions here.
 
-Writing is whole or not at all, lands on regular files only, and follows no link. `hook` lets a test make the n-th
-change fail, or kill the process there.
+A file is written completely or not at all. Only regular files are replaced, and links are not followed. A test can set
+`hook` to make the n-th change fail, or to kill the process there.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def remove(path: Path) -> None:
 
 
 def remove_folder(path: Path) -> None:
-    """Removes a folder of massprops' own, as far as it can."""
+    """Removes a folder that massprops made; what cannot be removed stays."""
     if path.is_symlink():
         path.unlink(missing_ok=True)
     elif path.is_dir():
@@ -58,7 +58,7 @@ def remove_folder(path: Path) -> None:
 
 
 def refuse_special(path: Path) -> None:
-    """Only a regular file is ever replaced: a link leads elsewhere, a device is nothing to replace.
+    """Refuses a path that is not a regular file: a link points elsewhere, and a device cannot be replaced.
 
     Raises:
         InputError: there is something else.
@@ -70,7 +70,7 @@ def refuse_special(path: Path) -> None:
     if not stat.S_ISREG(mode):
         kinds = ((stat.S_ISLNK, "a link"), (stat.S_ISDIR, "a folder"))
         kind = next((word for test, word in kinds if test(mode)), "a device or pipe")
-        raise InputError(f"{path}: is {kind}, and only a regular file is written: choose another place with -o")
+        raise InputError(f"{path}: is {kind}, and only regular files can be written: choose another place with -o")
 
 
 def write_whole(path: Path, content: str | bytes, by_way_of: Path | None = None) -> None:
@@ -104,10 +104,27 @@ def write_whole(path: Path, content: str | bytes, by_way_of: Path | None = None)
         remove(temporary)
 
 
+def write_image(path: Path, image: Any, options: tuple[int, ...] = ()) -> None:
+    """An image in the format of the path's ending; `options` as for `cv2.imencode`.
+
+    OpenCV says of a disk that refuses by a returned value at most, and leaves half an image.
+
+    Raises:
+        OSError: the disk refuses, or the image cannot be encoded.
+    """
+    import cv2
+
+    good, data = cv2.imencode(path.suffix, image, list(options))
+    if not good:
+        raise OSError(22, "an image cannot be encoded", str(path))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data.tobytes())
+
+
 def replace_folder(source: Path, target: Path) -> None:
     """Puts `source` in the place of `target`, whose old content goes away after the change.
 
-    For folders of massprops' own; what a user may have put his hand on goes through `outputs`.
+    For folders that only massprops uses. What a user may have changed goes through `outputs`.
     """
     old = target.with_name(f".{target.name}.{os.getpid()}.old")
     if target.exists():
@@ -117,8 +134,8 @@ def replace_folder(source: Path, target: Path) -> None:
 
 
 def plain(value: Any) -> Any:
-    """`value` as what JSON and YAML know: numpy numbers, arrays, paths and tuples turned into it, NaN and infinity into
-    None, and bytes of names that are no UTF-8 into codes."""
+    """`value` in the types of JSON and YAML. numpy numbers, arrays, paths and tuples are converted. NaN and infinity become
+    None. Bytes of a name that are not UTF-8 become codes."""
     if isinstance(value, dict):
         return {plain(str(k)): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -134,7 +151,7 @@ def plain(value: Any) -> Any:
 
 
 def json_text(content: Any) -> str:
-    """A JSON document as it is written."""
+    """The text of a JSON document, as massprops writes it."""
     return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
@@ -162,7 +179,7 @@ def hash_file(path: Path) -> str:
 
 
 def files_below(folder: Path) -> Iterator[str]:
-    """Names of all files below a folder, relative, in order; links to folders are files here, and not followed."""
+    """Relative names of all files below a folder, sorted. A link to a folder counts as a file and is not followed."""
     for place, folders, names in os.walk(folder):
         for name in sorted([*names, *(f for f in folders if os.path.islink(os.path.join(place, f)))]):  # noqa: PTH114, PTH118
             yield os.path.relpath(os.path.join(place, name), folder)  # noqa: PTH118
@@ -170,7 +187,7 @@ def files_below(folder: Path) -> Iterator[str]:
 
 
 def hash_tree(folder: Path) -> str | None:
-    """sha256 over names and contents of everything below a folder; None where it is not there or cannot be read."""
+    """sha256 over the names and contents of all files below a folder; None if the folder is missing or unreadable."""
     if not folder.is_dir() or folder.is_symlink():
         return None
     total = hashlib.sha256()

@@ -1,14 +1,17 @@
-"""Hashing of inputs, and reading of what an earlier step wrote."""
+"""Hashes of inputs; images that an earlier stage wrote."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from massprops.core.files import files_below, hash_file, hash_of, plain
 from massprops.core.outputs import OWN
-from massprops.core.processes import muffled
+from massprops.core.processes import silenced_stderr
 from massprops.errors import InputError
+
+if TYPE_CHECKING:
+    pass
 
 
 def read_image(path: Path, kind: int = 1) -> Any:
@@ -19,7 +22,7 @@ def read_image(path: Path, kind: int = 1) -> Any:
     """
     import cv2
 
-    with muffled():
+    with silenced_stderr():
         image = cv2.imread(str(path), kind) if path.is_file() else None
     if image is None:
         raise OSError(5, "an image of an earlier stage cannot be read", str(path))
@@ -29,7 +32,7 @@ def read_image(path: Path, kind: int = 1) -> Any:
 def hash_input(source: Path) -> dict[str, str]:
     """sha256 of a file, or of every file of a folder by relative name.
 
-    Truth beside a simulated sequence is no input, and is not opened; nor is the record of what wrote the folder.
+    The truth of a simulated sequence is not an input and is not opened. Neither is the record of what wrote the folder.
 
     A name that is not UTF-8 is written with the codes of its bytes.
     """
@@ -40,7 +43,7 @@ def hash_input(source: Path) -> dict[str, str]:
 
 
 def key_of_source(source: Path, *more: Any) -> str:
-    """Key of what is made from a file or folder, and from further files (paths) and settings (anything else)."""
+    """Key of a result that depends on a file or folder, on further files (paths), and on settings (anything else)."""
     import massprops
 
     parts = [hash_input(p) if isinstance(p, Path) else p for p in (source, *more)]
@@ -48,7 +51,7 @@ def key_of_source(source: Path, *more: Any) -> str:
 
 
 def readable(path: Path) -> Path:
-    """The path, refused where its name is not text: native libraries cannot open it, and some crash over it.
+    """The path itself. A name that is not text is refused: native libraries cannot open it, and some crash.
 
     Raises:
         InputError: its name is not UTF-8.

@@ -1,4 +1,4 @@
-"""The log of massprops: what is done and how long it took, for those who ask with `-v`. Nothing is said by default."""
+"""The log: what is done and how long it takes. It is written with `-v` only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which files of a folder are massprops' own, what made each, and how a set of them is replaced as one.
+"""Which files of a folder massprops wrote, from what each was made, and how a set of files is replaced at once.
 
 A folder's record is `.massprops/outputs.json`: each file with the command that wrote it, the key of what it was made
 from, and its hash. Only files in the record are replaced or removed; anything else needs `force`, and an input of the
@@ -11,8 +11,8 @@ A set of files is published in four steps, so that a command killed anywhere lea
 3. the files are renamed into their places;
 4. the record says that it is done.
 
-Whoever writes next finishes what was pending; whoever reads refuses a folder that has something pending, and files
-that are not what the record says.
+The next command that writes finishes a pending change. A command that reads refuses a folder with a pending change, and
+files that differ from the record.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from massprops.core.files import (
     files_below,
@@ -36,6 +37,7 @@ from massprops.core.files import (
     rename,
     write_whole,
 )
+from massprops.core.processes import is_alive
 from massprops.errors import InputError
 
 OWN = ".massprops"
@@ -43,6 +45,8 @@ OWN = ".massprops"
 FORMAT = "massprops-outputs/1"
 LARGEST_RECORD = 100_000_000
 """Bytes; some 400 000 files."""
+ENDING_S = 20.0
+"""How long children of a command that was killed may take to end; on a loaded machine they wait for a processor."""
 BASES = ("reconstruct", "mass")
 """Commands whose files others are derived from: a comparison or an export is of one mesh, and goes when that goes."""
 
@@ -54,7 +58,7 @@ class Outputs:
         folder: the output folder.
         files: relative name to `by` (command), `key`, `sha256` (None for a file that changes as it is used) and, for
             derived files, `of` (key of what they were made from).
-        trees: relative folder name to `by`, `key`, `sha256`, for folders that nobody else has any business in.
+        trees: relative folder name to `by`, `key`, `sha256`, for folders that only massprops uses.
         folders: relative name of such a folder's parent to the command that made it.
     """
 
@@ -77,12 +81,12 @@ class Outputs:
     # -- reading
 
     def intact(self, name: str) -> bool:
-        """Whether a file or tree is what the record says; what is not in the record is taken as it is."""
+        """Whether a file or tree matches the record; what is not in the record counts as intact."""
         if self.pending is not None:
             return False
         path = self.folder / name
         if name in self.trees:
-            return hash_tree(path) == self.trees[name]["sha256"]
+            return bool(hash_tree(path) == self.trees[name]["sha256"])
         entry = self.files.get(name)
         if entry is None or entry["sha256"] is None:
             return True
@@ -92,7 +96,7 @@ class Outputs:
             return False
 
     def complete(self, by: str, key: str) -> bool:
-        """Whether all files of a command are there as it wrote them under this key."""
+        """Whether all files of a command are present and unchanged, with this key."""
         names = [name for name, entry in self.files.items() if entry["by"] == by and entry["sha256"] is not None]
         return bool(names) and all(self.files[n]["key"] == key and self.intact(n) for n in names)
 
@@ -107,16 +111,16 @@ class Outputs:
     # -- asking
 
     def _check_place(self, name: str) -> None:
-        """A name may come from a file that is read, such as a run's list of its images."""
+        """Refuses a path outside the folder: names may come from a file that is read, such as a run's list of images."""
         try:
             place = Path(_inside(name)).parts[0]
         except ValueError:
             place = OWN
         if place == OWN:
-            raise InputError(f"{self.folder}: {name!r} does not stay in this folder, and no other is written")
+            raise InputError(f"{self.folder}: {name!r} leads outside this folder")
 
     def check(self, by: str, names: Iterable[str], inputs: Iterable[Path] = (), force: bool = False) -> None:
-        """Refuses what must not be written over.
+        """Refuses files that this command must not replace.
 
         Args:
             by: the command that would write.
@@ -125,7 +129,7 @@ class Outputs:
             force: files that are not this command's may be replaced; inputs, links and devices may not.
 
         Raises:
-            InputError: says which file stands in the way, and what to do.
+            InputError: names the file and says what to do.
         """
         given = [p for p in inputs if os.path.lexists(p)]
         names = list(names)
@@ -155,7 +159,7 @@ class Outputs:
                 raise InputError(f"{place}: is not a folder of its own, and no link is followed: choose another -o")
 
     def refuse_links(self, *paths: Path) -> None:
-        """Refuses links where massprops itself writes, moves and clears away without asking.
+        """Refuses links in the places where massprops writes, moves and removes files without asking.
 
         Raises:
             InputError: one of the paths, or anything below the record's folder, is a link.
@@ -164,9 +168,17 @@ class Outputs:
             if path.is_symlink():
                 raise InputError(f"{path}: is a link, and no link is followed: choose another place with -o")
 
+    def wrote(self, by: str) -> bool:
+        """Whether a command wrote any file here, or was ended as it put its files in place."""
+        return any(entry["by"] == by for entry in (*self.files.values(), *self._announced.values()))
+
+    @property
+    def _announced(self) -> dict[str, dict[str, Any]]:
+        """Files that whoever writes next puts in place."""
+        return {} if self.pending is None else self.pending["files"]
+
     def _owner(self, name: str) -> str | None:
-        announced = {} if self.pending is None else self.pending["files"]  # whoever writes next puts them in place
-        entry = announced.get(name) or self.files.get(name)
+        entry = self._announced.get(name) or self.files.get(name)
         return None if entry is None else entry["by"]
 
     def _check_owner(self, name: str, by: str) -> None:
@@ -200,7 +212,7 @@ class Outputs:
         keep: Iterable[str] = (),
         keep_old: bool = True,
     ) -> None:
-        """Puts what lies in `staging()` in the place of this command's former files.
+        """Replaces this command's earlier files by what lies in `staging()`.
 
         Args:
             by: the command.
@@ -234,7 +246,7 @@ class Outputs:
         self._change(entries, gone, aside)
 
     def retract(self, which: Iterable[str] | None = None) -> None:
-        """Takes results out of sight, into `previous/`: all of them, or those of the commands named."""
+        """Moves results into `previous/`: all of them, or those of the commands named."""
         names = {
             n: e["by"]
             for n, e in self.files.items()
@@ -245,7 +257,7 @@ class Outputs:
             self._change({}, names, names)
 
     def start_over(self) -> None:
-        """Takes everything out of sight that any command wrote here, and drops the folders of massprops' own use."""
+        """Moves all results into `previous/` and removes the folders that only massprops uses."""
         self.retract()
         for name in list(self.trees):
             self._check_parents(self.folder / name)
@@ -254,7 +266,7 @@ class Outputs:
         self.save()
 
     def forget(self) -> None:
-        """Takes the record away where nothing came of the first command in this folder."""
+        """Removes the record if the first command in this folder wrote nothing."""
         if not self.files and not self.trees:
             for name in self.folders:
                 self._check_parents(self.folder / name)
@@ -263,20 +275,20 @@ class Outputs:
             remove(self.place / "outputs.json")
 
     def list_live(self, by: str, *names: str) -> None:
-        """Records files that are written again and again, each whole: they have an owner but no hash."""
+        """Records files that change while they are used: they have an owner but no hash."""
         entry = {"by": by, "key": None, "sha256": None}
         if any(self.files.get(name) != entry for name in names):
             self.files |= {name: dict(entry) for name in names}
             self.save()
 
     def take_folder(self, name: str, by: str) -> None:
-        """Claims a folder for massprops' own use."""
+        """Records a folder as used by massprops alone."""
         if self.folders.get(name) != by:
             self.folders[name] = by
             self.save()
 
     def record_tree(self, name: str, by: str, key: str, digest: str | None) -> None:
-        """Records a folder's content; None forgets it."""
+        """Records the hash of a folder's content; None removes the entry."""
         if digest is None:
             self.trees.pop(name, None)
         else:
@@ -291,7 +303,7 @@ class Outputs:
         self.recover()
 
     def recover(self) -> None:
-        """Finishes a change that was begun, by this process or one that was killed."""
+        """Finishes a change that this process, or a killed one, began."""
         if self.pending is None:
             return
         entries, gone, aside = self.pending["files"], self.pending["gone"], self.pending["aside"]
@@ -326,10 +338,10 @@ class Outputs:
 def claim(
     folder: Path, by: str, names: Iterable[str] = (), inputs: Iterable[Path] = (), force: bool = False
 ) -> Iterator[Outputs]:
-    """Holds a folder for this process, which writes into it as `by`; see `Outputs.check` for the arguments.
+    """Locks a folder for this process, which writes into it as command `by`; arguments as of `Outputs.check`.
 
     Raises:
-        InputError: it is another's, another process is at work in it, or it cannot be written.
+        InputError: it belongs to another command, another process holds the lock, or it cannot be written.
     """
     names, inputs = list(names), list(inputs)
     Outputs(folder).check(by, names, inputs, force)  # before anything is made
@@ -353,47 +365,78 @@ def claim(
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Holds a folder for this process; the lock goes with the process, however it ends.
+    """Locks a folder for this process; the lock ends with the process.
 
     Raises:
         InputError: another process is at work in the folder, or it cannot be written.
     """
-    import fcntl
-
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     place = folder / OWN
     if place.is_symlink():
         raise InputError(f"{place}: is a link, and no link is followed: choose another place with -o")
     try:
         make_folder(place)
+        refuse_special(place / "lock")
         handle = os.open(place / "lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
     except (FileExistsError, NotADirectoryError):
         raise InputError(f"{folder}: is a file, not a folder: choose another place with -o") from None
     except OSError as error:
         raise _unwritable(folder, error) from None
-    with os.fdopen(handle, "r+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if not (place / "lock").exists() or os.stat(place / "lock").st_ino != os.fstat(handle).st_ino:  # noqa: PTH116
-                raise OSError  # whoever held it took it away, with the folder it had made for nothing
-        except OSError:
-            pid = file.read(20).strip()
-            who = f" (process {pid})" if pid.isdigit() else ""
-            raise InputError(
-                f"{folder}: another massprops is at work in this folder{who}: wait for it, or choose another -o"
-            ) from None
+    with os.fdopen(handle, "r+", errors="replace") as file:
+        _take_lock(file, folder, place / "lock")
         with contextlib.suppress(OSError):  # for people only: a full disk is told by what is written next
+            file.seek(0)
             file.truncate(0)
             file.write(f"{os.getpid()}\n")
             file.flush()
+        _held[folder] = handle
         try:
             yield
         finally:
-            _leave_nothing(folder, made)
+            _held.pop(folder, None)
+            _remove_unused_record(folder, made)
 
 
-def _leave_nothing(folder: Path, made: list[Path]) -> None:
-    """After a command that wrote nothing, takes away the record's folder, and the folders made for it."""
+_held: dict[Path, int] = {}
+"""Handles of the locks of this process, by folder."""
+
+
+def lock_to_pass(folder: Path) -> tuple[int, ...]:
+    """File handles to pass to a child process that writes into a folder: the folder stays locked while the child lives."""
+    return (_held[folder],) if folder in _held else ()
+
+
+def _take_lock(file: TextIO, folder: Path, path: Path) -> None:
+    """Locks a folder, of which `path` is the lock's file.
+
+    The holder writes its number into the file, and its children share the lock. If the holder is dead its children are
+    about to end, and this process waits for them.
+
+    Raises:
+        InputError: another process is at work in the folder.
+    """
+    import fcntl
+
+    limit = time.monotonic() + ENDING_S
+    while True:
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if path.exists() and path.stat().st_ino == os.fstat(file.fileno()).st_ino:
+                return
+            limit = 0.0  # whoever held it took it away, with the folder it had made for nothing
+        file.seek(0)
+        pid = file.read(20).strip()
+        known = pid.isdecimal()
+        if (known and is_alive(int(pid))) or time.monotonic() > limit:
+            who = f" (process {pid})" if known else ""
+            raise InputError(
+                f"{folder}: another massprops is at work in this folder{who}: wait for it, or choose another -o"
+            )
+        time.sleep(0.02)
+
+
+def _remove_unused_record(folder: Path, made: list[Path]) -> None:
+    """After a command that wrote nothing: removes the record's folder and the folders that were made for it."""
     place = folder / OWN
     with contextlib.suppress(OSError):
         if {p.name for p in place.iterdir()} <= {"lock", "new"} and not any((place / "new").glob("*")):
@@ -429,7 +472,7 @@ def deliver(
 
 
 def verify(folder: Path, *names: str) -> None:
-    """Refuses to read results that are not what the command that made them wrote; absent ones are another's to miss.
+    """Refuses results that were changed after their command wrote them. A missing file is no error here.
 
     Args:
         folder: a run, or any folder; one without a record is taken as it is.
@@ -479,7 +522,7 @@ def _unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """A record, checked: whoever can write a file there must not be able to point it elsewhere."""
+    """Reads and checks a record: a manipulated record must not lead to files outside the folder."""
     found: dict[str, Any] = {"files": {}, "trees": {}, "folders": {}, "pending": None}
     try:
         refuse_special(path)
@@ -516,7 +559,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _no_record(path: Path) -> InputError:
-    return InputError(f"{path}: damaged, so whose the files here are is not known: choose another place with -o")
+    return InputError(f"{path}: damaged, so it is not known who wrote the files here: choose another place with -o")
 
 
 def _inside(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Finished parts of a long piece of work, kept until the whole is done: who is killed on the way goes on from there."""
+"""Finished parts of a long computation, kept until all of it is done. After a kill the next run continues from them."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Parts:
     """The parts of one piece of work.
 
     Attributes:
-        folder: where they are kept, None for nowhere. Its name says what the parts are made from.
+        folder: where they are kept; None keeps nothing. Its name identifies what the parts are made from.
         prefix: of the name of each.
-        damaged: names of parts that were not as they had been written, and are made again.
+        damaged: names of parts whose files were changed since they were written; these parts are made again.
     """
 
     def __init__(self, folder: Path | None = None, prefix: str = "") -> None:
@@ -33,17 +33,17 @@ class Parts:
         self.damaged: list[str] = []
 
     def within(self, name: str) -> Parts:
-        """The same place for a piece of this work that is done more than once, of other data each time."""
+        """The store of one piece of this computation, for pieces that are done several times with other data."""
         inner = Parts(self.folder, f"{self.prefix}{name}: ")
         inner.damaged = self.damaged
         return inner
 
     def made(self, name: str, make: Callable[[], Arrays]) -> Arrays:
-        """A part as it was made before, or as it is made now; threads may ask for different ones.
+        """A part: read if it was finished before, else made now. Threads may ask for different parts at the same time.
 
         Args:
-            name: of the part; it may hold anything.
-            make: gives its arrays, and nothing that is not kept.
+            name: of the part; any text.
+            make: computes its arrays.
         """
         if self.folder is None:
             return make()

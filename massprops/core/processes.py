@@ -1,4 +1,4 @@
-"""Processes of massprops' own: started so that nothing in the current folder is run, ended with their parent."""
+"""Child processes: they run no code from the current folder, and they end with their parent."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+
+PARENT = "MASSPROPS_PARENT"
+"""The variable by which a child process learns who started it."""
+ORPHANED = 143
+"""Exit code of a process whose parent ended before it."""
+LOOK_S = 0.2
+"""How often a process looks for its parent where the kernel does not."""
 
 
 def python_module(module: str, *arguments: str) -> list[str]:
@@ -20,26 +28,51 @@ def python_module(module: str, *arguments: str) -> list[str]:
 
 
 def child_environment(**more: str) -> dict[str, str]:
-    """The environment of a child process, which finds the modules that this process finds.
+    """The environment of a child process that must find the same modules as this process.
 
-    The current folder holds the user's files: an `av.py` or `random.py` among them is not ours to import. It is left
-    out, unless massprops itself lies there.
+    The current folder is left out of the module search, since an `av.py` or `random.py` of the user's may lie there,
+    unless massprops itself lies there. The environment also names the parent; see `die_with_parent`.
     """
     here = os.path.realpath(Path.cwd())
     own = os.path.realpath(Path(__file__).parents[2])
     entries = [p for p in sys.path if p and (os.path.realpath(p) != here or here == own)]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(entries), "PYTHONSAFEPATH": "1", **more}
+    own_words = {"PYTHONPATH": os.pathsep.join(entries), "PYTHONSAFEPATH": "1", PARENT: str(os.getpid())}
+    return {**os.environ, **own_words, **more}
 
 
 def processors() -> int:
-    """Processors that this process may use; on macOS, which does not say, those of the machine."""
+    """Number of processors that this process may use; on macOS, where this is not known, all of the machine."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def die_with_parent() -> None:
-    """Asks the kernel to end this process with its parent (Linux), so that a killed run leaves nothing at work."""
+    """Makes this process end with its parent, so that a killed run leaves no process behind.
+
+    On Linux the kernel does this, elsewhere a thread that checks. If the parent named by `child_environment` ended while
+    this process was importing, this process ends at once.
+    """
+    parent = int(os.environ.pop(PARENT, os.getppid()))
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    else:
+        threading.Thread(target=_end_without, args=(parent,), daemon=True).start()
+    if os.getppid() != parent:
+        os._exit(ORPHANED)
+
+
+def _end_without(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os._exit(ORPHANED)
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process with this number runs on this machine."""
+    try:
+        os.kill(pid, 0)
+    except (OSError, OverflowError) as error:
+        return not isinstance(error, ProcessLookupError)
+    return True
 
 
 _muffling = threading.Lock()
@@ -48,13 +81,13 @@ _muffled: list[int] = []
 
 
 @contextlib.contextmanager
-def muffled() -> Iterator[None]:
-    """Keeps what native code prints away from standard error, of the whole process while it lasts.
+def silenced_stderr() -> Iterator[None]:
+    """Discards what native code prints on standard error, for the whole process while the context lasts.
 
-    libjpeg, libpng and OpenCV print lines of their own about damaged files; what is wrong is told by us, in one line.
+    libjpeg, libpng and OpenCV print their own lines about damaged files; our error message says it in one line.
     """
     with _muffling:
-        _muffled.append(_muffled[0] if _muffled else _turned_away(2))
+        _muffled.append(_muffled[0] if _muffled else _redirected(2))
     try:
         yield
     finally:
@@ -66,21 +99,21 @@ def muffled() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def overheard() -> Iterator[list[str]]:
-    """Keeps what libraries print, native code too, away from both standard streams, of the whole process while it lasts.
+def captured_output() -> Iterator[list[str]]:
+    """Captures what libraries, native code too, print on both standard streams, for the whole process.
 
-    Gives a list that holds what was printed, when it is over. Some libraries tell on standard output what they miss as
-    they are loaded, where a result belongs.
+    Yields a list that holds the text after the context. Some libraries print on standard output, where a result belongs,
+    what they miss when they are loaded.
     """
-    said: list[str] = []
+    printed_text: list[str] = []
     with tempfile.TemporaryFile() as file, _muffling:
         with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or none
             sys.stdout.flush()
-        reals = [(handle, _turned_away(handle, file.fileno())) for handle in (1, 2)]
+        reals = [(handle, _redirected(handle, file.fileno())) for handle in (1, 2)]
         printed = io.StringIO()
         try:
             with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-                yield said
+                yield printed_text
         finally:
             ctypes.CDLL(None).fflush(None)  # C keeps lines back where it does not write to a terminal
             for handle, real in reals:
@@ -88,11 +121,11 @@ def overheard() -> Iterator[list[str]]:
                     os.dup2(real, handle)
                     os.close(real)
             file.seek(0)
-            said.append(file.read().decode(errors="replace") + printed.getvalue())
+            printed_text.append(file.read().decode(errors="replace") + printed.getvalue())
 
 
-def _turned_away(handle: int, target: int | None = None) -> int:
-    """Leads a file handle nowhere, or to a target; a copy of what it was, or -1 where it was closed."""
+def _redirected(handle: int, target: int | None = None) -> int:
+    """Redirects a file handle to a target, or to nowhere; returns a copy of the old handle, or -1 if it was closed."""
     try:
         real = os.dup(handle)
     except OSError:
@@ -104,10 +137,10 @@ def _turned_away(handle: int, target: int | None = None) -> int:
 
 
 def limit_memory() -> None:
-    """Bounds this process to the memory there is, so that it is refused an array before the machine grinds to a halt.
+    """Limits this process to the available memory, so that a too large array fails before the machine starts to swap.
 
-    RLIMIT_DATA counts what can be written to; RLIMIT_AS would count address space too, of which numba, open3d and
-    every thread's stack reserve many times what they use.
+    RLIMIT_DATA counts writable memory. RLIMIT_AS would count address space too, of which numba, open3d and every thread's
+    stack reserve many times what they use.
     """
     import resource
 
@@ -121,10 +154,28 @@ def limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
 
 
-def address_space_hint() -> str:
-    """What to do about a limit on address space, for a message of failure; empty without a limit.
+def peak_memory_mb() -> float:
+    """The most memory that this process has held [MiB].
 
-    Under one, libraries cannot be loaded or threads not started, and each says so in words of its own.
+    `getrusage` begins with what the process held that started this one, so it is asked only where nothing else tells.
+    """
+    import resource
+
+    try:
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return round(int(line.split()[1]) / 1024, 1)
+    except (OSError, ValueError, IndexError):
+        pass
+    return round(
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20 if sys.platform == "darwin" else 1 << 10), 1
+    )
+
+
+def address_space_hint() -> str:
+    """What to do about a limit on address space, for error messages; empty if there is no limit.
+
+    Under such a limit libraries fail to load and threads fail to start, each with its own message.
     """
     import resource
 
@@ -135,7 +186,7 @@ def address_space_hint() -> str:
 
 
 def memory_there_is() -> int | None:
-    """Bytes of memory of the machine, or of the container; None where that is not known."""
+    """Memory of the machine or the container [bytes]; None if not known."""
     found = []
     try:
         found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))

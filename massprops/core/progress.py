@@ -1,4 +1,4 @@
-"""How long work says how far it is."""
+"""How a long computation reports its progress."""
 
 from __future__ import annotations
 
@@ -9,4 +9,4 @@ Progress = Callable[[int, int, str], None]
 
 
 def silent(done: int, total: int, what: str = "") -> None:
-    """Progress that says nothing, for notebooks and tests."""
+    """Progress that is not shown, for notebooks and tests."""

@@ -1,4 +1,4 @@
-"""How a result shows itself: one line at the prompt, a small table in a notebook."""
+"""How results are displayed: one line at the prompt, a small table in a notebook."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 
 class Shown:
-    """Gives a class a short `repr` and a table in notebooks; it says in `facts` what it consists of."""
+    """Gives a class a short `repr` and a table in notebooks, both made from its `facts`."""
 
     def facts(self) -> dict[str, str]:
-        """What to show, by name, the most important first."""
+        """What is shown, by name; the most important first."""
         raise NotImplementedError
 
     def __repr__(self) -> str:

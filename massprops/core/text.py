@@ -1,4 +1,4 @@
-"""Text from outside, made fit for a terminal."""
+"""Text of unknown origin made safe for a terminal."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import unicodedata
 
 
 def clean(text: str) -> str:
-    """`text` without anything that a terminal would obey or that cannot be printed.
+    """`text` without control sequences and characters that cannot be printed.
 
-    Names of files and the contents of tables come from strangers: their control characters, escape sequences, marks
-    that turn the direction of writing, and bytes that are no UTF-8 are shown as codes. Line ends and tabs stay.
+    File names and table cells come from outside. Their control characters, escape sequences, marks that change the
+    direction of writing, and bytes that are not UTF-8 are shown as codes. Line ends and tabs stay.
     """
     return "".join(c if c in "\n\t" or unicodedata.category(c) not in HIDDEN else _code(c) for c in text)
 
@@ -26,7 +26,7 @@ def _code(character: str) -> str:
 
 
 def clock(seconds: float) -> str:
-    """A duration for people."""
+    """A duration as text."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     if seconds < 3600:

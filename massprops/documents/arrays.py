@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 LARGEST_BYTES = 8_000_000_000
-"""Of all arrays of a file unpacked. A dense cloud of 50 million points has 2 GB."""
+"""Of all arrays of a file. A dense cloud of 50 million points has 2 GB."""
+LARGEST_PACKED = 500_000_000
+"""Bytes, unpacked, of arrays that are compressed. massprops compresses none, and a megabyte may hold a thousand."""
 
 
 @contextlib.contextmanager
@@ -24,12 +26,13 @@ def open_arrays(path: Path) -> Iterator[Any]:
         OSError: no such file, or not to be read.
         ValueError: damaged, with objects in it, or larger than it can be.
     """
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise ValueError(f"{path}: no regular file")
     try:
         with zipfile.ZipFile(path) as packed:
+            _refuse_large(path, packed.infolist())
             for entry in packed.infolist():
                 _refuse_hollow(packed, entry)
-            if sum(entry.file_size for entry in packed.infolist()) > LARGEST_BYTES:
-                raise ValueError(f"{path}: more than {LARGEST_BYTES / 1e9:.0f} GB of arrays")
         with np.load(path, allow_pickle=False) as arrays:
             yield arrays
     except (EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, MemoryError) as error:
@@ -38,6 +41,15 @@ def open_arrays(path: Path) -> Iterator[Any]:
         if error.errno != errno.EINVAL:  # a place before the file's beginning, which a damaged directory names
             raise
         raise ValueError(f"{path}: damaged ({error.strerror})") from None
+
+
+def _refuse_large(path: Path, entries: list[zipfile.ZipInfo]) -> None:
+    for limit, sizes in (
+        (LARGEST_BYTES, [e.file_size for e in entries]),
+        (LARGEST_PACKED, [e.file_size for e in entries if e.compress_type != zipfile.ZIP_STORED]),
+    ):
+        if sum(sizes) > limit:
+            raise ValueError(f"{path}: {sum(sizes) / 1e9:.1f} GB of arrays in {path.stat().st_size / 1e6:.1f} MB")
 
 
 def _refuse_hollow(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:

@@ -80,8 +80,14 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
     def refuse(self, problem: str, at: Any) -> None:
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=at.start_mark)
 
+    def decimal(self, node: Any) -> str:
+        """A number as it is written; YAML 1.1 takes 1:30 for ninety, which nobody means who writes it."""
+        if ":" in node.value:
+            self.refuse(f"{shown(node.value)!r} would be read to the base 60: write it in decimals, or in quotes", node)
+        return str(node.value)
+
     def whole(self, node: Any) -> int:
-        text = node.value
+        text = self.decimal(node)
         try:
             value = self.construct_yaml_int(node) if len(text) <= 64 else LARGEST_WHOLE + 1
         except ValueError:
@@ -91,7 +97,7 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
         return value
 
     def number(self, node: Any) -> float:
-        text = node.value
+        text = self.decimal(node)
         try:
             value = float(self.construct_yaml_float(node)) if len(text) <= 400 else math.inf
         except ValueError:

@@ -106,6 +106,15 @@ class Number(_Field):
         ends = ((self.above, "above"), (self.low, "at least"), (self.below, "below"), (self.high, "at most"))
         return " and ".join(f"{word} {end:g}" for end, word in ends if end is not None)
 
+    def _missed(self, number: float) -> str:
+        """The range for a message, with the end that every number has where that is the one it lies beyond."""
+        words, end = self.words(), ""
+        if number > self.ends[1] and self.high is None and self.below is None:
+            end = f"at most {LARGEST:g}"
+        elif number < self.ends[0] and self.low is None and self.above is None:
+            end = f"at least {-LARGEST:g}"
+        return " and ".join(part for part in (words, end) if part)
+
     def inside(self, number: float) -> bool:
         low, high = self.ends
         return low <= number <= high and number not in (self.above, self.below)
@@ -115,8 +124,7 @@ class Number(_Field):
         if self.whole and (number != int(number) or isinstance(value, float) and abs(number) >= 2**53):
             raise ValueError(f"must be a whole number, not {_value(value)}")
         if not self.inside(number):
-            words = self.words() or f"between -{LARGEST:g} and {LARGEST:g}"
-            raise ValueError(f"must be {words}, not {_value(value)}")
+            raise ValueError(f"must be {self._missed(number)}, not {_value(value)}")
         return int(value) if self.whole else number
 
     def described(self) -> tuple[str, str, str]:
@@ -362,19 +370,19 @@ def _message(kind: type, error: Any, where: str) -> str:
     """One line of one of pydantic's errors."""
     place = [part for part in error["loc"] if isinstance(part, int) or not part.startswith("function-")]
     *outer, last = place or ["document"]
-    said = "".join(f" {p + 1}:" if isinstance(p, int) else f" {p}:" for p in outer)
+    within = "".join(f" {p + 1}:" if isinstance(p, int) else f" {p}:" for p in outer)
     if error["type"] == "unexpected_keyword_argument":
-        return f"{where}:{said} {no_key(str(last), keys(_inside(kind, outer)))}"
+        return f"{where}:{within} {no_key(str(last), keys(_inside(kind, outer)))}"
     name = f"entry {last + 1}" if isinstance(last, int) else last
     if error["type"] == "missing":
         field = field_of(_inside(kind, outer), str(last))
         about = f"; give {last}: {field.about}" if field is not None else ""
-        return f"{where}:{said} no {last}{about}"
+        return f"{where}:{within} no {last}{about}"
     if error["type"] == "value_error":
-        return f"{where}:{said} {name} {error['ctx']['error']}"
+        return f"{where}:{within} {name} {error['ctx']['error']}"
     expected = {"dataclass_type": "names with values", "list_type": "a list", "tuple_type": "a list"}
     wanted = expected.get(error["type"], error["msg"].lower())
-    return f"{where}:{said} {name} must be {wanted}, not {_value(error['input'])}"
+    return f"{where}:{within} {name} must be {wanted}, not {_value(error['input'])}"
 
 
 def _inside(kind: type, place: list[Any]) -> type:

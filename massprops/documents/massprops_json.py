@@ -94,7 +94,9 @@ class MassFile:
     inertia_ratios: Annotated[InertiaRatiosFile, Nested("ratios of the moments")]
     volume: Annotated[float, Number("volume of the mesh", "length^3", above=0)]
     density: Annotated[float, Number("constant density", "mass/length^3", above=0)] | None = None
-    density_assumed: Annotated[bool, YesNo("whether nobody gave the density, so that of water stands in")] = False
+    density_assumed: Annotated[bool, YesNo("true if no density was given, so that 1000 kg/m^3 (water) was assumed")] = (
+        False
+    )
     recommended: Annotated[RecommendedFile, Nested("the values to use, and why")] | None = None
     confidence: Annotated[ConfidenceFile, Nested("how far to trust the numbers")] | None = None
     format: Annotated[str, Text("kind and version of the file", (FORMAT,))] = FORMAT

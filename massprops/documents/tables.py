@@ -48,7 +48,7 @@ class Column:
         """What a value in `unit` is multiplied by; None for a unit that is not known. No unit is the documented one."""
         if unit is None:
             return 1.0
-        return CONVERTED.get(self.unit, NO_UNIT).get(spelt(unit))
+        return CONVERTED.get(self.unit, NO_UNIT).get(normalised_unit(unit))
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Table:
         return tuple(c.name for c in self.columns)
 
 
-def spelt(unit: str) -> str:
+def normalised_unit(unit: str) -> str:
     """A unit in one spelling: `deg/s`, `deg*s^-1` and `Deg s-1` are `deg s^-1`."""
     text = " ".join(unit.replace("·", " ").replace("*", " ").split()).casefold()
     top, slash, bottom = text.partition("/")

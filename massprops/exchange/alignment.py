@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
 from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.exchange.distances import Surface, surface_samples
 
@@ -37,11 +38,13 @@ class Similarity:
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 3) in the target's frame."""
-        return self.scale * points @ self.R.T + self.t
+        moved: np.ndarray = self.scale * points @ self.R.T + self.t
+        return moved
 
     def back(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the target's frame in the source's."""
-        return (points - self.t) @ self.R / self.scale
+        moved: np.ndarray = (points - self.t) @ self.R / self.scale
+        return moved
 
     @property
     def matrix(self) -> np.ndarray:
@@ -172,7 +175,7 @@ def iterate(start: Similarity, points: np.ndarray, nearest: Nearest, free_scale:
         q, n = nearest(p)
         residual = np.einsum("ni,ni->n", p - q, n)
         apart = np.linalg.norm(p - q, axis=1)
-        width = 2.5 * max(1.4826 * float(np.median(np.abs(residual))), 1e-12)
+        width = 2.5 * max(mad_sigma(residual), 1e-12)
         weight = 1.0 / (1.0 + (residual / width) ** 2)
         weight *= apart < 6.0 * width + 3.0 * float(np.median(apart))
         middle = p.mean(axis=0)

@@ -52,16 +52,16 @@ class Body:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a reader of an export must know: the convention, whose values these are, and what was assumed."""
+        """What a reader of an export must know: conventions, the source of the values, and assumptions."""
         block = self.document.get("recommended") or {}
-        return (CONVENTION, *([f"values: {block['because']}"] if block.get("because") else []), *self.assumptions)
+        return (CONVENTION, *([f"values {block['because']}"] if block.get("because") else []), *self.assumptions)
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """`assumed density ...` where nobody gave the density or the mass, else nothing."""
+        """`assumed density ...` if neither density nor mass was given, else nothing."""
         if not (self.metric and self.document.get("density_assumed")):
             return ()
-        return (f"assumed density {self.document['density']:g} kg/m^3, as water: give a density or a measured mass",)
+        return (f"assumed density {self.document['density']:g} kg/m^3 (water): give a density or a measured mass",)
 
 
 def xml_comment(body: Body) -> str:

@@ -1,4 +1,4 @@
-"""A light stand-in for a mesh: closed, few faces, the same mass properties to within a stated share."""
+"""A collision mesh: closed, few faces, with the mass properties of the full mesh within a stated tolerance."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ def _measured_faces(mesh: trimesh.Trimesh) -> np.ndarray | None:
     """Faces that the run measured, by the `observed` property of its PLY; None for a plain mesh."""
     raw = mesh.metadata.get("_ply_raw", {}).get("face", {}).get("data")
     try:
-        flag = np.asarray(raw["observed"]).ravel().astype(bool)  # type: ignore[index]
+        flag = np.asarray(raw["observed"]).ravel().astype(bool)
     except (KeyError, TypeError, ValueError, IndexError):
         return None
     return flag if len(flag) == len(mesh.faces) and flag.mean() > LEAST_MEASURED else None
@@ -220,7 +220,7 @@ def _rows(ours: MassProperties, cad: MassProperties, interval: dict[str, Any], l
     return rows
 
 
-def spoken(quantity: str) -> str:
+def quantity_label(quantity: str) -> str:
     """The name of a row in words: `center_of_mass_x` is "centre of mass x"."""
     return quantity.replace("center_of_mass_", "centre of mass ").replace("axis_", "axis of I")
 

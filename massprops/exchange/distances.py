@@ -20,8 +20,9 @@ def surface_samples(mesh: trimesh.Trimesh, count: int, seed: int, faces: np.ndar
     total = np.cumsum(np.asarray(mesh.area_faces) * (1.0 if faces is None else faces))
     pick = np.minimum(np.searchsorted(total, rng.random(count) * total[-1], side="right"), len(total) - 1)
     a, b = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
-    p = triangles[pick]
-    return (1 - a) * p[:, 0] + a * (1 - b) * p[:, 1] + a * b * p[:, 2]
+    p: np.ndarray = triangles[pick]
+    points: np.ndarray = (1 - a) * p[:, 0] + a * (1 - b) * p[:, 1] + a * b * p[:, 2]
+    return points
 
 
 class Surface:
@@ -51,11 +52,11 @@ class Surface:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """(n,) unsigned distance of points (n, 3)."""
-        return self._scene.compute_distance(self._tensor(points)).numpy().astype(float)
+        return np.asarray(self._scene.compute_distance(self._tensor(points)).numpy(), float)
 
     def signed(self, points: np.ndarray) -> np.ndarray:
         """(n,) distance, positive outside the closed surface; three rays vote on the side."""
-        return self._scene.compute_signed_distance(self._tensor(points), nsamples=3).numpy().astype(float)
+        return np.asarray(self._scene.compute_signed_distance(self._tensor(points), nsamples=3).numpy(), float)
 
 
 def surface_distances(ours: trimesh.Trimesh, cad: trimesh.Trimesh, length: float, seed: int = 0) -> dict[str, Any]:

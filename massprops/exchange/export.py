@@ -75,7 +75,7 @@ def export(
 
 
 def _write_elsewhere(folder: Path, contents: Mapping[str, str | bytes], inputs: list[Path], force: bool) -> None:
-    """Writes files into a folder that is the user's: new ones, or such as are there already, byte for byte.
+    """Writes files into a user's folder. A file that exists already is accepted only if it is equal, byte for byte.
 
     Raises:
         InputError: another file is there and `force` is not given, or it is an input, or the folder cannot be written.

@@ -51,7 +51,7 @@ def read_mesh(path: str | Path, process: bool = True) -> trimesh.Trimesh:
     refuse_beyond(BYTES_PER_BYTE * path.stat().st_size, f"{path}: its mesh", "reduce the mesh first")
     _refuse_hollow_header(path)
     try:
-        with _quiet():
+        with _without_warnings():
             mesh = trimesh.load(path, force="mesh", process=process)
     except (Exception, SystemExit) as error:
         reason = shown(error, 80) if str(error) else type(error).__name__
@@ -68,8 +68,8 @@ def read_mesh(path: str | Path, process: bool = True) -> trimesh.Trimesh:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps trimesh's log, with tracebacks of what it tries in vain, and numpy's warnings off the terminal."""
+def _without_warnings() -> Iterator[None]:
+    """Silences trimesh's log, which shows tracebacks of failed attempts, and numpy's warnings."""
     log = logging.getLogger("trimesh")
     before = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -87,12 +87,12 @@ def _refuse_hollow_header(path: Path) -> None:
         return
     with path.open("rb") as file:
         head = file.read(4000)
-    said = re.findall(rb"element\s+\w+\s+(\d+)", head.split(b"end_header")[0])
+    counts = re.findall(rb"element\s+\w+\s+(\d+)", head.split(b"end_header")[0])
     if path.suffix.lower() == ".off":
         lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"#")]
-        said = re.findall(rb"\d+", b" ".join(lines[:2]))[:2]
+        counts = re.findall(rb"\d+", b" ".join(lines[:2]))[:2]
     # the shortest entry of either format takes two bytes
-    most = max((int(n[:20]) for n in said), default=0)
+    most = max((int(n[:20]) for n in counts), default=0)
     if most > path.stat().st_size:
         raise InputError(f"{path}: its header announces {most:.3g} entries, more than its bytes hold: export it again")
 

@@ -74,7 +74,7 @@ def sequence_of(
     environment: Environment | None,
     out: Path | None,
 ) -> Sequence:
-    """The sequence of `massprops.sequence_from_arrays`, which says what each argument is; written to `out`, if given.
+    """The sequence of `massprops.sequence_from_arrays`, where the arguments are described; written to `out` if given.
 
     Raises:
         InputError: shapes that do not fit together, or nothing measured.
@@ -107,10 +107,10 @@ def _stamps(times: np.ndarray) -> np.ndarray:
 
 
 def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
-    values = np.asarray(values, float)
-    if values.shape != shape or not np.isfinite(values).all():
-        raise InputError(f"{name} of shape {values.shape}: give finite numbers of shape {shape}, one row a time")
-    return values
+    array = np.asarray(values, float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"{name} of shape {array.shape}: give finite numbers of shape {shape}, one row a time")
+    return array
 
 
 def _attitudes(stamp: np.ndarray, q: np.ndarray, sigma: Any) -> AttitudeSeries:

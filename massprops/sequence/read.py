@@ -33,7 +33,7 @@ SMALLEST_MOMENT = 1e-50
 
 
 def read_sequence(folder: str | Path) -> Sequence:
-    """Everything in the folder that is not truth.
+    """All of a sequence folder except the truth.
 
     A run folder is taken as the sequence inside it. Rows that cannot be used are left out and counted in `warnings`.
 
@@ -46,9 +46,7 @@ def read_sequence(folder: str | Path) -> Sequence:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such sequence folder")
     warnings: list[str] = []
-    cameras = {
-        i: _camera(folder / f"cam{i}", warnings) for i in (0, 1) if (folder / f"cam{i}" / "sensor.yaml").is_file()
-    }
+    cameras = {i: _camera(folder / f"cam{i}", warnings) for i in (0, 1) if _there(folder / f"cam{i}" / "sensor.yaml")}
     sequence = Sequence(
         cameras=cameras,
         tracks=_tracks(folder / "tracks0" / "data.csv", cameras, warnings),
@@ -63,6 +61,22 @@ def read_sequence(folder: str | Path) -> Sequence:
     if not any((cameras, sequence.tracks, sequence.range, sequence.rates, sequence.attitude)):
         raise InputError(f"{folder}: nothing of a sequence here; expected cam0, tracks0, range0, imu0 or attitude0")
     return sequence
+
+
+def _there(path: Path) -> bool:
+    """Whether the sequence has a file. A link that leads nowhere is not taken for a file that was never there.
+
+    Raises:
+        InputError: the file or its folder is such a link, or something stands there that is no file.
+    """
+    if path.is_file():
+        return True
+    for place in (path.parent, path):
+        if place.is_symlink() and not place.exists():
+            raise InputError(f"{place}: a link that leads nowhere: mend it, or remove it")
+    if path.exists():
+        raise InputError(f"{path}: is no regular file: give a file, or remove it")
+    return False
 
 
 def _camera(folder: Path, warnings: list[str]) -> Camera:
@@ -87,7 +101,7 @@ def _camera(folder: Path, warnings: list[str]) -> Camera:
         T_BS=pose,
         sigma_px=document.sigma_px,
         rate_hz=document.rate_hz,
-        video=folder / "video.mp4" if (folder / "video.mp4").is_file() else None,
+        video=folder / "video.mp4" if _there(folder / "video.mp4") else None,
         images=_images(folder, warnings),
         stated=document.resolution is not None,
     )
@@ -95,7 +109,7 @@ def _camera(folder: Path, warnings: list[str]) -> Camera:
 
 def _images(folder: Path, warnings: list[str]) -> tuple[tuple[int, Path], ...]:
     path = folder / "data.csv"
-    if not path.is_file():
+    if not _there(path):
         return ()
     rows = read_table(path, IMAGES)
     _count(warnings, path, rows.left_out, "rows that cannot be read")
@@ -109,7 +123,11 @@ def _images(folder: Path, warnings: list[str]) -> tuple[tuple[int, Path], ...]:
 
 
 def _series(path: Path, columns: Table, warnings: list[str]) -> dict[str, np.ndarray]:
-    """A table with times in order: repeated times keep their first row, times that go back are left out."""
+    """A table with times in order: repeated times keep their first row, times that go back are left out.
+
+    Raises:
+        InputError: most of its rows would be left out, so that the others are no record of anything.
+    """
     rows = read_table(path, columns)
     table = rows.columns
     _count(warnings, path, rows.left_out, "rows with missing, unreadable or infinite values")
@@ -119,13 +137,18 @@ def _series(path: Path, columns: Table, warnings: list[str]) -> dict[str, np.nda
         order = np.argsort(stamp, kind="stable")
         check_times(path, stamp[order], rows.lines[order])
         forward = stamp > np.concatenate([[stamp[0] - 1], np.maximum.accumulate(stamp)[:-1]])
-        _count(warnings, path, int((~forward).sum()), "rows whose timestamp is repeated or goes back")
+        gone = int((~forward).sum())
+        if 2 * gone > len(stamp):
+            raise InputError(
+                f"{path}: {gone} of {len(stamp)} rows have a time that is repeated or goes back: sort them"
+            )
+        _count(warnings, path, gone, "rows whose timestamp is repeated or goes back")
         table = {name: values[forward] for name, values in table.items()}
     return table
 
 
 def _tracks(path: Path, cameras: dict[int, Camera], warnings: list[str]) -> Tracks | None:
-    if not path.is_file():
+    if not _there(path):
         return None
     rows = read_table(path, TRACKS)
     table = {**rows.columns, "line": rows.lines}
@@ -160,7 +183,7 @@ def _tracks(path: Path, cameras: dict[int, Camera], warnings: list[str]) -> Trac
 
 
 def _range(folder: Path, warnings: list[str]) -> RangeSeries | None:
-    if not (folder / "data.csv").is_file():
+    if not _there(folder / "data.csv"):
         return None
     table = _series(folder / "data.csv", RANGE, warnings)
     positive = table["range"] > 0
@@ -171,7 +194,7 @@ def _range(folder: Path, warnings: list[str]) -> RangeSeries | None:
 
 
 def _rates(folder: Path, warnings: list[str]) -> RateSeries | None:
-    if not (folder / "data.csv").is_file():
+    if not _there(folder / "data.csv"):
         return None
     table = _series(folder / "data.csv", GYROSCOPE, warnings)
     w = np.column_stack([table[k] for k in ("w_x", "w_y", "w_z")])
@@ -179,7 +202,7 @@ def _rates(folder: Path, warnings: list[str]) -> RateSeries | None:
 
 
 def _attitude(path: Path, warnings: list[str]) -> AttitudeSeries | None:
-    if not path.is_file():
+    if not _there(path):
         return None
     table = _series(path, ATTITUDE, warnings)
     q = np.column_stack([table[k] for k in ("q_w", "q_x", "q_y", "q_z")])
@@ -193,7 +216,7 @@ def _attitude(path: Path, warnings: list[str]) -> AttitudeSeries | None:
 def _sensor(kind: type[S], folder: Path, warnings: list[str]) -> S:
     """What a sensor's file says; everything absent when there is none."""
     path = folder / "sensor.yaml"
-    if not path.is_file():
+    if not _there(path):
         return kind()
     content, strange = unread(kind, load_yaml(path), str(path))
     warnings += strange
@@ -201,7 +224,7 @@ def _sensor(kind: type[S], folder: Path, warnings: list[str]) -> S:
 
 
 def _body(path: Path) -> Body | None:
-    if not path.is_file():
+    if not _there(path):
         return None
     document = read(BodyFile, load_yaml(path), str(path))
     inertia = document.inertia
@@ -223,7 +246,7 @@ def _body(path: Path) -> Body | None:
 
 
 def _environment(path: Path) -> Environment:
-    if not path.is_file():
+    if not _there(path):
         return Environment()
     document = read(EnvironmentFile, load_yaml(path), str(path))
     direction = document.sun_direction

@@ -203,14 +203,14 @@ def _store(column: Column) -> list[Any] | array[Any]:
 
 
 def _refuse_large(path: Path, table: Table, line: int) -> None:
-    """Before the rows are read: 8 bytes a cell, held twice at the end."""
+    """Refuses a table that does not fit into memory, before its rows are read: 8 bytes per cell, twice at the end."""
     rows = path.stat().st_size / max(line / 2, 2.0)
     cells = sum(60 if c.text else 8 for c in table.columns) + 8
     refuse_beyond(2 * cells * rows, f"{path}: about {rows:.2g} rows", "shorten the record")
 
 
 def check_times(path: Path, stamp: np.ndarray, lines: np.ndarray) -> None:
-    """Refuses times that no one record has.
+    """Refuses times that cannot belong to one record.
 
     Args:
         path: for messages. stamp: (n,) int64 [ns], ascending. lines: (n,) where each stands in the file.

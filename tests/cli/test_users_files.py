@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import stat
+import sys
 from pathlib import Path
 
 import pytest
 import trimesh
 from whole import assert_one_line, massprops
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "core"))
+from faults import KINDS, failing, quick_disk, tree  # noqa: E402
 
 Capture = pytest.CaptureFixture[str]
 
@@ -90,6 +95,33 @@ def test_export_to_links_and_devices(part: Path, tmp_path: Path, capfd: Capture)
     assert (tmp_path / "mine").read_text() == "mine"
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can make, and lose, a device")
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_no_command_replaces_a_device(
+    part: Path, seq: Path, tmp_path: Path, capfd: Capture, force: tuple[str, ...]
+) -> None:
+    """As root, `-o /dev/null` once took it from the whole machine."""
+    device, box = tmp_path / "null", part / "part.stl"
+    try:
+        os.mknod(device, 0o666 | stat.S_IFCHR, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("no devices can be made in this container")
+    (tmp_path / "study.yaml").write_text("kind: drill\nruns: 2\n")
+    for arguments in (
+        ("export", box, "--to", "json"),
+        ("mass", box),
+        ("compare", box, box),
+        ("estimate", seq, "-q"),
+        ("diagnose", seq, "-q"),
+        ("simulate", "tracks", "-q"),
+        ("reconstruct", seq, "-q"),
+        ("campaign", tmp_path / "study.yaml", "-q"),
+    ):
+        forced = force if arguments[0] in ("export", "mass", "compare", "reconstruct") else ()
+        assert_one_line(massprops(capfd, *arguments, "-o", device, *forced), 2, "null: is a ")
+        assert stat.S_ISCHR(device.lstat().st_mode), arguments
+
+
 @pytest.mark.parametrize("force", [(), ("--force",)])
 def test_a_campaign_into_the_folder_of_its_configuration(
     tmp_path: Path, capfd: Capture, force: tuple[str, ...]
@@ -100,6 +132,17 @@ def test_a_campaign_into_the_folder_of_its_configuration(
     assert_one_line(said, 2, "campaign.yaml", "the input")
     assert [p.name for p in tmp_path.iterdir()] == ["campaign.yaml"]
     assert configuration.read_text() == "kind: drill  # mine\nruns: 2\n"
+
+
+def test_a_diagnosis_into_the_folder_of_a_run(seq: Path, tmp_path: Path, capfd: Capture) -> None:
+    from massprops.core.outputs import deliver
+
+    deliver(tmp_path / "run", "reconstruct", {"mesh.ply": "a"}, key="k")
+    deliver(tmp_path / "run", "report", {"report.html": "the run's"}, derived=True)
+    before = bytes_of(tmp_path / "run")
+    said = massprops(capfd, "diagnose", seq, "-o", tmp_path / "run", "-q")
+    assert_one_line(said, 2, "report.html", "written by 'massprops report'", "another place")
+    assert bytes_of(tmp_path / "run") == before
 
 
 @pytest.mark.parametrize("name", ["model.yaml", "report.html"])
@@ -139,6 +182,23 @@ def test_a_killed_simulation_does_not_block_its_folder(tmp_path: Path, capfd: Ca
     (tmp_path / "seq/.massprops/new/truth/half").write_text("x")
     asked = ("simulate", "tracks", "--features", 6, "--frames", 12, "-q", "-o")
     assert massprops(capfd, *asked, tmp_path / "seq").code == 0
+
+
+def test_a_simulation_that_ends_at_any_change_of_the_disk_is_made_by_the_same_command(
+    tmp_path: Path, capfd: Capture
+) -> None:
+    asked = ("simulate", "tracks", "--features", 6, "--frames", 12, "-q", "-o")
+    with quick_disk(tmp_path) as place:
+        with failing() as disk:
+            massprops(capfd, *asked, place / "whole")
+        assert disk.count > 20
+        whole = tree(place / "whole")
+        for n in range(1, disk.count + 1, 3):
+            out = place / f"out{n}"
+            with failing(n, KINDS[n % len(KINDS)]):
+                massprops(capfd, *asked, out)
+            assert massprops(capfd, *asked, out).code == 0, n
+            assert tree(out) == whole, n
     assert massprops(capfd, *asked, tmp_path / "one").code == 0
     assert massprops(capfd, *asked, tmp_path / "seq").code == 0, "an earlier simulation is replaced"
     assert (tmp_path / "seq/tracks0/data.csv").read_bytes() == (tmp_path / "one/tracks0/data.csv").read_bytes()

@@ -6,7 +6,10 @@
    SHIM_KIND    ENOSPC (and every later one too: a full disk stays full), EIO (once) or kill (the whole process group,
                 half of a write being done)
    SHIM_LOG     file that says which inodes were written ("w INODE") and which were brought to the disk ("s INODE"):
-                what a power cut would take */
+                what a power cut would take
+   SHIM_TRACE   file that says what every change was: "N VERB PATH"
+
+   A process that is forked from one that had none of these calls shim_begin() once it has set them. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -17,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/sendfile.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/uio.h>
@@ -24,10 +28,10 @@
 
 static long *counter;
 static long at;
-static int log_fd = -1;
+static int log_fd = -1, trace_fd = -1;
 static char folder[PATH_MAX], kind[16];
 
-__attribute__((constructor)) static void begin(void) {
+__attribute__((constructor)) void shim_begin(void) {
   const char *f = getenv("SHIM_FOLDER"), *c = getenv("SHIM_COUNTER"), *a = getenv("SHIM_AT"), *k = getenv("SHIM_KIND");
   if (!f || !c || !a || !k) return;
   int fd = open(c, O_RDWR);
@@ -39,6 +43,7 @@ __attribute__((constructor)) static void begin(void) {
   snprintf(kind, sizeof kind, "%s", k);
   at = atol(a);
   if (getenv("SHIM_LOG")) log_fd = open(getenv("SHIM_LOG"), O_WRONLY | O_APPEND | O_CLOEXEC);
+  if (getenv("SHIM_TRACE")) trace_fd = open(getenv("SHIM_TRACE"), O_WRONLY | O_APPEND | O_CLOEXEC);
   counter = p;
 }
 
@@ -69,10 +74,24 @@ static int below_at(int dir, const char *path) {
   return below(path);
 }
 
-/* 0: go on; 1: die after this; -1: fail, errno set */
-static int step(int ours) {
+static void trace(long n, const char *verb, int fd, const char *path) {
+  char link[64], place[PATH_MAX], line[PATH_MAX + 60];
+  if (trace_fd < 0) return;
+  if (!path) {
+    snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
+    ssize_t n = readlink(link, place, sizeof place - 1);
+    place[n < 0 ? 0 : n] = 0;
+    path = place;
+  }
+  int length = snprintf(line, sizeof line, "%ld %s %s\n", n, verb, path);
+  if (syscall(SYS_write, trace_fd, line, length) < 0) return;
+}
+
+/* 0: go on; 1: die after this; -1: fail, errno set. The file is told by its handle or by its path. */
+static int step(int ours, const char *verb, int fd, const char *path) {
   if (!counter || !ours) return 0;
   long n = __atomic_add_fetch(counter, 1, __ATOMIC_SEQ_CST);
+  trace(n, verb, fd, path);
   if (!at || n < at) return 0;
   if (!strcmp(kind, "kill")) return 1;
   if (!strcmp(kind, "ENOSPC")) { errno = ENOSPC; return -1; }
@@ -86,7 +105,7 @@ static void die(void) { kill(0, SIGKILL); for (;;) pause(); }
 #define REAL(name) static __typeof__(name) *real; if (!real) real = (__typeof__(name) *)dlsym(RTLD_NEXT, #name)
 
 #define WRITES(name, length, ...)                     \
-  int ours = fd > 2 && below_fd(fd), s = step(ours);  \
+  int ours = fd > 2 && below_fd(fd), s = step(ours, "write", fd, NULL);  \
   if (ours) note('w', fd);                            \
   if (s < 0) return -1;                               \
   if (s) { if (length > 1) __VA_ARGS__; die(); }
@@ -113,16 +132,27 @@ ssize_t writev(int fd, const struct iovec *v, int n) {
 }
 size_t fwrite(const void *b, size_t size, size_t n, FILE *f) {
   REAL(fwrite);
-  int fd = fileno(f), ours = fd > 2 && below_fd(fd), s = step(ours);
+  int fd = fileno(f), ours = fd > 2 && below_fd(fd), s = step(ours, "write", fd, NULL);
   if (ours) note('w', fd);
   if (s < 0) return 0;
   if (s) { real(b, size, n / 2, f); fflush(f); die(); }
   return real(b, size, n, f);
 }
 
-#define PLAIN(test)         \
-  int s = step(test);       \
-  if (s < 0) return -1;     \
+ssize_t sendfile(int fd, int from, off_t *o, size_t n) {
+  REAL(sendfile);
+  WRITES(sendfile, n, real(fd, from, o, n / 2))
+  return real(fd, from, o, n);
+}
+ssize_t sendfile64(int fd, int from, off64_t *o, size_t n) {
+  REAL(sendfile64);
+  WRITES(sendfile64, n, real(fd, from, o, n / 2))
+  return real(fd, from, o, n);
+}
+
+#define PLAIN(test, ...)           \
+  int s = step(test, __VA_ARGS__); \
+  if (s < 0) return -1;            \
   if (s) die();
 
 #define SYNCS                \
@@ -130,11 +160,15 @@ size_t fwrite(const void *b, size_t size, size_t n, FILE *f) {
   if (!done) note('s', fd);  \
   return done;
 
-int fsync(int fd) { REAL(fsync); PLAIN(below_fd(fd)) SYNCS }
-int fdatasync(int fd) { REAL(fdatasync); PLAIN(below_fd(fd)) SYNCS }
-int ftruncate(int fd, off_t n) { REAL(ftruncate); PLAIN(below_fd(fd)) return real(fd, n); }
-int ftruncate64(int fd, off64_t n) { REAL(ftruncate64); PLAIN(below_fd(fd)) return real(fd, n); }
-int mkdir(const char *p, mode_t m) { REAL(mkdir); PLAIN(below(p)) return real(p, m); }
-int mkdirat(int d, const char *p, mode_t m) { REAL(mkdirat); PLAIN(below_at(d, p)) return real(d, p, m); }
-int rename(const char *a, const char *b) { REAL(rename); PLAIN(below(b)) return real(a, b); }
-int renameat(int d, const char *a, int e, const char *b) { REAL(renameat); PLAIN(below_at(e, b)) return real(d, a, e, b); }
+int fsync(int fd) { REAL(fsync); PLAIN(below_fd(fd), "fsync", fd, NULL) SYNCS }
+int fdatasync(int fd) { REAL(fdatasync); PLAIN(below_fd(fd), "fsync", fd, NULL) SYNCS }
+int ftruncate(int fd, off_t n) { REAL(ftruncate); PLAIN(below_fd(fd), "cut", fd, NULL) return real(fd, n); }
+int ftruncate64(int fd, off64_t n) { REAL(ftruncate64); PLAIN(below_fd(fd), "cut", fd, NULL) return real(fd, n); }
+int mkdir(const char *p, mode_t m) { REAL(mkdir); PLAIN(below(p), "mkdir", -1, p) return real(p, m); }
+int mkdirat(int d, const char *p, mode_t m) { REAL(mkdirat); PLAIN(below_at(d, p), "mkdir", -1, p) return real(d, p, m); }
+int rename(const char *a, const char *b) { REAL(rename); PLAIN(below(b), "rename", -1, b) return real(a, b); }
+int renameat(int d, const char *a, int e, const char *b) {
+  REAL(renameat);
+  PLAIN(below_at(e, b), "rename", -1, b)
+  return real(d, a, e, b);
+}

@@ -36,6 +36,7 @@ class Faulty:
         self.place, self.count = place, 0
         place.mkdir(exist_ok=True)
         self.library, self.counter, self.log = _built(place), place / "count", place / "log"
+        self.trace = place / "trace"
 
     def __call__(
         self, folder: Path, arguments: list[str], at: int = 0, kind: str = "kill"
@@ -43,6 +44,7 @@ class Faulty:
         """`massprops ARGUMENTS` with the `at`-th change below `folder` failing as `kind`; 0 for none."""
         self.counter.write_bytes(bytes(8))
         self.log.write_bytes(b"")
+        self.trace.write_bytes(b"")
         environment = {
             **os.environ,
             "LD_PRELOAD": str(self.library),
@@ -51,8 +53,14 @@ class Faulty:
             "SHIM_AT": str(at),
             "SHIM_KIND": kind,
             "SHIM_LOG": str(self.log),
+            "SHIM_TRACE": str(self.trace),
         }
-        done = subprocess.run(
+        done = self._run(arguments, environment)
+        self.count = int.from_bytes(self.counter.read_bytes(), sys.byteorder)
+        return done
+
+    def _run(self, arguments: list[str], environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
             [*COMMAND, *arguments],
             capture_output=True,
             text=True,
@@ -61,8 +69,12 @@ class Faulty:
             start_new_session=True,
             check=False,
         )
-        self.count = int.from_bytes(self.counter.read_bytes(), sys.byteorder)
-        return done
+
+    def changes(self, folder: Path) -> list[tuple[int, str, str]]:
+        """What the last command changed below a folder: number, verb and relative path of each change, in order."""
+        rows = [line.split(" ", 2) for line in self.trace.read_text(errors="replace").splitlines()]
+        place = str(folder.resolve())
+        return sorted((int(n), verb, os.path.relpath(path, place)) for n, verb, path in rows)
 
     def cut_power(self, folder: Path) -> list[str]:
         """Takes the data of every file that the last command did not bring to the disk, as a power cut may.

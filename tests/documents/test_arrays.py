@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import os
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from massprops.documents import arrays
 from massprops.documents.arrays import open_arrays
 
 
@@ -37,3 +39,24 @@ def test_objects_are_not_unpickled(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=np.array([{}], object))
     with pytest.raises(ValueError), open_arrays(tmp_path / "a.npz") as z:
         z["x"]
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+def test_what_unpacks_to_more_than_there_can_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, packing: int) -> None:
+    monkeypatch.setattr(arrays, "LARGEST_PACKED", 100_000)
+    data = io.BytesIO()
+    np.save(data, np.zeros(20_000))
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", packing) as packed:
+        packed.writestr("x.npy", data.getvalue())
+    if packing == zipfile.ZIP_STORED:
+        with open_arrays(tmp_path / "a.npz") as z:
+            assert z["x"].shape == (20_000,)
+    else:
+        with pytest.raises(ValueError, match=r"0\.0 GB of arrays in 0\.0 MB"), open_arrays(tmp_path / "a.npz"):
+            pass
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.npz")
+    with pytest.raises(ValueError, match="no regular file"), open_arrays(tmp_path / "a.npz"):
+        pass

@@ -28,6 +28,8 @@ REFUSED = {
     "5000 digits": ("a: " + "9" * 5000, "of 5000 digits is too large"),
     "hexadecimal": ("a: 0x" + "f" * 100, "too large"),
     "large float": ("a: 1.0e+999", "too large"),
+    "base 60": ("a: 1:30", "line 1: '1:30' would be read to the base 60"),
+    "base 60 with a point": ("a: 1:30.5", "to the base 60"),
     "python": ("a: !!python/object/apply:os.system [ls]", "tag .* is not read"),
     "binary": ("a: !!binary aGVsbG8=", "is not read"),
     "set": ("a: !!set {x}", "is not read"),

@@ -13,7 +13,7 @@ import pytest
 from massprops.documents.body import BodyFile
 from massprops.documents.campaign import CampaignFile
 from massprops.documents.environment import EnvironmentFile
-from massprops.documents.fields import field_of, keys, read, unread
+from massprops.documents.fields import Number, field_of, keys, read, unread
 from massprops.documents.filter import FilterFile
 from massprops.documents.massprops_json import MassFile
 from massprops.documents.model import ModelFile
@@ -33,6 +33,7 @@ ORBIT = {"mu_m3_s2": 3.986e14, "semi_major_axis_m": 7e6, "eccentricity": 0.0, "t
         (CameraFile, {"intrinsics": [1, 2, 3, 10**400]}, "4 finite numbers"),
         (CameraFile, {"intrinsics": [1, 2, 3, [4, 5]]}, "4 finite numbers"),
         (CameraFile, {**CAMERA, "sigma_px": 0}, "sigma_px must be above 0 and at most 10000, not 0"),
+        (CameraFile, {**CAMERA, "sigma_px": 1e300}, "sigma_px must be above 0 and at most 10000, not 1e+300"),
         (CameraFile, {**CAMERA, "sigma_px": True}, "sigma_px must be a number, not True"),
         (CameraFile, {**CAMERA, "sigma_px": [1]}, "sigma_px must be a number, not [1]"),
         (CameraFile, {**CAMERA, "sigma_px": "0.3\x1b"}, "sigma_px must be a number, not '0.3\\x1b'"),
@@ -68,6 +69,17 @@ def test_one_line_with_place_and_range(kind: Any, content: dict, says: str) -> N
     line = str(caught.value)
     assert says in line and line.startswith("f.yaml: ") and "\n" not in line and len(line) < 300, line
     assert line.isprintable()
+
+
+def test_a_number_that_is_too_large_is_not_called_too_small() -> None:
+    for number, value, says in (
+        (Number("", above=0), 1e300, "above 0 and at most 1e+60"),
+        (Number("", above=0), -1.0, "above 0"),
+        (Number("", high=3), -1e300, "at most 3 and at least -1e+60"),
+        (Number(""), 1e300, "at most 1e+60"),
+    ):
+        with pytest.raises(ValueError, match=f"^must be {says.replace('+', '.')}, not "):
+            number.check(value)
 
 
 def test_keys_of_other_programs_are_told_and_misspelt_ones_refused() -> None:

@@ -70,7 +70,7 @@ def _sequence_seeds(*names: str) -> dict[str, list[bytes]]:
 
 
 def _read_sequence(folder: Path, name: str) -> object:
-    from massprops.estimators.problem import problem_of
+    from massprops.model.problem import problem_of
     from massprops.sequence.read import read_sequence
 
     return problem_of(read_sequence(folder))

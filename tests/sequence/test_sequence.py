@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,13 @@ def test_times_that_go_back_or_repeat_are_left_out(tmp_path: Path) -> None:
     assert any("2 rows whose timestamp" in w for w in read.warnings)
 
 
+def test_a_table_of_which_most_would_be_left_out_is_refused(tmp_path: Path) -> None:
+    write_sequence(tmp_path, example())
+    (tmp_path / "imu0/data.csv").write_text("#timestamp [ms],w_x,w_y,w_z\n4,0,0,1\n3,0,0,2\n2,0,0,3\n1,0,0,4\n")
+    with pytest.raises(InputError, match="3 of 4 rows have a time that is repeated or goes back: sort them"):
+        read_sequence(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("file", "text", "says"),
     [
@@ -104,6 +112,26 @@ def test_files_that_contradict_themselves(tmp_path: Path, file: str, text: str, 
     write_sequence(tmp_path, example())
     (tmp_path / file).write_text(text)
     with pytest.raises(InputError, match=says):
+        read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["body.yaml", "environment.yaml", "imu0", "imu0/data.csv", "cam0/sensor.yaml"])
+@pytest.mark.parametrize("kind", ["link", "loop", "device", "pipe", "folder"])
+def test_what_cannot_be_read_is_not_taken_for_absent(tmp_path: Path, name: str, kind: str) -> None:
+    write_sequence(tmp_path, example())
+    place = tmp_path / name
+    place.rename(tmp_path / "aside")
+    if kind in ("link", "loop"):
+        place.symlink_to({"link": tmp_path / "moved", "loop": place}[kind])
+    elif name == "imu0":
+        return  # a folder that was never there
+    elif kind == "device":
+        place.symlink_to("/dev/zero")
+    elif kind == "pipe":
+        os.mkfifo(place)
+    else:
+        place.mkdir()
+    with pytest.raises(InputError, match=f"{name}: (a link that leads nowhere|is no regular file)"):
         read_sequence(tmp_path)
 
 

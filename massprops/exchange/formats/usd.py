@@ -26,7 +26,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
 
     moments, axes = principal_frame(body.inertia)
     mesh = collision_mesh(body.mesh, 150_000)
-    said = " ".join(body.remarks).replace("\\", "/").replace('"', "'")
+    remarks = " ".join(body.remarks).replace("\\", "/").replace('"', "'")
     points = ", ".join(f"({x:.9g}, {y:.9g}, {z:.9g})" for x, y, z in np.asarray(mesh.vertices))
     faces = ", ".join(map(str, np.asarray(mesh.faces).ravel().tolist()))
     low, high = (", ".join(f"{v:.9g}" for v in end) for end in mesh.bounds)
@@ -37,7 +37,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
         "quatf physics:principalAxes": _tuple(from_rotation_matrix(axes)),
     }
     return (
-        f'#usda 1.0\n(\n    defaultPrim = "{body.name}"\n    doc = "{said}"\n    metersPerUnit = 1\n    kilogramsPerUnit = 1\n'
+        f'#usda 1.0\n(\n    defaultPrim = "{body.name}"\n    doc = "{remarks}"\n    metersPerUnit = 1\n    kilogramsPerUnit = 1\n'
         f'    upAxis = "Z"\n)\n\ndef Xform "{body.name}" (\n    prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]\n'
         ")\n{\n" + "".join(f"    {key} = {value}\n" for key, value in numbers.items()) + '\n    def Mesh "surface" (\n'
         '        prepend apiSchemas = ["PhysicsCollisionAPI"]\n    )\n    {\n'
