@@ -175,7 +175,7 @@ def _result(effect: ModuleType, name: str) -> str:
 
 
 def _columns(effect: ModuleType) -> str:
-    """What is wrong with `momentum_columns` and `starts`."""
+    """What is wrong with `momentum_columns`, `momentum_prior` and `starts`."""
     t = np.linspace(0.5, 30.0, EPOCHS)
     w = np.stack([0.1 + 0.01 * t, 0.2 - 0.01 * t, 0.05 * t], axis=1)
     if callable(getattr(effect, "momentum_columns", None)):
@@ -191,6 +191,14 @@ def _columns(effect: ModuleType) -> str:
             return "momentum_columns() must give a dictionary with torque, momentum, internal or rate"
         if not all(_is_columns(v, len(names)) for v in parts.values()):
             return f"momentum_columns() must give arrays of {wanted} for {EPOCHS} times"
+    if callable(getattr(effect, "momentum_prior", None)):
+        count = len(getattr(effect, "MOMENTUM_UNKNOWNS", effect.PARAMETERS))
+        try:
+            prior = np.asarray(effect.momentum_prior(), float)
+        except Exception as error:  # noqa: BLE001  a user's own code
+            return f"momentum_prior() fails: {first_line(error)}"
+        if prior.ndim != 2 or len(prior) != count or not prior.size or not np.isfinite(prior).all():
+            return f"momentum_prior() must give a matrix of finite numbers with {count} rows, one for each parameter"
     if callable(getattr(effect, "starts", None)):
         try:
             rows = list(effect.starts(30.0, 0.2))
@@ -205,7 +213,7 @@ def _is_columns(values: Any, count: int) -> bool:
     """An array (n, 3, k), or a list of arrays (n, 3), k of them or several times as many."""
     if isinstance(values, list):
         return len(values) > 0 and len(values) % count == 0 and all(np.shape(v) == (EPOCHS, 3) for v in values)
-    return np.shape(values) == (EPOCHS, 3, count)
+    return bool(np.shape(values) == (EPOCHS, 3, count))
 
 
 def superposes(effect: ModuleType) -> bool:

@@ -1,4 +1,4 @@
-"""What an effect says about itself, and how the catalogue of effects is found.
+"""What the file of an effect holds, and the catalogue of all effects.
 
 An effect is one file in `dynamics/effects/` or `sensing/effects/`, named as the effect with underscores. It holds
 `NAME`, `SENTENCE` (for users), `FORMULA` (the same in symbols), `PARAMETERS`, `NEEDS` (names of surroundings or sensors
@@ -18,7 +18,8 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
   momentum left where it was in space; `displacement(t, p)`: what is added to the path of the
   centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes;
 - `penalty(p)`: numbers, linear in p, that are zero give or take 1 where the data say nothing;
-- `starts(span, speed)`: parameter vectors to begin a search with, where zero will not do.
+- `starts(span, speed)`: parameter vectors to begin a search with, where zero will not do;
+- `LARGEST_TURN`: rotation [rad] within which the torque changes little, where that is less than 0.4.
 
 Functions of the measurement:
 
@@ -66,7 +67,7 @@ def remove(name: str) -> None:
 
 
 def is_users(effect: ModuleType) -> bool:
-    """Whether an effect is no file of the catalogue."""
+    """Whether an effect comes from the user or an installed package, not from massprops."""
     return catalogue().get(effect.NAME) is not effect
 
 
@@ -105,21 +106,21 @@ def searched(effect: ModuleType, form: int = 0) -> list[bool]:
 
 
 def places_of(effect: ModuleType, kind: str) -> list[int]:
-    """Which of an effect's parameters are of this kind."""
+    """Indices of an effect's parameters of this kind."""
     return [i for i, q in enumerate(effect.PARAMETERS) if q.kind == kind]
 
 
-def paced(effect: ModuleType) -> bool:
+def has_pace(effect: ModuleType) -> bool:
     """Whether slow and fast versions of an effect can look alike."""
     return bool(places_of(effect, "pace"))
 
 
 def forms(effect: ModuleType) -> int:
     """How many forms an effect has."""
-    return 1 + max(q.form for q in effect.PARAMETERS)
+    return 1 + max(int(q.form) for q in effect.PARAMETERS)
 
 
 __all__ = [
-    "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "is_users", "paced", "places_of",
+    "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "has_pace", "is_users", "places_of",
     "refused", "remove", "searched",
 ]  # fmt: skip

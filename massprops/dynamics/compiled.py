@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import types
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
 
 import numba
 import numpy as np
@@ -17,13 +19,14 @@ symmetric_times = numba.njit(kernels.symmetric_times)
 symmetric_solve = numba.njit(kernels.symmetric_solve, error_model="numpy")
 
 
-def calling(function, **names):  # type: ignore[no-untyped-def]
+def calling(function: Callable[..., Any], **names: Callable[..., Any]) -> Callable[..., Any]:
     """`function` with the functions that it calls replaced by their compiled forms, ready to be compiled."""
-    return types.FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
+    return FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
 
 
-def _bind(function, **names):  # type: ignore[no-untyped-def]
-    return numba.njit(calling(function, **names), error_model="numpy")
+def _bind(function: Callable[..., Any], **names: Callable[..., Any]) -> Callable[..., Any]:
+    bound: Callable[..., Any] = numba.njit(calling(function, **names), error_model="numpy")
+    return bound
 
 
 euler_acceleration = _bind(
@@ -37,7 +40,9 @@ to_reference = _bind(kernels.to_reference, cross=cross)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def turned(qw, qx, qy, qz, x, y, z):  # type: ignore[no-untyped-def]
+def turned(
+    qw: float, qx: float, qy: float, qz: float, x: float, y: float, z: float
+) -> tuple[float, float, float, float]:
     """q times the small rotation (x, y, z) [rad] in body axes, as a unit quaternion."""
     square = x * x + y * y + z * z
     if square < 1e-12:
@@ -55,7 +60,9 @@ def turned(qw, qx, qy, qz, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def turn_between(pw, px, py, pz, qw, qx, qy, qz):  # type: ignore[no-untyped-def]
+def turn_between(
+    pw: float, px: float, py: float, pz: float, qw: float, qx: float, qy: float, qz: float
+) -> tuple[float, float, float]:
     """The rotation vector v in body axes with q = p exp(v)."""
     w = pw * qw + px * qx + py * qy + pz * qz
     x = pw * qx - px * qw - py * qz + pz * qy
@@ -71,7 +78,7 @@ def turn_between(pw, px, py, pz, qw, qx, qy, qz):  # type: ignore[no-untyped-def
 
 
 @numba.njit(cache=True, error_model="numpy")
-def matrix_of(qw, qx, qy, qz, R):  # type: ignore[no-untyped-def]
+def matrix_of(qw: float, qx: float, qy: float, qz: float, R: np.ndarray) -> None:
     """Writes the rotation matrix of a unit quaternion into R (3, 3)."""
     R[0, 0] = 1 - 2 * (qy * qy + qz * qz)
     R[0, 1] = 2 * (qx * qy - qw * qz)

@@ -7,9 +7,9 @@ effect needs no kernel of its own. Imported late, for importing it loads numba.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
@@ -20,9 +20,16 @@ from massprops.dynamics.kernels import INSIDE
 from massprops.dynamics.surroundings import Sky
 from massprops.effects import catalogue
 
-_3, _4, _6 = (nt.UniTuple(nt.float64, n) for n in (3, 4, 6))  # type: ignore[attr-defined]
+if TYPE_CHECKING:
+    from massprops.dynamics.rotation import Acting
+    from massprops.dynamics.surroundings import Surroundings
+
+Functions = tuple[tuple[Callable[..., Any], ...], ...]
+"""Compiled functions of effects, for each name of `SIGNATURES`."""
+
+_3, _4, _6 = (nt.UniTuple(nt.float64, n) for n in (3, 4, 6))
 _P = nt.Array(nt.float64, 1, "C")
-_SKY = nt.NamedTuple((_3, _3, _3, nt.float64), Sky)  # type: ignore[attr-defined]
+_SKY = nt.NamedTuple((_3, _3, _3, nt.float64), Sky)
 SIGNATURES = {
     "torque": _3(nt.float64, _4, _3, _P, _6, _SKY),
     "inertia": _6(nt.float64, _6, _P),
@@ -30,7 +37,7 @@ SIGNATURES = {
     "internal_rate": _3(nt.float64, _3, _P, _P),
 }
 """Of the effects' functions (`massprops.effects`)."""
-EQUATIONS = {
+EQUATIONS: dict[str, Callable[..., Any]] = {
     # not those to be inlined: they take no components out of a tuple
     "cross": numba.njit(kernels.cross),
     "quaternion_rate": numba.njit(kernels.quaternion_rate),
@@ -43,7 +50,7 @@ EQUATIONS = {
 
 
 @cache
-def functions(name: str) -> dict[Callable[..., Any], object]:
+def functions(name: str) -> dict[Callable[..., Any], Callable[..., Any]]:
     """The compiled functions of this name by the plain ones, of every effect of the catalogue that has one."""
     found = {}
     for effect in catalogue().values():
@@ -55,7 +62,7 @@ def functions(name: str) -> dict[Callable[..., Any], object]:
     return found
 
 
-def _places(name: str, acting) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _places(name: str, acting: Acting) -> np.ndarray:
     """(n, 5) of the effects that act by this function: its number, where their parameters and their states lie, from
     and to."""
     number = {plain: k for k, plain in enumerate(functions(name))}
@@ -64,7 +71,16 @@ def _places(name: str, acting) -> np.ndarray:  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _slope(t, y, six, p, functions, places, sky, out):  # type: ignore[no-untyped-def]
+def _slope(
+    t: float,
+    y: np.ndarray,
+    six: tuple[float, ...],
+    p: np.ndarray,
+    functions: Functions,
+    places: tuple[np.ndarray, ...],
+    sky: Sky,
+    out: np.ndarray,
+) -> None:
     """`rotation.slope` into `out`."""
     torques, inertias, internals, rates = functions
     torque_at, inertia_at, internal_at, rate_at = places
@@ -92,7 +108,17 @@ def _slope(t, y, six, p, functions, places, sky, out):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True, error_model="numpy")
-def march(y0, start, size, six, p, functions, places, sky, position):  # type: ignore[no-untyped-def]
+def march(
+    y0: np.ndarray,
+    start: np.ndarray,
+    size: np.ndarray,
+    six: tuple[float, ...],
+    p: np.ndarray,
+    functions: Functions,
+    places: tuple[np.ndarray, ...],
+    sky: Sky,
+    position: np.ndarray,
+) -> np.ndarray:
     """States (s + 1, ny) before and after each step by Runge and Kutta's fourth-order method.
 
     Args:
@@ -121,7 +147,15 @@ def march(y0, start, size, six, p, functions, places, sky, position):  # type: i
     return out
 
 
-def marched(y0, start, size, six, p, acting, around):  # type: ignore[no-untyped-def]
+def marched(
+    y0: Sequence[float],
+    start: np.ndarray,
+    size: np.ndarray,
+    six: tuple[float, ...],
+    p: Sequence[float],
+    acting: Acting,
+    around: Surroundings,
+) -> np.ndarray:
     """`march` for a list of effects in their surroundings.
 
     Args:

@@ -33,12 +33,14 @@ def _filled(shape: tuple[int, ...], *parts: np.ndarray) -> np.ndarray:
 
 def conjugate(q: np.ndarray) -> np.ndarray:
     """The inverse of a unit quaternion (..., 4)."""
-    return np.asarray(q) * np.array([1.0, -1.0, -1.0, -1.0])
+    inverse: np.ndarray = np.asarray(q) * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
 
 
 def normalise(q: np.ndarray) -> np.ndarray:
     """Unit quaternion of the same direction (..., 4)."""
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+    unit: np.ndarray = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return unit
 
 
 def rotation_matrix(q: np.ndarray) -> np.ndarray:
@@ -104,7 +106,8 @@ def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def angle_between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Angle [rad] of the rotation from q to p, shapes (..., 4) to (...)."""
-    return np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)
+    angle: np.ndarray = np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)
+    return angle
 
 
 def skew(v: np.ndarray) -> np.ndarray:

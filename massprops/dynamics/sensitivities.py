@@ -28,7 +28,8 @@ from massprops.dynamics.surroundings import Surroundings
 from massprops.effects import GIVEN, places_of
 
 LARGEST_TURN = 0.4
-"""Rotation [rad] in a step: derivatives to about 1e-4 of their size after ten revolutions."""
+"""Rotation [rad] in a step: derivatives to about 1e-4 of their size after ten revolutions. An effect whose torque changes
+within a smaller turn says its own `LARGEST_TURN`."""
 
 
 def sensitivities(
@@ -57,7 +58,7 @@ def sensitivities(
     moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
     flat_six, flat_p = list(six), list(np.asarray(p, float))
     fixed = _fixed(acting)
-    nodes = _nodes(path.steps, fastest(w0))
+    nodes = _nodes(path.steps, fastest(w0), _largest_turn(acting))
     first, last = nodes[:-1], nodes[1:]
     begin = path.steps.ends[nodes]
     h = np.diff(begin)
@@ -86,14 +87,18 @@ def sensitivities(
     return _outputs(times, path.y[path.steps.after], S, six, moves, acting, flat_p, fixed)
 
 
-def _nodes(steps: Steps, speed: float) -> np.ndarray:
+def _largest_turn(acting: Acting) -> float:
+    return min([LARGEST_TURN, *(getattr(e, "LARGEST_TURN", LARGEST_TURN) for e in acting.effects)])
+
+
+def _nodes(steps: Steps, speed: float, largest_turn: float) -> np.ndarray:
     """Numbers of the steps of the motion with which those of the derivatives begin, and of the end: every event among
     them."""
     ends = steps.ends
     hard = np.unique(np.concatenate([[0, len(steps.size)], steps.events]))
     found = [hard]
     for a, b in zip(hard[:-1], hard[1:], strict=True):
-        pieces = int(np.ceil((ends[b] - ends[a]) * speed / LARGEST_TURN))
+        pieces = int(np.ceil((ends[b] - ends[a]) * speed / largest_turn))
         if pieces < b - a:
             found.append(np.searchsorted(ends, np.linspace(ends[a], ends[b], pieces + 1)[1:-1]))
         else:
@@ -153,7 +158,7 @@ def _over_steps(F: np.ndarray, h: np.ndarray) -> np.ndarray:
     eye = np.eye(ny, F.shape[3])
 
     def carried(stage_F: np.ndarray, sofar: np.ndarray) -> np.ndarray:
-        out = stage_F[..., :ny] @ sofar
+        out: np.ndarray = stage_F[..., :ny] @ sofar
         out[..., ny:] += stage_F[..., ny:]
         return out
 
@@ -232,7 +237,8 @@ def _between(x: np.ndarray, h: np.ndarray, ends: list[np.ndarray], step: np.ndar
     rest = square * (3.0 - 2.0 * x)
     weights = np.stack([1.0 - rest, h * x * (1.0 - x) ** 2, rest, h * square * (x - 1.0)], axis=-1)
     every = np.stack([e.reshape(len(e), -1) for e in ends], axis=1)
-    return (weights[:, None] @ every[step]).reshape(len(x), *ends[0].shape[1:])
+    between: np.ndarray = weights[:, None] @ every[step]
+    return between.reshape(len(x), *ends[0].shape[1:])
 
 
 def _of_effects(acting: Acting, names: tuple[str, ...]) -> set[int]:

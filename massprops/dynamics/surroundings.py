@@ -34,7 +34,7 @@ class Surroundings:
         falls: whether the target falls freely beside the chaser; otherwise its path is straight in inertial axes.
     """
 
-    def __init__(self, environment: Environment, falls: bool = True):
+    def __init__(self, environment: Environment, falls: bool = True) -> None:
         self.orbit = environment.orbit
         self.falls = falls and environment.orbit is not None
         self.lvlh = environment.chaser_attitude == "lvlh" and environment.orbit is not None
@@ -88,7 +88,8 @@ class Surroundings:
             return np.stack([x, np.cross(z, x), z], axis=-2)
 
         # cam0 keeps its orientation against the orbital frame: C(t) = L(0)^T L(t)
-        return frame(first).T @ frame(r)
+        C: np.ndarray = frame(first).T @ frame(r)
+        return C
 
 
 def eccentric_anomaly(mean: Any, eccentricity: float) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 
 MOST_MEANS = 200
 """Longer records are taken as so many means of neighbouring epochs."""
@@ -46,8 +46,8 @@ def believed(problem: Problem, start: Any) -> tuple[Problem, str]:
 
 def _left(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray] | None:
     """What free motion leaves of the attitudes (n, 3), and its derivatives (n, 3, 11), in stated sigmas."""
+    from massprops.dynamics.chaser_path import chaser_path
     from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
-    from massprops.estimators.chaser_path import chaser_path
     from massprops.estimators.free_fit import free_fit, free_paths, moved
 
     fit = free_fit(problem, start)

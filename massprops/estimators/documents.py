@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from massprops.estimators.outcome import Outcome
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
+from massprops.model.problem import Problem
 from massprops.sequence.table import table_text
 
 

@@ -17,8 +17,8 @@ from massprops.estimators.outcome import Outcome
 
 if TYPE_CHECKING:
     from massprops.estimators.prior import FilterPrior, PriorTest
-    from massprops.estimators.problem import Problem
     from massprops.estimators.result import Estimate, Prior
+    from massprops.model.problem import Problem
     from massprops.sequence.data import Sequence
 
 Progress = Callable[[int, int, str], None]
@@ -61,7 +61,7 @@ def estimate_all(
         InputError: unknown method, unreadable sequence or prior.
         NotPossible: every method asked for by name needs what the sequence lacks.
     """
-    from massprops.estimators.problem import problem_of
+    from massprops.model.problem import problem_of
     from massprops.sequence.read import read_sequence
 
     chosen, named = chosen_methods(methods)
@@ -188,7 +188,7 @@ class _Bench:
         """`first_guess` of the problem, with its early part where a method begins there; the reason when it cannot be
         had, for methods that need none. Attitudes whose errors hang together are believed less from here on."""
         from massprops.estimators.attitude_noise import believed
-        from massprops.estimators.begin import early_start
+        from massprops.estimators.filters.begin import early_start
         from massprops.estimators.result import Prior
         from massprops.estimators.start import first_guess
 

@@ -12,6 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.compiling import compiled
+from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.inertia import DIRECTIONS, physical
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_vector,
@@ -19,10 +22,7 @@ from massprops.dynamics.quaternion import (
     normalise,
     rotation_vector,
 )
-from massprops.estimators.chaser_path import chaser_path
-from massprops.estimators.compiling import compiled
-from massprops.estimators.momentum import DIRECTIONS, physical
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 
 FEWEST = 8
 DOUBT = 0.15
@@ -126,7 +126,7 @@ def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gues
 
 def free_paths(times: np.ndarray, guesses: list[Guess]) -> list[np.ndarray]:
     """States (n, 7), attitude and body rates, of free motion at times (n,) from each guess at the first of them."""
-    run = compiled("free_path", "massprops.dynamics.kernels", "massprops.estimators.free_path")
+    run = compiled("free_path", "massprops.dynamics.kernels", "massprops.dynamics.free_path")
     out = []
     for q, w, I in guesses:
         six = np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])

@@ -81,18 +81,6 @@ def inertia(parameters: np.ndarray) -> np.ndarray:
     return whole / (xx + yy + zz)[..., None, None]
 
 
-def from_inertia(tensor: np.ndarray) -> np.ndarray:
-    """The five `general` parameters (..., 5) of positive definite inertias (..., 3, 3)."""
-    L = np.linalg.cholesky(tensor)
-    d = np.diagonal(L, axis1=-2, axis2=-1)
-    unit = L / d[..., None, :]
-    log = 2 * np.log(d)
-    return np.stack(
-        [log[..., 0] - log[..., 1], log[..., 1] - log[..., 2], unit[..., 1, 0], unit[..., 2, 0], unit[..., 2, 1]],
-        axis=-1,
-    )
-
-
 def ratios_of(parameters: np.ndarray) -> np.ndarray:
     """k1 = ln(Ix/Iy), k2 = ln(Iy/Iz) (..., 2) of `principal` parameters (..., 2), axes in their own order."""
     xx, yy, zz, *_ = components(parameters)

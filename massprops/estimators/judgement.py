@@ -21,11 +21,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.chaser_path import chaser_path
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, ratios
+from massprops.model.problem import Problem
 
 FARTHEST = 4.9
 """|k| of no real body: moments that differ by a factor of 130 belong to a needle or to a filter that ran away."""

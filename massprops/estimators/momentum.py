@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, physical, principal_axes, ratio_derivatives
 from massprops.dynamics.quaternion import rotation_matrix, skew
 from massprops.estimators.geometry.alignment import inverse_of
 from massprops.estimators.rates import LocalFit
@@ -18,8 +19,6 @@ from massprops.estimators.rates import LocalFit
 FEWEST = 6
 LARGEST_COUNT = 60
 LARGEST_SQUARE = 20.0
-SMALLEST_PART = 1e-4
-"""Least eigenvalue of Sigma = tr(I)/2 - I over its trace, for a start inside the physical bodies."""
 
 
 @dataclass(frozen=True)
@@ -46,20 +45,6 @@ class Momentum:
     correlation: int = 1
 
 
-def _directions() -> np.ndarray:
-    r = np.sqrt(0.5)
-    E = np.zeros((5, 3, 3))
-    E[0] = np.diag([r, -r, 0])
-    E[1] = np.diag([1, 1, -2]) / np.sqrt(6)
-    for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-        E[2 + k, i, j] = E[2 + k, j, i] = r
-    return E
-
-
-DIRECTIONS = _directions()
-"""(5, 3, 3) orthonormal symmetric matrices without trace: the ways an inertia of trace 1 can change."""
-
-
 def plain_inertia(q: np.ndarray, w: np.ndarray) -> np.ndarray:
     """(3, 3), trace 1: unweighted least squares of feng2018 (eq 23-28), without its constraints; biased.
 
@@ -72,34 +57,6 @@ def plain_inertia(q: np.ndarray, w: np.ndarray) -> np.ndarray:
     J, base = J - J.mean(axis=0), base - base.mean(axis=0)
     x = np.linalg.lstsq(J.reshape(-1, 5), -base.reshape(-1), rcond=None)[0]
     return np.eye(3) / 3.0 + np.einsum("a,aij->ij", x, DIRECTIONS)
-
-
-def physical(inertia: np.ndarray, least: float = SMALLEST_PART) -> np.ndarray:
-    """The nearest body of trace 1 with positive moments that meet the triangle inequalities.
-
-    Those hold together exactly when Sigma = tr(I)/2 - I, the second moments of mass, is positive definite.
-    """
-    inertia = 0.5 * (inertia + inertia.T)
-    trace = float(np.trace(inertia)) / 2
-    if not trace > 1e-6 * np.linalg.norm(inertia):
-        return np.eye(3) / 3.0
-    values, axes = np.linalg.eigh(trace * np.eye(3) - inertia)
-    sigma = axes @ np.diag(_simplex(values / trace, least)) @ axes.T
-    return _from_sigma(sigma)
-
-
-def _simplex(values: np.ndarray, least: float) -> np.ndarray:
-    """Nearest values that are at least `least` and sum to one."""
-    room = 1.0 - 3 * least
-    v = np.sort(values - least)[::-1]
-    total = np.cumsum(v) - room
-    k = np.flatnonzero(v - total / np.arange(1, 4) > 0)[-1]
-    return np.maximum(values - least - total[k] / (k + 1), 0.0) + least
-
-
-def _from_sigma(sigma: np.ndarray) -> np.ndarray:
-    sigma = sigma / np.trace(sigma) / 2.0
-    return np.trace(sigma) * np.eye(3) - sigma
 
 
 def momentum_inertia(
@@ -209,7 +166,7 @@ def _least(problem: Conservation, inertia: np.ndarray) -> tuple[float, np.ndarra
         for _ in range(12):
             step = np.linalg.solve(M + damping * np.diag(np.diag(M)), -score)
             trial = inertia + np.einsum("a,aij->ij", step, DIRECTIONS)
-            if np.linalg.eigvalsh(trial)[2] >= 0.5 - SMALLEST_PART / 2:
+            if np.linalg.eigvalsh(trial)[2] >= 0.5 - LEAST_PART / 2:
                 trial = physical(trial)
             after = problem.at(trial)
             if after.cost < at.cost:
@@ -344,19 +301,12 @@ def ratio_covariance(inertia: np.ndarray, covariance: np.ndarray) -> tuple[np.nd
         k covariance (2, 2); covariance (3, 3) of a small turn of the principal axes about body axes [rad^2]; 1-sigma
         of the gaps I2 - I1 and I3 - I2 (2,).
     """
-    moments, axes = np.linalg.eigh(inertia)
-    local = np.einsum("ia,nij,jb->nab", axes, DIRECTIONS, axes)
-    by_moment = np.stack([local[:, i, i] for i in range(3)])
-    log = by_moment / moments[:, None]
-    k = np.stack([log[0] - log[1], log[1] - log[2]])
-    gaps = np.stack([by_moment[1] - by_moment[0], by_moment[2] - by_moment[1]])
-    turns = []
-    for i, j in ((1, 2), (2, 0), (0, 1)):
-        gap = moments[j] - moments[i]
-        turns.append(local[:, i, j] / (np.copysign(max(abs(gap), 1e-9), gap)))
-    # axes turned by theta: R(theta) D R(theta)^T has off-diagonal theta_k (d_i - d_j)
-    turn = axes @ -np.stack(turns)
-    return k @ covariance @ k.T, turn @ covariance @ turn.T, np.sqrt(np.maximum(np.diag(gaps @ covariance @ gaps.T), 0))
+    moments, axes = principal_axes(inertia)
+    by_k, by_turn = ratio_derivatives(moments, axes, DIRECTIONS)
+    by_moment = np.einsum("ai,nab,bi->in", axes, DIRECTIONS, axes)
+    turn, gaps = axes @ by_turn, np.diff(by_moment, axis=0)
+    spread = np.sqrt(np.maximum(np.diag(gaps @ covariance @ gaps.T), 0))
+    return by_k @ covariance @ by_k.T, turn @ covariance @ turn.T, spread
 
 
 def _by_direction(w: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 
 SAID = {
     "tracks": "tracks of features (tracks0)",

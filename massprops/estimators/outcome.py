@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from massprops.estimators.prior import PriorTest
-    from massprops.estimators.problem import Problem
     from massprops.estimators.result import Estimate
+    from massprops.model.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from massprops.mass.ratio_space import (
 
 if TYPE_CHECKING:
     from massprops.documents.filter import FeaturesFile, FilterFile
-    from massprops.estimators.problem import Problem
     from massprops.estimators.result import Estimate
+    from massprops.model.problem import Problem
 
 REJECT_BELOW = 1e-3
 """A prior that the data would contradict so by chance less often than this is left out."""

@@ -235,10 +235,10 @@ def _attitude_fit(
 
 def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Free rotation (r, L, 4) from rates w (r, 3) at time zero to times tau (r, L), which ascend through zero."""
-    from massprops.estimators.compiling import compiled
+    from massprops.core.compiling import compiled
 
     six = np.array(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], float)
-    free_windows = compiled("free_windows", "massprops.dynamics.kernels", "massprops.estimators.free_path")
+    free_windows = compiled("free_windows", "massprops.dynamics.kernels", "massprops.dynamics.free_path")
     return np.asarray(free_windows(np.ascontiguousarray(tau), np.ascontiguousarray(w, float), six, LARGEST_STEP))
 
 

@@ -14,8 +14,8 @@ from massprops.estimators import rates
 from massprops.estimators.geometry import bodymodel, centre
 from massprops.estimators.geometry.onecamera import straight_path
 from massprops.estimators.momentum import Momentum, momentum_inertia
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
+from massprops.model.problem import Problem
 from massprops.sensing.stereo import triangulate
 
 FEWEST = 6
@@ -42,7 +42,7 @@ class Start:
         cpu_s: CPU time that it took [s].
         poses: attitudes as each epoch alone shows them, None from body rates.
         block: (k,) stretches that each have a momentum of their own, because the attitude drifts; None for one.
-        early: a start from the first part of the data only, for the filters (`unscented.setup.early_start`), or None.
+        early: a start from the first part of the data only, for the filters (`filters.begin.early_start`), or None.
     """
 
     times: np.ndarray

@@ -59,7 +59,8 @@ def rotation_of(x: np.ndarray) -> np.ndarray:
     a = np.where(small, 1 - square / 6, np.sin(angle) / angle)
     b = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / np.where(small, 1.0, square))
     K = skew(x)
-    return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
+    matrix: np.ndarray = np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
+    return matrix
 
 
 def skew(x: np.ndarray) -> np.ndarray:
@@ -102,7 +103,7 @@ def in_chaser(
 
 
 def image(cameras: tuple[Pinhole, ...], camera: np.ndarray, X: np.ndarray, sensed: Sensed, p: np.ndarray) -> np.ndarray:
-    """Pixels (o, 2) of points X (o, 3) in cam0's frame; a point behind its camera lies at a depth of 1 mm."""
+    """Pixels (o, 2) of points X (o, 3) in cam0's frame; a point behind its camera is moved to a depth of 1 mm."""
     out = np.zeros((len(X), 2), np.result_type(X, p, float))
     for k, pinhole in enumerate(cameras):
         own = camera == k

@@ -72,6 +72,8 @@ BAD = {
     "gives no number": (
         HEAD + "def torque(t, q, w, p, inertia, around):\n    return p[0], p[0], float('nan')\n", "finite numbers",
     ),
+    "has a prior of other parameters": (GOOD + "def momentum_prior():\n    return [[1.0], [2.0]]\n", "with 1 rows"),
+    "has a prior that raises": (GOOD + "def momentum_prior():\n    return 1 / 0\n", "momentum_prior() fails: ZeroDiv"),
     "takes all memory": (HEAD + "x = bytearray(10**12)\n", "MemoryError"),
 }  # fmt: skip
 

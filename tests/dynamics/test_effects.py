@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from massprops.dynamics.inertia import DIRECTIONS as BASIS
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
 from massprops.dynamics.rigid_body import propagate
 from massprops.dynamics.rotation import Acting, trajectory
@@ -15,8 +16,8 @@ from massprops.dynamics.surroundings import Surroundings
 from massprops.dynamics.translation import path
 from massprops.effects import changes_motion, effects
 from massprops.errors import InputError
-from massprops.estimators.batch.state import BASIS, inertia_directions, inertia_of, moved_inertia, second_moment
 from massprops.model import document_of, load_model, model_of
+from massprops.model.state import inertia_directions, inertia_of, moved_inertia, second_moment
 from massprops.sequence.data import Environment, Orbit
 
 NAMES = {

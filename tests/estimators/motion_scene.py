@@ -8,7 +8,7 @@ import numpy as np
 
 from massprops.dynamics.quaternion import rotate
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 
 INERTIA = np.array([[1.0, 0.05, -0.04], [0.05, 0.8, 0.03], [-0.04, 0.03, 0.6]])

@@ -11,9 +11,9 @@ from tumbling import Scene, scene
 from massprops.dynamics.quaternion import from_rotation_vector, multiply
 from massprops.estimators.attitude_noise import believed, worth
 from massprops.estimators.methods import methods
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
+from massprops.model.problem import Problem
 
 SIGMA, N = 0.003, 120
 

@@ -9,13 +9,13 @@ import pytest
 
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch import solve
-from massprops.estimators.batch.linearise import Predicted, predict
-from massprops.estimators.batch.measurements import measurements_of
 from massprops.estimators.batch.solve import MOST_QUICKENED, MOST_TURNED, Search, fit
 from massprops.estimators.batch.start import _first_steady, batch_start
-from massprops.estimators.problem import Problem, problem_of
 from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
+from massprops.model.linearise import Predicted, predict
+from massprops.model.measurements import measurements_of
+from massprops.model.problem import Problem, problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

@@ -10,11 +10,11 @@ import pytest
 from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.dynamics.rotation import six_of
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.batch.linearise import predict, residuals
-from massprops.estimators.batch.measurements import measurements_of
-from massprops.estimators.batch.state import BatchState, inertia_directions, inertia_of, moved
-from massprops.estimators.problem import problem_of
 from massprops.model import Model
+from massprops.model.linearise import predict, residuals
+from massprops.model.measurements import measurements_of
+from massprops.model.problem import problem_of
+from massprops.model.state import BatchState, inertia_directions, inertia_of, moved
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

@@ -200,7 +200,7 @@ def test_command_line(tmp_path: Path) -> None:
 
 
 def test_memory_is_counted_before_tracks_are_laid_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from massprops.estimators.problem import problem_of
+    from massprops.model.problem import problem_of
     from massprops.sequence import read_sequence
     from massprops.simulation.track_scenario import TrackScenario
     from massprops.simulation.tracks import simulate_tracks

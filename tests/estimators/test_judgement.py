@@ -12,8 +12,8 @@ from massprops.errors import NotPossible
 from massprops.estimators import methods as registry
 from massprops.estimators.estimate import estimate_all
 from massprops.estimators.judgement import against, judged, memory_of
-from massprops.estimators.problem import Problem, problem_of
 from massprops.estimators.result import Estimate
+from massprops.model.problem import Problem, problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 
@@ -116,9 +116,9 @@ def test_a_models_own_state_is_where_the_smoother_begins(problem: Problem, tmp_p
     import yaml
 
     from massprops.errors import InputError
-    from massprops.estimators.batch.state import BatchState
     from massprops.estimators.methods import smoother
     from massprops.model import load_model
+    from massprops.model.state import BatchState
 
     path = tmp_path / "model.yaml"
     content = {

@@ -14,8 +14,8 @@ from massprops.estimators.estimate import run_methods
 from massprops.estimators.method_contract import faults
 from massprops.estimators.methods import methods, own
 from massprops.estimators.needs import unmet
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
+from massprops.model.problem import Problem
 
 BLIND = {"range-ukf": (1, {"stereo": False, "attitude": True, "range_sigma": 0.02})}
 """Seed and set-up of what an estimator is tried on where stereo tracks alone are not what it reads."""

@@ -5,11 +5,14 @@ import pytest
 from tumbling import scene
 
 from massprops.campaigns.papers import volpe2017
+from massprops.dynamics.inertia import cholesky_inertia as inertia
+from massprops.dynamics.inertia import cholesky_parameters as from_inertia
+from massprops.dynamics.inertia import cholesky_ratio_derivatives, principal_axes
 from massprops.dynamics.quaternion import conjugate, rotate
+from massprops.dynamics.rigid_body import propagate
 from massprops.errors import NotPossible
-from massprops.estimators.inertia_parameters import from_inertia, inertia
+from massprops.estimators.filters import general_inertia
 from massprops.estimators.methods import range_ukf
-from massprops.estimators.ranging.filter import ratio_jacobian
 from massprops.estimators.result import Prior, ratios
 from massprops.estimators.start import first_guess
 
@@ -21,37 +24,51 @@ def body():
 
 
 def test_kernel_inertia_is_that_of_the_general_parameters():
-    from massprops.estimators.ranging.kernel import six_elements
-
     s = from_inertia(body())
-    xx, yy, zz, xy, xz, yz = six_elements(s)
+    xx, yy, zz, xy, xz, yz = general_inertia.six_elements(s)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     assert np.allclose(tensor / np.trace(tensor), inertia(s), atol=1e-14)
 
 
 def test_kernel_motion_is_the_physics_of_the_simulator():
-    from massprops.dynamics.rigid_body import propagate
-    from massprops.estimators.ranging.kernel import move
-
     tensor = body()
     q, w = np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.02, -0.03, 0.01])
     y = np.concatenate([q, w, [1.0, 2.0, 30.0], [0.01, 0.0, -0.02]])
-    none = np.zeros(3)
-    move(y, from_inertia(tensor), 10.0, 20, none, none, none, 0.0)
+    general_inertia.move_under_gravity(y, from_inertia(tensor), 10.0, 20, np.zeros(10))
     expected_q, expected_w = propagate(q, w, tensor, np.array([0.0, 10.0]), largest_turn=0.01)
     assert np.allclose(y[:4], expected_q[-1], atol=1e-9)
     assert np.allclose(y[4:7], expected_w[-1], atol=1e-11)
     assert np.allclose(y[7:10], [1.1, 2.0, 29.8])
 
 
+def test_kernel_gravity_is_that_of_the_effect_and_of_the_kernels():
+    from massprops.dynamics.effects import gravity_gradient_torque
+    from massprops.dynamics.kernels import differential_gravity, euler_acceleration
+    from massprops.dynamics.surroundings import Sky
+
+    rng = np.random.default_rng(7)
+    y = np.concatenate(
+        [np.array([0.5, 0.5, -0.5, 0.5]), rng.standard_normal(3), [1.0, 2.0, 30.0], rng.standard_normal(3)]
+    )
+    l, mu, out = np.array([7e6, -1e5, 3e4]), 3.986e14, np.empty(13)
+    six = general_inertia.six_elements(from_inertia(body()))
+    general_inertia.slope_under_gravity(y, six, l, mu, out)
+    torque = gravity_gradient_torque.torque(0.0, tuple(y[:4]), None, (1.0,), six, Sky(tuple(l + y[7:10]), (), (), mu))
+    assert np.allclose(out[4:7], euler_acceleration(six, tuple(y[4:7]), torque), rtol=1e-12)
+    assert np.allclose(out[10:], differential_gravity(mu, *l, *y[7:10]), rtol=1e-12)
+
+
 def test_ratio_derivatives():
     s = from_inertia(body())
-    by_k, _ = ratio_jacobian(s)
+    by_k, by_turn = cholesky_ratio_derivatives(s)
+    axes = principal_axes(inertia(s))[1]
     for a in range(5):
         e = np.zeros(5)
         e[a] = 1e-5
-        change = (ratios(inertia(s + e))[0] - ratios(inertia(s - e))[0]) / 2e-5
-        assert np.allclose(change, by_k[:, a], atol=1e-6)
+        up, down = inertia(s + e), inertia(s - e)
+        assert np.allclose((ratios(up)[0] - ratios(down)[0]) / 2e-5, by_k[:, a], atol=1e-6)
+        turn = (axes.T @ (principal_axes(up)[1] - principal_axes(down)[1]) / 2e-5)[[2, 0, 1], [1, 2, 0]]
+        assert np.allclose(turn, by_turn[:, a], atol=1e-5)
 
 
 @pytest.mark.parametrize("given", [{}, {"outliers": 0.01}])

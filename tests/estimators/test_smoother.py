@@ -7,9 +7,9 @@ import pytest
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.methods import smoother
-from massprops.estimators.problem import problem_of
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
+from massprops.model.problem import problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

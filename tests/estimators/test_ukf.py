@@ -7,16 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_vector, multiply, rotate
+from massprops.core.compiling import compiled
+from massprops.dynamics.quaternion import (
+    angle_between,
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    rotate,
+    rotation_vector,
+)
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.compiling import compiled
+from massprops.estimators.filters import Camera, Measurements, Noise, Settings, State, filter_epochs
+from massprops.estimators.filters.features import with_features, without_features
+from massprops.estimators.filters.state import KERNEL, Loop
 from massprops.estimators.methods import ukf
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
-from massprops.estimators.unscented import Camera, Measurements, Noise, Settings, State, filter_epochs
-from massprops.estimators.unscented.features import with_features, without_features
-from massprops.estimators.unscented.state import KERNEL, Loop
+from massprops.model.problem import Problem
 from tests.estimators.unscented_arrays import run_loop
 
 INERTIA = np.diag([90.0, 100.0, 112.0])
@@ -191,6 +198,48 @@ def test_it_is_the_unscented_filter_of_the_textbook() -> None:
     assert np.allclose(got.k[1], k + (gain @ (z - h))[6:8], atol=1e-7)
     assert np.allclose(got.last.P, P - gain @ S @ gain.T, atol=1e-8)
     assert got.nis[1] == pytest.approx((z - h) @ np.linalg.inv(S) @ (z - h), rel=1e-5)
+
+
+@pytest.mark.parametrize("rounds", [1, 6])
+def test_a_linearised_update_is_that_of_the_textbook(rounds: int) -> None:
+    """One epoch: linearised once it is Kalman's gain; iterated it ends at the most probable state, as Gauss-Newton does."""
+    state, seen, noise, _ = filter_case(False, True, False, 0.0, n=1, gaps=False)
+    got = filter_epochs(state, seen, noise, Settings(alpha=0.01, gate=0.0, rounds=rounds)).last
+    assert seen.attitude is not None
+    z, R = seen.z[0].copy(), seen.variance[0]
+    mid = multiply(state.q, state.axes)
+    z[:3] = rotation_vector(multiply(conjugate(mid), seen.attitude[0]))
+
+    def sight(e: np.ndarray) -> np.ndarray:
+        q, w = multiply(state.q, from_rotation_vector(e[3:6])), state.w + e[:3]
+        s = multiply(state.axes, from_rotation_vector(e[8:11]))
+        r = state.position + e[11:14]
+        X = r + rotate(q, state.features + e[17:].reshape(-1, 3))
+        uv = [800 * (X - c.t)[:, :2] / X[:, 2:] + [320, 240] for c in RIG]
+        attitude = rotation_vector(multiply(conjugate(mid), multiply(q, s)))
+        return np.concatenate(
+            [attitude, rotate(conjugate(s), w), [np.linalg.norm(r)], np.concatenate(uv, axis=1).ravel()]
+        )
+
+    e, n = np.zeros(len(state.P)), len(state.P)
+    for _ in range(rounds):
+        H = np.stack([(sight(e + d) - sight(e - d)) / 2e-6 for d in 1e-6 * np.eye(n)], axis=1)
+        K = state.P @ H.T @ np.linalg.inv(H @ state.P @ H.T + np.diag(R))
+        e = K @ (z - sight(e) + H @ e)
+    sigma = np.sqrt(np.diag(state.P - K @ H @ state.P))
+    found = np.concatenate(
+        [
+            got.w - state.w,
+            rotation_vector(multiply(conjugate(state.q), got.q)),
+            got.k - state.k,
+            rotation_vector(multiply(conjugate(state.axes), got.axes)),
+            got.position - state.position,
+            got.velocity - state.velocity,
+            (got.features - state.features).ravel(),
+        ]
+    )
+    assert np.abs((found - e) / sigma).max() < (1e-3 if rounds == 1 else 0.1)
+    assert np.allclose(np.sqrt(np.diag(got.P)), sigma, rtol=1e-4 if rounds == 1 else 0.05)
 
 
 def replace_rows(seen: Measurements, n: int) -> Measurements:

@@ -15,11 +15,11 @@ from test_ukf import K, motion, problem, run, stereo
 from massprops.campaigns.papers import kabir2025
 from massprops.campaigns.papers import kabir2025_model as model
 from massprops.dynamics.quaternion import angle_between, from_rotation_vector, multiply
+from massprops.estimators.filters.foresight import foresee
 from massprops.estimators.methods import ukf_gp
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
-from massprops.estimators.unscented.foresight import foresee
+from massprops.model.problem import Problem
 
 DARK = (300.0, 380.0)
 
@@ -142,7 +142,7 @@ def test_the_paper(rate: float) -> None:
     three = round(3 * kabir2025.POLHODE_S[rate])
     c["spans_s"] = [three]
     errors = np.array([row[f"rmse_{three}"] for row in kabir2025.runs(c, list(range(20)))])
-    limit = model.foresight_limit(c, three, c["ahead_s"])
+    limit = model.prediction_limit(c, three, c["ahead_s"])
     print(f"{rate} Hz: median error {np.median(errors):.2g} rad, Cramer-Rao limit with the physics known {limit:.2g}")
     # 1e-5 rad lies below or within 15 % of what any method could reach at the two highest rates (189 and 265 samples)
     assert np.median(errors) < (1e-5 if limit < 5e-6 else 3.0 * limit)

@@ -8,8 +8,8 @@ import numpy as np
 
 from massprops.dynamics import quaternion
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import ratios
+from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 
 

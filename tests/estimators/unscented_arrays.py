@@ -6,8 +6,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from massprops.dynamics.kernels import to_body
-from massprops.estimators.unscented.algebra import LOST, upper_factor
-from massprops.estimators.unscented.components import (
+from massprops.estimators.filters.algebra import LOST, upper_factor
+from massprops.estimators.filters.components import (
     feature_motion,
     image,
     product,
@@ -16,8 +16,8 @@ from massprops.estimators.unscented.components import (
     turned,
     unit,
 )
-from massprops.estimators.unscented.prediction import BEYOND, WIDEST_TURN, bounded
-from massprops.estimators.unscented.rule import (
+from massprops.estimators.filters.prediction import BEYOND, WIDEST_TURN, bounded
+from massprops.estimators.filters.rule import (
     AXES,
     POINTS,
     POSITION,

@@ -49,10 +49,18 @@ def momentum_columns(t, R, w, held):
     return {"internal": R.swapaxes(1, 2) @ z[:, :, None]}
 
 
+SCANNED = tuple(0.01 * 3.0 ** (0.5 * k) for k in range(11))
+
+
 def momentum_scan(t, w):
-    """From hardly any coupling over the record to one faster than the body turns."""
+    """From hardly any coupling over the record to one faster than the body turns, each 1.7 times the one before."""
     speed = float(((w * w).sum(axis=1) ** 0.5).mean())
-    return [{"coupling": k * max(speed, 1e-12)} for k in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)]
+    return [{"coupling": k * max(speed, 1e-12)} for k in SCANNED]
+
+
+def momentum_steps(held, gap):
+    """A third of the time constant: the scan is coarse."""
+    return {"coupling": 0.3 * held["coupling"]}
 
 
 def starts(span, speed):

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.dynamics.inertia import DIRECTIONS
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.batch.measurements import Measurements
 from massprops.estimators.batch.solve import Fit, Search, covariance_of, fit
-from massprops.estimators.batch.state import inertia_directions
-from massprops.estimators.momentum import DIRECTIONS
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Halves
+from massprops.model.measurements import Measurements
+from massprops.model.problem import Problem
+from massprops.model.state import inertia_directions
 
 MOST_ITERATIONS = 15
 VAGUE = 0.1

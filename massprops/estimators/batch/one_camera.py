@@ -17,13 +17,13 @@ import numpy as np
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
-from massprops.estimators.batch.linearise import linearise
-from massprops.estimators.batch.measurements import Measurements, measurements_of
 from massprops.estimators.batch.solve import Fit, fit
 from massprops.estimators.batch.start import BatchStart, place_points
-from massprops.estimators.batch.state import BatchState, in_axes
-from massprops.estimators.problem import Problem
 from massprops.model import Model, model_of
+from massprops.model.linearise import linearise
+from massprops.model.measurements import Measurements, measurements_of
+from massprops.model.problem import Problem
+from massprops.model.state import BatchState, in_axes
 
 LENS = ("focal-length-error", "lens-distortion")
 """What a camera without calibration leaves open."""
@@ -75,7 +75,7 @@ def fit_tracks(
     free[:3] = False
     free[8] = problem.has_range
     channels = ("tracks", "range") if problem.has_range else ("tracks",)
-    m = measurements_of(problem, observed=observed, channels=channels)
+    m = replace(measurements_of(problem, observed=observed, channels=channels), may_slide=True)
     found = fit(problem, m, state, around, free)
     found = fit(problem, m, _in_axes_of_attitudes(problem, found, around), around, free)
     begun = replace(first, state=state, free=free, channels=channels, observed=observed, notes=())

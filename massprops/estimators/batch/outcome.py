@@ -9,9 +9,9 @@ from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.solve import Fit, covariance_of
 from massprops.estimators.batch.start import BatchStart
-from massprops.estimators.batch.state import inertia_directions, ratio_slopes
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
+from massprops.model.problem import Problem
+from massprops.model.state import inertia_directions, ratio_slopes
 
 LARGEST_SIGMA_K = 0.18
 """1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""

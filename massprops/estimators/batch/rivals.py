@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.batch.measurements import Measurements
 from massprops.estimators.batch.outcome import LARGEST_SIGMA_K
 from massprops.estimators.batch.solve import Belief, Fit, fit
-from massprops.estimators.batch.state import ratio_slopes
-from massprops.estimators.problem import Problem
+from massprops.estimators.result import ratios
+from massprops.model.measurements import Measurements
+from massprops.model.problem import Problem
 
 NEARLY_FLAT = 0.15
 """Largest turn [rad] of the angular velocity in the body below which rival inertias are tried."""
@@ -45,9 +45,9 @@ def best_of_rivals(
             continue
         fits.append(other)
         best = min(fits, key=lambda f: f.cost)
-        k = ratio_slopes(best.state.inertia)[0]
+        k = ratios(best.state.inertia)[0]
         for f in fits:
-            off = np.max(np.abs(ratio_slopes(f.state.inertia)[0] - k))
+            off = np.max(np.abs(ratios(f.state.inertia)[0] - k))
             if 2 * (f.cost - best.cost) < RIVAL_CHI2 and off > LARGEST_SIGMA_K:
                 return best, "bodies of quite different inertia explain this motion as well: it is nearly a flat spin"
     return best, None

@@ -9,10 +9,11 @@ import numpy as np
 
 from massprops.dynamics.rotation import six_of
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.batch.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
-from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.batch.state import BatchState, inertia_directions, log_shape, moved
-from massprops.estimators.problem import Problem
+from massprops.estimators.batch.track_weights import track_weights
+from massprops.model.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
+from massprops.model.measurements import Measurements
+from massprops.model.problem import Problem
+from massprops.model.state import BatchState, inertia_directions, log_shape, moved
 
 HUBER = 3.0
 """Residual, in units of the noise or of the bulk's misfit, beyond which a measurement counts linearly."""
@@ -122,7 +123,7 @@ class _Descent:
 
     def renew(self, state: BatchState, at: Predicted, left: Residuals) -> None:
         """Goes to a state, and linearises there."""
-        self.state, self.at, self.weights = state, at, robust(left)
+        self.state, self.at, self.weights = state, at, robust(left, self.m)
         self.linear = linearise(self.problem, self.m, at, self.around)
         self.cost = _cost(self.linear.residuals, self.weights, state, self.belief)
 
@@ -189,7 +190,7 @@ def fit(
 
 def _fit_of(here: _Descent, free: np.ndarray, converged: bool, iterations: int) -> Fit:
     m, left = here.m, here.linear.residuals
-    weights = robust(left)
+    weights = robust(left, m)
     kept = weights > 0
     placed = len(np.unique(m.seen.feature)) if len(m.uv) else 0
     return Fit(
@@ -221,8 +222,9 @@ def _hold_times(d: np.ndarray, state: BatchState, problem: Problem) -> None:
         at += len(values)
 
 
-def robust(r: Residuals) -> np.ndarray:
-    """Weights: 1 in the bulk, falling beyond HUBER times its spread, 0 beyond GATE times and HUBER + 2 sigma.
+def robust(r: Residuals, m: Measurements) -> np.ndarray:
+    """Weights: 1 in the bulk, falling beyond HUBER times its spread, 0 beyond GATE times and HUBER + 2 sigma; those of
+    whole tracks fall too where tracks may slide.
 
     A model that lacks something leaves the whole bulk large: the spread is of the bulk, never below the noise.
     """
@@ -238,6 +240,8 @@ def robust(r: Residuals) -> np.ndarray:
             spread = max(1.0, float(np.median(norms[own])) / median)
             x = norms[own] / spread
             weights[own] = np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
+    if m.may_slide:
+        weights[: len(r.tracks)] *= track_weights(r.tracks, m.seen.feature)
     return weights
 
 

@@ -6,17 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.dynamics.inertia import physical
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
-from massprops.estimators.batch.linearise import Predicted, predict
-from massprops.estimators.batch.measurements import Measurements, measurements_of
 from massprops.estimators.batch.solve import Belief, Search, fit
-from massprops.estimators.batch.state import BatchState, physical
-from massprops.estimators.problem import Problem
 from massprops.estimators.start import Start
 from massprops.model import Model
+from massprops.model.linearise import Predicted, predict
+from massprops.model.measurements import Measurements, measurements_of
+from massprops.model.problem import Problem
+from massprops.model.state import BatchState
 
 FIRST_TURNS = 1.0
 """Span of the first attitude fit, in revolutions."""
@@ -72,7 +73,7 @@ def batch_start(
         q = multiply(q, from_rotation_matrix(turn.T)[None])
         w, moments = w @ turn.T, turn @ moments @ turn.T
         features = None if features is None else features @ turn.T
-    moments = physical(3.0 * moments / np.trace(moments))
+    moments = 3.0 * physical(moments)
     k = _first_steady(start.times, q, w, moments)
     q0, w0 = _back(problem.times[0], start.times[k:], q[k:], w[k:], moments)
     r0, v0 = np.array([0.0, 0.0, 1.0]), np.zeros(3)

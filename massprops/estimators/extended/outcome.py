@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.inertia import cholesky_ratio_derivatives, principal_axes, ratios_of_moments
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix, skew
-from massprops.estimators import verdict
 from massprops.estimators.extended.error_state import Layout
 from massprops.estimators.extended.run import Passage
 from massprops.estimators.extended.setup import Setup
-from massprops.estimators.inertia_parameters import GENERAL, inertia
-from massprops.estimators.problem import Problem
+from massprops.estimators.filters import verdict
+from massprops.estimators.inertia_parameters import inertia
 from massprops.estimators.result import Estimate, ratios
+from massprops.model.problem import Problem
 
 RUNAWAY, FARTHEST = 4.9, 8.0
 """|k| of no real body, and how many of the start's sigmas k can move and still be believed: where the motion hardly
@@ -27,10 +28,9 @@ def estimate_of(name: str, problem: Problem, setup: Setup, passage: Passage) -> 
     back = np.stack([setup.surroundings.camera_frame(float(t))[0].T for t in times])
     w, by_w, by_v = _body_rates(layout, q, W, r)
     tensor = inertia(parameters)
-    k, axes = ratios(tensor)
-    J = ratio_jacobian(parameters)
+    moments, axes = principal_axes(tensor)
+    k, J = ratios_of_moments(moments), np.concatenate(cholesky_ratio_derivatives(parameters), axis=1)
     shape = J @ P[:, layout.k, layout.k] @ np.swapaxes(J, 1, 2)
-    last_axes = axes[-1] * np.array([1.0, 1.0, np.sign(np.linalg.det(axes[-1]))])
     known = np.isfinite(passage.points[:, 0])
     found = Estimate(
         name=name,
@@ -40,8 +40,8 @@ def estimate_of(name: str, problem: Problem, setup: Setup, passage: Passage) -> 
         k2=float(k[-1, 1]),
         k_covariance=shape[-1, :2, :2],
         inertia=tensor[-1],
-        principal_axes=last_axes,
-        axes_covariance=last_axes @ shape[-1, 2:, 2:] @ last_axes.T,
+        principal_axes=axes[-1],
+        axes_covariance=axes[-1] @ shape[-1, 2:, 2:] @ axes[-1].T,
         times=times,
         q=multiply(from_rotation_matrix(back), q),
         w=w,
@@ -79,33 +79,6 @@ def _body_rates(layout: Layout, q: np.ndarray, W: np.ndarray, r: np.ndarray) -> 
     by_v[:, :, layout.w] = -skew(r)
     by_v[:, :, layout.r] = skew(W)
     return w, by_w, by_v
-
-
-def ratio_jacobian(parameters: np.ndarray) -> np.ndarray:
-    """(..., 5, 5): k1, k2 and small turns of the principal axes about themselves by the `general` parameters (..., 5)."""
-    h = 1e-6
-    step = h * np.eye(GENERAL)
-    change = (inertia(parameters[..., None, :] + step) - inertia(parameters[..., None, :] - step)) / (2 * h)
-    tensor = inertia(parameters)
-    moments, axes = np.linalg.eigh(tensor.reshape(-1, 3, 3))
-    axes[..., 2] *= np.sign(np.linalg.det(axes))[:, None]
-    ways = np.concatenate([_directions(moments, axes), tensor.reshape(-1, 1, 3, 3)], axis=1)
-    six = ways[:, :, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    changes = change.reshape(-1, GENERAL, 3, 3)[:, :, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    # a pair of equal moments has no axes: the pseudo-inverse leaves that turn out
-    out = np.swapaxes(changes, 1, 2)
-    solved = np.linalg.pinv(np.swapaxes(six, 1, 2), rcond=1e-9) @ out
-    return solved[:, :GENERAL].reshape(*parameters.shape[:-1], GENERAL, GENERAL)
-
-
-def _directions(moments: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """`attitude_information.ratio_directions` of many: (n, 5, 3, 3)."""
-    own = np.zeros((len(moments), 5, 3, 3))
-    own[:, 0, 0, 0], own[:, 1, 2, 2] = moments[:, 0], -moments[:, 2]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        own[:, 2 + i, j, k] = own[:, 2 + i, k, j] = moments[:, j] - moments[:, k]
-    return np.asarray(axes[:, None] @ own @ np.swapaxes(axes, 1, 2)[:, None])
 
 
 def _spread(J: np.ndarray, P: np.ndarray) -> np.ndarray:

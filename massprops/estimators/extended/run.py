@@ -14,7 +14,7 @@ from massprops.estimators.extended.observation import attitude, body_rate, dista
 from massprops.estimators.extended.setup import Setup, body_points, place_feature
 from massprops.estimators.extended.transition import predict
 from massprops.estimators.extended.update import Observe, Rule, innovations, square_root, update, whitened
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 
 LIMIT = {1: 11.0, 2: 18.4, 3: 21.1}
 """Squared innovation over its covariance beyond which a measurement is an outlier, by its numbers: one good one in

@@ -7,18 +7,25 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import DIRECTIONS, cholesky_parameters, cholesky_ratio_derivatives, principal_axes
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotate, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.attitude_information import ratio_directions
-from massprops.estimators.begin import WIDER, WIDEST_K, early_start, point_sigma, restlessness, settled_epoch, speed_of
 from massprops.estimators.extended.error_state import Layout, State, covariance_of, state_of
 from massprops.estimators.extended.transition import ProcessNoise
-from massprops.estimators.inertia_parameters import GENERAL, from_inertia
-from massprops.estimators.inertia_parameters import inertia as to_tensor
-from massprops.estimators.momentum import DIRECTIONS
-from massprops.estimators.problem import Problem
+from massprops.estimators.filters.begin import (
+    WIDER,
+    WIDEST_K,
+    early_start,
+    noise_densities,
+    point_sigma,
+    settled_epoch,
+    speed_of,
+)
+from massprops.estimators.inertia_parameters import GENERAL
 from massprops.estimators.result import Prior
 from massprops.estimators.surroundings import Surroundings, surroundings_of
+from massprops.model.problem import Problem
 
 CENTRE_SHARE = 0.3
 """1-sigma of the centre of mass at the start, as a share of the features' spread."""
@@ -86,7 +93,7 @@ def setup(problem: Problem, prior: Prior, given: Any) -> Setup:
         start.w[row][None],
         q,
         body.features[None],
-        from_inertia(inertia)[None],
+        cholesky_parameters(inertia)[None],
     )
     doubt = start.covariance[row] * (WIDER * problem.alike) ** 2
     length = max(float(start.times[-1] - start.times[0]), 1e-9)
@@ -116,7 +123,7 @@ def setup(problem: Problem, prior: Prior, given: Any) -> Setup:
         rates=problem.has_rates and not body.points and (problem.has_attitude or own),
         ranges=body.points and problem.has_range,
         k_sigma=_k_sigma(inertia, spread),
-        noise=ProcessNoise(*restlessness(problem, prior, start), 1e-9),
+        noise=ProcessNoise(*noise_densities(problem, prior, start), 1e-9),
         surroundings=around,
         largest_rate=2.0 * float(np.nanmax(np.linalg.norm(start.w, axis=1))),
         body_frame=start.body_frame,
@@ -168,11 +175,10 @@ def _inertia(prior: Prior, start: Any, wider: float) -> tuple[np.ndarray | None,
         k = np.full(2, WIDEST_K) if prior.k_sigma is None else np.minimum(prior.k_sigma, 1.0)
         axes = np.full(3, WIDEST_K) if prior.axes_sigma is None else np.minimum(prior.axes_sigma, WIDEST_K)
         if same or tensor is not None:
-            moments, frame = np.linalg.eigh(prior.inertia)
+            moments, frame = principal_axes(prior.inertia)
             if not same:
                 # other body axes: the prior's ratios on the axes that the motion shows
-                frame, axes = np.linalg.eigh(tensor)[1], np.full(3, WIDEST_K)
-            frame = frame * np.array([1.0, 1.0, np.sign(np.linalg.det(frame))])
+                frame, axes = principal_axes(tensor)[1], np.full(3, WIDEST_K)
             tensor = frame @ np.diag(moments / moments.sum()) @ frame.T
             J = _by_parameters(tensor, ratio_directions(moments / moments.sum(), frame))
             return tensor, J @ np.diag(np.concatenate([k, axes]) ** 2) @ J.T + 1e-6 * np.eye(GENERAL)
@@ -190,16 +196,13 @@ def _inertia(prior: Prior, start: Any, wider: float) -> tuple[np.ndarray | None,
 def _by_parameters(tensor: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(5, 5): change of the inertia's parameters by `directions` (5, 3, 3)."""
     h = 1e-6 * float(np.linalg.eigvalsh(tensor)[0])
-    return np.stack([(from_inertia(tensor + h * d) - from_inertia(tensor - h * d)) / (2 * h) for d in directions], -1)
+    pairs = ((cholesky_parameters(tensor + h * d), cholesky_parameters(tensor - h * d)) for d in directions)
+    return np.stack([(up - down) / (2 * h) for up, down in pairs], -1)
 
 
 def _k_sigma(tensor: np.ndarray, spread: np.ndarray) -> float:
     """Larger 1-sigma of k1 and k2, by first-order change of the moments."""
-    moments, axes = np.linalg.eigh(tensor)
-    p, h = from_inertia(tensor), 1e-6
-    change = (to_tensor(p + h * np.eye(GENERAL)) - to_tensor(p - h * np.eye(GENERAL))) / (2 * h)
-    log = np.einsum("ia,pij,ja->ap", axes, change, axes) / moments[:, None]
-    J = log[:2] - log[1:]
+    J, _ = cholesky_ratio_derivatives(cholesky_parameters(tensor))
     return float(np.sqrt(np.max(np.diag(J @ spread @ J.T))))
 
 

@@ -7,12 +7,25 @@ import numpy as np
 
 from massprops.dynamics.compiled import matrix_of, turned
 
+Array = np.ndarray
+
 SINGULAR = 1e-10
 """Pivot of a normal matrix with unit diagonal under which it counts as singular."""
 
 
 @numba.njit(cache=True)
-def aligned(body, seen, information, use, q, shift, soft, hard, limit, third):  # type: ignore[no-untyped-def]
+def aligned(
+    body: Array,
+    seen: Array,
+    information: Array,
+    use: Array,
+    q: Array,
+    shift: Array,
+    soft: int,
+    hard: int,
+    limit: float,
+    third: int,
+) -> tuple[Array, Array]:
     """Poses q (n, 4) and shift (n, 3), changed in place, after `soft` and `hard` rounds.
 
     Args:
@@ -25,19 +38,12 @@ def aligned(body, seen, information, use, q, shift, soft, hard, limit, third):  
     covariance, out = np.empty((n, 6, 6)), np.full((n, m), np.inf)
     near, arms, errors = np.empty(m), np.empty((m, 3)), np.empty((m, 3))
     R, step = np.empty((3, 3)), np.empty(6)
-    normal, gradient, inverse = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
-    L, scale, unit = np.empty((6, 6)), np.empty(6), np.empty(6)
-    regular = True
+    normal, inverse, L = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    gradient, scale, unit, regular = np.empty(6), np.empty(6), np.empty(6), True
     for e in range(n):
         for turn in range(soft + hard):
             count = _distances(body, seen[e], information[e], use[e], q[e], shift[e], R, arms, errors, near)
-            size = limit
-            if count > 0:
-                ordered = np.sort(near[:count])
-                if turn < soft:
-                    size = max(limit, ordered[(count - 1) // 2])
-                elif third < count:
-                    size = max(limit, 2.0 * ordered[third])
+            size = _outlier_size(near[:count], turn < soft, limit, third)
             normal[:], gradient[:] = 0.0, 0.0
             at = 0
             for p in range(m):
@@ -52,11 +58,7 @@ def aligned(body, seen, information, use, q, shift, soft, hard, limit, third):  
             else:
                 _pseudo(normal, scale, inverse)
                 step[:] = inverse @ gradient
-            length = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-            damp = min(1.0, 0.3 / max(length, 1e-12))
-            _turned(q[e], damp * step[0], damp * step[1], damp * step[2])
-            for i in range(3):
-                shift[e, i] += damp * step[3 + i]
+            _moved(q[e], shift[e], step)
         if regular:
             for i in range(6):
                 unit[:] = 0.0
@@ -75,7 +77,40 @@ def aligned(body, seen, information, use, q, shift, soft, hard, limit, third):  
 
 
 @numba.njit(cache=True)
-def _distances(body, seen, information, use, q, shift, R, arms, errors, near):  # type: ignore[no-untyped-def]
+def _moved(q: Array, shift: Array, step: Array) -> None:
+    """A pose after a step (6,) of turn and shift, in place; a long turn is cut to 0.3 rad."""
+    length = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+    damp = min(1.0, 0.3 / max(length, 1e-12))
+    _turned(q, damp * step[0], damp * step[1], damp * step[2])
+    for i in range(3):
+        shift[i] += damp * step[3 + i]
+
+
+@numba.njit(cache=True)
+def _outlier_size(squares: Array, soft: bool, limit: float, third: int) -> float:
+    """The squared distance from which a point counts less: `limit`, or more where many points lie farther."""
+    if len(squares) > 0:
+        ordered = np.sort(squares)
+        if soft:
+            return max(limit, ordered[(len(squares) - 1) // 2])
+        if third < len(squares):
+            return max(limit, 2.0 * ordered[third])
+    return limit
+
+
+@numba.njit(cache=True)
+def _distances(
+    body: Array,
+    seen: Array,
+    information: Array,
+    use: Array,
+    q: Array,
+    shift: Array,
+    R: Array,
+    arms: Array,
+    errors: Array,
+    near: Array,
+) -> int:
     """Turned points, errors and squared distances of those in use, side by side; how many."""
     matrix_of(q[0], q[1], q[2], q[3], R)
     count = 0
@@ -95,7 +130,7 @@ def _distances(body, seen, information, use, q, shift, R, arms, errors, near):  
 
 
 @numba.njit(cache=True)
-def _add(normal, gradient, arm, error, information, share):  # type: ignore[no-untyped-def]
+def _add(normal: Array, gradient: Array, arm: Array, error: Array, information: Array, share: float) -> None:
     """One point's part of the normal equations: turn about the reference axes, then shift; lower triangle."""
     x, y, z = arm
     a, b, c = share * information[0, 0], share * information[0, 1], share * information[0, 2]
@@ -137,7 +172,7 @@ def _add(normal, gradient, arm, error, information, share):  # type: ignore[no-u
 
 
 @numba.njit(cache=True)
-def _factored(normal, scale, L):  # type: ignore[no-untyped-def]
+def _factored(normal: Array, scale: Array, L: Array) -> bool:
     """Writes the Cholesky factor of `normal` scaled to a unit diagonal; False where that is singular."""
     for i in range(6):
         scale[i] = 1.0 / np.sqrt(max(normal[i, i], 1e-300))
@@ -156,7 +191,7 @@ def _factored(normal, scale, L):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _solved(L, scale, side, x):  # type: ignore[no-untyped-def]
+def _solved(L: Array, scale: Array, side: Array, x: Array) -> None:
     for i in range(6):
         total = side[i] * scale[i]
         for a in range(i):
@@ -172,7 +207,7 @@ def _solved(L, scale, side, x):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _pseudo(normal, scale, out):  # type: ignore[no-untyped-def]
+def _pseudo(normal: Array, scale: Array, out: Array) -> None:
     """Inverse in which a direction without information gets none."""
     unit = np.empty((6, 6))
     for i in range(6):
@@ -188,7 +223,7 @@ def _pseudo(normal, scale, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _turned(q, x, y, z):  # type: ignore[no-untyped-def]
+def _turned(q: Array, x: float, y: float, z: float) -> None:
     """A small turn about the reference axes, in place: seen from the body it is the inverse turned the other way."""
     w, a, b, d = turned(q[0], -q[1], -q[2], -q[3], -x, -y, -z)
     q[0], q[1], q[2], q[3] = w, -a, -b, -d

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 
 ROUNDS = 8
 MOST_FEATURES = 120

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.chaser_path import ChaserPath
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.chaser_path import ChaserPath
 from massprops.estimators.geometry.alignment import inverse_of
 
 LARGEST_SQUARE = 16.3

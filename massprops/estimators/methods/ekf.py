@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
+from massprops.model.problem import Problem
 
 NAME = "ekf"
 ORDER = 20

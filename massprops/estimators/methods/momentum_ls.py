@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.dynamics.inertia import DIRECTIONS
 from massprops.dynamics.quaternion import multiply, rotation_matrix
-from massprops.estimators.momentum import DIRECTIONS, Momentum, momentum_inertia
+from massprops.estimators.momentum import Momentum, momentum_inertia
 from massprops.estimators.observability import judge
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Halves, Prior, ratios
 from massprops.estimators.start import Start, chaser_attitude, first_guess, within
+from massprops.model.problem import Problem
 
 NAME = "momentum-ls"
 ORDER = 10

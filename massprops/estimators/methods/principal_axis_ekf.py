@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from massprops.errors import NotPossible
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
+from massprops.model.problem import Problem
 
 NAME = "principal-axis-ekf"
 ORDER = 60
 SENTENCE = "least-squares inertia, one principal frame for good, then an extended Kalman filter in it (hu2024)"
 NEEDS = ("stereo|attitude",)
+MOST_FEATURES = 24
+"""Features carried at a time."""
 
 
 def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
@@ -20,14 +21,12 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the start found no rotation or no inertia.
     """
-    from massprops.estimators.begin import restlessness
-    from massprops.estimators.principal.follow import followed
-    from massprops.estimators.principal.outcome import estimate_of
+    from massprops.estimators.filters.features import run_through
+    from massprops.estimators.filters.outcome import estimate_of
+    from massprops.estimators.filters.setup import setup
+    from massprops.estimators.filters.state import ITERATED
+    from massprops.estimators.unique_frame import unique_frame
 
-    if start.inertia is None or start.w is None or not len(start.q):
-        raise NotPossible(f"{NAME}: no rotation could be found to start from")
-    points = problem.stereo and start.features is not None and start.position is not None
-    if not points and not problem.has_attitude:
-        raise NotPossible(f"{NAME}: neither stereo points nor attitude0 to filter")
-    run = followed(problem, prior, start, *restlessness(problem, prior, start))
-    return estimate_of(NAME, problem, start, run)
+    ready = setup(problem, prior, start, MOST_FEATURES, unique_frame)
+    passage = run_through(problem, ready, ITERATED, most=MOST_FEATURES)
+    return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :])

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from massprops.estimators.problem import Problem
+import numpy as np
+
+from massprops.estimators.filters.verdict import LARGEST_SQUARE
 from massprops.estimators.result import Estimate, Prior
+from massprops.model.problem import Problem
 
 NAME = "range-ukf"
 ORDER = 45
@@ -20,8 +24,21 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: no rotation to start from, or the features cannot be placed.
     """
-    from massprops.estimators.ranging.outcome import estimate_of
+    from massprops.estimators.filters.outcome import estimate_of
     from massprops.estimators.ranging.passage import passage_of, start_of
 
-    begun = start_of(problem, prior, start)
-    return estimate_of(NAME, problem, begun, passage_of(problem, prior, begun))
+    ready, passage, fit = passage_of(problem, prior, start_of(problem, prior, start))
+    found = estimate_of(NAME, problem, ready, passage, problem.times[ready.first :])
+    unfit = unfit_of(fit)
+    if unfit and not found.reason:
+        found = replace(found, converged=False, reason=unfit)
+    return replace(found, gated=found.gated + fit.outliers, used=found.used + fit.rows)
+
+
+def unfit_of(fit: Any) -> str:
+    """Why the fit to the first frames is not to be believed; empty when it may be."""
+    if not fit.converged:
+        return "the fit to the first frames found no rest: they do not fix the motion and the inertia together"
+    if fit.square > LARGEST_SQUARE:
+        return f"the fit to the first frames leaves residuals of {np.sqrt(fit.square):.1f} sigma"
+    return ""

@@ -1,7 +1,7 @@
 """Batch least squares over the whole record with the shared model: the reference for all other methods.
 
 Initial state, inertia, centre of mass, feature points and any effects of a model are found together by
-Levenberg-Marquardt with variational equations; the noise limit (Cramer-Rao) is what it reaches where the model holds.
+Levenberg-Marquardt with variational equations; it reaches the noise limit (Cramér-Rao) if the model is right.
 """
 
 from __future__ import annotations
@@ -12,18 +12,19 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import physical
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch import one_camera
 from massprops.estimators.batch.halves import halves, residual_rows
-from massprops.estimators.batch.measurements import measurements_of
 from massprops.estimators.batch.outcome import estimate_of
 from massprops.estimators.batch.rivals import best_of_rivals
 from massprops.estimators.batch.solve import Belief, Fit, fit
 from massprops.estimators.batch.start import batch_start
-from massprops.estimators.batch.state import BatchState, physical
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
 from massprops.model import Model
+from massprops.model.measurements import measurements_of
+from massprops.model.problem import Problem
+from massprops.model.state import BatchState
 
 NAME = "smoother"
 ORDER = 5
@@ -75,8 +76,7 @@ def _state_of_model(state: BatchState, model: Model | None, problem: Problem) ->
     if model is None or model.rate is None or model.inertia is None:
         return None
     q0 = state.q0 if model.attitude is None or not problem.has_attitude else model.attitude
-    inertia = physical(3.0 * model.inertia / np.trace(model.inertia))
-    return replace(state, q0=q0, w0=model.rate, inertia=inertia)
+    return replace(state, q0=q0, w0=model.rate, inertia=3.0 * physical(model.inertia))
 
 
 def _cost(found: Fit) -> float:

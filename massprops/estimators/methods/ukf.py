@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, Prior
+from massprops.model.problem import Problem
 
 NAME = "ukf"
 ORDER = 30
@@ -20,12 +20,12 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    from massprops.estimators.begin import early_start
-    from massprops.estimators.unscented.features import run_through
-    from massprops.estimators.unscented.outcome import estimate_of
-    from massprops.estimators.unscented.setup import setup
-    from massprops.estimators.unscented.state import Settings
+    from massprops.estimators.filters.begin import early_start
+    from massprops.estimators.filters.features import run_through
+    from massprops.estimators.filters.outcome import estimate_of
+    from massprops.estimators.filters.setup import setup
+    from massprops.estimators.filters.state import UNSCENTED
 
     ready = setup(problem, prior, early_start(problem, prior, start))
-    passage = run_through(problem, ready, Settings())
+    passage = run_through(problem, ready, UNSCENTED)
     return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :])

@@ -1,7 +1,7 @@
 """kabir2025: the unscented filter, carried through occlusions by Gaussian processes in place of the measurements.
 
-Beyond the paper: the process's own variance is used, with its errors' kinship in time; relative translation is taken
-out before the processes learn; and frequencies are shared by the features of one body.
+Beyond the paper: the variance of the process and the correlation of its errors over time are used; relative translation
+is removed before the processes are trained; and the features of one body share their frequencies.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from massprops.estimators.problem import Problem
+from massprops.estimators.filters.state import Measurements, Settings
 from massprops.estimators.result import Estimate, Prior
-from massprops.estimators.unscented.state import Measurements, Settings
+from massprops.model.problem import Problem
 
 NAME = "ukf-gp"
 ORDER = 40
@@ -28,11 +28,11 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    from massprops.estimators.begin import early_start
-    from massprops.estimators.unscented.features import run_through
-    from massprops.estimators.unscented.occlusion import fill_gap, gap_rows, with_gap_epochs
-    from massprops.estimators.unscented.outcome import estimate_of
-    from massprops.estimators.unscented.setup import setup
+    from massprops.estimators.filters.begin import early_start
+    from massprops.estimators.filters.features import run_through
+    from massprops.estimators.filters.occlusion import fill_gap, gap_rows, with_gap_epochs
+    from massprops.estimators.filters.outcome import estimate_of
+    from massprops.estimators.filters.setup import setup
 
     ready = setup(problem, prior, early_start(problem, prior, start))
     longer, gaps = with_gap_epochs(problem, ready)

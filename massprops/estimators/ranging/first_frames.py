@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.compiling import compiled
+from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_matrix
 from massprops.dynamics.quaternion import rotation_vector as turn_of
-from massprops.estimators.inertia_parameters import from_inertia, inertia
-from massprops.estimators.ranging.filter import BASE, RangeData, RangeStart
+from massprops.estimators.filters.state import GENERAL
+from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart
 
 STEPS = np.repeat([1e-5, 1e-7, 1e-5, 1e-3, 1e-6], [3, 3, 5, 3, 3])
 """Central differences of attitude, rate, inertia, position, velocity: error of rounding and of curvature both below 1e-8."""
@@ -24,6 +26,8 @@ DECISIVE = 60.0
 """Cost by which one of two mirrored answers must be worse to be given up."""
 HUBER = 2.5
 MOST_ROUNDS = 25
+LARGEST_TURN = 0.1
+"""Rotation [rad] per integration step."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ def fit_first(start: RangeStart, data: RangeData, windows: tuple[int, ...] = (),
         decide.
     """
     times, task = data.times, _Task(start, data)
-    state = _State(start.q, start.w, from_inertia(start.tensor), start.r, start.v, start.f)
+    state = _State(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
     rivals, first = [state], two_sided
     for n in (*[k for k in windows if k < len(times)], len(times)):
         solved = [task.solve(x, n) for x in rivals]
@@ -96,21 +100,17 @@ class _Task:
     def __init__(self, start: RangeStart, data: RangeData) -> None:
         self.times, self.lens, self.uv, self.sigma_px = data.times, data.intrinsics, data.uv, data.sigma_px
         self.ranges, self.sigma_range = data.ranges, data.sigma_range
-        self.path, self.middle = data.leader()
-        self.C = rotation_matrix(self.path.q)
-        self.prior_state = _State(start.q, start.w, from_inertia(start.tensor), start.r, start.v, start.f)
+        self.chaser, self.C = data.inertial_steps(), rotation_matrix(data.camera)
+        self.prior_state = _State(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
         scale = np.sqrt(np.maximum(np.diag(start.P), 1e-24))
         self.prior = np.linalg.pinv(start.P / np.outer(scale, scale), rcond=1e-12, hermitian=True)
         self.prior = self.prior / np.outer(scale, scale)
 
     def paths(self, states: list[_State], n: int) -> np.ndarray:
-        from massprops.estimators.ranging.kernel import trajectories
-
         y = np.array([np.concatenate([x.q, x.w, x.r, x.v]) for x in states])
         s = np.array([x.s for x in states])
-        place = np.ascontiguousarray(self.path.place[:n])
-        out: np.ndarray = trajectories(self.times[:n], y, s, place, self.middle[: n - 1], self.path.mu)
-        return out
+        run = compiled("trajectories", "massprops.dynamics.kernels", GENERAL)
+        return np.asarray(run(self.times[:n], y, s, self.chaser[:n], LARGEST_TURN))
 
     def around(self, x: _State, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Motion (n, 13) and the derivative of its errors (n, 12, 17): attitude, rate, position, velocity."""
@@ -219,7 +219,7 @@ class _Task:
         full[:, :6], full[:, 11:] = J[:, :6], J[:, 6:]
         full[:, 6:11, 6:11] = np.eye(5)
         block = full @ P[:BASE, :BASE] @ np.swapaxes(full, 1, 2)
-        tensor = inertia(x.s)
+        tensor = cholesky_inertia(x.s)
         first = RangeStart(x.q, x.w, tensor, x.r, x.v, x.f, P)
         # what Huber's loss gives up of the information at normal noise is small: HUBER = 2.5 keeps 99 %
         square = float(np.sum(near**2)) / max(rows - far - len(P), 1)
@@ -250,7 +250,7 @@ class _Task:
         last[:, :BASE] = last[:, :BASE] @ J.T
         last[:BASE, :BASE] += (bend - mean).T @ (bend - mean) / DRAWS
         z = _State(y[:4], y[4:7], x.s, y[7:10], y[10:], x.f).moved(np.concatenate([mean, np.zeros(x.f.size)]))
-        return RangeStart(z.q, z.w, inertia(z.s), z.r, z.v, z.f, 0.5 * (last + last.T))
+        return RangeStart(z.q, z.w, cholesky_inertia(z.s), z.r, z.v, z.f, 0.5 * (last + last.T))
 
     def mirrored(self, x: _State) -> _State:
         """The state that one camera hardly tells from this one (Necker's reversal): depths mirrored about the points'
@@ -263,7 +263,7 @@ class _Task:
         return _State(
             x.q,
             w,
-            from_inertia(flip @ inertia(x.s) @ flip),
+            cholesky_parameters(flip @ cholesky_inertia(x.s) @ flip),
             x.r,
             x.v + R @ np.cross(x.w - w, middle),
             middle + (x.f - middle) @ flip,

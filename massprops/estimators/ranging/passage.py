@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.quaternion import multiply, rotate
+from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.inertia import DIRECTIONS, cholesky_parameters, principal_axes, ratio_derivatives
+from massprops.dynamics.quaternion import conjugate, multiply, rotate
 from massprops.errors import NotPossible
-from massprops.estimators.begin import longest
-from massprops.estimators.chaser_path import chaser_path
-from massprops.estimators.momentum import ratio_covariance
-from massprops.estimators.problem import Problem
-from massprops.estimators.ranging.filter import (
+from massprops.estimators.filters.begin import longest
+from massprops.estimators.filters.features import Passage, joined
+from massprops.estimators.filters.setup import Setup
+from massprops.estimators.filters.state import Noise, Run
+from massprops.estimators.ranging.first_frames import BatchFit, fit_first
+from massprops.estimators.ranging.inertial import (
     BASE,
     RangeData,
-    RangeRun,
     RangeStart,
+    camera_state,
     inertia_covariance,
     range_filtered,
+    to_camera,
 )
-from massprops.estimators.ranging.first_frames import BatchFit, fit_first
 from massprops.estimators.result import Prior
+from massprops.model.problem import Problem
 
 MOST_FEATURES = 12
 """Feature points that the filter carries, as many as the paper's."""
@@ -31,24 +35,12 @@ FIRST_TURN = 12.0
 SHARE = 0.5
 """And no more than this share of the record, so that there is something left to filter."""
 MOST_BATCH = 300
-QUIET = 1e-6
+ANGULAR_NOISE = 1e-6
 """Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
 VAGUE = 0.3
 """1-sigma of k1 or k2 above which the start's inertia is not believed."""
-PUSH = 1e-8
+ACCELERATION_NOISE = 1e-8
 """Unmodelled acceleration [m/s^2 sqrt(s)]."""
-
-
-@dataclass(frozen=True)
-class Passage:
-    """From which epoch, the features carried, cam0 to inertial (n, 4), the batch fit to the first frames, and the run
-    of the filter from its last one on."""
-
-    first: int
-    chosen: np.ndarray
-    camera: np.ndarray
-    fit: BatchFit
-    run: RangeRun
 
 
 def start_of(problem: Problem, prior: Prior, start: Any) -> Any:
@@ -64,8 +56,8 @@ def start_of(problem: Problem, prior: Prior, start: Any) -> Any:
     return start if getattr(start, "features", None) is not None else first_guess(problem, prior)
 
 
-def passage_of(problem: Problem, prior: Prior, start: Any) -> Passage:
-    """The batch fit to the first frames and the filter from its last one on.
+def passage_of(problem: Problem, prior: Prior, start: Any) -> tuple[Setup, Passage, BatchFit]:
+    """The batch fit to the first frames and the filter from its last one on, as one run.
 
     Raises:
         NotPossible: the features cannot be placed.
@@ -77,38 +69,58 @@ def passage_of(problem: Problem, prior: Prior, start: Any) -> Passage:
     chosen = longest(start.features, problem.seen[first:, 0].sum(axis=0), MOST_FEATURES, 3)
     if len(chosen) < 3:
         raise NotPossible("fewer than three features could be placed")
-    camera = chaser_path(problem.environment, times).q
-    shift = problem.environment
-    if problem.environment.orbit is not None and times[0] > 0:
-        shift = replace(problem.environment, orbit=_later(problem.environment.orbit, float(times[0])))
     data = RangeData(
-        times=times - times[0],
+        times=times,
         intrinsics=problem.cameras[0].intrinsics,
-        uv=np.ascontiguousarray(problem.uv[first:, 0, chosen]),
+        uv=problem.uv[first:, 0, chosen],
         sigma_px=problem.alike * float(problem.sigma_px[0]),
-        ranges=problem.range_m[first:].copy(),
+        ranges=problem.range_m[first:],
         sigma_range=problem.sigma_range,
-        environment=shift,
-        camera=camera,
+        environment=problem.environment,
+        camera=chaser_path(problem.environment, times).q,
     )
     n = _window(times, start)
     windows = tuple(k for k in (6, 9, 14, 21, 32, 48, 72, 108, 162, 243) if k < n)
-    fit = fit_first(_begin(problem, prior, start, chosen, camera), data.first(n), windows)
-    speed = float(np.linalg.norm(fit.first.w))
-    noise = prior.process_noise if prior.process_noise is not None else QUIET * speed**2
-    run = range_filtered(fit.last, _rest(data, n - 1), noise**2, PUSH**2)
-    return Passage(first, chosen, camera, fit, run)
+    begun, k_sigma = _begin(problem, prior, start, chosen, data.camera)
+    fit = fit_first(begun, data.part(slice(n)), windows)
+    rest = data.part(slice(n - 1, None))
+    # nothing is measured at the filter's first epoch: the fit has used it
+    unseen = np.arange(len(rest.times)) == 0
+    rest = replace(
+        rest, uv=np.where(unseen[:, None, None], np.nan, rest.uv), ranges=np.where(unseen, np.nan, rest.ranges)
+    )
+    noise = prior.process_noise
+    if noise is None:
+        noise = ANGULAR_NOISE * float(np.linalg.norm(fit.first.w)) ** 2
+    run = joined([_as_run(fit, data.camera[: n - 1]), range_filtered(fit.last, rest, noise**2, ACCELERATION_NOISE**2)])
+    points = np.full((len(problem.features), 3), np.nan)
+    points[chosen] = run.last.features
+    sensors = (False, False, True)
+    ready = Setup(run.last, chosen, Noise(), first, True, sensors, np.eye(3), k_sigma, tuple(start.warnings))
+    return ready, Passage(run, points, chosen), fit
 
 
-def _rest(data: RangeData, at: int) -> RangeData:
-    """The data from epoch `at` on, with nothing measured there, which the batch fit has used."""
-    uv, ranges = data.uv[at:].copy(), data.ranges[at:].copy()
-    uv[0], ranges[0] = np.nan, np.nan
-    later = data.environment
-    if later.orbit is not None:
-        later = replace(later, orbit=_later(later.orbit, float(data.times[at])))
-    camera = None if data.camera is None else data.camera[at:]
-    return replace(data, times=data.times[at:] - data.times[at], uv=uv, ranges=ranges, environment=later, camera=camera)
+def _as_run(fit: BatchFit, camera: np.ndarray) -> Run:
+    """The batch fit's motion at epochs before its last, in the axes of cam0, whose attitude is `camera` (n, 4)."""
+    n, y, back = len(camera), fit.y[: len(camera)], conjugate(camera)
+    T = to_camera(camera)
+    P = T @ fit.block[:n] @ np.swapaxes(T, 1, 2)
+    nothing = np.zeros(n)
+    return Run(
+        w=y[:, 4:7],
+        q=multiply(back, y[:, :4]),
+        k=np.tile(cholesky_parameters(fit.last.tensor), (n, 1)),
+        axes=np.tile([1.0, 0, 0, 0], (n, 1)),
+        position=rotate(back, y[:, 7:10]),
+        velocity=rotate(back, y[:, 10:13]),
+        sigma=np.sqrt(np.maximum(np.einsum("nii->ni", P), 0.0)),
+        block=P[:, :11, :11],
+        nis=nothing,
+        used=nothing.astype(int),
+        gated=nothing.astype(int),
+        last=camera_state(fit.last, camera[-1]),
+        cpu_s=0.0,
+    )
 
 
 def _window(times: np.ndarray, start: Any) -> int:
@@ -118,8 +130,10 @@ def _window(times: np.ndarray, start: Any) -> int:
     return int(min(max(n, 12), MOST_BATCH, max(int(SHARE * len(times)), 6), len(times)))
 
 
-def _begin(problem: Problem, prior: Prior, start: Any, chosen: np.ndarray, camera: np.ndarray) -> RangeStart:
-    """A guess and how wide it is: wide enough that the batch fit is led by the measurements."""
+def _begin(
+    problem: Problem, prior: Prior, start: Any, chosen: np.ndarray, camera: np.ndarray
+) -> tuple[RangeStart, np.ndarray]:
+    """A guess and how wide it is, wide enough that the batch fit is led by the measurements; and the 1-sigma of k1, k2."""
     f = start.features[chosen]
     size = float(np.sqrt(np.mean(np.sum(f * f, axis=1))))
     speed = float(np.linalg.norm(start.w[0]))
@@ -131,10 +145,10 @@ def _begin(problem: Problem, prior: Prior, start: Any, chosen: np.ndarray, camer
         axes = axes if prior.axes_sigma is None else np.asarray(prior.axes_sigma)
     tensor = start.inertia
     if start.momentum is not None:
-        sigma_k = np.sqrt(np.diag(ratio_covariance(tensor, start.momentum.covariance)[0]))
-        if not (sigma_k < VAGUE).all():
+        moments, V = principal_axes(tensor)
+        by_k, _ = ratio_derivatives(moments, V, DIRECTIONS)
+        if not (np.einsum("ka,ab,kb->k", by_k, start.momentum.covariance, by_k) < VAGUE**2).all():
             # what least squares makes of a motion that hardly shows the inertia can be a needle: begin near a ball
-            V = np.linalg.eigh(tensor)[1]
             tensor = V @ np.diag([0.28, 0.33, 0.39]) @ V.T
     m = len(chosen)
     P = np.zeros((BASE + 3 * m, BASE + 3 * m))
@@ -152,7 +166,7 @@ def _begin(problem: Problem, prior: Prior, start: Any, chosen: np.ndarray, camer
     P[np.diag_indices(len(P))] = diagonal
     P[6:11, 6:11] = inertia_covariance(tensor, k, axes)
     velocity = np.zeros(3) if start.velocity is None else start.velocity
-    return RangeStart(
+    begun = RangeStart(
         multiply(camera[0], start.q[0]),
         start.w[0],
         tensor,
@@ -161,15 +175,4 @@ def _begin(problem: Problem, prior: Prior, start: Any, chosen: np.ndarray, camer
         f,
         P,
     )
-
-
-def _later(orbit: Any, seconds: float) -> Any:
-    """The same orbit with its true anomaly some time later."""
-    from massprops.dynamics.surroundings import eccentric_anomaly
-
-    e = orbit.eccentricity
-    half = np.sqrt((1 - e) / (1 + e)) * np.tan(orbit.true_anomaly_rad / 2)
-    E0 = 2 * np.arctan(half)
-    mean = E0 - e * np.sin(E0) + np.sqrt(orbit.mu_m3_s2 / orbit.semi_major_axis_m**3) * seconds
-    E = eccentric_anomaly(float(mean), e)
-    return replace(orbit, true_anomaly_rad=float(2 * np.arctan(np.sqrt((1 + e) / (1 - e)) * np.tan(E / 2))))
+    return begun, k

@@ -12,9 +12,9 @@ from massprops.dynamics import rotation, translation
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, rotation_vector
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.batch.state import BatchState, inertia_directions
-from massprops.estimators.problem import Problem
+from massprops.model.measurements import Measurements
+from massprops.model.problem import Problem
+from massprops.model.state import BatchState, inertia_directions
 from massprops.sensing.predict import Motion, camera_turn, image, in_chaser, pixel_slopes
 
 
@@ -82,7 +82,7 @@ def body_points(at: Predicted, m: Measurements) -> np.ndarray:
     for effect, place, _ in model.acting:
         if hasattr(effect, "shift"):
             points = points + _columns(effect.shift(at.motion.times, p[place]), len(at.motion.times))[m.seen.epoch]
-    return points
+    return np.asarray(points)
 
 
 def residuals(problem: Problem, m: Measurements, at: Predicted) -> Residuals:
@@ -238,7 +238,7 @@ def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: _Slopes)
         whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
         for k, way in enumerate(_ways(effect.turn, problem.times, ps[place])):
             J[:, :, by.sensed_from + place.start + k] = -np.einsum("nji,nj->ni", whole, way)[m.attitude_at]
-    return J / problem.sigma_attitude[m.attitude_at, None, None]
+    return np.asarray(J / problem.sigma_attitude[m.attitude_at, None, None])
 
 
 def _ways(function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:

@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from massprops.dynamics.inertia import (
+    cholesky_inertia,
+    cholesky_ratio_derivatives,
+    principal_axes,
+    ratios_of_moments,
+)
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, skew
-from massprops.estimators import verdict
-from massprops.estimators.body_frame import mean_turn
-from massprops.estimators.problem import Problem
+from massprops.estimators.filters import verdict
+from massprops.estimators.filters.body_frame import mean_turn
+from massprops.estimators.filters.features import Passage
+from massprops.estimators.filters.setup import Setup
+from massprops.estimators.filters.state import Run, State
 from massprops.estimators.result import Estimate
-from massprops.estimators.unscented.features import Passage
-from massprops.estimators.unscented.setup import Setup
-from massprops.estimators.unscented.state import Run, State
+from massprops.model.problem import Problem
 
 
 def estimate_of(
     name: str, problem: Problem, setup: Setup, passage: Passage, times: np.ndarray, warnings: tuple[str, ...] = ()
 ) -> Estimate:
-    """The estimate, in the body axes of attitude0 or in the filter's own principal axes.
+    """The estimate, in the body axes of attitude0 or in the filter's own.
 
     Args:
         times: (n,) of the run's epochs [s].
     """
     run, last = passage.run, passage.run.last
-    own, turn, axes_covariance = _body(problem, setup, passage, times)
-    body = rotation_matrix(turn)  # principal axes as columns, in body axes
-    moments, order, to_sorted = sorted_moments(run.k[-1])
+    shape = _shape_of(run)
+    own, turn, axes_covariance = _body(problem, setup, passage, times, shape)
+    body = rotation_matrix(turn)  # the filter's axes as columns, in body axes
     places, sigma, moving = last.places(), run.sigma, setup.state.moving
-    P_k = to_sorted @ last.P[places["k"], places["k"]] @ to_sorted.T
-    columns = body[:, order]
-    columns = columns * np.array([1.0, 1.0, np.sign(np.linalg.det(columns))])
+    inertia_block = run.block[:, places["k"], places["k"]]
+    k_covariance = shape.by_k @ inertia_block @ np.swapaxes(shape.by_k, 1, 2)
+    columns = body @ shape.axes
     known = np.isfinite(passage.points[:, 0])
     found = Estimate(
         name=name,
         converged=False,
         observable=False,
-        k1=float(np.log(moments[0] / moments[1])),
-        k2=float(np.log(moments[1] / moments[2])),
-        k_covariance=P_k,
-        inertia=columns @ np.diag(moments) @ columns.T / moments.sum(),
+        k1=float(shape.k[-1, 0]),
+        k2=float(shape.k[-1, 1]),
+        k_covariance=k_covariance[-1],
+        inertia=columns @ np.diag(shape.moments) @ columns.T / shape.moments.sum(),
         principal_axes=columns,
         axes_covariance=body @ axes_covariance @ body.T,
         times=times,
@@ -46,12 +54,12 @@ def estimate_of(
         w=run.w @ body.T,
         position=run.position if moving else None,
         velocity=run.velocity if moving else None,
-        sigma_attitude=sigma[:, 3:6],
-        sigma_w=sigma[:, :3],
+        sigma_attitude=sigma[:, places["attitude"]],
+        sigma_w=sigma[:, places["w"]],
         sigma_position=sigma[:, places["position"]] if moving else None,
         sigma_velocity=sigma[:, places["velocity"]] if moving else None,
-        k_history=run.k @ to_sorted.T,
-        k_sigma_history=np.sqrt(np.einsum("ai,nij,aj->na", to_sorted, run.block[:, 6:8, 6:8], to_sorted)),
+        k_history=shape.k,
+        k_sigma_history=np.sqrt(np.maximum(np.einsum("nii->ni", k_covariance), 0.0)),
         features=passage.points[known] @ body.T if moving else None,
         feature_ids=problem.features[known] if moving else None,
         body_frame=own,
@@ -62,21 +70,35 @@ def estimate_of(
         warnings=warnings,
     )
     finite = all(np.isfinite(x).all() for x in (run.w, run.q, run.k, last.P))
-    failed = verdict.failure(finite, found.used, found.gated, verdict.late_square(run.nis, run.used), run.k[-1])
-    return verdict.concluded(found, failed, "" if failed else _hidden(setup, run, found))
+    failed = verdict.failure(finite, found.used, found.gated, verdict.late_square(run.nis, run.used), shape.k[-1])
+    if failed:
+        return verdict.concluded(found, failed, "")
+    weight = verdict.attitude_weight(problem, times, found, passage.points[known], run.used > 0)
+    return verdict.concluded(found, "", verdict.hidden(found, weight, float(setup.k_sigma.max())))
 
 
-def _hidden(setup: Setup, run: Run, found: Estimate) -> str:
-    """Why the ratios cannot be told from this motion; empty when they can."""
-    assert found.q is not None and found.w is not None and found.inertia is not None and found.sigma_k is not None
-    variance = np.mean(run.sigma[:, 3:6] ** 2, axis=1)
-    weight = np.where(run.used > 0, 1.0 / np.maximum(variance, 1e-16), 0.0)
-    k = np.array([found.k1, found.k2])
-    return (
-        verdict.unlearnt(found.sigma_k, max(float(setup.k_sigma.max()), 1e-12))
-        or verdict.unseen(found.times, weight, found.q[-1], found.w[-1], found.inertia)
-        or verdict.symmetric(np.abs(k) < verdict.SURE * found.sigma_k)
-    )
+@dataclass(frozen=True)
+class _Shape:
+    """The inertia at the end, moments ascending (3,) and axes (3, 3) in the filter's; k1, k2 at each epoch (n, 2) and their
+    derivatives by the filter's numbers (n, 2, p); that of a turn of the axes about the filter's, at the end (3, p)."""
+
+    moments: np.ndarray
+    axes: np.ndarray
+    k: np.ndarray
+    by_k: np.ndarray
+    by_turn: np.ndarray
+
+
+def _shape_of(run: Run) -> _Shape:
+    if run.k.shape[1] > 2:
+        moments, axes = principal_axes(cholesky_inertia(run.k))
+        by_k, by_turn = cholesky_ratio_derivatives(run.k)
+        return _Shape(moments[-1], axes[-1], ratios_of_moments(moments), by_k, axes[-1] @ by_turn[-1])
+    moments, order, to_sorted = sorted_moments(run.k[-1])
+    axes = np.eye(3)[:, order]
+    axes = axes * np.array([1.0, 1.0, np.linalg.det(axes)])
+    by_k = np.broadcast_to(to_sorted, (len(run.k), 2, 2))
+    return _Shape(moments, axes, run.k @ to_sorted.T, by_k, np.zeros((3, 2)))
 
 
 def sorted_moments(k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,20 +109,27 @@ def sorted_moments(k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.exp(rows @ k), order, np.array([rows[0] - rows[1], rows[1] - rows[2]])
 
 
-def _body(problem: Problem, setup: Setup, passage: Passage, times: np.ndarray) -> tuple[str, np.ndarray, np.ndarray]:
-    """Name of the body frame, turn (4,) of principal vectors into it, covariance (3, 3) of the principal axes."""
+def _body(
+    problem: Problem, setup: Setup, passage: Passage, times: np.ndarray, shape: _Shape
+) -> tuple[str, np.ndarray, np.ndarray]:
+    """Name of the body frame, turn (4,) of the filter's vectors into it, covariance (3, 3) of the principal axes."""
     run, last = passage.run, passage.run.last
     if not setup.points:
         at, turn = last.places()["axes"], conjugate(last.axes)
         body = rotation_matrix(turn)
         # the state's own error of these is a turn about body axes
         return ("attitude0" if setup.sensors[0] else "own"), turn, body.T @ last.P[at, at] @ body
-    covariance = axes_covariance_of(last)
+    if len(last.k) > 2:
+        # the axes against the attitudes: what the filter's own body axes are off by cancels
+        J = np.concatenate([np.zeros((3, 3)), np.eye(3), shape.by_turn], axis=1)
+        covariance = J @ run.block[-1] @ J.T
+    else:
+        covariance = axes_covariance_of(last)
     epochs = np.searchsorted(problem.times, times - 1e-9)
     measured = problem.attitude[epochs]
     if not np.isfinite(measured[:, 0]).any():
         return "own", np.array([1.0, 0, 0, 0]), covariance
-    # tracks and attitude0 come from the same images: with stereo points attitude0 only names the body axes
+    # tracks and attitude0 come from the same images: with feature points attitude0 only names the body axes
     variance = np.square(problem.sigma_attitude[epochs]) + np.sum(run.sigma[:, 3:6] ** 2, axis=1)
     mean, extra = mean_turn(measured, run.q, variance)
     return "attitude0", mean, covariance + extra * np.eye(3)

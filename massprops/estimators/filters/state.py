@@ -8,33 +8,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from massprops.estimators.compiling import compiled
-from massprops.estimators.unscented.rule import (
-    ATTITUDE,
-    AXES,
-    POINTS,
-    POSITION,
-    RATIO,
-    VELOCITY,
-    Record,
-    Rule,
-    Seen,
-    Steps,
-)
+from massprops.core.compiling import compiled
+from massprops.estimators.filters.rule import RATIO, Record, Rule, Seen, Steps
 from massprops.sensing.pinhole import Pinhole as Camera
 
 KERNEL = (
     "massprops.dynamics.kernels",
-    "massprops.estimators.unscented.rule",
-    "massprops.estimators.unscented.components",
-    "massprops.estimators.unscented.algebra",
-    "massprops.estimators.unscented.prediction",
-    "massprops.estimators.unscented.sight",
-    "massprops.estimators.unscented.correction",
+    "massprops.estimators.filters.rule",
+    "massprops.estimators.filters.components",
+    "massprops.estimators.filters.algebra",
+    "massprops.estimators.filters.prediction",
+    "massprops.estimators.filters.sight",
+    "massprops.estimators.filters.correction",
 )
-
-AT_END = (ATTITUDE, RATIO, AXES, POSITION, VELOCITY, POINTS)
-"""Where one part of the state ends and the next begins."""
+LINEARISED = "massprops.estimators.filters.linearised"
+GENERAL = "massprops.estimators.filters.general_inertia"
+"""Their functions take the place of those before."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +35,8 @@ class Settings:
         gate: innovations beyond this many sigma are rejected with all measurements of their group; 0 for none.
         largest_turn: rotation per Runge-Kutta step [rad].
         additive: the paper's additive quaternion, four components, in place of the three of a multiplicative error.
+        rounds: linearisations of an update at most: 1 for an extended Kalman filter, more for an iterated one; 0 for the
+            unscented update.
     """
 
     alpha: float = 0.1
@@ -54,17 +45,25 @@ class Settings:
     gate: float = 5.0
     largest_turn: float = 0.1
     additive: bool = False
+    rounds: int = 0
+
+
+UNSCENTED = Settings()
+ITERATED = Settings(alpha=0.01, rounds=6)
+"""The update rules: unscented, and iterated extended Kalman filter, whose sigma points lie so close that they give
+derivatives."""
 
 
 @dataclass(frozen=True)
 class State:
-    """Mean and covariance. Rotation is of the principal frame, I = diag(exp(k1), 1, exp(-k2)).
+    """Mean and covariance. Rotation is of the principal frame, I = diag(exp(k1), 1, exp(-k2)); or of any body axes, with the
+    five numbers of `inertia.cholesky_inertia` in place of k1, k2, and the planet's gravity acts.
 
-    The error's order: rates 3, attitude 3 (body axes [rad]; or 4, additive), k1, k2, then, where they are estimated,
+    The error's order: rates 3, attitude 3 (body axes [rad]; or 4, additive), k1, k2 (or 5), then, where they are estimated,
     axes 3 (turn of `axes` on its right), position 3, velocity 3, and 3 for each feature.
 
     Attributes:
-        w: (3,) [rad/s], principal axes. q: (4,) principal frame to cam0. k: (2,).
+        w: (3,) [rad/s], principal axes. q: (4,) principal frame to cam0. k: (2,) or (5,).
         axes: (4,) turns vectors of the measured body frame (attitude0, imu0) into the principal frame.
         position: (3,) [m], velocity: (3,) inertial velocity in cam0's axes [m/s], of the centre of mass.
         features: (m, 3) principal axes [m].
@@ -86,8 +85,9 @@ class State:
     def places(self, additive: bool = False) -> dict[str, slice]:
         """Rows of P by name."""
         na = 4 if additive else 3
-        out = {"w": slice(0, 3), "attitude": slice(3, 3 + na), "k": slice(3 + na, 5 + na)}
-        at = 5 + na
+        out = {"w": slice(0, 3), "attitude": slice(3, 3 + na)}
+        at = 3 + na + len(self.k)
+        out["k"] = slice(3 + na, at)
         if self.axes_free:
             out["axes"], at = slice(at, at + 3), at + 3
         if self.moving:
@@ -134,6 +134,7 @@ class Measurements:
         reference: (3,) [m].
         transition: (n, 6, 6) of position and velocity over dt, or None for uniform motion.
         spin: (n, 4) turn of the chaser over dt as a factor on the left of q, or None.
+        chaser: (n, 10) its path over dt and mu, as of `rule.Steps`, or None: needed only in gravity.
     """
 
     dt: np.ndarray
@@ -149,6 +150,7 @@ class Measurements:
     reference: np.ndarray = field(default_factory=lambda: np.zeros(3))
     transition: np.ndarray | None = None
     spin: np.ndarray | None = None
+    chaser: np.ndarray | None = None
 
     @property
     def extras(self) -> tuple[int, int, int]:
@@ -219,6 +221,7 @@ def rule_of(state: State, seen: Measurements, settings: Settings) -> Rule:
         excess=float(settings.beta - settings.alpha**2),
         gate=float(settings.gate),
         largest_turn=float(settings.largest_turn),
+        rounds=settings.rounds,
     )
 
 
@@ -229,7 +232,8 @@ def _steps(seen: Measurements, noise: np.ndarray) -> Steps:
         F = np.broadcast_to(np.eye(6), (n, 6, 6)).copy()
         F[:, :3, 3:] = seen.dt[:, None, None] * np.eye(3)
     spin = np.tile([1.0, 0, 0, 0], (n, 1)) if seen.spin is None else np.ascontiguousarray(seen.spin, float)
-    return Steps(np.ascontiguousarray(seen.dt, float), np.ascontiguousarray(F, float), spin, noise)
+    chaser = np.zeros((n, 10)) if seen.chaser is None else np.ascontiguousarray(seen.chaser, float)
+    return Steps(np.ascontiguousarray(seen.dt, float), np.ascontiguousarray(F, float), spin, noise, chaser)
 
 
 def _seen(seen: Measurements, features: int) -> Seen:
@@ -262,18 +266,22 @@ def filter_epochs(
     parts = (state.w, state.q, state.k, state.axes, state.position, state.velocity, np.ravel(state.features))
     x, P = np.concatenate(parts).astype(float), np.array(state.P, float)
     b = state.places(settings.additive)["k"].stop
-    record = Record(np.zeros((n, 19)), np.zeros((n, size)), np.zeros((n, b, b)), np.zeros((n, 3)))
+    # where one part of the state ends and the next begins: attitude, inertia, axes, position, velocity, features
+    edges = np.cumsum([3, RATIO - 3, len(state.k), 4, 3, 3])
+    record = Record(np.zeros((n, edges[-1])), np.zeros((n, size)), np.zeros((n, b, b)), np.zeros((n, 3)))
     steps = _steps(seen, noise.diagonal(state, settings.additive))
-    loop = loop or compiled("run_loop", *KERNEL, one_piece=True)
+    if loop is None:
+        rest = ((LINEARISED,) if settings.rounds else ()) + ((GENERAL,) if len(state.k) > 2 else ())
+        loop = compiled("run_loop", *KERNEL, *rest, one_piece=True)
     given = (x, P, steps, _seen(seen, m), rule_of(state, seen, settings), record)
     begin = time.process_time()
     loop(*given)
     spent = time.process_time() - begin
-    w, q, k, axes, position, velocity, features = np.split(x, AT_END)
+    w, q, k, axes, position, velocity, features = np.split(x, edges)
     last = replace(
         state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features.reshape(m, 3), P=P
     )
-    means = np.split(record.mean, AT_END[:-1], axis=1)
+    means = np.split(record.mean, edges[:-1], axis=1)
     return Run(
         w=means[0],
         q=means[1],

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_matrix, rotation_matrix, skew
-from massprops.estimators.problem import Problem
-from massprops.estimators.unscented.features import Passage
-from massprops.estimators.unscented.foresight import foresee_features
-from massprops.estimators.unscented.setup import Setup, chaser_steps, measurements
-from massprops.estimators.unscented.state import Measurements
+from massprops.estimators.filters.features import Passage
+from massprops.estimators.filters.foresight import foresee_features
+from massprops.estimators.filters.setup import Setup, chaser_steps, measurements
+from massprops.estimators.filters.state import Measurements
+from massprops.model.problem import Problem
 from massprops.sensing.pinhole import project
 
 LONGEST_PAUSE = 5.5
@@ -221,7 +221,7 @@ def _path(
     run = passage.run
     n = len(times)
     arm = np.einsum("nij,mj->nmi", rotation_matrix(run.q[:n]), run.last.features)
-    transition, _ = chaser_steps(problem, times)
+    transition = chaser_steps(problem.environment, times).transition
     to = np.empty((n, 6, 6))  # state at the last epoch to each
     to[-1] = np.eye(6)
     for i in range(n - 1, 0, -1):
@@ -248,7 +248,7 @@ def _path(
 
 def _turns(problem: Problem, times: np.ndarray, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Chaser's axes at `times` and at `ahead[1:]` in its axes at the first, (n, 3, 3) and (k, 3, 3); None if still."""
-    from massprops.estimators.chaser_path import chaser_path
+    from massprops.dynamics.chaser_path import chaser_path
 
     if problem.environment.orbit is None or problem.environment.chaser_attitude != "lvlh":
         return None

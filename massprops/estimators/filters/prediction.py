@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.estimators.unscented.algebra import upper_factor
-from massprops.estimators.unscented.components import product, torque_free, turn_between, turned, unit
-from massprops.estimators.unscented.rule import ATTITUDE, POSITION, RATIO, VELOCITY, leading, place_error
+from massprops.estimators.filters.algebra import upper_factor
+from massprops.estimators.filters.components import product, torque_free, turn_between, turned, unit
+from massprops.estimators.filters.rule import ATTITUDE, INERTIA, POSITION, RATIO, VELOCITY, leading, place_error
 
 WIDEST_RATE, WIDEST_TURN, WIDEST_RATIO = 10.0, 3.0, 2.0
 """1-sigma of rates [rad/s], attitude [rad] and k beyond which nothing is known of them: wider is not carried."""
@@ -32,7 +32,7 @@ def bounded(x, P, rule):  # type: ignore[no-untyped-def]
             x[i] = x[i] * (FASTEST / speed) if np.isfinite(x[i]) and np.isfinite(speed) else 0.0
     nd = leading(rule)
     for i in range(nd):
-        widest = WIDEST_RATE if i < 3 else (WIDEST_TURN if i < nd - 2 else WIDEST_RATIO)
+        widest = WIDEST_RATE if i < 3 else (WIDEST_TURN if i < nd - INERTIA else WIDEST_RATIO)
         if P[i, i] > widest * widest:
             f = widest / np.sqrt(P[i, i])
             for j in range(P.shape[0]):
@@ -40,24 +40,24 @@ def bounded(x, P, rule):  # type: ignore[no-untyped-def]
                 P[j, i] *= f
 
 
-def pairs(x, U, dt, steps, rule, odd, even):  # type: ignore[no-untyped-def]
-    """Half differences and half sums of the sigma points' rates and attitudes dt later, into odd and even (nd, nd - 2)
+def carried(w, q, x, U, j, nf, g, step, steps):  # type: ignore[no-untyped-def]
+    """Rates w and attitude q after a step (dt, chaser), with the inertia of x moved by g along row j of U, from column nf."""
+    return torque_free(w, q, x[RATIO] + g * U[j, nf], x[RATIO + 1] + g * U[j, nf + 1], step[0], steps)
+
+
+def pairs(x, U, step, steps, rule, odd, even):  # type: ignore[no-untyped-def]
+    """Half differences and half sums of the sigma points' rates and attitudes a step later, into odd and even (nd, nf)
     that come as zeros. Returns where the mean goes to: w 3, q 4."""
-    nd, gamma, additive = odd.shape[0], rule.gamma, rule.additive
+    nd, nf, gamma, additive = odd.shape[0], odd.shape[1], rule.gamma, rule.additive
     q = (x[3], x[4], x[5], x[6])
-    centre = torque_free((x[0], x[1], x[2]), q, x[RATIO], x[RATIO + 1], dt, steps)
+    centre = carried((x[0], x[1], x[2]), q, x, U, 0, nf, 0.0, step, steps)
     c0, c1, c2, c3, c4, c5, c6 = centre
     for j in range(nd):
         for side in range(2):
             g = gamma if side == 0 else -gamma
-            x0, x1, x2, p0, p1, p2, p3 = torque_free(
-                (x[0] + g * U[j, 0], x[1] + g * U[j, 1], x[2] + g * U[j, 2]),
-                perturbed(x, g, U, j, additive),
-                x[RATIO] + g * U[j, nd - 2],
-                x[RATIO + 1] + g * U[j, nd - 1],
-                dt,
-                steps,
-            )
+            w = (x[0] + g * U[j, 0], x[1] + g * U[j, 1], x[2] + g * U[j, 2])
+            p = perturbed(x, g, U, j, additive)
+            x0, x1, x2, p0, p1, p2, p3 = carried(w, p, x, U, j, nf, g, step, steps)
             half = 0.5 / gamma
             sign = half if side == 0 else -half
             d = (x0 - c0, x1 - c1, x2 - c2)
@@ -110,8 +110,8 @@ def turn_mean(x, centre, mean, spin, additive):  # type: ignore[no-untyped-def]
         x[ATTITUDE + i] = q[i]
 
 
-def move_linearly(x, P, F, t):  # type: ignore[no-untyped-def]
-    """Position and velocity, whose errors begin at t, by the transition F (6, 6)."""
+def move_place(x, F, spin, step):  # type: ignore[no-untyped-def]
+    """Position and velocity by the transition F (6, 6)."""
     old = np.empty(6)
     for i in range(3):
         old[i], old[3 + i] = x[POSITION + i], x[VELOCITY + i]
@@ -120,6 +120,11 @@ def move_linearly(x, P, F, t):  # type: ignore[no-untyped-def]
         for j in range(6):
             total += F[i, j] * old[j]
         x[POSITION + i] = total
+
+
+def place_covariance(P, F, t):  # type: ignore[no-untyped-def]
+    """The covariance of position and velocity, whose errors begin at t, by the transition F (6, 6)."""
+    old = np.empty(6)
     for c in range(P.shape[0]):
         for j in range(6):
             old[j] = P[t + j, c]
@@ -138,10 +143,10 @@ def move_linearly(x, P, F, t):  # type: ignore[no-untyped-def]
             P[c, t + i] = total
 
 
-def propagate(x, P, dt, F, spin, noise, rule):  # type: ignore[no-untyped-def]
-    """State and covariance dt later, in place."""
-    nd = leading(rule)
-    nf = nd - 2
+def propagate(x, P, step, F, spin, noise, rule):  # type: ignore[no-untyped-def]
+    """State and covariance after a step (dt, chaser), in place."""
+    dt, nd = step[0], leading(rule)
+    nf = nd - INERTIA
     speed = np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2) + rule.gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])
     # where the attitude is lost there is no accuracy to keep
     most = 50 if P[3, 3] > 0.25 * WIDEST_TURN * WIDEST_TURN else 10000
@@ -149,7 +154,7 @@ def propagate(x, P, dt, F, spin, noise, rule):  # type: ignore[no-untyped-def]
     U = P.copy()
     upper_factor(U, nd)
     odd, even = np.zeros((nd, nf)), np.zeros((nd, nf))
-    centre = pairs(x, U, dt, steps, rule, odd, even)
+    centre = pairs(x, U, step, steps, rule, odd, even)
     c0, c1, c2, c3, c4, c5, c6 = centre
     mean = np.zeros(nf)
     size = c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3 + c4 * c4 + c5 * c5 + c6 * c6
@@ -162,7 +167,8 @@ def propagate(x, P, dt, F, spin, noise, rule):  # type: ignore[no-untyped-def]
         # attitude is now carried in the turned frame, rates and attitude first
         turn_mean(x, centre, mean, spin, rule.additive)
         if rule.moving:
-            move_linearly(x, P, F, place_error(rule))
+            move_place(x, F, spin, step)
+            place_covariance(P, F, place_error(rule))
     else:
         # a motion beyond what can be integrated: the state stands still and its doubt grows
         for i in range(3):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.estimators.unscented.algebra import (
+from massprops.estimators.filters.algebra import (
     add_pairs,
     add_rows,
     add_to_mean,
@@ -19,11 +19,12 @@ from massprops.estimators.unscented.algebra import (
     take_rows,
     upper_factor,
 )
-from massprops.estimators.unscented.components import turn_between, turned, unit
-from massprops.estimators.unscented.prediction import bounded, perturbed, propagate
-from massprops.estimators.unscented.rule import (
+from massprops.estimators.filters.components import turn_between, turned, unit
+from massprops.estimators.filters.prediction import bounded, perturbed, propagate
+from massprops.estimators.filters.rule import (
     ATTITUDE,
     AXES,
+    INERTIA,
     POINTS,
     POSITION,
     RATIO,
@@ -33,7 +34,7 @@ from massprops.estimators.unscented.rule import (
     place_error,
     point_error,
 )
-from massprops.estimators.unscented.sight import axes_in_reference, sight
+from massprops.estimators.filters.sight import axes_in_reference, sight
 
 SMALL = 200_000
 """Products up to which BLAS is used: it is quicker than the loops, and keeps to one thread."""
@@ -204,8 +205,8 @@ def move_mean(x, step, rule):  # type: ignore[no-untyped-def]
         u = turned(x[3], x[4], x[5], x[6], step[3], step[4], step[5])
     for i in range(4):
         x[ATTITUDE + i] = u[i]
-    for i in range(2):
-        x[RATIO + i] = min(max(x[RATIO + i] + step[nd - 2 + i], -5.0), 5.0)
+    for i in range(INERTIA):
+        x[RATIO + i] = min(max(x[RATIO + i] + step[nd - INERTIA + i], -5.0), 5.0)
     if rule.axes_free:
         u = turned(x[AXES], x[AXES + 1], x[AXES + 2], x[AXES + 3], step[nd], step[nd + 1], step[nd + 2])
         for i in range(4):
@@ -239,21 +240,51 @@ def innovations(both, z, variance, h0, mid, attitude, index, rule):  # type: ign
     return mean, value, spread, noise
 
 
-def correct(x, P, z, variance, attitude, place, eyes, group, rule, tally):  # type: ignore[no-untyped-def]
-    """One epoch's measurements, in place. tally: normalised innovation squared, used, gated."""
-    n, m, ny = P.shape[0], (x.shape[0] - POINTS) // 3, z.shape[0]
-    off, first, per = point_error(rule), ahead(rule), per_feature(eyes.shape[0], rule)
-    index, used, start = np.empty(ny, np.int64), np.zeros(m, np.bool_), np.zeros(m + 1, np.int64)
+def rows_of(z, variance, features, cameras, rule):  # type: ignore[no-untyped-def]
+    """Numbers of what is measured, which features are, and for each feature the first row of its own or a later one."""
+    ny, first, per = z.shape[0], ahead(rule), per_feature(cameras, rule)
+    index, used, start = np.empty(ny, np.int64), np.zeros(features, np.bool_), np.zeros(features + 1, np.int64)
     nu = chosen(z, variance, first, per, index, used)
-    if nu == 0:
-        return
     index = index[:nu]
     begin_rows(index, nu, first, per, start)
+    return index, used, start
+
+
+def root_of(P):  # type: ignore[no-untyped-def]
+    """U with P = U^T U, and three rows of zeros below it."""
+    n = P.shape[0]
     U = np.zeros((n + 3, n))
     for i in range(n):
         for c in range(n):
             U[i, c] = P[i, c]
     upper_factor(U, n)
+    return U
+
+
+def joint_root(both, U, start, mean, value, noise, nu, inflate, rule):  # type: ignore[no-untyped-def]
+    """The factor of the first nu rows' covariance S, with the whitened cross-covariance and innovation: (nu, n + nu + 1)."""
+    n = U.shape[1]
+    small = nu == both.shape[2] and 2 * n * nu * nu <= SMALL
+    T = np.zeros((nu, nu + n + 1))
+    for c in range(nu):
+        f = rule.excess * mean[c]
+        for b in range(c, nu):
+            T[c, b] = f * mean[b]
+        T[c, c] += inflate * noise[c]
+        T[c, nu + n] = value[c]
+    add_sums(T, both, U, start, point_error(rule), small)
+    upper_factor(T, nu)
+    return T, small
+
+
+def correct(x, P, z, variance, attitude, place, eyes, group, rule, tally):  # type: ignore[no-untyped-def]
+    """One epoch's measurements, in place. tally: normalised innovation squared, used, gated."""
+    n, m, ny = P.shape[0], (x.shape[0] - POINTS) // 3, z.shape[0]
+    index, used, start = rows_of(z, variance, m, eyes.shape[0], rule)
+    nu = index.shape[0]
+    if nu == 0:
+        return
+    U = root_of(P)
     still = not np.isnan(place[0])
     seen_from = x.copy()
     if still:
@@ -270,18 +301,8 @@ def correct(x, P, z, variance, attitude, place, eyes, group, rule, tally):  # ty
         if kept == 0:
             return
         if kept < nu:
-            begin_rows(index, kept, first, per, start)
-    small = kept == nu and 2 * n * nu * nu <= SMALL
-    nu = kept
-    T = np.zeros((nu, nu + n + 1))
-    for c in range(nu):
-        f = rule.excess * mean[c]
-        for b in range(c, nu):
-            T[c, b] = f * mean[b]
-        T[c, c] += inflate * noise[c]
-        T[c, nu + n] = value[c]
-    add_sums(T, both, U, start, off, small)
-    upper_factor(T, nu)
+            begin_rows(index, kept, ahead(rule), per_feature(eyes.shape[0], rule), start)
+    T, small = joint_root(both, U, start, mean, value, noise, kept, inflate, rule)
     absorb(x, P, T, small, rule, tally)
 
 
@@ -309,13 +330,13 @@ def absorb(x, P, T, small, rule, tally):  # type: ignore[no-untyped-def]
 
 def run_loop(x, P, steps, seen, rule, record):  # type: ignore[no-untyped-def]
     """All epochs, `rule.Steps` and `rule.Seen`, into `rule.Record`; x and P end at the last one."""
-    dt, F, spin, noise = steps
+    dt, F, spin, noise, chaser = steps
     z, variance, attitude, place, eyes, group = seen
     mean, sigma, block, tally = record
     n, nb = P.shape[0], block.shape[1]
     for t in range(dt.shape[0]):
         if dt[t] > 0.0:
-            propagate(x, P, dt[t], F[t], spin[t], noise, rule)
+            propagate(x, P, (dt[t], chaser[t]), F[t], spin[t], noise, rule)
         correct(x, P, z[t], variance[t], attitude[t], place[t], eyes, group, rule, tally[t])
         for i in range(POINTS):
             mean[t, i] = x[i]

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+INERTIA = 2
+"""Numbers that stand for the inertia: k1, k2; `general_inertia` has five."""
 RATE, ATTITUDE, RATIO, AXES, POSITION, VELOCITY, POINTS = 0, 3, 7, 9, 13, 16, 19
 """Where the state vector x (19 + 3 m,) has rates w 3, attitude q 4, ratios k 2, axes 4, position r 3, velocity v 3 and the
 features, 3 each."""
@@ -14,7 +16,8 @@ features, 3 each."""
 class Rule(NamedTuple):
     """additive, axes_free, moving: which errors there are, as of `state.State` and `state.Settings`; attitude, rates,
     range: rows of these channels (3, 3, 1, or 0); disparity, flow: as of `state.Measurements`; gamma: distance of the sigma
-    points in standard deviations; excess: weight of the mean's square in a covariance; gate [sigma]; largest_turn [rad]."""
+    points in standard deviations; excess: weight of the mean's square in a covariance; gate [sigma]; largest_turn [rad];
+    rounds: of linearisation in an update, 0 for the unscented one."""
 
     additive: bool
     axes_free: bool
@@ -28,15 +31,19 @@ class Rule(NamedTuple):
     excess: float
     gate: float
     largest_turn: float
+    rounds: int
 
 
 class Steps(NamedTuple):
-    """dt: (n,) [s]; F: (n, 6, 6) of position and velocity; spin: (n, 4) on the left of q; noise: (N,) a second."""
+    """dt: (n,) [s]; F: (n, 6, 6) of position and velocity; spin: (n, 4) on the left of q; noise: (N,) a second; chaser:
+    (n, 10) its place from the planet's centre at the beginning, middle and end of a step, in its axes at the beginning [m],
+    and mu [m^3/s^2]."""
 
     dt: np.ndarray
     F: np.ndarray
     spin: np.ndarray
     noise: np.ndarray
+    chaser: np.ndarray
 
 
 class Seen(NamedTuple):
@@ -62,8 +69,8 @@ class Record(NamedTuple):
 
 
 def leading(rule: Rule) -> int:
-    """Errors of rates, attitude and ratios: those whose motion is not linear."""
-    return 9 if rule.additive else 8
+    """Errors of rates, attitude and inertia: those whose motion is not linear."""
+    return (7 if rule.additive else 6) + INERTIA
 
 
 def place_error(rule: Rule) -> int:

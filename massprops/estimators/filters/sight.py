@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.kernels import to_body
-from massprops.estimators.unscented.components import feature_motion, image, product, turn_between
-from massprops.estimators.unscented.rule import AXES, POINTS, POSITION, VELOCITY, ahead, per_feature
+from massprops.estimators.filters.components import feature_motion, image, product, turn_between
+from massprops.estimators.filters.rule import AXES, POINTS, POSITION, VELOCITY, ahead, per_feature
 
 
 def axes_in_reference(x):  # type: ignore[no-untyped-def]

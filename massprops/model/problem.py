@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
 from massprops.errors import InputError
 from massprops.memory import refuse_beyond
 from massprops.sensing.pinhole import Pinhole, pinhole_of
@@ -63,7 +64,7 @@ class Problem:
     @property
     def seen(self) -> np.ndarray:
         """(n, c, m) True where a feature was measured."""
-        return np.isfinite(self.uv[..., 0])
+        return np.asarray(np.isfinite(self.uv[..., 0]))
 
     @property
     def has_tracks(self) -> bool:
@@ -293,7 +294,7 @@ def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
     use = count * block
 
     def means(x: np.ndarray) -> np.ndarray:
-        return x[:use].reshape(count, block, *x.shape[1:]).mean(axis=1)
+        return np.asarray(x[:use].reshape(count, block, *x.shape[1:]).mean(axis=1))
 
     # means closer together than the noise's memory say no more in all: each counts for less
     sigma = float(np.sqrt(np.mean(means(left) ** 2) * max(1.0, length / block)))
@@ -310,4 +311,4 @@ def _spread(values: np.ndarray) -> float:
     if len(values) < 8:
         return float(np.std(values)) or 1.0
     third = np.diff(values, 3, axis=0) / np.sqrt(20.0)
-    return float(1.4826 * np.median(np.abs(third - np.median(third, axis=0)))) or 1e-12
+    return mad_sigma(third - np.median(third, axis=0)) or 1e-12

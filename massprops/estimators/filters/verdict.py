@@ -10,6 +10,7 @@ import numpy as np
 from massprops.estimators.attitude_information import shown_by
 from massprops.estimators.judgement import FARTHEST, without_ratios
 from massprops.estimators.result import Estimate
+from massprops.model.problem import Problem
 
 MOST_REFUSED = 0.3
 """Share of refused measurements beyond which it is the filter that is wrong."""
@@ -50,7 +51,7 @@ def late_square(squares: np.ndarray, numbers: np.ndarray) -> float:
 def unlearnt(sigma: np.ndarray, before: float) -> str:
     """Why k is known no better, sigma (2,), than at the start; empty when it is."""
     if sigma.max() > SHARP and sigma.max() > LEARNT * before:
-        return f"the motion taught nothing of the ratios: 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, as at the start"
+        return f"the motion says nothing about the ratios: 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, as at the start"
     return ""
 
 
@@ -80,6 +81,45 @@ def track_weight(count: np.ndarray, size: float, pixel: float, distance: np.ndar
         count: (n,) sights; size: spread of the features [m]; pixel: 1-sigma [rad]; distance: (n,) [m].
     """
     return np.where(count >= FEWEST_POINTS, count * (size / (pixel * distance)) ** 2, 0.0)
+
+
+def attitude_weight(
+    problem: Problem, times: np.ndarray, found: Estimate, features: np.ndarray, updated: np.ndarray
+) -> np.ndarray:
+    """(n,) one over the variance of the attitude that each epoch's measurements fix [rad^-2], 0 where there are none.
+
+    Args:
+        times: (n,) [s], of the found history; features: (m, 3) those filtered [m], none where tracks were not;
+        updated: (n,) whether anything was measured, for what neither tracks nor attitudes show.
+    """
+    assert found.sigma_attitude is not None
+    at = np.clip(np.searchsorted(problem.times, times - 1e-9), 0, len(problem.times) - 1)
+    if len(features) and found.position is not None:
+        size = float(np.sqrt(np.mean(np.sum((features - features.mean(axis=0)) ** 2, axis=1)) * 2 / 3))
+        pixel = problem.alike * float(np.mean(problem.sigma_px)) / abs(float(problem.cameras[0].intrinsics[0]))
+        count = np.minimum(problem.seen[at].sum(axis=(1, 2)), len(features) * len(problem.cameras))
+        return track_weight(count, size, pixel, np.linalg.norm(found.position, axis=1))
+    if problem.has_attitude:
+        sigma = problem.sigma_attitude[at]
+        good = np.isfinite(sigma) & (sigma > 0) & np.isfinite(problem.attitude[at, 0])
+        return np.where(good, 1.0 / np.where(good, sigma, 1.0) ** 2, 0.0)
+    variance = np.mean(found.sigma_attitude**2, axis=1)
+    return np.where(updated, 1.0 / np.maximum(variance, 1e-16), 0.0)
+
+
+def hidden(found: Estimate, weight: np.ndarray, before: float) -> str:
+    """Why ratios or axes cannot be told from this motion; empty when they can.
+
+    Args:
+        weight: (n,) of `attitude_weight`; before: 1-sigma of k at the start.
+    """
+    assert found.q is not None and found.w is not None and found.inertia is not None and found.sigma_k is not None
+    k = np.array([found.k1, found.k2], float)
+    return (
+        unlearnt(found.sigma_k, max(before, 1e-12))
+        or unseen(found.times, weight, found.q[-1], found.w[-1], found.inertia)
+        or symmetric(np.abs(k) < SURE * found.sigma_k)
+    )
 
 
 def concluded(found: Estimate, failed: str, hidden: str) -> Estimate:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.dynamics.inertia import DIRECTIONS, principal_axes, ratio_derivatives, ratios_of_moments
 from massprops.dynamics.quaternion import (
     from_rotation_matrix,
     from_rotation_vector,
@@ -14,7 +15,6 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
 )
 from massprops.dynamics.rotation import six_of
-from massprops.estimators.result import ratios
 from massprops.model import Model
 
 
@@ -48,21 +48,6 @@ class BatchState:
         return len(self.model.flat(True))
 
 
-BASIS = (
-    np.array(
-        [
-            [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
-            [[-1, 0, 0], [0, -1, 0], [0, 0, 2]],
-            [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
-            [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
-            [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
-        ]
-    )
-    / np.sqrt([2, 6, 2, 2, 2])[:, None, None]
-)
-"""Symmetric matrices without trace, orthonormal: the five shapes in which an inertia can differ but for its size."""
-
-
 LEAST = 1e-4
 """Smallest part of a second moment over the largest: a plate this thin, or a rod, is still a body."""
 
@@ -83,26 +68,20 @@ def in_axes(state: BatchState, T: np.ndarray) -> BatchState:
 
 def second_moment(inertia: np.ndarray) -> np.ndarray:
     """Sigma = tr(I)/2 - I (3, 3): positive definite exactly when I is the inertia of a solid body."""
-    return 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return np.asarray(0.5 * np.trace(inertia) * np.eye(3) - inertia)
 
 
 def inertia_of(sigma: np.ndarray) -> np.ndarray:
     """The inertia of a second moment, scaled to a mean moment of 1."""
     inertia = np.trace(sigma) * np.eye(3) - sigma
-    return 3.0 * inertia / np.trace(inertia)
-
-
-def physical(inertia: np.ndarray, least: float = 1e-4) -> np.ndarray:
-    """The nearest inertia (trace 3) whose second moment has no eigenvalue below `least`."""
-    values, vectors = np.linalg.eigh(second_moment(3.0 * inertia / np.trace(inertia)))
-    return inertia_of((vectors * np.maximum(values, least)) @ vectors.T)
+    return np.asarray(3.0 * inertia / np.trace(inertia))
 
 
 def inertia_directions(inertia: np.ndarray) -> np.ndarray:
     """(5, 3, 3) changes of the inertia by the local parameters of `moved_inertia` at zero."""
     root = _root(second_moment(inertia))
     out = []
-    for basis in BASIS:
+    for basis in DIRECTIONS:
         change = root @ basis @ root
         raw = np.trace(change) * np.eye(3) - change
         # at mean moment 1 tr(Sigma) is 1.5 and tr(I) is 3: the scaling back to trace 3
@@ -111,14 +90,14 @@ def inertia_directions(inertia: np.ndarray) -> np.ndarray:
 
 
 def log_shape(inertia: np.ndarray) -> np.ndarray:
-    """(5,) logarithm of the second moment without its size, along `BASIS`: zero for a ball."""
+    """(5,) logarithm of the second moment without its size, along `DIRECTIONS`: zero for a ball."""
     values, vectors = np.linalg.eigh(second_moment(inertia))
-    return np.einsum("kij,ij->k", BASIS, (vectors * np.log(np.maximum(values, LEAST))) @ vectors.T)
+    return np.asarray(np.einsum("kij,ij->k", DIRECTIONS, (vectors * np.log(np.maximum(values, LEAST))) @ vectors.T))
 
 
 def moved_inertia(inertia: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Sigma^1/2 exp(sum d_k B_k) Sigma^1/2 as an inertia: physical for every d (5,)."""
-    values, vectors = np.linalg.eigh(np.tensordot(d, BASIS, 1))
+    values, vectors = np.linalg.eigh(np.tensordot(d, DIRECTIONS, 1))
     root = _root(second_moment(inertia))
     sigma, own = np.linalg.eigh(root @ (vectors * np.exp(np.clip(values, -5, 5))) @ vectors.T @ root)
     return inertia_of((own * np.maximum(sigma, LEAST * sigma[-1])) @ own.T)
@@ -150,24 +129,17 @@ def _turning(inertia: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """(5,) local parameters by which the inertia changes to first order when the body axes make a small turn."""
     K = np.cross(np.eye(3), turn)
     ways = np.array([six_of(way) for way in inertia_directions(inertia)])
-    return np.linalg.lstsq(ways.T, np.array(six_of(inertia @ K - K @ inertia)), rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(ways.T, np.array(six_of(inertia @ K - K @ inertia)), rcond=None)[0])
 
 
 def ratio_slopes(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """k (2,), axes (3, 3), and their derivatives by the five local parameters: (2, 5), and (3, 5) as a small turn in
     body axes."""
-    k, axes = ratios(inertia)
-    moments = np.linalg.eigvalsh(inertia)
-    changes = np.einsum("ai,nab,bj->nij", axes, inertia_directions(inertia), axes)
-    log = np.stack([changes[:, i, i] / moments[i] for i in range(3)])
-    turn = np.zeros((3, len(changes)))
-    for (i, j), about in (((1, 2), 0), ((2, 0), 1), ((0, 1), 2)):
-        gap = moments[j] - moments[i]
-        turn[about] = changes[:, i, j] / (-gap if abs(gap) > 1e-12 else -1e-12)
-    hand = np.sign(np.linalg.det(axes))
-    return k, axes, np.stack([log[0] - log[1], log[1] - log[2]]), hand * (axes @ turn)
+    moments, axes = principal_axes(inertia)
+    by_k, by_turn = ratio_derivatives(moments, axes, inertia_directions(inertia))
+    return ratios_of_moments(moments), axes, by_k, axes @ by_turn
 
 
 def _root(matrix: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(matrix)
-    return (vectors * np.sqrt(np.maximum(values, 1e-12))) @ vectors.T
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 1e-12))) @ vectors.T)

@@ -52,11 +52,5 @@ def paper_frame(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return moments[..., ::-1], np.stack([x, np.cross(z, x), z], axis=-1)
 
 
-def ratios_of_moments(moments: np.ndarray) -> np.ndarray:
-    """k1 = ln(I1/I2), k2 = ln(I2/I3) as (..., 2), of moments (..., 3) from the largest to the smallest."""
-    log = np.log(moments)
-    return np.stack([log[..., 2] - log[..., 1], log[..., 1] - log[..., 0]], axis=-1)
-
-
 def _sign(x: np.ndarray) -> np.ndarray:
     return np.where(x < 0, -1.0, 1.0)

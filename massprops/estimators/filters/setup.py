@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
+from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.inertia import DIRECTIONS, principal_axes, ratio_derivatives, ratios_of_moments
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, skew
 from massprops.errors import NotPossible
-from massprops.estimators.begin import (
+from massprops.estimators.filters.begin import (
     WIDER,
     WIDEST_K,
     longest,
-    point_sigma,
+    noise_densities,
     ratio_sigmas,
-    restlessness,
     settled_epoch,
 )
-from massprops.estimators.chaser_path import chaser_path
+from massprops.estimators.filters.state import Measurements, Noise, State
 from massprops.estimators.free_fit import FreeFit, free_fit
-from massprops.estimators.momentum import DIRECTIONS
-from massprops.estimators.problem import Problem
-from massprops.estimators.result import Prior, ratios
-from massprops.estimators.unscented.state import Measurements, Noise, State
+from massprops.estimators.geometry.stereo_path import linear_path
+from massprops.estimators.result import Prior
+from massprops.model.problem import Problem
+from massprops.sensing.stereo import triangulate
+from massprops.sequence.data import Environment
 
 MOST_FEATURES = 16
 """Features carried at a time."""
@@ -52,7 +56,13 @@ class Setup:
     warnings: tuple[str, ...] = ()
 
 
-def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES) -> Setup:
+def setup(
+    problem: Problem,
+    prior: Prior,
+    start: Any,
+    most: int = MOST_FEATURES,
+    principal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] = principal_axes,
+) -> Setup:
     """State and noise to begin with.
 
     Args:
@@ -60,38 +70,35 @@ def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES)
         prior: beliefs; its inertia, where given, with its own sigmas.
         start: first guess, see `massprops.estimators.start`.
         most: features carried at a time.
+        principal: moments and axes of an inertia, in the order and with the signs that the filter's axes shall have.
 
     Raises:
         NotPossible: no rotation or no inertia in the first guess.
     """
     if not len(start.q):
-        raise NotPossible("ukf: the first guess found no rotation to start from")
+        raise NotPossible("the first guess found no rotation to start from")
     fit = free_fit(problem, start)
     inertia = start.inertia if fit is None else fit.inertia
     if prior.inertia is not None:
         inertia = prior.inertia
     if inertia is None:
-        raise NotPossible("ukf: the first guess found no inertia to start from")
-    k, frame = ratios(inertia)
-    if np.linalg.det(frame) < 0:
-        frame = frame * np.array([1.0, 1.0, -1.0])
-    if fit is None:
-        row = settled_epoch(start)
-        first = int(np.searchsorted(problem.times, start.times[row] - 1e-9))
-        q, w = start.q[row], start.w[row]
-    else:
-        row = int(np.argmin(np.abs(start.times - problem.times[fit.rows[0]])))
-        first, q, w = int(fit.rows[0]), fit.q, fit.w
-    seen = _carried(problem, start, row, first, most)
+        raise NotPossible("the first guess found no inertia to start from")
+    moments, frame = principal(inertia)
+    k = ratios_of_moments(moments)
+    row, first, q, w = _first_rotation(problem, start, fit)
+    seen = _carried(problem, start, row, first, most, fit)
     # the principal frame belongs to the dynamics: tracks do not fix it, so features and attitude turn with it
-    features = seen.features @ frame
+    features, turned = seen.features @ frame, np.eye(len(seen.others))
+    for i in range(6, len(turned), 3):
+        turned[i : i + 3, i : i + 3] = frame.T
+    others = turned @ seen.others @ turned.T
     if fit is not None and prior.inertia is None:
-        P, k_sigma = _fitted_covariance(fit, frame, k, features, seen.others)
+        P, k_sigma = _fitted_covariance(fit, frame, k, features, others)
     else:
         rotation = start.covariance[row] if fit is None else fit.covariance[:6, :6]
         k_sigma, axes_sigma = _sigmas(prior, start, inertia, frame)
-        sigma = np.concatenate([*_rotation_sigmas(rotation, problem, seen.points), k_sigma, seen.others])
-        P = _with_frame(np.diag(sigma**2), features, w @ frame, axes_sigma, frame)
+        sigma = np.concatenate([*_rotation_sigmas(rotation, problem, seen.points), k_sigma])
+        P = _with_frame(block_diag(np.diag(sigma**2), others), features, w @ frame, axes_sigma, frame)
     turn = from_rotation_matrix(frame)
     state = State(
         w=w @ frame,
@@ -105,17 +112,24 @@ def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES)
         axes_free=not seen.points,
         moving=seen.points,
     )
+    points, noise = seen.points, _noise(problem, prior, start)
     # imu0 and the tracks need not share body axes
-    points = seen.points
     sensors = (not points and problem.has_attitude, not points and problem.has_rates, points and problem.has_range)
-    noise = _noise(problem, prior, start)
-    return Setup(state, seen.chosen, noise, first, seen.points, sensors, frame, k_sigma, tuple(start.warnings))
+    return Setup(state, seen.chosen, noise, first, points, sensors, frame, k_sigma, tuple(start.warnings))
+
+
+def _first_rotation(problem: Problem, start: Any, fit: FreeFit | None) -> tuple[int, int, np.ndarray, np.ndarray]:
+    """Row of the start and epoch of the problem where the filter begins, and attitude (4,) and rates (3,) there."""
+    if fit is not None:
+        return int(np.argmin(np.abs(start.times - problem.times[fit.rows[0]]))), int(fit.rows[0]), fit.q, fit.w
+    row = settled_epoch(start)
+    return row, int(np.searchsorted(problem.times, start.times[row] - 1e-9)), start.q[row], start.w[row]
 
 
 @dataclass(frozen=True)
 class _Carried:
     """Whether stereo points are filtered, which (m,), where they are in the start's body axes (m, 3), position and
-    velocity of the centre of mass, and the 1-sigma of all that is not rotation."""
+    velocity of the centre of mass, and the covariance of all that is not rotation."""
 
     points: bool
     chosen: np.ndarray
@@ -125,19 +139,31 @@ class _Carried:
     others: np.ndarray
 
 
-def _carried(problem: Problem, start: Any, row: int, first: int, most: int) -> _Carried:
+def _carried(problem: Problem, start: Any, row: int, first: int, most: int, fit: FreeFit | None) -> _Carried:
     """What the filter carries besides rotation at epoch `first`, near the start's `row`."""
     if not (problem.stereo and start.features is not None and start.position is not None):
-        return _Carried(False, np.zeros(0, int), np.zeros((0, 3)), np.zeros(3), np.zeros(3), np.full(3, 1e-9))
+        return _Carried(False, np.zeros(0, int), np.zeros((0, 3)), np.zeros(3), np.zeros(3), 1e-18 * np.eye(3))
     chosen = longest(start.features, problem.seen[first:].sum(axis=(0, 1)), most)
-    velocity = np.zeros(3) if start.velocity is None else start.velocity
-    position = start.position[row]
-    if start.velocity is not None:
-        position = position + (problem.times[first] - start.times[row]) * velocity
-    place = point_sigma(problem, float(np.linalg.norm(position)))
-    length = max(float(start.times[-1] - start.times[0]), 1e-9)
-    others = [np.full(3, place), np.full(3, 10 * place / length), np.full(3 * len(chosen), place)]
-    return _Carried(True, chosen, start.features[chosen], position, velocity, np.concatenate(others))
+    rows, q = np.searchsorted(problem.times, start.times[row:] - 1e-9), start.q[row:]
+    if fit is not None:
+        rows, q = fit.rows, fit.path
+    path = chaser_path(problem.environment, problem.times[rows])
+    points, covariance = triangulate(
+        problem.cameras, np.moveaxis(problem.uv[rows][:, :, chosen], 1, 2), problem.sigma_px
+    )
+    C = rotation_matrix(path.q)[:, None]
+    f = start.features[chosen]
+    x, spread = linear_path(
+        problem.times[rows],
+        multiply(path.q, q),
+        (C @ points[..., None])[..., 0],
+        C @ covariance @ np.swapaxes(C, -1, -2),
+        path,
+        3.0 * float(np.sqrt(np.mean(np.sum(f * f, axis=1)))),
+    )
+    back = block_diag(C[0, 0].T, C[0, 0].T, np.eye(3 * len(chosen)))
+    x = back @ x
+    return _Carried(True, chosen, x[6:].reshape(-1, 3), x[:3], x[3:6], WIDER**2 * back @ spread @ back.T)
 
 
 def _rotation_sigmas(covariance: np.ndarray, problem: Problem, points: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -148,30 +174,22 @@ def _rotation_sigmas(covariance: np.ndarray, problem: Problem, points: bool) -> 
 
 
 def _noise(problem: Problem, prior: Prior, start: Any) -> Noise:
-    push, drift = restlessness(problem, prior, start)
+    turn, drift = noise_densities(problem, prior, start)
     step = float(np.median(np.diff(problem.times)))
-    return Noise(w=push**2, attitude=push**2 * step**2 / 3.0, k=1e-14, velocity=drift**2)
+    return Noise(w=turn**2, attitude=turn**2 * step**2 / 3.0, k=1e-14, velocity=drift**2)
 
 
 def _fitted_covariance(
     fit: FreeFit, frame: np.ndarray, k: np.ndarray, features: np.ndarray, others: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """P of rates, attitude, ratios and principal frame together from the fit, widened, with the `others` apart.
+    """P of rates, attitude, ratios and principal frame together from the fit, widened, with that of the `others` apart.
 
     Returns:
         P (N, N), and the 1-sigma of k1, k2 (2,).
     """
     moments = np.array([np.exp(k[0]), 1.0, np.exp(-k[1])])
     moments *= np.trace(fit.inertia) / moments.sum()
-    inside = np.einsum("ia,nij,jb->nab", frame, DIRECTIONS, frame)  # each direction in principal axes
-    share = np.einsum("naa->an", inside) / moments[:, None]
-    to_k = np.array([share[0] - share[1], share[1] - share[2]])
-    # a small turn t of the axes changes the tensor's element ij by (I_i - I_j) times the turn about the third axis
-    turns = []
-    for i, j in ((1, 2), (2, 0), (0, 1)):
-        gap = moments[i] - moments[j]
-        turns.append(inside[:, i, j] / gap if abs(gap) > 1e-9 else np.full(5, 1e9))
-    to_turn = np.array(turns)
+    to_k, to_turn = ratio_derivatives(moments, frame, DIRECTIONS)
     sigma = WIDER * np.sqrt(np.einsum("ai,ij,aj->a", to_turn, fit.covariance[6:, 6:], to_turn))
     free = sigma > WIDEST_K
     to_turn[free] = 0.0
@@ -184,7 +202,7 @@ def _fitted_covariance(
     G += lever @ theta
     P = WIDER**2 * G @ fit.covariance @ G.T
     P += (lever * np.where(free, WIDEST_K, 0.0) ** 2) @ lever.T
-    P[np.arange(8, len(P)), np.arange(8, len(P))] += others**2
+    P[8:, 8:] += others
     P[np.arange(8), np.arange(8)] += 1e-18
     k_sigma = np.sqrt(np.diag(P)[6:8])
     over = np.concatenate([np.ones(6), np.minimum(1.0, WIDEST_K / k_sigma), np.ones(len(others))])
@@ -247,7 +265,7 @@ def measurements(
         uv = problem.uv[rows][:, :, chosen]
         blocks.append(np.moveaxis(uv, 1, 2).reshape(n, -1))
         variances.append(np.tile(np.repeat(problem.sigma_px**2, 2), (n, len(chosen))))
-    transition, spin = chaser_steps(problem, np.concatenate([[problem.times[before]], times]))
+    steps = chaser_steps(problem.environment, np.concatenate([[problem.times[before]], times]))
     return Measurements(
         dt,
         np.concatenate(blocks, axis=1),
@@ -256,34 +274,49 @@ def measurements(
         attitude,
         rates=setup.sensors[1],
         range=setup.sensors[2],
-        transition=transition,
-        spin=spin,
+        transition=steps.transition,
+        spin=steps.spin,
+        chaser=steps.chaser,
     )
 
 
-def chaser_steps(problem: Problem, times: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Transition of relative position and velocity (n, 6, 6), and turn of the chaser (n, 4), between n + 1 times.
+@dataclass(frozen=True)
+class ChaserSteps:
+    """What a step does to vectors in the chaser's axes: transition of relative position and velocity (n, 6, 6), turn of the
+    chaser (n, 4), and where it is over the step (n, 10), as of `rule.Steps`; all None without an orbit."""
 
-    Gravity is taken to first order in the distance, which is to one part in 10^5 for metres against an orbit.
+    transition: np.ndarray | None = None
+    spin: np.ndarray | None = None
+    chaser: np.ndarray | None = None
+
+
+def chaser_steps(environment: Environment, times: np.ndarray, camera: np.ndarray | None = None) -> ChaserSteps:
+    """The steps between n + 1 times [s].
+
+    Gravity is taken to first order in the distance in the transition, which is to one part in 10^5 for metres against an
+    orbit.
+
+    Args:
+        camera: (n + 1, 4) attitude of cam0, to inertial axes, where it is not the environment's.
     """
-    environment = problem.environment
-    if environment.orbit is None:
-        return None, None
-    path = chaser_path(environment, problem.times)
-    at = np.clip(np.searchsorted(problem.times, times - 1e-9), 0, len(problem.times) - 1)
-    if not np.allclose(problem.times[at], times, atol=1e-6):
-        path = chaser_path(environment, np.concatenate([[problem.times[0]], times]))
-        at = 1 + np.arange(len(times))
-    spin = multiply(conjugate(path.q[at[1:]]), path.q[at[:-1]])
+    path, mid = chaser_path(environment, times), chaser_path(environment, 0.5 * (times[1:] + times[:-1]))
+    turning = path.q if camera is None else camera
+    if environment.orbit is None and camera is None:
+        return ChaserSteps()
+    spin = multiply(conjugate(turning[1:]), turning[:-1])
     turn = rotation_matrix(spin)
-    here = np.einsum("nji,nj->ni", rotation_matrix(path.q[at[:-1]]), path.place[at[:-1]])
-    distance = np.linalg.norm(here, axis=1)[:, None]
-    up = here / distance
-    pull = path.mu / distance[..., None] ** 3 * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3))
+    back = np.swapaxes(rotation_matrix(turning[:-1]), 1, 2)[:, None]
+    places = (back @ np.stack([path.place[:-1], mid.place, path.place[1:]], axis=1)[..., None])[..., 0]
+    chaser = np.concatenate([places.reshape(-1, 9), np.full((len(places), 1), path.mu)], axis=1)
+    pull = np.zeros((len(places), 3, 3))
+    if path.mu > 0:
+        distance = np.linalg.norm(places[:, 0], axis=1)[:, None]
+        up = places[:, 0] / distance
+        pull = path.mu / distance[..., None] ** 3 * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3))
     h = np.diff(times)[:, None, None]
     F = np.zeros((len(h), 6, 6))
     eye = np.eye(3)
     F[:, :3, :3], F[:, :3, 3:] = eye + 0.5 * h**2 * pull, h * eye + h**3 / 6.0 * pull
     F[:, 3:, :3], F[:, 3:, 3:] = h * pull, eye + 0.5 * h**2 * pull
     F[:, :3], F[:, 3:] = turn @ F[:, :3], turn @ F[:, 3:]
-    return F, spin
+    return ChaserSteps(F, spin, chaser)

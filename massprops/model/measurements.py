@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 from massprops.sensing.predict import Seen
 
 
@@ -17,6 +17,7 @@ class Measurements:
     Attributes:
         seen: where the observations belong; uv (o, 2) [px]; sigma (o,) [px].
         range_at, rate_at, attitude_at: epochs (k,) with such a measurement.
+        may_slide: the tracks were matched in images, where some follow a highlight or a shadow and not the body.
     """
 
     seen: Seen
@@ -25,6 +26,7 @@ class Measurements:
     range_at: np.ndarray
     rate_at: np.ndarray
     attitude_at: np.ndarray
+    may_slide: bool = field(default=False, kw_only=True)
 
     @property
     def count(self) -> int:

@@ -1,4 +1,4 @@
-"""What the filters begin with alike: from which part of the data, with which features, how wide, how restless."""
+"""What the filters begin with alike: from which part of the data, with which features, how wide, with what process noise."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import DIRECTIONS, ratio_derivatives
 from massprops.errors import NotPossible
-from massprops.estimators.momentum import ratio_covariance
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Prior
+from massprops.model.problem import Problem
 
 WIDER = 3.0
 """A filter starts this many times wider than the first guess claims, for it reads the same data again."""
 WIDEST_K = 0.3
 """1-sigma of k1, k2 and of the axes when nothing is known of them."""
-QUIET = 1e-5
+ANGULAR_NOISE = 1e-5
 """Unmodelled angular acceleration over the square of the rate [per sqrt(s)], where no process noise is given."""
-ORBIT_PUSH, DRIFT_PUSH = 1e-7, 1e-6
+ORBIT_NOISE, DRIFT_NOISE = 1e-7, 1e-6
 """Unmodelled acceleration [m/s^2 per sqrt(s)] with the orbit known and without."""
 FIRST_TURNS, FIRST_EPOCHS = 2.0, 40
 """The first guess is made from the data of so many turns and epochs."""
@@ -53,19 +53,20 @@ def speed_of(start: Any) -> float:
     return float(np.nanmedian(np.linalg.norm(start.w, axis=1)))
 
 
-def restlessness(problem: Problem, prior: Prior, start: Any) -> tuple[float, float]:
+def noise_densities(problem: Problem, prior: Prior, start: Any) -> tuple[float, float]:
     """Unmodelled angular acceleration [rad/s^2 per sqrt(s)] and acceleration [m/s^2 per sqrt(s)]."""
-    turn = prior.process_noise if prior.process_noise is not None else QUIET * speed_of(start) ** 2
-    return turn, ORBIT_PUSH if problem.environment.orbit is not None else DRIFT_PUSH
+    turn = prior.process_noise if prior.process_noise is not None else ANGULAR_NOISE * speed_of(start) ** 2
+    return turn, ORBIT_NOISE if problem.environment.orbit is not None else DRIFT_NOISE
 
 
 def ratio_sigmas(start: Any, inertia: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """1-sigma of k1, k2 (2,) and of turns about the principal axes `frame` (3,), as conserved momentum shows them."""
     k, axes = np.full(2, WIDEST_K), np.full(3, WIDEST_K)
     if start.momentum is not None:
-        k_covariance, axes_covariance, _ = ratio_covariance(inertia, start.momentum.covariance)
-        k = np.fmin(k, WIDER * _root(k_covariance) + 1e-6)
-        axes = np.fmin(axes, WIDER * _root(frame.T @ axes_covariance @ frame) + 1e-6)
+        moments = np.einsum("ia,ij,ja->a", frame, inertia, frame)
+        by_k, by_turn = ratio_derivatives(moments, frame, DIRECTIONS)
+        k = np.fmin(k, WIDER * _root(by_k @ start.momentum.covariance @ by_k.T) + 1e-6)
+        axes = np.fmin(axes, WIDER * _root(by_turn @ start.momentum.covariance @ by_turn.T) + 1e-6)
     return k, axes
 
 

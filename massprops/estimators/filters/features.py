@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix, skew
-from massprops.estimators.problem import Problem
-from massprops.estimators.unscented.setup import MOST_FEATURES, Setup, measurements
-from massprops.estimators.unscented.state import Measurements, Run, Settings, State, filter_epochs
+from massprops.estimators.filters.setup import MOST_FEATURES, Setup, measurements
+from massprops.estimators.filters.state import Measurements, Run, Settings, State, filter_epochs
+from massprops.model.problem import Problem
 
 SHORTEST = 5
 """A feature that is seen on fewer further epochs is not worth carrying."""
@@ -93,7 +93,7 @@ def run_through(
                 state = with_features(state, X[end - 1, new], covariance[end - 1, new])
                 chosen = np.concatenate([chosen, new])
         begin = end
-    return Passage(_joined(parts), points, chosen)
+    return Passage(joined(parts), points, chosen)
 
 
 def _stereo_points(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -123,7 +123,8 @@ def _next_change(begin: int, n: int, chosen: np.ndarray, last: np.ndarray, both:
     return n
 
 
-def _joined(parts: list[Run]) -> Run:
+def joined(parts: list[Run]) -> Run:
+    """Runs that follow each other as one."""
     leading = min(p.sigma.shape[1] for p in parts)
     names = ("w", "q", "k", "axes", "position", "velocity", "block", "nis", "used", "gated")
     whole = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}

@@ -16,7 +16,7 @@ import numpy as np
 from massprops.documents.loading import shown
 from massprops.documents.model import FORMAT
 from massprops.dynamics.rotation import Acting
-from massprops.effects import changes_motion, effects, paced
+from massprops.effects import changes_motion, effects, has_pace
 from massprops.errors import InputError
 from massprops.sensing.predict import Sensed
 
@@ -77,7 +77,7 @@ class Model:
         for m, value in zip(self.modules, self.values, strict=True):
             kind = changes_motion(m)
             d = (motion if kind else sensing)[at[kind] : at[kind] + len(value)]
-            grown = (value > 0) & paced(m)
+            grown = (value > 0) & has_pace(m)
             share = np.divide(d, value, where=grown, out=np.zeros(len(value)))
             out.append(np.where(grown, value * np.exp(np.clip(share, -MOST_GROWN, MOST_GROWN)), value + d))
             at[kind] += len(value)
@@ -108,7 +108,7 @@ def model_of(sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = N
 
 
 def lacks(effect: ModuleType, there: set[str]) -> str:
-    """What an effect needs that is not there, in words; empty when nothing."""
+    """What an effect needs and the data lack, in words; empty if nothing."""
     missing = [n for n in effect.NEEDS if n not in there]
     return f"needs {', '.join(missing)}" if missing else ""
 

@@ -1,0 +1,34 @@
+"""Weights of whole tracks: one that slides over the body, with a highlight or a shadow, is wrong from end to end.
+
+Each of its observations is off by little, so that none is an outlier by itself, and all are off alike.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+HUBER, GATE = 3.0, 5.0
+"""Standard deviations of the tracks' own misfits beyond which a track counts less, and not at all."""
+
+
+def track_weights(residuals: np.ndarray, feature: np.ndarray) -> np.ndarray:
+    """(o,) weight of the track of each observation.
+
+    A track of n observations whose errors are noise has a root mean square that scatters by 1 / (2 sqrt(n)) of it; errors
+    that all tracks share make it larger for all. So a track is judged beside the others: by how far its misfit, in units
+    of that scatter, lies above their middle, in units of their own spread.
+
+    Args:
+        residuals: (o, 2) in units of the noise; feature: (o,) whose they are.
+    """
+    if not len(residuals):
+        return np.ones(0)
+    at, count = np.unique(feature, return_inverse=True, return_counts=True)[1:]
+    root = np.sqrt(np.bincount(at, np.sum(residuals**2, axis=1)) / (2 * count))
+    usual = max(1.0, float(np.median(root)))
+    misfit = (root / usual - 1.0) * 2.0 * np.sqrt(count)
+    middle = float(np.median(misfit))
+    spread = max(1.0, 1.4826 * float(np.median(np.abs(misfit - middle))))
+    x = (misfit - middle) / spread
+    weight = np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
+    return np.asarray(weight[at])

@@ -1,1 +1,0 @@
-"""The principal frame and the error-state EKF of hu2024."""
