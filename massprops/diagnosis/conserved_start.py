@@ -17,6 +17,8 @@ from massprops.diagnosis.motion_path import MotionPath
 
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 DIRECTIONS = 400
+FEW_DIRECTIONS = 60
+"""For a scan: some 18 degrees apart."""
 LEAST_MOMENT = 0.002
 """Least second moment of mass over their sum: a body of such shape is a disk 20 times as wide as thick."""
 
@@ -38,57 +40,40 @@ class Start:
 
 def physical_inertia(inertia: np.ndarray, least: float = LEAST_MOMENT) -> np.ndarray:
     """The nearest inertia of trace 3 that a body can have."""
-    from massprops.estimators.momentum import physical
+    from massprops.dynamics.inertia import physical
 
     return np.asarray(3.0 * physical(inertia / np.trace(inertia), least))
 
 
 def conserved(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) -> Start:
     """The start under torques or internal momenta that are linear in their unknowns."""
-    M, N = _columns(path, at)
-    if forcing is not None and forcing.count:
-        extra = np.zeros((len(at), 3, forcing.count))
-        if forcing.momentum is not None:
-            extra -= np.swapaxes(path.R[at], 1, 2) @ forcing.momentum[at]
-        if forcing.internal is not None:
-            extra += forcing.internal[at]
-        M = np.concatenate([M, extra], axis=2)
+    M, N = _columns(path, at, forcing)
     M, N = M.reshape(-1, M.shape[2]), N.reshape(-1, 6)
     value, x = _least(M.T @ M, N.T @ N, np.eye(6))
     return Start(inertia=physical_inertia(_positive(_matrix(x))), left=float(np.sqrt(max(value, 0.0))))
 
 
-def conserved_across(path: MotionPath, at: np.ndarray) -> Start:
+def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) -> Start:
     """The start with a wheel of any history along an axis that the data show: the one across which momentum is
-    conserved best, of many directions and then by Nelder and Mead's method.
+    conserved best under `forcing`, of many directions and then by Nelder and Mead's method.
 
     The moment about the axis does not show, for the wheel can answer for it: it is taken so that the wheel's momentum
     changes least in all (total variation).
     """
     from scipy.optimize import minimize
 
-    M, N = _columns(path, at)
-    whole, part = np.einsum("nic,njd->ijcd", M, M), np.einsum("nic,njd->ijcd", N, N)
-
-    def across(axis: np.ndarray) -> tuple[float, np.ndarray]:
-        P = np.eye(3) - np.outer(axis, axis)
-        along = np.array([axis[i] * axis[j] for i, j in PLACES])
-        free = np.linalg.svd(along[None])[2][1:].T
-        return _least(np.einsum("ij,ijcd->cd", P, whole), np.einsum("ij,ijcd->cd", P, part), free)
-
-    axis = min(hemisphere(DIRECTIONS), key=lambda a: across(a)[0])
+    across = _Across(path, at, forcing)
     found = minimize(
-        lambda v: np.log(max(across(v / np.linalg.norm(v))[0], 1e-300)), axis, method="Nelder-Mead",
-        options={"maxfev": 150, "xatol": 1e-3, "fatol": 1e-3},
+        lambda v: np.log(max(across.least(v / np.linalg.norm(v))[0], 1e-300)), across.best(DIRECTIONS)[1],
+        method="Nelder-Mead", options={"maxfev": 150, "xatol": 1e-3, "fatol": 1e-3},
     )  # fmt: skip
     axis = found.x / np.linalg.norm(found.x)
-    value, x = across(axis)
+    value, x = across.least(axis)
     inertia = _matrix(x)
     if np.trace(inertia) - axis @ inertia @ axis < 0:
         inertia, x = -inertia, -x
-    L0 = _momentum(np.einsum("ij,ijcd->cd", np.eye(3) - np.outer(axis, axis), whole), x)
     u = path.w[at]
-    h = (np.einsum("nij,i->nj", path.R[at], L0) - u @ inertia) @ axis
+    h = -(u @ inertia + across.others(axis, x)) @ axis
     more = _least_variation(h, u @ axis)
     inertia, h = inertia + more * np.outer(axis, axis), h - more * (u @ axis)
     size = 3.0 / np.trace(inertia)
@@ -96,6 +81,41 @@ def conserved_across(path: MotionPath, at: np.ndarray) -> Start:
     return Start(
         inertia=physical_inertia(_positive(inertia)), left=float(np.sqrt(max(value, 0.0))), axis=axis, history=history
     )
+
+
+def left_across(path: MotionPath, at: np.ndarray, forcing: Forcing) -> float:
+    """Share of momentum that is not conserved under `forcing` across the best of a few directions: what a wheel of any
+    history along it leaves of a motion, for a scan."""
+    return float(np.sqrt(max(_Across(path, at, forcing).best(FEW_DIRECTIONS)[0], 0.0)))
+
+
+class _Across:
+    """The balance across an axis, from inner products of its columns."""
+
+    def __init__(self, path: MotionPath, at: np.ndarray, forcing: Forcing | None) -> None:
+        self._M, N = _columns(path, at, forcing)
+        self._whole = np.einsum("nic,njd->ijcd", self._M, self._M, optimize=True)
+        self._part = np.einsum("nic,njd->ijcd", N, N, optimize=True)
+
+    def least(self, axis: np.ndarray) -> tuple[float, np.ndarray]:
+        """Least share of momentum left across an axis (3,), and the six of the inertia."""
+        P = np.eye(3) - np.outer(axis, axis)
+        along = np.array([axis[i] * axis[j] for i, j in PLACES])
+        free = np.linalg.svd(along[None])[2][1:].T
+        return _least(np.einsum("ij,ijcd->cd", P, self._whole), np.einsum("ij,ijcd->cd", P, self._part), free)
+
+    def best(self, directions: int) -> tuple[float, np.ndarray]:
+        """The least share left, and across which of so many directions."""
+        found = [(self.least(a)[0], k) for k, a in enumerate(hemisphere(directions))]
+        value, k = min(found)
+        return value, hemisphere(directions)[k]
+
+    def others(self, axis: np.ndarray, six: np.ndarray) -> np.ndarray:
+        """(m, 3) what all but the inertia holds of the balance, body axes, when the six are these."""
+        whole = np.einsum("ij,ijcd->cd", np.eye(3) - np.outer(axis, axis), self._whole)
+        rest = whole[6:, 6:]
+        x = -np.linalg.solve(rest + 1e-10 * np.trace(rest) * np.eye(len(rest)), whole[6:, :6] @ six)
+        return np.asarray(self._M[:, :, 6:] @ x)
 
 
 def hemisphere(count: int) -> np.ndarray:
@@ -107,15 +127,25 @@ def hemisphere(count: int) -> np.ndarray:
     return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
 
 
-def _columns(path: MotionPath, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3, 9) of the six of the inertia and of L0 in the balance, and (m, 3, 6) of the inertia's part."""
+def _columns(path: MotionPath, at: np.ndarray, forcing: Forcing | None) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3, 9 + k) of the six of the inertia, of L0 and of a forcing's unknowns, each as large as the rates, in the balance,
+    and (m, 3, 6) of the inertia's part."""
     u = path.w[at]
     N = np.zeros((len(at), 3, 6))
     for k, (i, j) in enumerate(PLACES):
         N[:, i, k] += u[:, j]
         if i != j:
             N[:, j, k] += u[:, i]
-    return np.concatenate([N, -np.swapaxes(path.R[at], 1, 2)], axis=2), N
+    parts = [N, -np.swapaxes(path.R[at], 1, 2)]
+    if forcing is not None and forcing.count:
+        extra = np.zeros((len(at), 3, forcing.count))
+        if forcing.momentum is not None:
+            extra -= np.swapaxes(path.R[at], 1, 2) @ forcing.momentum[at]
+        if forcing.internal is not None:
+            extra += forcing.internal[at]
+        size = np.sqrt(np.mean(extra**2, axis=(0, 1)))
+        parts.append(extra * (np.sqrt(np.mean(u**2)) / np.maximum(size, 1e-300)))
+    return np.concatenate(parts, axis=2), N
 
 
 def _least(whole: np.ndarray, part: np.ndarray, free: np.ndarray) -> tuple[float, np.ndarray]:
@@ -129,11 +159,6 @@ def _least(whole: np.ndarray, part: np.ndarray, free: np.ndarray) -> tuple[float
     P = P + 1e-9 * np.trace(P) / len(P) * np.eye(len(P))
     value, vector = eigh(S, P)
     return float(value[0]), np.asarray(free @ vector[:, 0])
-
-
-def _momentum(whole: np.ndarray, six: np.ndarray) -> np.ndarray:
-    rest = whole[6:, 6:]
-    return np.asarray(-np.linalg.solve(rest + 1e-10 * np.trace(rest) * np.eye(3), whole[6:, :6] @ six))
 
 
 def _matrix(six: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ def decides(sequence: Sequence) -> bool:
             record = record_of_attitudes(sequence.attitude, sequence.environment)
         except NotPossible:  # too thin for polynomials
             return False
-        return _turn(record.path.t, record.path.w) < LARGEST_STEP * MOST_POINTS
+        return bool(_turn(record.path.t, record.path.w) < LARGEST_STEP * MOST_POINTS)
     return False
 
 

@@ -57,18 +57,22 @@ def gap(s: Selection) -> dict[str, Any]:
 def reason(s: Selection) -> str:
     """The verdict in a sentence."""
     if s.verdict == "none":
-        return f"a free rigid body explains the measurements: {fitted_rms(s.base, s.noise):.2f} of the noise is left"
+        return f"a free rigid body explains the measurements: the residuals are {fitted_rms(s.base, s.noise):.2f} times the noise"
     if s.verdict == "named":
         return _sentence(s.named[0])
     if s.verdict == "ambiguous":
-        return (
-            f"this record cannot tell apart: {', '.join(c.name for c in s.named)}; a longer one, or another start, may"
-        )
+        return f"this record cannot tell apart: {', '.join(c.name for c in s.named)}; a longer record, or one with another start, may"
     best = s.tried[0]
+    null = max(s.unknowns, key=lambda f: f.evidence)
+    said = (
+        "depends on the Sun's direction in the body, not as pressure does"
+        if null.hypothesis.by_sun
+        else "nothing is known of"
+    )
     return (
         f"a free rigid body leaves {fitted_rms(s.base, s.noise):.1f} times the noise, and no effect of the catalogue accounts for "
         f"it: {best.name} comes nearest, leaves {fitted_rms(best.alone, s.noise):.1f} by itself, and "
-        f"{best.evidence - s.unknown.evidence:+.0f} of log evidence against a torque that nothing is known of"
+        f"{best.evidence - null.evidence:+.0f} of log evidence against a torque that {said}"
     )
 
 

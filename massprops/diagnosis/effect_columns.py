@@ -12,7 +12,9 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 - `momentum_variants(held, gap)`: others worth a fit once one is found, gap the time between measurements [s];
 - `momentum_steps(held, gap)`: by name, the step with which a value that was scanned is moved to its best.
 
-- `unit_torques(t, q, w, around)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each.
+- `unit_torques(t, q, w, around)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each;
+- `momentum_prior()`: (k, j) matrix that makes the k parameters of j unknowns which are independent and of one size, where
+  physics says more of them together than that each may be anything.
 
 With `parts` in `held` the unknowns come once for each part, and a parameter is their sum.
 """
@@ -60,9 +62,15 @@ class Term:
         return int(dict(self.held).get("parts", 1))
 
     def values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (k,) and their covariance (k, k) from all unknowns (k parts,): their sums over the parts."""
-        add = np.tile(np.eye(len(self.unknowns)), self.parts)
+        """Parameters (k,) and their covariance (k, k) from all unknowns: their sums over the parts, or by the prior."""
+        add = np.tile(np.eye(len(self.unknowns)), self.parts) if self.prior is None else self.prior
         return add @ unknowns, add @ covariance @ add.T
+
+    @property
+    def prior(self) -> np.ndarray | None:
+        """(k, j) what makes the parameters of independent unknowns, or None where they are these."""
+        offered = getattr(self.effect, "momentum_prior", None)
+        return None if offered is None else np.asarray(offered())
 
 
 def in_balance() -> list[ModuleType]:
@@ -105,12 +113,21 @@ def steps(term: Term, gap: float) -> dict[str, float]:
 
 
 def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, sky: Any = None) -> Forcing:
-    """The columns of one effect along a path.
+    """The columns of one effect along a path, of unknowns that are independent (`Term.prior`).
 
     Args:
         rate: (n, 3) the rate to take where an effect depends on it: predicted, so that it carries no noise.
         inertia: (3, 3) present guess; sky: what acts from outside, or None where nothing is known of it.
     """
+    units, prior = _unit_forcing(term, path, rate, inertia, sky), term.prior
+    if prior is None:
+        return units
+    sides = {k: getattr(units, k) for k in ("momentum", "internal", "rate")}
+    return Forcing(**{k: None if v is None else v @ prior for k, v in sides.items()})
+
+
+def _unit_forcing(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, sky: Any) -> Forcing:
+    """The columns of a unit of each parameter."""
     effect = term.effect
     if hasattr(effect, "momentum_columns"):
         parts = effect.momentum_columns(path.t, path.R, rate, dict(term.held))

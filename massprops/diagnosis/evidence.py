@@ -19,8 +19,6 @@ DEGREES = 1.0
 STEPS = 60
 SMALL_GAIN = 0.02
 """Rise of the log evidence in a step at which the search for the sizes ends."""
-SIZES = 10.0 ** np.arange(-4.0, 4.01, 0.25)
-"""Sizes tried for a block in a scan, times the one at which it explains as much as the noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,20 +182,3 @@ def reduced(fixed: np.ndarray, sd: np.ndarray, columns: np.ndarray, y: np.ndarra
     across = A.T @ columns
     solved = np.linalg.solve(H, np.column_stack([across, A.T @ y]))
     return columns.T @ columns - across.T @ solved[:, :-1], columns.T @ y - across.T @ solved[:, -1]
-
-
-def block_gain(G: np.ndarray, b: np.ndarray) -> float:
-    """Gain in log marginal likelihood of a block of columns at the size that suits it best.
-
-    Args:
-        G: (k, k) and b: (k,) of the block in what is left of the rows (`reduced`).
-    """
-    value, vector = np.linalg.eigh(G)
-    top = float(value[-1])
-    if not top > 0 or not np.isfinite(top):
-        return 0.0
-    seen = value > 1e-12 * top
-    c = (vector[:, seen].T @ b) ** 2
-    s = SIZES[:, None] ** 2 / top
-    gain = 0.5 * np.sum(s * c / (1.0 + s * value[seen]) - np.log1p(s * value[seen]), axis=1)
-    return max(float(np.max(gain)), 0.0)

@@ -16,8 +16,8 @@ import numpy as np
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.criteria import AXIS_SD, OFFSET_SD, SCALE_SD, SHAPE_SD, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of
-from massprops.diagnosis.evidence import Block, Posterior, block_gain, reduced, solve
-from massprops.diagnosis.latent_torque import factor, hats, matern, three_axes
+from massprops.diagnosis.evidence import Block, Posterior, solve
+from massprops.diagnosis.latent_torque import by_direction, factor, hats, matern, three_axes
 from massprops.diagnosis.momentum_balance import (
     INERTIA,
     Balance,
@@ -38,6 +38,8 @@ TORQUE_KNOTS = 40
 TORQUE_LENGTH = 0.05
 """Length of the latent torque over the record's. Longer ones let it stand for the slow part of a wheel's history: on the
 odd flights .25 and .1 found wheels a fifth smaller than .04 did, and .04 had the higher evidence or the same."""
+DIRECTIONS = 150
+"""Of the Sun along the path, at which a torque that depends on them is known."""
 WHEEL_KNOTS = 60
 """Most of a wheel's history, and no more than half the rows: its heavy-tailed steps let go of those not asked for."""
 
@@ -48,13 +50,15 @@ class Hypothesis:
 
     Attributes:
         terms: effects; wheel: a wheel of any history along one axis beside them; lag: time constant [s] with which that
-            wheel follows its drive, a motor or a brake; latent: whether a latent torque acts.
+            wheel follows its drive, a motor or a brake; latent: whether a latent torque acts; by_sun: whether one acts that
+            depends on the Sun's direction in the body in any way.
     """
 
     terms: tuple[Term, ...] = ()
     wheel: bool = False
     lag: float = 0.0
     latent: bool = True
+    by_sun: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -171,9 +175,9 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     axis, history, history_sd = _wheel_found(record, hypothesis, guess, post)
     torque = np.zeros_like(path.w)
     latent = np.zeros(len(y))
-    if hypothesis.latent:
-        torque = _torque_shapes(record) @ post.mean["latent torque"]
-        latent = next(b.columns for b in blocks if b.name == "latent torque") @ post.mean["latent torque"]
+    for name, shapes in _unknown_torques(record, hypothesis):
+        torque = torque + shapes @ post.mean[name]
+        latent = latent + next(b.columns for b in blocks if b.name == name) @ post.mean[name]
     summed = {t.name: t.values(post.mean[t.name], post.covariance[t.name]) for t in hypothesis.terms}
     found = HypothesisFit(
         hypothesis=hypothesis, record=record, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
@@ -259,9 +263,8 @@ def _parts(
         out.append(("wheel axis", *_answers(balance, turned), AXIS_SD, "fixed"))
     for name, forcing in acting.items():
         out.append((name, *_answers(balance, forcing), _size(forcing, speed), "common"))
-    if hypothesis.latent:
-        forcing = torque_forcing(path, _torque_shapes(record))
-        out.append(("latent torque", *_answers(balance, forcing), 3e-3 * speed**2, "common"))
+    for name, shapes in _unknown_torques(record, hypothesis):
+        out.append((name, *_answers(balance, torque_forcing(path, shapes)), 3e-3 * speed**2, "common"))
     return out
 
 
@@ -298,28 +301,21 @@ def _wheel_shapes(record: Record, lag: float) -> np.ndarray:
     return np.concatenate([np.ones((len(t), 1)), rises], axis=1)
 
 
-def _torque_shapes(record: Record) -> np.ndarray:
-    """(n, 3, 3 k) of a torque of unit size by unknowns that are independent of each other."""
-    t = record.path.t
-    knots = np.linspace(t[0], t[-1], TORQUE_KNOTS)
-    return three_axes(hats(t, knots) @ factor(matern(knots, TORQUE_LENGTH * (t[-1] - t[0]))))
+def _unknown_torques(record: Record, hypothesis: Hypothesis) -> list[tuple[str, np.ndarray]]:
+    """By name, (n, 3, 3 k) of each latent torque of unit size by unknowns that are independent of each other."""
+    t, out = record.path.t, []
+    if hypothesis.latent:
+        knots = np.linspace(t[0], t[-1], TORQUE_KNOTS)
+        out.append(
+            ("latent torque", three_axes(hats(t, knots) @ factor(matern(knots, TORQUE_LENGTH * (t[-1] - t[0])))))
+        )
+    if hypothesis.by_sun:
+        sun = record.sun
+        knots = sun[np.unique(np.linspace(0, len(t) - 1, DIRECTIONS).astype(int))]
+        out.append(("torque by the Sun", three_axes(by_direction(sun, knots))))
+    return out
 
 
 def _across(axis: np.ndarray) -> np.ndarray:
     """(3, 2) two directions across an axis."""
     return np.linalg.svd(axis[None])[2][1:].T
-
-
-def term_gain(fit: HypothesisFit, term: Term) -> float:
-    """By how much the log evidence of a fit would rise with one more effect, to first order: a scan, not a verdict."""
-    record = fit.record
-    guess_momentum = fit.rate @ fit.inertia
-    balance = Balance(
-        path=record.path, shape=fit.shape, momentum=guess_momentum, rate=fit.rate, rows=record.rows
-    )  # fmt: skip
-    sigma = record.rows.spread * fit.row_noise
-    columns = balance.columns(forcing_of(term, record.path, fit.rate, fit.inertia, record.sky))
-    over = (record.rows.spread / sigma)[:, None]
-    fixed = np.concatenate([b.columns for b in fit.blocks], axis=1) * over
-    sd = np.concatenate([fit.posterior.sd[b.name] for b in fit.blocks])
-    return block_gain(*reduced(fixed, sd, columns.reshape(len(sigma), -1) / sigma[:, None], fit.y * over[:, 0]))

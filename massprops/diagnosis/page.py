@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.diagnosis.page_parts import assemble, law, not_tried, notes, verdict, wheel
-from massprops.report.html import number, plot, table, text
+from massprops.report.html import number, table, text
+from massprops.report.plot import plot
 
 if TYPE_CHECKING:
     from massprops.diagnosis.diagnose import BalanceDiagnosis
@@ -18,12 +19,12 @@ def page(d: BalanceDiagnosis) -> str:
     return assemble(
         [
             ("verdict", "Verdict", verdict(d.document)),
-            ("law", "A law for what is left", law(d.document)),
-            ("gap", "The gap before and after", _gap(d)),
+            ("law", "A law for the residuals", law(d.document)),
+            ("gap", "Residuals before and after", _gap(d)),
             ("where", "Where", _where(d.document)),
             ("candidates", "Candidates", _candidates(d.document)),
             ("wheel", "Momentum of the wheel", _wheel(d)),
-            ("torque", "A torque that nothing is known of", _torque(d)),
+            ("torque", "Unknown torque", _torque(d)),
             ("notes", "Notes", notes(d.document)),
         ]
     )

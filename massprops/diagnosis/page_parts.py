@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from massprops.report.html import number, plot, table, text
+from massprops.report.html import number, table, text
 from massprops.report.page import document as whole_page
+from massprops.report.plot import plot
 
 KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": "warning"}
 
@@ -47,7 +48,7 @@ def law(doc: dict[str, Any]) -> str:
     if found["formula"] is None:
         return f"<p>No law: {text(found['because'])}.</p>"
     if found["stated"]:
-        said = '<div class="done"><b>Stated</b>: each of its terms is likely, and it beats a torque that nothing is known of.</div>'
+        said = '<div class="done"><b>Stated</b>: each of its terms is likely, and it beats an unknown torque.</div>'
     else:
         said = f'<div class="warning"><b>Not stated</b>: {text(found["because"])}.</div>'
     head = f"{said}<p><code>{text(found['formula'])}</code></p>"
@@ -67,7 +68,7 @@ def law(doc: dict[str, Any]) -> str:
         head
         + table(terms, ("torque over the mean moment", "coefficient ± 1σ", "unit", "probability"), numeric=(1, 3))
         + table(gap, ("residual over the noise", "without it", "with it"))
-        + f"<p>{text(found['effect'])} holds it as an effect, {text(found['model'])} its parameters.</p>"
+        + f"<p>{text(found['effect'])} contains the law as an effect, {text(found['model'])} its parameters.</p>"
     )
 
 

@@ -1,66 +1,181 @@
-"""Two effects at once: beside each of the most likely single ones, the second that the balance asks for."""
+"""Two effects at once: every pair of the catalogue solved for together, and every effect beside a wheel of any history.
+
+Nothing is looked for beside a single effect that the other one bends. Each pair begins along the motion that a free body
+with an unknown torque follows, which is right to the noise whatever acts.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from contextlib import suppress
+from itertools import combinations, product
 from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnosis.effect_columns import Term, scan, variants
-from massprops.diagnosis.effect_search import admissible, again, moved_to_best
-from massprops.diagnosis.hypothesis_fit import HypothesisFit, term_gain
+from massprops.diagnosis.conserved_start import Start, conserved, conserved_across, left_across
+from massprops.diagnosis.effect_columns import Term, forcing_of, scan, steps, term_of, variants
+from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.momentum_balance import Forcing
 from massprops.diagnosis.record import Record
+from massprops.diagnosis.screen import joined
+from massprops.errors import NotPossible
 
-FIRSTS = 3
-"""Single effects, the most likely, beside which a second is looked for: one that acts with another may not be first alone."""
-SECONDS = 6
-"""Effects fitted beside each of them, those with the largest gain to first order. Beside a wheel that a torque bends the torque
-stood fifth in one Basilisk record and first in another."""
-MOVED = 2
-"""Pairs, the most likely, whose times and directions are moved to their best."""
+FIRSTS = 2
+"""Single effects, the most likely, whose inertias a pair begins at as well."""
+KEPT = 6
+"""Values of what is scanned of a pair, those that leave the least momentum, that are fitted for a few passes."""
+FEW = 40
+"""Values up to which all are fitted: the least momentum may be left by a change of inertia that no body can have."""
+ANCHORED = 3
+"""Of more values, those that are fitted too with one of the two effects as it is likeliest by itself: an event shows its moment
+whatever acts beside it."""
+SHORT = 3
+"""Passes of the fits that pairs are chosen by."""
+FINISHED = 8
+"""Pairs, the most likely after `SHORT` passes, that are fitted to the end."""
+SCANNED = 3
+"""Values of one pair, the most likely after two passes, that are fitted to the end."""
+NEIGHBOURS = (-2.0, -1.0, 1.0, 2.0)
+"""Steps (`momentum_steps`) to either side of a scanned value that are tried where an effect has no variants."""
+MOVED = 3
+"""Pairs, the most likely, whose times and time constants are moved to their best."""
+WHEELS = 3
+"""Effects, the most likely beside a wheel of any history and an unknown torque, that are fitted beside the wheel to the end."""
+LAG = 0.045
+"""Time constant of that wheel over the record: the middle of `selection.LAGS`."""
+Terms = tuple[Term, ...]
+Forced = tuple[Term, Forcing]
 
 
 def pairs(
-    record: Record, singles: list[tuple[HypothesisFit, HypothesisFit | None]], usable: list[ModuleType]
+    record: Record, unknown: HypothesisFit, singles: list[HypothesisFit], usable: list[ModuleType]
 ) -> list[HypothesisFit]:
     """Fits of two effects, the most likely first.
 
     Args:
-        singles: one effect by itself, the most likely first, and beside an unknown torque or None: by itself it is bent by
-            what the other does, beside an unknown torque it is not. The second is looked for beside either, and the pair
-            begins there. usable: effects that may act beside them.
+        unknown: the free body with an unknown torque; singles: effects by themselves, the most likely first; usable: what
+            may act.
     """
     gap = float(np.median(np.diff(record.times)))
-    found: dict[frozenset[str], HypothesisFit] = {}
-    for start in (fit for single in singles[:FIRSTS] for fit in single if fit is not None):
-        for term in seconds(start, usable, gap)[:SECONDS]:
-            both = replace(start.hypothesis, terms=(*start.hypothesis.terms, term))
-            fit = admissible(record, both, again(start), latent=False)
-            names = frozenset(both.names)
-            if fit is not None and (names not in found or fit.evidence > found[names].evidence):
-                found[names] = fit
-    ranked = sorted(found.values(), key=lambda f: -f.evidence)
-    moved = [_both_moved(f, gap) for f in ranked[:MOVED]]
-    return sorted([*moved, *ranked[MOVED:]], key=lambda f: -f.evidence)
+    along = record if record.rows.rates else unknown.record
+    starts = [Start(inertia=unknown.inertia, left=1.0), BALL, *(again(f) for f in singles[:FIRSTS])]
+    alone = {f.names[0]: f.hypothesis.terms[0] for f in singles if f.hypothesis.terms}
+    forced = [_forced(along, effect, unknown, alone.get(effect.NAME)) for effect in usable]
+    begun = [_begun(along, a, b, starts, gap) for a, b in combinations(forced, 2)]
+    begun = sorted((f for f in begun if f and can_be(f[0])), key=lambda f: -f[0].evidence)
+    found = [_finished(along, fits, starts) for fits in begun[:FINISHED]]
+    ranked = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
+    moved = [_all_moved(f, gap) for f in ranked[:MOVED]]
+    wheels = _beside_wheel(along, forced, gap)
+    return sorted([*moved, *ranked[MOVED:], *wheels], key=lambda f: -f.evidence)
 
 
-def seconds(first: HypothesisFit, usable: list[ModuleType], gap: float) -> list[Term]:
-    """Each other effect at the scanned value that gains most beside a fit, the largest gain first."""
-    record = first.record
-    rates = record.path.w[record.rows.at]
-    best = []
-    for effect in usable:
-        if effect.NAME in first.names:
+def _forced(record: Record, effect: ModuleType, unknown: HypothesisFit, alone: Term | None) -> list[Forced]:
+    """The effect at every value that is scanned, the last the likeliest by itself, with its columns along the path."""
+    path = record.path
+    terms = scan(effect, record.times, path.w[record.rows.at])
+    if alone is not None and len(terms) > 1:
+        terms = [*terms, alone]
+    return [(t, forcing_of(t, path, path.w, unknown.inertia, record.sky)) for t in terms]
+
+
+def _begun(record: Record, a: list[Forced], b: list[Forced], starts: list[Start], gap: float) -> list[HypothesisFit]:
+    """The likeliest values of what is scanned of two effects, and of their variants, after a few passes."""
+    terms = _least_left(record, a, b)
+    fits = _short(record, terms, starts[:2] if len(terms) <= KEPT else starts[:1])
+    if not fits or len(terms) == 1:
+        return fits
+    more = [v for f in fits[:2] for v in _varied(f.hypothesis.terms, gap)]
+    return _ranked([*fits, *_short(record, more, [again(fits[0])])])
+
+
+def _ranked(fits: list[HypothesisFit]) -> list[HypothesisFit]:
+    """What can be first, the likeliest first, the best `SCANNED`."""
+    return sorted(fits, key=lambda f: (not can_be(f), -f.evidence))[:SCANNED]
+
+
+def _least_left(record: Record, a: list[Forced], b: list[Forced]) -> list[Terms]:
+    """The values of two effects that leave the least of the momentum along the path, a linear solution each: of all, and of
+    those with one effect as it is likeliest by itself."""
+    every: list[Terms] = [(s, t) for (s, _), (t, _) in product(a, b)]
+    if len(every) <= FEW:
+        return every
+    at = record.rows.at
+    left = [conserved(record.path, at, joined([f, g])).left for (_, f), (_, g) in product(a, b)]
+    ranked = [every[k] for k in np.argsort(left)]
+    out = ranked[:KEPT]
+    for which, own in enumerate((a, b)):
+        out += [terms for terms in ranked if len(own) > 1 and terms[which] == own[-1][0]][:ANCHORED]
+    return list(dict.fromkeys(out))
+
+
+def _short(
+    record: Record, tried: list[Terms], starts: list[Start], wheel: float = 0.0, passes: int = SHORT
+) -> list[HypothesisFit]:
+    """Fits of a few passes, the most likely first, the best `SCANNED` values.
+
+    Args:
+        wheel: time constant of a wheel of any history beside them [s], or 0.
+    """
+    fits = []
+    for terms in tried:
+        hypothesis = Hypothesis(terms=terms, wheel=wheel > 0, lag=wheel, latent=False)
+        own = []
+        for start in starts:
+            with suppress(NotPossible):
+                own.append(fit_hypothesis(record, hypothesis, start, passes=passes))
+        fits += [max(own, key=lambda f: f.evidence)] if own else []
+    return _ranked(fits)
+
+
+def _varied(terms: Terms, gap: float) -> list[Terms]:
+    """Other values of what is scanned that are worth a fit: an effect's variants, or a few steps to either side."""
+    out = []
+    for k, term in enumerate(terms):
+        held, size = dict(term.held), steps(term, gap)
+        near = variants(term, gap)
+        if not near:
+            near = [term_of(term.effect, held | {n: held[n] + m * v}) for n, v in size.items() for m in NEIGHBOURS]
+        out += [(*terms[:k], v, *terms[k + 1 :]) for v in near]
+    return out
+
+
+def _finished(record: Record, fits: list[HypothesisFit], starts: list[Start]) -> HypothesisFit | None:
+    """The best fit of two effects to the end; None where they have the wrong sign."""
+    done = []
+    for fit in fits:
+        own = fit.hypothesis
+        done += [admissible(record, own, s, latent=False) for s in (again(fit), *starts)]
+    return max((f for f in done if f is not None), key=lambda f: f.evidence, default=None)
+
+
+def _beside_wheel(record: Record, forced: list[list[Forced]], gap: float) -> list[HypothesisFit]:
+    """Fits of an effect and a wheel of any history, about the axis across which both conserve momentum best."""
+    path, at, lag = record.path, record.rows.at, LAG * record.path.span
+    begun = []
+    for own in forced:
+        if own[0][0].name == "internal-rotor":
             continue
-        scanned = [(term_gain(first, t), t) for t in scan(effect, record.times, rates)]
-        gain, term = max(scanned, key=lambda s: s[0])
-        more = [(term_gain(first, t), t) for t in variants(term, gap)]
-        best.append(max([(gain, term), *more], key=lambda s: s[0]))
-    return [term for _, term in sorted(best, key=lambda s: -s[0])]
+        ranked = sorted(own, key=lambda f: left_across(path, at, f[1])) if len(own) > 1 else own
+        for term, forcing in ranked[:2]:
+            with suppress(NotPossible):
+                # beside an unknown torque, which keeps the wheel from answering for what the scanned value misses
+                start = conserved_across(path, at, forcing)
+                h = Hypothesis(terms=(term,), wheel=True, lag=lag)
+                begun.append(fit_hypothesis(record, h, start, passes=SHORT))
+    begun = sorted(begun, key=lambda f: -f.evidence)[:WHEELS]
+    found = []
+    for first in begun:
+        terms = first.hypothesis.terms
+        short = _short(record, [terms, *_varied(terms, gap)], [again(first)], lag)
+        fits = [admissible(record, f.hypothesis, again(f), latent=False) for f in short[:1]]
+        found += [f for f in fits if f is not None]
+    ranked_wheels = sorted(found, key=lambda f: -f.evidence)
+    return [_all_moved(f, gap) for f in ranked_wheels[:1]] + ranked_wheels[1:]
 
 
-def _both_moved(fit: HypothesisFit, gap: float) -> HypothesisFit:
+def _all_moved(fit: HypothesisFit, gap: float) -> HypothesisFit:
     for which in range(len(fit.hypothesis.terms)):
         fit = moved_to_best(fit, gap, which)
     return fit

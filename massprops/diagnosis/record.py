@@ -8,6 +8,7 @@ from math import comb
 
 import numpy as np
 
+from massprops.core.robust import MAD_TO_SIGMA
 from massprops.diagnosis.momentum_balance import Rows
 from massprops.diagnosis.motion_path import MotionPath, nearest, path_from_attitudes, path_from_rates
 from massprops.dynamics.surroundings import Sky, Surroundings
@@ -73,6 +74,12 @@ class Record:
         """Whether the noise of the rows is stated, not estimated."""
         return self.noise_rows > 1.0
 
+    @property
+    def sun(self) -> np.ndarray:
+        """(n, 3) direction of the Sun along the path, body axes."""
+        assert self.sky is not None
+        return np.asarray(np.swapaxes(self.path.R, 1, 2) @ np.array(self.sky.sun))
+
     @cached_property
     def sky(self) -> Sky | None:
         """What acts from outside along the path, inertial axes."""
@@ -118,7 +125,7 @@ def local_noise(values: np.ndarray) -> np.ndarray:
     from scipy.ndimage import uniform_filter1d
 
     square = np.diff(values, ORDER, axis=0) ** 2 / comb(2 * ORDER, ORDER)
-    whole = 1.4826**2 * np.median(square, axis=0)
+    whole = MAD_TO_SIGMA**2 * np.median(square, axis=0)
     window = max(FEWEST_NEAR, len(values) // 20)
     near = uniform_filter1d(square, window, axis=0, mode="nearest")
     near = np.pad(near, ((ORDER // 2, ORDER - ORDER // 2), (0, 0)), mode="edge")
@@ -132,8 +139,8 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment, rates:
     Raises:
         NotPossible: too few attitudes.
     """
+    from massprops.dynamics.chaser_path import chaser_path
     from massprops.dynamics.quaternion import multiply
-    from massprops.estimators.chaser_path import chaser_path
 
     stamp, q, sigma = series.timestamp_ns, series.q, series.sigma
     step = max(1, len(stamp) // MOST_ROWS)

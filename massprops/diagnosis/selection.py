@@ -64,7 +64,8 @@ class Selection:
     """What was found.
 
     Attributes:
-        base: the plain rigid body; unknown: with a latent torque; tried: effects, the most likely first.
+        base: the plain rigid body; unknown: with a latent torque; by_sun: with one that depends on the Sun's direction in the
+            body in any way, or None where nothing is known of the Sun; tried: effects, the most likely first.
         verdict: `none`, `named`, `ambiguous` or `unexplained`; named: the effects of the verdict; skipped: why others
             were not tried, by name.
     """
@@ -75,6 +76,12 @@ class Selection:
     verdict: str
     named: tuple[Candidate, ...]
     skipped: dict[str, str] = field(default_factory=dict)
+    by_sun: HypothesisFit | None = None
+
+    @property
+    def unknowns(self) -> tuple[HypothesisFit, ...]:
+        """The hypotheses that name nothing, which every effect must beat."""
+        return (self.unknown,) if self.by_sun is None else (self.unknown, self.by_sun)
 
     @property
     def noise(self) -> np.ndarray:
@@ -89,6 +96,8 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     base, unknown = without_effects(record)
     if unknown is base:
         return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
+    by_sun = torque_by_sun(record, unknown)
+    unknowns = (unknown,) if by_sun is None else (unknown, by_sun)
     usable, skipped = usable_effects(record)
     tried = []
     for k, effect in enumerate(usable):
@@ -106,35 +115,49 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
         h = one.alone.hypothesis
         tried[k] = Candidate(alone=one.alone, beside=admissible(record, h, again(one.alone), latent=True))
-    if asks_for_two(tried, base, unknown):
+    if asks_for_two(tried, base, *unknowns):
         watch("two effects at once", 0, 1)
-        tried += _pairs(record, tried, usable, {c.name for c in tried if may_be_named(c, base, unknown)})
+        tried += _pairs(tried, usable, base, unknowns)
     tried.sort(key=lambda c: -c.evidence)
-    verdict, named = _verdict(base, unknown, tried)
+    verdict, named = _verdict(base, unknowns, tried)
     return Selection(
-        base=base, unknown=unknown, tried=tuple(tried), verdict=verdict, named=tuple(named), skipped=skipped
+        base=base,
+        unknown=unknown,
+        tried=tuple(tried),
+        verdict=verdict,
+        named=tuple(named),
+        skipped=skipped,
+        by_sun=by_sun,
     )
 
 
-def asks_for_two(tried: list[Candidate], base: HypothesisFit, unknown: HypothesisFit) -> bool:
-    """Whether no single effect is enough: none may be named, or each that may leaves more than the noise that is stated."""
-    good = [c for c in tried if may_be_named(c, base, unknown)]
-    if base.record.stated:
-        return bool(tried) and not any(within_noise(c.alone) for c in good)
-    return not good
+def asks_for_two(tried: list[Candidate], base: HypothesisFit, *unknowns: HypothesisFit) -> bool:
+    """Whether no single effect is enough: none may be named, or each that may leaves more than the noise that is stated, or
+    an effect beside an unknown torque is likelier."""
+    good = [c for c in tried if may_be_named(c, base, *unknowns)]
+    if not base.record.stated:
+        return not good
+    likeliest = max(
+        [*(u.evidence for u in unknowns), *(f.evidence for c in tried for f in (c.alone, c.beside) if f is not None)]
+    )
+    enough = [c for c in good if within_noise(c.alone) and c.alone.evidence > likeliest - criteria.BEATS_UNKNOWN]
+    return bool(tried) and not enough
 
 
-def _pairs(record: Record, tried: list[Candidate], usable: list[ModuleType], good: set[str]) -> list[Candidate]:
+def _pairs(
+    tried: list[Candidate], usable: list[ModuleType], base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]
+) -> list[Candidate]:
     """Pairs that are more likely than any single effect, pay for having been looked for, and predict better.
 
-    Args:
-        good: names of those that may be named. With a stated noise the others count by themselves: what they gain beside an
-            unknown torque is that torque's, and may be the second effect's.
+    With a stated noise a single effect that may not be named counts by itself: what it gains beside an unknown torque is
+    that torque's, and may be the second effect's.
     """
+    record = base.record
     singles = sorted(tried, key=lambda c: -c.alone.evidence)
     if not singles:
         return []
-    found = pairs(record, [(c.alone, c.beside) for c in singles], usable)
+    good = {c.name for c in tried if may_be_named(c, base, *unknowns)}
+    found = pairs(record, unknowns[0], [c.alone for c in singles if not c.alone.hypothesis.wheel], usable)
     own = [c.alone.evidence if record.stated and c.name not in good else c.evidence for c in tried]
     enough = max(own) + criteria.BEATS_NOTHING + np.log(1 + len(found))
     noise = np.ones(3)
@@ -155,6 +178,23 @@ def without_effects(record: Record) -> tuple[HypothesisFit, HypothesisFit]:
     if record.stated and within_noise(base):
         return base, base
     return base, _best(record, Hypothesis(), [plain, Start(inertia=base.inertia, left=1.0)])
+
+
+def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | None:
+    """With a torque that depends on the Sun's direction in the body in any way; beside a latent one where that leaves more
+    than the noise and is likelier. None where nothing is known of the Sun, or where such torques lead astray, as a knock makes them.
+
+    What acts may follow the Sun and be no pressure of its light: a jet of what it warms, a panel that bends.
+    """
+    if record.around is None or "sun direction" not in record.around.known:
+        return None
+    along, fits = record if record.rows.rates else unknown.record, []
+    for latent in (False, True):
+        with suppress(NotPossible):
+            fits.append(fit_hypothesis(along, Hypothesis(latent=latent, by_sun=True), again(unknown)))
+        if fits and record.stated and within_noise(fits[0]):
+            break
+    return max(fits, key=lambda f: f.evidence, default=None)
 
 
 def rigid_body_alone(record: Record) -> Selection:
@@ -211,11 +251,13 @@ def _apart(a: HypothesisFit, b: HypothesisFit) -> float:
     return float(np.arccos(min(1.0, abs(float(a.axis @ b.axis)))))
 
 
-def _verdict(base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate]) -> tuple[str, list[Candidate]]:
-    something = max([unknown.evidence, *(c.evidence for c in tried)])
+def _verdict(
+    base: HypothesisFit, unknowns: tuple[HypothesisFit, ...], tried: list[Candidate]
+) -> tuple[str, list[Candidate]]:
+    something = max([*(u.evidence for u in unknowns), *(c.evidence for c in tried)])
     if something < base.evidence + criteria.BEATS_NOTHING + np.log(1 + len(tried)):
         return "none", []
-    good = [c for c in tried if may_be_named(c, base, unknown)]
+    good = [c for c in tried if may_be_named(c, base, *unknowns)]
     if not good:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
@@ -227,12 +269,13 @@ def _verdict(base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate]
 
 def within_noise(base: HypothesisFit) -> bool:
     """Whether a free rigid body leaves no more than the stated noise."""
-    return rms(base.residual) < 1.0 + criteria.SHOWN / np.sqrt(2.0 * base.residual.size)
+    return bool(rms(base.residual) < 1.0 + criteria.SHOWN / np.sqrt(2.0 * base.residual.size))
 
 
-def may_be_named(c: Candidate, base: HypothesisFit, unknown: HypothesisFit) -> bool:
-    """Whether an effect beats the unknown torque, explains most by itself, and is away from nothing."""
-    if c.evidence < unknown.evidence + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
+def may_be_named(c: Candidate, base: HypothesisFit, *unknowns: HypothesisFit) -> bool:
+    """Whether an effect beats the unknown torques, explains most by itself, and is away from nothing."""
+    likeliest = max(u.evidence for u in unknowns)
+    if c.evidence < likeliest + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
     small = base.record.stated and within_noise(c.alone)
     if not small and rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):

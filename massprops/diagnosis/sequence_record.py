@@ -26,9 +26,9 @@ def record_of_sequence(sequence: Sequence) -> Record:
 
 def _attitudes_of_tracks(sequence: Sequence) -> AttitudeSeries:
     """Attitudes as each epoch of stereo tracks alone shows them."""
-    from massprops.estimators.problem import problem_of
     from massprops.estimators.result import Prior
     from massprops.estimators.start import first_guess
+    from massprops.model.problem import problem_of
 
     problem = problem_of(sequence)
     if not problem.stereo:

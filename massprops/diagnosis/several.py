@@ -111,7 +111,7 @@ def together(selections: list[Selection]) -> Together:
 def _may_be_named(effect: CommonEffect, selections: list[Selection]) -> bool:
     """Whether it may be named in most of the records that lack something."""
     lacking = [(c, s) for c, s in zip(effect.candidates, selections, strict=True) if s.verdict != "none"]
-    passed = [may_be_named(c, s.base, s.unknown) for c, s in lacking]
+    passed = [may_be_named(c, s.base, *s.unknowns) for c, s in lacking]
     return 2 * sum(passed) > len(passed)
 
 

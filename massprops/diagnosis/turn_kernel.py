@@ -7,7 +7,9 @@ import numpy as np
 
 
 @numba.njit(cache=True, error_model="numpy")
-def turned(t, answer, steps, rate, first, less):  # type: ignore[no-untyped-def]
+def turned(
+    t: np.ndarray, answer: np.ndarray, steps: np.ndarray, rate: np.ndarray, first: np.ndarray, less: float
+) -> np.ndarray:
     """(n, 3, k) with phi' = (answer - [u]x) phi + rate - less u from `first` (3, k), by the trapezoid.
 
     Args:
@@ -36,7 +38,7 @@ def turned(t, answer, steps, rate, first, less):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _one_plus(h, A, u, out):  # type: ignore[no-untyped-def]
+def _one_plus(h: float, A: np.ndarray, u: np.ndarray, out: np.ndarray) -> None:
     """1 + h (A - [u]x) into `out`."""
     for a in range(3):
         for b in range(3):
@@ -51,7 +53,7 @@ def _one_plus(h, A, u, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _inverse(M, out):  # type: ignore[no-untyped-def]
+def _inverse(M: np.ndarray, out: np.ndarray) -> None:
     """The inverse of M (3, 3) into `out`, by cofactors."""
     for a in range(3):
         p, q = (a + 1) % 3, (a + 2) % 3

@@ -9,11 +9,11 @@ import numpy as np
 from massprops.dynamics.surroundings import Surroundings
 from massprops.effects import effects
 from massprops.errors import InputError
-from massprops.estimators.batch.linearise import Predicted, predict
-from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.batch.state import BatchState
-from massprops.estimators.problem import Problem
 from massprops.model import lacks, model_of
+from massprops.model.linearise import Predicted, predict
+from massprops.model.measurements import Measurements
+from massprops.model.problem import Problem
+from massprops.model.state import BatchState
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.track_view import pixels
 
@@ -23,7 +23,7 @@ def asked_for(
 ) -> tuple[dict[str, np.ndarray | None], dict[str, float]]:
     """The effects asked for: parameters where they are given, pixels where they are to be drawn."""
     known = effects()
-    there = there_of(problem, around, s.range_sigma_m > 0, s.assumed)
+    there = available_needs(problem, around, s.range_sigma_m > 0, s.assumed)
     sizes: dict[str, np.ndarray | None] = {}
     moves: dict[str, float] = {}
     for text in s.effects:
@@ -50,7 +50,7 @@ def asked_for(
     return sizes, moves
 
 
-def there_of(problem: Problem, around: Surroundings, ranged: bool, assumed: bool) -> set[str]:
+def available_needs(problem: Problem, around: Surroundings, ranged: bool, assumed: bool) -> set[str]:
     """What of an effect's needs is there."""
     there = set(around.known)
     tracks = problem.uv.shape[2] > 0

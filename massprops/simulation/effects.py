@@ -11,10 +11,10 @@ from massprops.dynamics.surroundings import Surroundings
 from massprops.dynamics.translation import path
 from massprops.effects import changes_motion, effects
 from massprops.errors import InputError
-from massprops.estimators.batch.linearise import predict
-from massprops.estimators.batch.measurements import measurements_of
-from massprops.estimators.batch.state import BatchState
 from massprops.model import Model, load_model, model_of
+from massprops.model.linearise import predict
+from massprops.model.measurements import measurements_of
+from massprops.model.state import BatchState
 from massprops.simulation.effect_size import asked_for, sized
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.track_view import blank_problem

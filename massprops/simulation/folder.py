@@ -1,4 +1,4 @@
-"""The folder of a simulated sequence: another simulation may take its place, nothing else's files."""
+"""The folder of a simulated sequence: another simulation may replace it, but no other files."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def refuse_others(folder: Path, force: bool = False) -> None:
     """Only an earlier simulation is written over."""
     if (folder / "run.yaml").exists():
         raise InputError(f"{folder}: holds a run: choose another -o")
-    if force or not folder.is_dir() or any(e["by"] == OWNER for e in Outputs(folder).files.values()):
+    if force or not folder.is_dir() or Outputs(folder).wrote(OWNER):
         return
     if any(entry.name != OWN for entry in folder.iterdir()):
         raise InputError(

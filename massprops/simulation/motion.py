@@ -42,7 +42,8 @@ class Path:
     @property
     def centre_in_camera(self) -> np.ndarray:
         """(n, 3) whole centre of mass in cam0 [m]; at rest when the body turns freely."""
-        return self.position + rotation_matrix(self.q) @ self.centre
+        centre: np.ndarray = self.position + rotation_matrix(self.q) @ self.centre
+        return centre
 
 
 def distance_for(scenario: Scenario, length: float) -> float:

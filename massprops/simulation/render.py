@@ -62,7 +62,8 @@ def undistorted_radius(seen: np.ndarray, k1: float, k2: float) -> np.ndarray:
         r = 0.5 * (low + high)
         short = r * (1 + k1 * r**2 + k2 * r**4) < seen
         low, high = np.where(short, r, low), np.where(short, high, r)
-    return 0.5 * (low + high)
+    middle: np.ndarray = 0.5 * (low + high)
+    return middle
 
 
 class Renderer:
@@ -105,13 +106,14 @@ class Renderer:
         return np.column_stack([xy, np.ones(len(xy))]).reshape(h * SUPER, w * SUPER, 3).astype(np.float32)
 
     def _backdrop(self) -> np.ndarray:
-        """(h, w) grey of what is behind everything; the same in every frame."""
+        """(h, w) grey background, the same in every frame."""
         w, h = self.lens.size
         if self.scenario.background == "black" or self.scenario.motion == "static":
             return np.full((h, w), 2.0 if self.scenario.motion == "tumbling" else 150.0)
         x, y = np.meshgrid(np.arange(w) / w * 4.0, np.arange(h) / w * 4.0)
         flat = Noise(self.scenario.seed + 11, 1.0)(np.column_stack([x.ravel(), y.ravel(), np.zeros(w * h)]))
-        return np.clip(85 + 30 * flat.reshape(h, w), 5, 200)
+        grey: np.ndarray = np.clip(85 + 30 * flat.reshape(h, w), 5, 200)
+        return grey
 
     def window(self, R: np.ndarray, t: np.ndarray) -> tuple[slice, slice]:
         """Rows and columns of rays that can meet the body."""
@@ -191,8 +193,10 @@ class Renderer:
 
     def _normal(self, face: np.ndarray, uv: np.ndarray) -> np.ndarray:
         if not self.scenario.smooth:
-            return self.normals[face]
+            flat: np.ndarray = self.normals[face]
+            return flat
         corner = self.normals[np.asarray(self.mesh.faces)[face]]
         weight = np.column_stack([1 - uv.sum(axis=1), uv])
-        n = np.einsum("nk,nki->ni", weight, corner)
-        return n / np.linalg.norm(n, axis=1, keepdims=True)
+        n: np.ndarray = np.einsum("nk,nki->ni", weight, corner)
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        return n

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.files import write_image
 from massprops.core.progress import Progress, silent
 from massprops.errors import InputError
 from massprops.sequence import Camera, Environment, RangeSeries, Sequence, write_sequence
@@ -171,8 +172,8 @@ def _under_effects(
 
     from massprops.dynamics.quaternion import rotation_matrix
     from massprops.dynamics.surroundings import Surroundings
-    from massprops.estimators.batch.state import BatchState
     from massprops.model import Model
+    from massprops.model.state import BatchState
     from massprops.simulation.effects import effects_model, moved_by
 
     if scenario.motion != "tumbling":
@@ -195,8 +196,7 @@ def _under_effects(
 def _save(path: Path, image: np.ndarray) -> Path:
     import cv2
 
-    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 3]):
-        raise OSError(28, "an image could not be written", str(path))
+    write_image(path, image, (cv2.IMWRITE_PNG_COMPRESSION, 3))
     return path
 
 
@@ -263,7 +263,7 @@ def write_video(path: Path, images: list[Path], rate_hz: float, crf: int = 15) -
 
     with av.open(str(path), "w") as container:
         rate = Fraction(rate_hz).limit_denominator(1000)
-        first: np.ndarray = cv2.imdecode(np.fromfile(images[0], np.uint8), cv2.IMREAD_GRAYSCALE)  # type: ignore[assignment]
+        first: np.ndarray = cv2.imdecode(np.fromfile(images[0], np.uint8), cv2.IMREAD_GRAYSCALE)
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = first.shape[1], first.shape[0], "yuv420p"
         stream.options = {"crf": str(crf), "preset": "slow"}

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.errors import NotPossible
-from massprops.estimators.batch.linearise import Predicted, body_points
-from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.problem import Problem
+from massprops.model.linearise import Predicted, body_points
+from massprops.model.measurements import Measurements
+from massprops.model.problem import Problem
 from massprops.sensing.pinhole import pinhole_of
 from massprops.sensing.predict import Seen, image, in_chaser
 from massprops.sequence.data import Camera, Environment
@@ -68,9 +68,8 @@ def visible(s: TrackScenario, problem: Problem, at: Predicted, rng: np.random.Ge
     """
     n, c, m = problem.uv.shape[:3]
     i, k, j = (a.reshape(-1) for a in np.meshgrid(np.arange(n), np.arange(c), np.arange(m), indexing="ij"))
-    every = Measurements(
-        Seen(i, k, j, np.zeros(len(i))), np.zeros((len(i), 2)), np.ones(len(i)), *(np.zeros(0, int) for _ in range(3))
-    )
+    none = np.zeros(0, int)
+    every = Measurements(Seen(i, k, j, np.zeros(len(i))), np.zeros((len(i), 2)), np.ones(len(i)), none, none, none)
     if not len(i):
         return every
     points, sensed, p = body_points(at, every), at.state.model.sensed, at.state.model.flat(False)
@@ -87,12 +86,8 @@ def visible(s: TrackScenario, problem: Problem, at: Predicted, rng: np.random.Ge
         keep &= np.sum(outward * sight, axis=1) < 0.15
     if keep.sum() < 0.02 * len(keep):
         raise NotPossible("the body is hardly ever in view: bring it nearer, or slow its drift")
-    return Measurements(
-        Seen(i[keep], k[keep], j[keep], every.seen.row[keep]),
-        uv[keep],
-        np.ones(int(keep.sum())),
-        *(np.zeros(0, int) for _ in range(3)),
-    )
+    seen = Seen(i[keep], k[keep], j[keep], every.seen.row[keep])
+    return Measurements(seen, uv[keep], np.ones(int(keep.sum())), none, none, none)
 
 
 def pixels(problem: Problem, at: Predicted, seen: Measurements) -> np.ndarray:

@@ -20,12 +20,12 @@ from massprops.dynamics.quaternion import (
 from massprops.dynamics.rotation import inertia_at_start
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import InputError
-from massprops.estimators.batch.linearise import predict
-from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.batch.state import BatchState, inertia_of
-from massprops.estimators.problem import BYTES_A_PIXEL, Problem
 from massprops.memory import refuse_beyond
 from massprops.model import Model, load_model, model_of
+from massprops.model.linearise import predict
+from massprops.model.measurements import Measurements
+from massprops.model.problem import BYTES_A_PIXEL, Problem
+from massprops.model.state import BatchState, inertia_of
 from massprops.sensing.predict import camera_turn
 from massprops.sequence.data import (
     AttitudeSeries,

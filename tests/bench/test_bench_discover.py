@@ -1,6 +1,7 @@
 """Hidden laws outside the catalogue, moved by MuJoCo: which terms `--discover` finds, and what it predicts.
 
-Seeds 0 to 9 served while it was made; the others were run once, at the end.
+Seeds 0 to 9 and 200 to 259 served while it was made; 100 to 109 and 300 to 359 were run once each, after it. A law that a free
+body follows within the noise is not counted.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ from bench.hidden_laws import STEP_S, HiddenLaw, draw
 
 from massprops.diagnosis.discovery.law import document_of_law
 from massprops.diagnosis.discovery.sequence_law import law_of_sequence
+from massprops.diagnosis.selection import without_effects
+from massprops.diagnosis.sequence_record import record_of_sequence
 
 pytestmark = pytest.mark.bench
 
-DEVELOPED, HELD_OUT = range(10), range(100, 110)
+SEEDS = range(300, 360)
 
 
 def _right(found: set[str], hidden: HiddenLaw) -> bool:
@@ -26,13 +29,19 @@ def _right(found: set[str], hidden: HiddenLaw) -> bool:
     return plain == hidden.labels and near and len(found) == sum(len(t.axes) for t in hidden.terms)
 
 
-@pytest.mark.parametrize("seeds", [DEVELOPED, HELD_OUT], ids=["developed", "held out"])
-def test_hidden_laws(seeds: range) -> None:
-    right = predicted = surely_wrong = 0
-    for seed in seeds:
+def test_hidden_laws() -> None:
+    right = predicted = surely_wrong = shown = 0
+    for seed in SEEDS:
         hidden = draw(seed)
         law = document_of_law(law_of_sequence(hidden.sequence))
         found = {t["term"] for t in law["terms"]}
+        if not found:
+            record = record_of_sequence(hidden.sequence)
+            base, unknown = without_effects(record)
+            if base is unknown:
+                print(f"\n{seed:4} does not show: {sorted(hidden.labels)}")
+                continue
+        shown += 1
         good = _right(found, hidden)
         held = law["held_out"]["after"] if found else float("nan")
         sure = bool(found) and min(t["probability"] for t in law["terms"]) > 0.9
@@ -43,5 +52,5 @@ def test_hidden_laws(seeds: range) -> None:
         print(f"\n{seed:4} {'right' if good else 'WRONG'} held out {held:.2f} {gap} {law['stated']} {law['because']}")
         print(f"     hidden {sorted(hidden.labels)} {hidden.moments}\n     found  {law['formula']}")
         print("     " + ", ".join(f"{t['term']}: {t['probability']:.2f}" for t in law["terms"]))
-    print(f"\nright terms {right}, held out at most 1.1 {predicted}, surely wrong {surely_wrong} of {len(seeds)}")
-    assert surely_wrong <= 0.1 * len(seeds)
+    print(f"\nright terms {right}, held out at most 1.1 {predicted}, surely wrong {surely_wrong} of {shown}")
+    assert right >= 0.8 * shown and predicted >= 0.9 * shown and surely_wrong <= 0.02 * shown

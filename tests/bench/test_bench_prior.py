@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from estimators.made_sequence import AXES, make_sequence
 
-from massprops.estimators.begin import early_start
+from massprops.estimators.filters.begin import early_start
 from massprops.estimators.methods import smoother
 from massprops.estimators.prior import FilterPrior, into_frame, judge
-from massprops.estimators.problem import Problem, problem_of
 from massprops.estimators.result import Estimate, Prior
 from massprops.estimators.start import first_guess
 from massprops.mass.ratio_space import inertia_of
+from massprops.model.problem import Problem, problem_of
 from massprops.sequence import read_sequence
 
 pytestmark = pytest.mark.bench

@@ -11,9 +11,9 @@ from massprops.diagnosis.search.axes import OTHERWISE, otherwise
 from massprops.diagnosis.search.case import case_of
 from massprops.diagnosis.search.refit import refit
 from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
-from massprops.estimators.batch.linearise import predict, residuals
-from massprops.estimators.batch.state import in_axes
-from massprops.estimators.problem import problem_of
+from massprops.model.linearise import predict, residuals
+from massprops.model.problem import problem_of
+from massprops.model.state import in_axes
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

@@ -12,9 +12,9 @@ import yaml
 from report.browser import check_page, needs_browser
 
 from massprops.diagnosis.search.misfit import mean_square, whiteness
-from massprops.estimators.batch.linearise import Residuals
-from massprops.estimators.batch.measurements import Measurements
 from massprops.model import load_model
+from massprops.model.linearise import Residuals
+from massprops.model.measurements import Measurements
 from massprops.sensing.predict import Seen
 from massprops.sequence import Environment, write_sequence
 from massprops.simulation.track_scenario import TrackScenario

@@ -27,7 +27,7 @@ from diagnose.mujoco_bodies import (
 )
 
 from massprops.diagnosis.search.diagnose import diagnose_problem
-from massprops.estimators.problem import problem_of
+from massprops.model.problem import problem_of
 
 pytest.importorskip("mujoco", reason="test extra 'consumers' is not installed")
 

@@ -7,8 +7,8 @@ import pytest
 
 from massprops.diagnosis.search.body_picture import body_picture, colour_of
 from massprops.diagnosis.search.hidden_mass import hidden_mass
-from massprops.estimators.batch.linearise import Residuals
-from massprops.estimators.batch.measurements import Measurements
+from massprops.model.linearise import Residuals
+from massprops.model.measurements import Measurements
 from massprops.sensing.predict import Seen
 
 

@@ -12,7 +12,7 @@ from massprops.diagnosis.search.refit import Added, Scored, refit, with_effects
 from massprops.diagnosis.search.score import score_tests
 from massprops.diagnosis.search.stepwise import stepwise
 from massprops.effects import effects
-from massprops.estimators.problem import problem_of
+from massprops.model.problem import problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

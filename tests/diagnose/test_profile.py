@@ -11,7 +11,7 @@ from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.profile import profiled
 from massprops.diagnosis.search.refit import Scored, refit, with_effects
 from massprops.effects import effects
-from massprops.estimators.problem import problem_of
+from massprops.model.problem import problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

@@ -12,8 +12,8 @@ from massprops.diagnosis.search.case import Case, case_of
 from massprops.diagnosis.search.refit import Added, Scored, refit, with_effects
 from massprops.diagnosis.search.stepwise import stepwise
 from massprops.effects import effects
-from massprops.estimators.problem import problem_of
 from massprops.model import model_of
+from massprops.model.problem import problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

@@ -11,7 +11,7 @@ import pytest
 from massprops.diagnosis.black_box.fit import fit_black_box
 from massprops.diagnosis.black_box.worker import Simulator
 from massprops.errors import InputError, NotPossible
-from massprops.estimators.problem import Problem, problem_of
+from massprops.model.problem import Problem, problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

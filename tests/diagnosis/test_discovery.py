@@ -50,7 +50,7 @@ def sky(path: MotionPath) -> Sky:
 
 
 def test_every_term_is_the_same_in_its_effect_file(path: MotionPath) -> None:
-    groups = library(EVERYTHING, 20.0, (0.5,), (3.0, 7.0))
+    groups = library(EVERYTHING, 20.0, (0.5,), (3.0, 7.0), 0.1)
     terms = [term for group in groups for term in group.terms]
     assert len({t.label for t in terms}) == len(terms) > 200
     columns = columns_of(terms, path, path.w, sky(path))
@@ -67,14 +67,18 @@ def test_the_regression_finds_the_columns_that_act() -> None:
     fixed, columns = rng.normal(size=(600, 5)), rng.normal(size=(600, 30))
     y = fixed @ rng.normal(size=5) + 0.5 * columns[:, 4] - 0.5 * columns[:, 13] + rng.normal(size=600)
     groups = tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(10))
-    r = regression_of(fixed, np.full(5, 10.0), columns, y, 100.0, groups, (False,) * 10)
+    r = regression_of(fixed, np.full(5, 10.0), columns, y, 100.0, groups, (False,) * 10, tuple(range(10)))
     models = search(r)
     chance = probabilities(r, models)
     assert models[0].columns == (4, 13) and min(chance[4], chance[13]) > 0.9
     assert max(p for c, p in chance.items() if c not in (4, 13)) < 0.3
-    noise = regression_of(fixed, np.full(5, 10.0), columns, rng.normal(size=600), 100.0, groups, (False,) * 10)
+    noise = regression_of(
+        fixed, np.full(5, 10.0), columns, rng.normal(size=600), 100.0, groups, (False,) * 10, tuple(range(10))
+    )
     assert search(noise)[0].columns == ()
-    held = regression_of(fixed, np.full(5, 10.0), columns, y, 100.0, groups, (False,) * 4 + (True,) + (False,) * 5)
+    held = regression_of(
+        fixed, np.full(5, 10.0), columns, y, 100.0, groups, (False,) * 4 + (True,) + (False,) * 5, tuple(range(10))
+    )
     assert 13 not in search(held)[0].columns, "a coefficient that must not be negative is"
 
 

@@ -8,10 +8,10 @@ from diagnosis.test_momentum_balance import tumble
 
 from massprops.diagnosis.conserved_start import conserved
 from massprops.diagnosis.document import document_of_selection, model_of_selection
-from massprops.diagnosis.effect_columns import Term
-from massprops.diagnosis.effect_search import widening
+from massprops.diagnosis.effect_columns import Term, scan, term_of
+from massprops.diagnosis.effect_search import again, widening
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
-from massprops.diagnosis.pairs import SECONDS, pairs, seconds
+from massprops.diagnosis.pairs import ANCHORED, KEPT, _forced, _least_left, pairs
 from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import (
     Candidate,
@@ -21,8 +21,10 @@ from massprops.diagnosis.selection import (
     rms,
     usable_effects,
     wheel_of_any_history,
+    within_noise,
     without_effects,
 )
+from massprops.effects import effects
 
 DRAG = np.array([0.6, 0.3, 0.9])
 TORQUE = np.array([3.0, -2.0, 1.5])
@@ -42,12 +44,9 @@ def alone(record: Record, name: str) -> HypothesisFit:
 def test_the_second_of_two_effects_is_found_beside_the_first(record: Record) -> None:
     usable, _ = usable_effects(record)
     single = [alone(record, "drag-by-axis"), alone(record, "constant-body-torque")]
-    for fit, other in zip(single, ("constant-body-torque", "drag-by-axis"), strict=True):
-        assert rms(fit.residual) > 1.5
-        steady = [m for m in usable if m.NAME != "impulse"]
-        assert other in [t.name for t in seconds(fit, steady, 0.01)[:SECONDS]]
-    both = [m for m in usable if m.NAME in ("drag-by-axis", "constant-body-torque", "internal-rotor")]
-    found = pairs(record, [(f, None) for f in single], both)[0]
+    assert all(rms(fit.residual) > 1.5 for fit in single)
+    base, unknown = without_effects(record)
+    found = pairs(record, unknown, single, [m for m in usable if m.NAME != "impulse"])[0]
     assert set(found.names) == {"drag-by-axis", "constant-body-torque"}
     assert found.evidence > max(f.evidence for f in single) + 20 and rms(found.residual) < 1.15
     for name, truth in (("drag-by-axis", DRAG), ("constant-body-torque", TORQUE)):
@@ -55,7 +54,6 @@ def test_the_second_of_two_effects_is_found_beside_the_first(record: Record) -> 
         assert np.all(np.abs(found.values[name] - truth) < 4 * sd + 0.02)
 
     tried = [Candidate(alone=f) for f in single]
-    base, unknown = without_effects(record)
     assert asks_for_two(tried, base, unknown)
     assert not asks_for_two([*tried, Candidate(alone=found)], base, unknown)
     named = Selection(base=base, unknown=unknown, tried=(), verdict="named", named=(Candidate(alone=found),))
@@ -63,6 +61,22 @@ def test_the_second_of_two_effects_is_found_beside_the_first(record: Record) -> 
     assert {e["name"] for e in document["effects"]} == {"drag-by-axis", "constant-body-torque"}
     assert all(np.isfinite(v) for e in document["effects"] for v in e["parameters"].values() if v is not None)
     assert {e["name"] for e in model_of_selection(named)["effects"]} == {"drag-by-axis", "constant-body-torque"}
+
+
+def test_values_of_a_pair_are_tried_beside_what_each_is_likeliest_at_alone(record: Record) -> None:
+    """Of many values the least momentum may be left by what no body can be: a boom's own moment is tried all the same."""
+    _, unknown = without_effects(record)
+    boom, sphere = effects()["inertia-change"], effects()["energy-dissipation"]
+    moment, pace = term_of(boom, {"time": 0.4321}), term_of(sphere, {"coupling": 0.777})
+    a, b = _forced(record, boom, unknown, moment), _forced(record, sphere, unknown, pace)
+    w = record.path.w[record.rows.at]
+    assert len(a) == len(scan(boom, record.times, w)) + 1 and a[-1][0] == moment
+    tried = _least_left(record, a, b)
+    assert len(tried) <= KEPT + 2 * ANCHORED and len(set(tried)) == len(tried)
+    assert sum(t[0] == moment for t in tried) >= ANCHORED and sum(t[1] == pace for t in tried) >= ANCHORED
+    # a few values are all tried
+    torque = _forced(record, effects()["constant-body-torque"], unknown, None)
+    assert len(torque) == 1 and len(_least_left(record, a, torque)) == len(a)
 
 
 def test_sigmas_grow_where_neighbours_are_alike() -> None:
@@ -93,7 +107,7 @@ def test_a_small_effect_that_leaves_the_stated_noise_may_be_named() -> None:
     assert not may_be_named(Candidate(alone=idle), base, unknown)
 
 
-def test_a_wheel_that_a_torque_bends_is_found_from_beside_an_unknown_torque() -> None:
+def test_a_wheel_of_any_history_is_found_beside_a_torque_that_bends_it() -> None:
     pytest.importorskip("Basilisk")
     from diagnosis.basilisk_worlds import recorded
 
@@ -101,9 +115,42 @@ def test_a_wheel_that_a_torque_bends_is_found_from_beside_an_unknown_torque() ->
     assert sequence.attitude is not None
     record = record_of_attitudes(sequence.attitude, sequence.environment)
     wheel = wheel_of_any_history(record)
-    usable = [m for m in usable_effects(record)[0] if m.NAME != "impulse"]
-    assert wheel.beside is not None and seconds(wheel.beside, usable, 2.0)[0].name == "constant-body-torque"
-    torque = [m for m in usable if m.NAME == "constant-body-torque"]
-    found = pairs(record, [(wheel.alone, wheel.beside)], torque)[0]
+    _, unknown = without_effects(record)
+    torque = [m for m in usable_effects(record)[0] if m.NAME == "constant-body-torque"]
+    found = pairs(record, unknown, [wheel.alone], torque)[0]
     assert rms(wheel.alone.residual) > 5.0 and rms(found.residual) < 1.05
-    assert set(found.names) == {"internal-rotor", "constant-body-torque"}
+    assert found.hypothesis.wheel and set(found.names) == {"internal-rotor", "constant-body-torque"}
+
+
+def test_what_two_effects_share_of_the_noise_is_not_left_to_one() -> None:
+    """A constant torque within the noise, beside which an unknown torque is likelier, asks for a second."""
+    pytest.importorskip("mujoco")
+    from diagnosis.pair_worlds import drawn
+
+    found = drawn(106)
+    assert found.sequence.attitude is not None and set(found.names) == {"constant-body-torque", "viscous-damping"}
+    record = record_of_attitudes(found.sequence.attitude, found.sequence.environment)
+    base, unknown = without_effects(record)
+    start = again(unknown)
+    terms = (Term(effect=effects()["constant-body-torque"]),)
+    torque = fit_hypothesis(record, Hypothesis(terms=terms, latent=False), start)
+    tried = Candidate(alone=torque, beside=fit_hypothesis(record, Hypothesis(terms=terms), again(torque)))
+    assert within_noise(torque) and may_be_named(tried, base, unknown)
+    assert asks_for_two([tried], base, unknown)
+
+
+def test_a_firing_beside_a_wheel_is_found_where_the_least_momentum_is_left() -> None:
+    """An unknown torque takes up all of a strong firing, so nothing is gained beside it at any moment."""
+    pytest.importorskip("mujoco")
+    from diagnosis.pair_worlds import drawn
+
+    sequence = drawn(202).sequence
+    assert sequence.attitude is not None
+    record = record_of_attitudes(sequence.attitude, sequence.environment)
+    base, unknown = without_effects(record)
+    names = ("impulse", "internal-rotor")
+    found = pairs(record, unknown, [base], [effects()[n] for n in names])[0]
+    # the jet fires for 4 s from 240.6 s on
+    held = dict(found.hypothesis.term("impulse").held)
+    assert set(found.names) == set(names) and rms(found.residual) < 1.05
+    assert held["time"] + 0.5 * held["duration"] == pytest.approx(242.6, abs=1.0)

@@ -11,7 +11,7 @@ from massprops.diagnosis.black_box.worker import Simulator
 from massprops.diagnosis.criteria import BLOCKS, FOLDS
 from massprops.dynamics.quaternion import conjugate, multiply, normalise, rotation_vector
 from massprops.errors import InputError, NotPossible
-from massprops.estimators.problem import Problem
+from massprops.model.problem import Problem
 
 STEP = 1e-4
 """Of a finite difference, over the common size of a parameter; central, so errors are of its square."""
@@ -40,7 +40,7 @@ class BlackBoxFit:
 class _Residuals:
     """Residuals over the noise as a function of the parameters in units of their common size."""
 
-    def __init__(self, simulator: Simulator, problem: Problem):
+    def __init__(self, simulator: Simulator, problem: Problem) -> None:
         self.simulator, self.problem = simulator, problem
         self.start = np.array([q.start for q in simulator.parameters])
         self.size = np.array([q.size for q in simulator.parameters])
@@ -55,7 +55,8 @@ class _Residuals:
         if isinstance(given, str):
             self.failed, self.why = self.failed + 1, given
             return None
-        return np.clip(self._rows(given), -LARGEST, LARGEST)
+        clipped: np.ndarray = np.clip(self._rows(given), -LARGEST, LARGEST)
+        return clipped
 
     def _rows(self, given: dict[str, np.ndarray]) -> np.ndarray:
         p, parts, epochs = self.problem, [], []

@@ -46,7 +46,7 @@ class Simulator:
         text: as the user named it; parameters: what it takes.
     """
 
-    def __init__(self, text: str, seconds: float = SECONDS):
+    def __init__(self, text: str, seconds: float = SECONDS) -> None:
         """Starts it.
 
         Raises:
@@ -161,9 +161,10 @@ def _answer(function: Any, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _main(text: str) -> None:
-    from massprops.core.processes import die_with_parent
+    from massprops.core.processes import die_with_parent, limit_memory
 
     die_with_parent()
+    limit_memory()
     # what the user's code prints goes nowhere: the pipe is for answers
     pipe = os.fdopen(os.dup(1), "w")
     nowhere = os.open(os.devnull, os.O_WRONLY)

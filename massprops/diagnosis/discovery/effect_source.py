@@ -31,7 +31,7 @@ def source_of(terms: tuple[LibraryTerm, ...], sizes: list[float]) -> str:
     for name, term, value in zip(names, terms, sizes, strict=True):
         lines.append(f'    Parameter("{name}", "{term.unit}", {max(abs(value), 1e-12):.3g}),  # {term.label}')
     lines += [")", f"NEEDS = {needs!r}", "", ""]
-    if "lit(" in text or "size(" in text:
+    if any(f"{helper}(" in text for helper in ("lit", "size", "begun")):
         lines += [HELPERS.rstrip(), "", ""]
     if letters & {"b", "n"}:
         lines += [UNIT.rstrip(), "", ""]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -13,7 +12,7 @@ from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.discovery.effect_source import effect_of, source_of
 from massprops.diagnosis.discovery.library import STEPS, Group, LibraryTerm, columns_of, library, own_frequencies
-from massprops.diagnosis.discovery.regression import Found, Regression, probabilities, regression_of, search
+from massprops.diagnosis.discovery.regression import Found, Regression, idle, probabilities, regression_of, search
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.held_out import fitted_rms, held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
@@ -58,7 +57,7 @@ class Law:
         if self.evidence < self.base.evidence + criteria.BEATS_NOTHING:
             return "a free rigid body explains the record as well"
         if self.evidence < self.unknown.evidence + criteria.BEATS_UNKNOWN:
-            return "a torque that nothing is known of explains the record better"
+            return "an unknown torque explains the record better"
         if self.alone.record.stated and not within_noise(self.alone):
             return f"it leaves {_rms(self.alone.residual):.2f} of the stated noise: something else acts too"
         if self.probability.min() < LIKELY:
@@ -75,14 +74,11 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
     Raises:
         NotPossible: the refit leads nowhere.
     """
-    times, span = record.times, record.path.span
-    known = set() if record.around is None else set(record.around.known)
-    frequencies = own_frequencies(times, record.path.w[record.rows.at])
-    grid = span / STEPS
-    steps = tuple(float(times[0] + grid * k) for k in range(1, STEPS))
-    at, law = unknown, None
+    grid = record.path.span / STEPS
+    steps = tuple(float(record.times[0] + grid * k) for k in range(1, STEPS))
+    at = unknown
     for last in (False,) * ROUNDS + (True,):
-        groups = library(known, span, frequencies, steps)
+        groups = _library(record, steps)
         terms = [term for group in groups for term in group.terms]
         r = _regression(at, groups, terms)
         models = search(r)
@@ -90,16 +86,25 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
         if not columns:
             return None
         found = tuple(terms[c] for c in columns)
-        used = _moments(steps, found)
+        used = sorted({term.moment for term in found if term.moment is not None})
         if not last and (used or at is unknown):  # a fit, to look again along the path that it finds
             at = _fitted(record, effect_of(source_of(found, [1e-4] * len(found))), unknown)
             near = [float(s + grid * d) for s in used for d in np.linspace(-1.0, 1.0, NEAR)]
             steps, grid = tuple(sorted({*steps, *near})), 0.5 * grid
             continue
-        chance = probabilities(r, models, _alike(terms, columns, span / STEPS))
-        law = _refit(record, found, np.array([chance[c] for c in columns]), base, unknown)
-        break
-    return law
+        chance = probabilities(r, models, _alike(terms, columns, record.path.span / STEPS))
+        while (out := idle(r, columns, chance)) is not None:
+            columns = tuple(c for c in columns if c != out)
+        sure = np.array([chance[c] for c in columns])
+        return _refit(record, tuple(terms[c] for c in columns), sure, base, unknown)
+    return None
+
+
+def _library(record: Record, steps: tuple[float, ...]) -> list[Group]:
+    """Every group of terms for what is known of a record."""
+    known = set() if record.around is None else set(record.around.known)
+    frequencies = own_frequencies(record.times, record.path.w[record.rows.at])
+    return library(known, record.path.span, frequencies, steps, float(np.median(np.diff(record.times))))
 
 
 def _regression(at: HypothesisFit, groups: list[Group], terms: list[LibraryTerm]) -> Regression:
@@ -120,7 +125,7 @@ def _regression(at: HypothesisFit, groups: list[Group], terms: list[LibraryTerm]
         at_column += len(group.terms)
     return regression_of(
         fixed, sd, columns.reshape(len(over), -1) * over[:, None], at.y / noise, record.noise_rows, tuple(members),
-        tuple(g.least for g in groups),
+        tuple(g.least for g in groups), tuple(sorted({g.kind for g in groups}).index(g.kind) for g in groups),
     )  # fmt: skip
 
 
@@ -144,27 +149,20 @@ def _fitted(record: Record, effect: ModuleType, near: HypothesisFit, latent: boo
     return fit_hypothesis(record, hypothesis, Start(inertia=near.inertia, left=1.0))
 
 
-def _moments(steps: tuple[float, ...], found: tuple[LibraryTerm, ...]) -> list[float]:
-    """Moments at which terms of a law begin."""
-    return [s for s in steps if any(f"t.real>{s:.6g})" in x for term in found for x in term.torque)]
-
-
 def _alike(terms: list[LibraryTerm], columns: tuple[int, ...], reach: float) -> dict[int, int]:
     """Terms that begin within `reach` [s] of one of the law's, along the same axis, by that one's column."""
-    used = [(c, *found) for c in columns if (found := _moment_of(terms[c])) is not None]
     out = {}
     for k, term in enumerate(terms):
-        own = _moment_of(term)
-        near = [(abs(own[0] - t), c) for c, t, axis in used if own and own[1] == axis and abs(own[0] - t) < reach]
+        near = []
+        for c in columns:
+            used = terms[c]
+            if term.moment is None or used.moment is None or term.axis != used.axis:
+                continue
+            if abs(term.moment - used.moment) < reach:
+                near.append((abs(term.moment - used.moment), c))
         if near:
             out[k] = min(near)[1]
     return out
-
-
-def _moment_of(term: LibraryTerm) -> tuple[float, str] | None:
-    """When a term begins and along what; None for one that always acts."""
-    found = re.fullmatch(r"\(t>([0-9.e+-]+)\)( along .*)", term.label)
-    return (float(found[1]), found[2]) if found else None
 
 
 def document_of_law(law: Law | None) -> dict[str, Any]:

@@ -2,13 +2,15 @@
 
 Each term is text, evaluated here along a path and written as it stands into the effect file of a law: there is one
 version of it. Names in an expression: `w_x` rates [rad/s]; `s_x` direction of the Sun, `b_x` of the magnetic field, `n_x`
-of the planet's centre, `X_x`, `Y_x`, `Z_x` the inertial axes, all in body axes; `t` time [s]; `lit(x)` is max(0, x).
+of the planet's centre, `X_x`, `Y_x`, `Z_x` the inertial axes, all in body axes; `t` time [s]; `lit(x)` is max(0, x); `begun((t-a)/h)` begins at a, within h, so that its integral over the steps of a path is
+a smooth function of a.
 
 Products of two rates are no terms: along free motion they are what a slightly different inertia would do.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +27,11 @@ HELPERS = '''def lit(x):
 def size(x):
     """|x|."""
     return x * (2.0 * (x.real > 0) - 1.0)
+
+
+def begun(x):
+    """0 before -1/2, 1 from 1/2 on, straight between."""
+    return (x + 0.5) * (abs(x.real) < 0.5) + 1.0 * (x.real >= 0.5)
 '''
 """What expressions call, as text for the effect file."""
 PRELUDE = {
@@ -44,8 +51,11 @@ UNIT = '''def unit(x, y, z):
 '''
 NEED = {"s": "sun direction", "b": "magnetic field", "n": "orbit"}
 XYZ = "xyz"
+PLAIN = "rad s^-2"
 HARMONICS = (0.5, 1.0, 2.0)
 STEPS = 20
+STEP = "step"
+"""Kind of terms that begin at a moment."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +63,19 @@ class LibraryTerm:
     """A torque by one coefficient.
 
     Attributes:
-        label: for people; torque: expressions of its three components; unit: of the coefficient.
+        label: for people; torque: expressions of its three components; unit: of the coefficient. moment: at which it begins
+            [s], or None.
     """
 
     label: str
     torque: tuple[str, str, str]
     unit: str
+    moment: float | None = None
+
+    @property
+    def axis(self) -> str:
+        """Along which it acts."""
+        return self.label.rpartition(" along ")[2]
 
 
 @dataclass(frozen=True)
@@ -66,24 +83,31 @@ class Group:
     """Terms that enter a law together first; the needless of them leave it afterwards.
 
     Attributes:
-        least: whether a coefficient below zero is impossible.
+        kind: of groups alike but for which axis, face or moment they are of. least: whether a coefficient below zero is
+            impossible.
     """
 
     label: str
     terms: tuple[LibraryTerm, ...]
+    kind: str
     least: bool = False
 
 
-def library(known: set[str], span: float, frequencies: tuple[float, ...], steps: tuple[float, ...]) -> list[Group]:
+def library(
+    known: set[str], span: float, frequencies: tuple[float, ...], steps: tuple[float, ...], gap: float
+) -> list[Group]:
     """Every group of terms for what is known of the surroundings.
 
     Args:
         known: words of `NEED`. span: of the record [s]. frequencies: of the body's own motion [rad/s]. steps: times at
-            which something may begin [s].
+            which something may begin [s]. gap: between measurements [s].
     """
     there = {letter for letter, need in NEED.items() if need in known}
-    out = [_along_body(f, f, unit) for f, unit in _scalars(there, span, frequencies, steps)]
-    out += [_along_inertial(f, f, unit) for f, unit in _times(span, frequencies, steps)]
+    out = [_along_body(*scalar) for scalar in _scalars(there, span, frequencies)]
+    out += [_along_inertial(*scalar) for scalar in _times(span, frequencies)]
+    for at in steps:
+        begins = f"begun((t-{at:.6g})/{gap:.6g})"
+        out += [_along_body(begins, PLAIN, STEP, at), _along_inertial(begins, PLAIN, STEP, at)]
     out += _drag()
     for letter, what in (("s", "the Sun"), ("b", "the field"), ("n", "the planet")):
         if letter in there:
@@ -91,61 +115,59 @@ def library(known: set[str], span: float, frequencies: tuple[float, ...], steps:
     return out
 
 
-def _scalars(
-    there: set[str], span: float, frequencies: tuple[float, ...], steps: tuple[float, ...]
-) -> list[tuple[str, str]]:
-    """Expressions of one number and the units of a coefficient before them."""
-    plain = "rad s^-2"
-    out = _times(span, frequencies, steps)
-    out += [(f"w_{a}", "s^-1") for a in XYZ] + [(f"w_{a}*size(w_{a})", "rad^-1") for a in XYZ]
+def _scalars(there: set[str], span: float, frequencies: tuple[float, ...]) -> list[tuple[str, str, str]]:
+    """Expressions of one number, the units of a coefficient before them, and their kind."""
+    out = _times(span, frequencies)
+    out += [(f"w_{a}", "s^-1", "rate") for a in XYZ]
+    out += [(f"w_{a}*size(w_{a})", "rad^-1", "rate squared") for a in XYZ]
     directions = [letter for letter in "sbn" if letter in there]
     for letter in directions:
         v = [f"{letter}_{a}" for a in XYZ]
-        out += [(x, plain) for x in v]
-        out += [(f"{v[i]}*{v[j]}", plain) for i in range(3) for j in range(i, 3)]
-        out += [(f"{x}*w_{a}", "s^-1") for x in v for a in XYZ]
+        out += [(x, PLAIN, letter) for x in v]
+        out += [(f"{v[i]}*{v[j]}", PLAIN, f"{letter} {letter}") for i in range(3) for j in range(i, 3)]
+        out += [(f"{x}*w_{a}", "s^-1", f"{letter} rate") for x in v for a in XYZ]
     if "s" in there:
         lights = [f"lit({sign}s_{a})" for a in XYZ for sign in ("", "-")]
-        out += [(x, plain) for x in lights] + [(f"{x}**2", plain) for x in lights]
-        out += [(f"{x}*w_{a}", "s^-1") for x in lights for a in XYZ]
+        out += [(x, PLAIN, "light") for x in lights] + [(f"{x}**2", PLAIN, "light squared") for x in lights]
+        out += [(f"{x}*w_{a}", "s^-1", "light rate") for x in lights for a in XYZ]
     return out
 
 
-def _times(span: float, frequencies: tuple[float, ...], steps: tuple[float, ...]) -> list[tuple[str, str]]:
-    """Expressions of time alone."""
-    plain = "rad s^-2"
-    out = [("1.0", plain), (f"(t/{span:.6g})", plain)]
+def _times(span: float, frequencies: tuple[float, ...]) -> list[tuple[str, str, str]]:
+    """Expressions of time alone, as in `_scalars`."""
+    out = [("1.0", PLAIN, "constant"), (f"(t/{span:.6g})", PLAIN, "trend")]
     for f in frequencies:
-        out += [(f"{wave}({f:.6g}*t)", plain) for wave in ("np.sin", "np.cos")]
-    return out + [(f"(t.real>{at:.6g})*1.0", plain) for at in steps]
+        out += [(f"{wave}({f:.6g}*t)", PLAIN, "wave") for wave in ("np.sin", "np.cos")]
+    return out
 
 
-def _along_body(label: str, f: str, unit: str) -> Group:
+def _along_body(f: str, unit: str, kind: str, moment: float | None = None) -> Group:
     """A torque fixed in the body, as strong as a number."""
     terms = []
     for k, a in enumerate(XYZ):
         torque = tuple(f if i == k else "0.0" for i in range(3))
-        terms.append(LibraryTerm(f"{readable(f)} along {a}", torque, unit))  # type: ignore[arg-type]
-    return Group(f"{readable(label)} in body axes", tuple(terms))
+        terms.append(LibraryTerm(f"{readable(f)} along {a}", torque, unit, moment))  # type: ignore[arg-type]
+    return Group(f"{readable(f)} in body axes", tuple(terms), kind)
 
 
-def _along_inertial(label: str, f: str, unit: str) -> Group:
+def _along_inertial(f: str, unit: str, kind: str, moment: float | None = None) -> Group:
     """A torque fixed in space, as strong as a number."""
     terms = []
     for axis in "XYZ":
         torque = tuple(f"{axis}_{a}*{f}" for a in XYZ)
-        terms.append(LibraryTerm(f"{readable(f)} along inertial {axis}", torque, unit))  # type: ignore[arg-type]
-    return Group(f"{readable(label)} in inertial axes", tuple(terms))
+        terms.append(LibraryTerm(f"{readable(f)} along inertial {axis}", torque, unit, moment))  # type: ignore[arg-type]
+    return Group(f"{readable(f)} in inertial axes", tuple(terms), f"inertial {kind}")
 
 
 def _drag() -> list[Group]:
     """Torques against the rate as a whole, which cannot drive it."""
     size = "(w_x*w_x+w_y*w_y+w_z*w_z)**0.5"
     return [
-        Group("-w", (LibraryTerm("-w", ("-w_x", "-w_y", "-w_z"), "s^-1"),), least=True),
+        Group("-w", (LibraryTerm("-w", ("-w_x", "-w_y", "-w_z"), "s^-1"),), "drag", least=True),
         Group(
             "-|w| w",
             (LibraryTerm("-|w| w", (f"-w_x*{size}", f"-w_y*{size}", f"-w_z*{size}"), "rad^-1"),),
+            "drag",
             least=True,
         ),
     ]
@@ -156,12 +178,17 @@ def _across(letter: str, what: str) -> Group:
     x, y, z = (f"{letter}_{a}" for a in XYZ)
     crossed = ((f"0.0*{x}", f"-{z}", y), (z, f"0.0*{y}", f"-{x}"), (f"-{y}", x, f"0.0*{z}"))
     terms = tuple(LibraryTerm(f"{a} x {letter}", torque, "rad s^-2") for a, torque in zip(XYZ, crossed, strict=True))
-    return Group(f"a body vector x direction of {what}", terms)
+    return Group(f"a body vector x direction of {what}", terms, "crossed")
 
 
 def readable(expression: str) -> str:
     """An expression as a formula for people."""
-    out = expression.replace("np.", "").replace("*1.0", "").replace(".real", "").replace("**2", "^2")
+    out = (
+        re.sub(r"begun\(\(t-([^)]*)\)/[^)]*\)", r"(t>\1)", expression)
+        .replace("np.", "")
+        .replace("*1.0", "")
+        .replace("**2", "^2")
+    )
     out = out.replace("lit(", "max(0, ").replace("size(", "|").replace("*", " ")
     if "|" in out:
         head, _, tail = out.partition("|")
@@ -171,8 +198,6 @@ def readable(expression: str) -> str:
 
 def letters_of(expressions: tuple[str, ...]) -> set[str]:
     """First letters of the names in expressions that `PRELUDE` makes."""
-    import re
-
     found = set(re.findall(r"\b([wsbnXYZ])_[xyz]\b", " ".join(expressions)))
     return found
 

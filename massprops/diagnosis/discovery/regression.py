@@ -2,7 +2,8 @@
 
 Every model has the base columns (inertia, momentum at the start, sensor), marginalised. Models compare by Schwarz's
 criterion with the noise marginalised (Kass and Wasserman 1995: the evidence under a prior that is worth one row), and pay
-for each group they pick the logarithm of how many subsets of terms the library's groups offer. A beam of models grows group by group; needless terms leave.
+for each group they pick: all kinds of groups are equally likely, so are the groups of a kind and the subsets of a group's
+terms. A beam of models grows group by group; needless terms leave, and groups are exchanged for others.
 The probability of a term is the share of the models' evidence that holds it (Hoeting et al. 1999), and no more than how
 often parts of the record, drawn in blocks of time, choose it by themselves (Meinshausen and Buhlmann 2010).
 """
@@ -10,14 +11,23 @@ often parts of the record, drawn in blocks of time, choose it by themselves (Mei
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
+
+from massprops.diagnosis import criteria
 
 BEAM = 10
 MOST_GROUPS = 4
 BLOCKS = 20
 DRAWS, KEPT = 16, 0.75
 """Of the blocks, to ask parts of the record one by one."""
+SAME = 3
+"""Models of the same kinds of terms in a beam."""
+EXCHANGES = 6
+"""Rounds in which groups of the best model are exchanged."""
+LIKELIER_THAN_NOT = 0.5
 WINDOW = 15.0
 """Log evidence behind the best model at which another no longer counts."""
 
@@ -29,7 +39,8 @@ class Regression:
     Attributes:
         G: (blocks, f + k + 1, f + k + 1) of base columns (over their prior), candidates and the rows; base: f.
         rows: numbers per block; noise_rows: as how many the stated noise counts.
-        groups: columns of each group, as indices among the candidates; least: groups that may not be negative.
+        groups: columns of each group, as indices among the candidates; least: groups that may not be negative; kinds: of
+            the groups, equal numbers for one kind.
     """
 
     G: np.ndarray
@@ -38,6 +49,15 @@ class Regression:
     noise_rows: float
     groups: tuple[tuple[int, ...], ...]
     least: tuple[bool, ...]
+    kinds: tuple[int, ...]
+
+    @cached_property
+    def prices(self) -> np.ndarray:
+        """(groups,) what each costs a model: the logarithm of kinds, groups of its kind, and subsets of its terms."""
+        many = np.bincount(self.kinds)
+        sizes = [len(g) for g in self.groups]
+        subsets = np.log(2.0 ** np.array(sizes) - 1.0)
+        return np.asarray(np.log(np.count_nonzero(many)) + np.log(many[list(self.kinds)]) + subsets)
 
 
 @dataclass(frozen=True)
@@ -51,7 +71,7 @@ class Found:
 
 def regression_of(
     fixed: np.ndarray, sd: np.ndarray, candidates: np.ndarray, y: np.ndarray, noise_rows: float,
-    groups: tuple[tuple[int, ...], ...], least: tuple[bool, ...],
+    groups: tuple[tuple[int, ...], ...], least: tuple[bool, ...], kinds: tuple[int, ...],
 ) -> Regression:  # fmt: skip
     """The inner products of rows over their noise, three numbers a row in time order.
 
@@ -62,7 +82,9 @@ def regression_of(
     block = np.minimum(np.arange(len(y)) // 3 * BLOCKS // (len(y) // 3), BLOCKS - 1)
     G = np.stack([A[block == b].T @ A[block == b] for b in range(BLOCKS)])
     rows = np.bincount(block, minlength=BLOCKS)
-    return Regression(G=G, base=fixed.shape[1], rows=rows, noise_rows=noise_rows, groups=groups, least=least)
+    return Regression(
+        G=G, base=fixed.shape[1], rows=rows, noise_rows=noise_rows, groups=groups, least=least, kinds=kinds
+    )
 
 
 @dataclass(frozen=True)
@@ -99,8 +121,6 @@ def _reduced(r: Regression, use: np.ndarray) -> _Reduced:
 def search(r: Regression, use: np.ndarray | None = None, beam: int = BEAM, most: int = MOST_GROUPS) -> list[Found]:
     """Models by their score, the best first, needless terms pruned; the empty model is among them."""
     own = _reduced(r, np.ones(len(r.rows), bool) if use is None else use)
-    # which group, and which of its terms: uniform over both (Chen and Chen 2008's extended criterion)
-    price = float(np.log(len(r.groups) * (2.0 ** max(len(g) for g in r.groups) - 1.0)))
     empty = Found((), own.score(())[0])
     seen: dict[tuple[int, ...], Found] = {(): empty}
     level = [empty]
@@ -111,29 +131,66 @@ def search(r: Regression, use: np.ndarray | None = None, beam: int = BEAM, most:
                 if g in model.groups:
                     continue
                 groups = tuple(sorted((*model.groups, g)))
-                if groups in grown:
-                    continue
-                columns = tuple(c for k in groups for c in r.groups[k])
-                grown[groups] = Found(columns, own.score(columns)[0] - price * len(groups), groups)
-        best = sorted(grown.values(), key=lambda m: -m.score)[:beam]
-        pruned = [_pruned(own, r, m, price) for m in best]
+                if groups not in grown:
+                    grown[groups] = _whole(own, r, groups)
+        best = _different(sorted(grown.values(), key=lambda m: -m.score), r, beam)
+        pruned = [_pruned(own, r, m) for m in best]
         gained = max((m.score for m in pruned), default=-np.inf) > max(m.score for m in seen.values()) + 1e-9
-        for m in pruned:
-            if m.columns not in seen or m.score > seen[m.columns].score:
-                seen[m.columns] = m
+        _keep(seen, pruned)
         level = best
         if not gained:
+            break
+    for _ in range(EXCHANGES):
+        top = max(seen.values(), key=lambda m: m.score)
+        others = sorted((_whole(own, r, g) for g in _exchanged(r, top)), key=lambda m: -m.score)
+        pruned = [_pruned(own, r, m) for m in others[:beam]]
+        _keep(seen, pruned)
+        if max((m.score for m in pruned), default=-np.inf) <= top.score:
             break
     return sorted(seen.values(), key=lambda m: -m.score)
 
 
-def _pruned(own: _Reduced, r: Regression, model: Found, price: float) -> Found:
+def _whole(own: _Reduced, r: Regression, groups: tuple[int, ...]) -> Found:
+    """The model of all terms of some groups."""
+    columns = tuple(c for k in groups for c in r.groups[k])
+    return Found(columns, own.score(columns)[0] - float(r.prices[list(groups)].sum()), groups)
+
+
+def _keep(seen: dict[tuple[int, ...], Found], models: list[Found]) -> None:
+    for m in models:
+        if m.columns not in seen or m.score > seen[m.columns].score:
+            seen[m.columns] = m
+
+
+def _different(models: list[Found], r: Regression, beam: int) -> list[Found]:
+    """The first of the models, no more than `SAME` of the same kinds: many moments near the best one crowd all else out."""
+    count: dict[tuple[int, ...], int] = {}
+    out = []
+    for m in models:
+        key = tuple(sorted(r.kinds[g] for g in m.groups))
+        count[key] = count.get(key, 0) + 1
+        if count[key] <= SAME:
+            out.append(m)
+        if len(out) == beam:
+            break
+    return out
+
+
+def _exchanged(r: Regression, model: Found) -> list[tuple[int, ...]]:
+    """The model's groups with one of them, or two of one kind, in exchange for any other."""
+    outs: list[tuple[int, ...]] = [(g,) for g in model.groups]
+    outs += [(a, b) for a, b in combinations(model.groups, 2) if r.kinds[a] == r.kinds[b]]
+    every = [g for g in range(len(r.groups)) if g not in model.groups]
+    return [tuple(sorted((*(k for k in model.groups if k not in out), g))) for out in outs for g in every]
+
+
+def _pruned(own: _Reduced, r: Regression, model: Found) -> Found:
     """The model without the terms that it is better off without; worthless with a coefficient of the wrong sign."""
     columns, groups = list(model.columns), model.groups
 
     def value(c: list[int]) -> float:
         left = [g for g in groups if set(r.groups[g]) & set(c)]
-        return own.score(tuple(c))[0] - price * len(left)
+        return own.score(tuple(c))[0] - float(r.prices[left].sum())
 
     score = value(columns)
     while len(columns) > 1:
@@ -149,6 +206,17 @@ def _pruned(own: _Reduced, r: Regression, model: Found, price: float) -> Found:
             if r.least[g] and c in r.groups[g] and v < 0:
                 return Found(kept, -np.inf, groups)
     return Found(kept, score, tuple(g for g in groups if set(r.groups[g]) & set(kept)))
+
+
+def idle(r: Regression, columns: tuple[int, ...], chance: dict[int, float]) -> int | None:
+    """The least likely term of a model where it is no more likely than not (the median model: Barbieri and Berger 2004) and
+    the rows hardly ask for it; else None."""
+    own = _reduced(r, np.ones(len(r.rows), bool))
+    least = min(columns, key=lambda c: chance[c])
+    if chance[least] > LIKELIER_THAN_NOT or len(columns) == 1:
+        return None
+    lost = own.score(columns)[0] - own.score(tuple(c for c in columns if c != least))[0]
+    return least if lost < criteria.BEATS_NOTHING else None
 
 
 def probabilities(r: Regression, models: list[Found], alike: dict[int, int] | None = None) -> dict[int, float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.refit import Scored, refit
-from massprops.estimators.batch.state import in_axes
+from massprops.model.state import in_axes
 
 OTHERWISE = (
     ((0, -1, 0), (1, 0, 0), (0, 0, 1)),

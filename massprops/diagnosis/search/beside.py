@@ -13,7 +13,7 @@ from massprops.diagnosis.search.moment import EVIDENCE
 from massprops.diagnosis.search.refit import Added, Scored, near, refit, start_values, with_effects
 from massprops.diagnosis.search.score import Score, score_tests
 from massprops.diagnosis.search.worth import explained
-from massprops.effects import paced, searched
+from massprops.effects import has_pace, searched
 
 WORTH_A_FIT = 0.1
 """Share of the best score gain that a candidate needs to be fitted."""
@@ -58,7 +58,7 @@ def fits_beside(
     for k, starts in enumerate(chosen):
         watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
         least = min((s.fit.cost for s in out), default=against)
-        most = len(starts) if paced(starts[0].added.effect) and (k == 0 or not upon.added) else STARTS
+        most = len(starts) if has_pace(starts[0].added.effect) and (k == 0 or not upon.added) else STARTS
         out.append(_best_fit(case, upon, starts[:most], near(least)))
     return sorted(out, key=lambda s: s.bic)
 
@@ -72,7 +72,7 @@ def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> 
         if best is None or tried.bic < best.bic:
             best = tried
             against = min(against, near(tried.fit.cost))
-        if explained(best) and not paced(test.added.effect):
+        if explained(best) and not has_pace(test.added.effect):
             break
     assert best is not None
     return best
@@ -81,7 +81,7 @@ def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> 
 def _begun(test: Score) -> np.ndarray:
     """Parameters to begin with: an effect whose pace means nothing without a size begins with the size that the score
     test gives it."""
-    if not paced(test.added.effect):
+    if not has_pace(test.added.effect):
         return test.start
     values = np.array(test.values)
     for i, q in enumerate(test.added.effect.PARAMETERS):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.estimators.batch.linearise import Residuals
-from massprops.estimators.batch.measurements import Measurements
+from massprops.model.linearise import Residuals
+from massprops.model.measurements import Measurements
 from massprops.report.html import number, text
 
 SIDE = 190.0

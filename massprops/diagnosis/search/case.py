@@ -6,15 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.dynamics.quaternion import conjugate, multiply
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
-from massprops.estimators.batch.measurements import Measurements, measurements_of
 from massprops.estimators.batch.solve import Belief
 from massprops.estimators.batch.start import BatchStart, batch_start
-from massprops.estimators.batch.state import in_axes
-from massprops.estimators.problem import Problem
+from massprops.estimators.geometry.alignment import horn
 from massprops.estimators.result import Prior
-from massprops.estimators.start import first_guess
+from massprops.estimators.start import Start, first_guess
+from massprops.model.measurements import Measurements, measurements_of
+from massprops.model.problem import Problem
+from massprops.model.state import in_axes
+from massprops.sequence.data import AttitudeSeries
 
 BLOCKS = 20
 HELD_BLOCKS = (5, 12, 18, 19)
@@ -37,7 +40,8 @@ class Case:
         fitted, held, scored: measurements that fits see, those they never see, and a part of the former for score tests.
         first: the first state; belief: about the inertia; there: what effects may need and is there.
         span: length of the record [s]; speed: typical angular velocity [rad/s].
-        warnings: what was assumed.
+        warnings: what was assumed. shown: attitudes as each epoch alone shows them, body axes of `first` to cam0, or None
+            where nothing shows the one at the first epoch.
     """
 
     problem: Problem
@@ -51,6 +55,7 @@ class Case:
     span: float
     speed: float
     warnings: tuple[str, ...]
+    shown: AttitudeSeries | None = None
 
 
 def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) -> Case:
@@ -97,7 +102,21 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
         float(problem.times[-1] - problem.times[0]),
         float(np.median(np.linalg.norm(guess.w, axis=1))),
         tuple(warnings),
+        _attitudes(problem, guess, first),
     )
+
+
+def _attitudes(problem: Problem, guess: Start, first: BatchStart) -> AttitudeSeries | None:
+    """What the first guess took each epoch's attitude for, in the axes of the first state: features tell how these lie."""
+    poses = guess.poses
+    if poses is None or poses.rows[0] != 0:
+        return None
+    q = poses.q
+    if guess.features is not None and first.body_frame != "attitude0":
+        both = np.isfinite(guess.features).all(axis=1) & np.isfinite(first.state.points).all(axis=1)
+        turn, _ = horn(guess.features[both], first.state.points[both], np.ones(int(both.sum())))
+        q = multiply(q, conjugate(turn))
+    return AttitudeSeries(problem.stamp_ns[poses.rows], q, poses.sigma)
 
 
 def _split(problem: Problem, first: BatchStart) -> tuple[Measurements, Measurements, Measurements]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from massprops.diagnosis.search.case import Case
     from massprops.diagnosis.search.refit import Scored
     from massprops.diagnosis.search.select import Selection
-    from massprops.estimators.problem import Problem
+    from massprops.model.problem import Problem
     from massprops.sequence.data import Sequence
 
 ASTRAY = 8.0
@@ -68,7 +68,7 @@ def diagnose(
     """
     from massprops.diagnosis.diagnose import decides, diagnose_by_balance
     from massprops.diagnosis.search.noise import with_track_noise
-    from massprops.estimators.problem import problem_of
+    from massprops.model.problem import problem_of
     from massprops.sequence.read import read_sequence
 
     given = [Path(source)] if isinstance(source, str | Path) else []
@@ -106,7 +106,7 @@ def _black_box(sequence: Sequence, text: str, progress: Watch) -> dict[str, Any]
     """How well a user's simulator explains the record, and with what parameters."""
     from massprops.diagnosis.black_box.fit import document_of_black_box, fit_black_box
     from massprops.diagnosis.black_box.worker import Simulator
-    from massprops.estimators.problem import problem_of
+    from massprops.model.problem import problem_of
 
     progress(f"simulator {text}", 0, 1)
     simulator = Simulator(text)
@@ -120,7 +120,7 @@ def _law(sequence: Sequence, document: dict[str, Any], progress: Watch) -> dict[
     """Adds the law to a diagnosis; its files by name."""
     from massprops.diagnosis.discovery.sequence_law import files_of_law, law_of_sequence
 
-    progress("a law for what is left", 0, 1)
+    progress("a law for the residuals", 0, 1)
     document["law"], files = files_of_law(law_of_sequence(sequence))
     return files
 
@@ -148,8 +148,9 @@ def _surface(run: Path) -> np.ndarray | None:
 
     import trimesh
 
-    corners = np.asarray(trimesh.load(run / "mesh.ply", process=False).vertices, float)  # type: ignore[union-attr]
-    return corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
+    corners = np.asarray(trimesh.load(run / "mesh.ply", process=False).vertices, float)
+    centred: np.ndarray = corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
+    return centred
 
 
 def diagnose_problem(
@@ -233,7 +234,7 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
 
     if not case.around.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
         return case, _selected(case, base, progress)
-    said = "the path is straight, not that of free fall beside the chaser: one of the two is held, it seems"
+    said = "the path is straight, unlike free fall beside the chaser: one of the two seems to be held"
     other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))
     other_base = refit(other, base.fit.state, (), most=40)
     much = case.fitted.count
@@ -371,7 +372,8 @@ def whole_inertia(s: Scored) -> np.ndarray:
 
     state = s.fit.state
     inertia = inertia_at_start(state.inertia, state.model.acting, state.model.flat(True))
-    return 3.0 * inertia / np.trace(inertia)
+    scaled: np.ndarray = 3.0 * inertia / np.trace(inertia)
+    return scaled
 
 
 def _corrected(base: Scored, after: Scored) -> dict[str, Any]:
@@ -427,14 +429,12 @@ def _entry(model: Scored, s: Selection, without: Scored | None = None) -> dict[s
 def _reason(case: Case, s: Selection) -> str:
     base, best = s.base, s.best or s.base
     if s.verdict == "none":
-        return (
-            f"the base model explains the data: residuals are {base.fitted:.2f} of the stated noise, without structure"
-        )
+        return f"the base model explains the data: residuals are {base.fitted:.2f} times the stated noise, without structure"
     if s.verdict == "named":
         return "; ".join(a.effect.SENTENCE for a in best.added)
     if s.verdict == "ambiguous":
         every = [" + ".join(x.names) for x in (best, *s.rivals)]
-        return f"this data cannot tell apart: {', '.join(every)}. {_separates(case, every)}"
+        return f"these data cannot tell apart: {', '.join(every)}. {_separates(case, every)}"
     held = f", and {best.held:.2f} on data held out" if np.isfinite(best.held) else ""
     left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}{held}"
     return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{left}"

@@ -11,8 +11,8 @@ from massprops.core.files import json_text, plain
 from massprops.core.inputs import key_of_source
 from massprops.core.outputs import deliver
 from massprops.diagnosis.search.result import Diagnosis
-from massprops.estimators.batch.linearise import Residuals
-from massprops.estimators.batch.measurements import Measurements
+from massprops.model.linearise import Residuals
+from massprops.model.measurements import Measurements
 
 
 def write_diagnosis(

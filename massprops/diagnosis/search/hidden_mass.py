@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.rotation import six_of
-from massprops.estimators.batch.state import inertia_of, second_moment
+from massprops.model.state import inertia_of, second_moment
 
 ALIKE = 0.1
 """Difference of the share left over below which a point and a gradient explain alike."""
@@ -69,4 +69,4 @@ def _rank_one(S: np.ndarray, found: np.ndarray, sign: float) -> tuple[np.ndarray
 
 
 def _unit(x: np.ndarray) -> list[float]:
-    return (x / max(float(np.linalg.norm(x)), 1e-300)).tolist()
+    return list(map(float, x / max(float(np.linalg.norm(x)), 1e-300)))

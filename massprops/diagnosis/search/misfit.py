@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.estimators.batch.linearise import Residuals
-from massprops.estimators.batch.measurements import Measurements
+from massprops.model.linearise import Residuals
+from massprops.model.measurements import Measurements
 
 TRIMMED = 0.02
 """Share of the largest residuals that never counts: wrong tracks."""

@@ -16,7 +16,7 @@ from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, Added, Scored, near, refit, with_value
 from massprops.diagnosis.search.score import score_tests
 from massprops.effects import places_of, searched
-from massprops.estimators.batch.state import BatchState
+from massprops.model.state import BatchState
 
 NEAR = (1, 2, 3, 4, 6, 8, 11)
 """Gaps away from the moment that is that are looked at, on both sides."""

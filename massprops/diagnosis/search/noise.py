@@ -7,7 +7,8 @@ from math import comb
 
 import numpy as np
 
-from massprops.estimators.problem import Problem, no_sigma_px
+from massprops.core.robust import mad_sigma
+from massprops.model.problem import Problem, no_sigma_px
 from massprops.sequence.data import Sequence
 
 ORDERS = range(2, 9)
@@ -38,7 +39,7 @@ def track_noise(uv: np.ndarray) -> float | None:
         d = d[np.isfinite(d)]
         if len(d) < FEWEST:
             break
-        sizes.append(1.4826 * float(np.median(np.abs(d))))
+        sizes.append(mad_sigma(d))
     for this, following in zip(sizes[:-1], sizes[1:], strict=True):
         if this > 0 and abs(following - this) < ALIKE * this:
             return following

@@ -10,10 +10,10 @@ import numpy as np
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.misfit import count, mean_square, whiteness
 from massprops.effects import effects, searched
-from massprops.estimators.batch.linearise import residuals
 from massprops.estimators.batch.solve import Fit, Search, believed, covariance_of, fit
-from massprops.estimators.batch.state import BatchState
 from massprops.model import Model
+from massprops.model.linearise import residuals
+from massprops.model.state import BatchState
 
 MOST_ITERATIONS = 25
 IDLE = 0.3

@@ -9,9 +9,10 @@ import numpy as np
 from massprops.diagnosis.page_parts import assemble, law, not_tried, notes, verdict, wheel
 from massprops.diagnosis.search.body_picture import body_picture
 from massprops.diagnosis.search.result import Diagnosis
-from massprops.estimators.batch.linearise import Residuals
-from massprops.estimators.batch.measurements import Measurements
-from massprops.report.html import number, plot, table, text
+from massprops.model.linearise import Residuals
+from massprops.model.measurements import Measurements
+from massprops.report.html import number, table, text
+from massprops.report.plot import plot
 
 BINS = 120
 ARROWS = 14
@@ -22,8 +23,8 @@ def page(d: Diagnosis) -> str:
     return assemble(
         [
             ("verdict", "Verdict", verdict(d.document) + _hidden_mass(d.document)),
-            ("law", "A law for what is left", law(d.document)),
-            ("gap", "The gap before and after", _gap(d)),
+            ("law", "A law for the residuals", law(d.document)),
+            ("gap", "Residuals before and after", _gap(d)),
             ("where", "Where", _where(d)),
             ("candidates", "Candidates", _candidates(d.document)),
             ("motion", "Momentum and energy", _motion(d)),
@@ -45,7 +46,7 @@ def _hidden_mass(doc: dict[str, Any]) -> str:
     ):
         direction = ", ".join(number(v, 3) for v in x[way])
         rows.append((name, f"({direction})", what, number(x["second_moment"], 3), f"{number(100 * x['left'], 3)} %"))
-    head = ("mass that the even shape lacks", "direction, body axes", "size", "over the mean moment", "left over")
+    head = ("mass that the uniform shape lacks", "direction, body axes", "size", "over the mean moment", "unexplained")
     return (
         table(rows, head, numeric=(3, 4))
         + f"<p>Explains more: {text(h['better'])}. Not known: {text(h['unknown'])}.</p>"
@@ -176,7 +177,7 @@ def _candidates(doc: dict[str, Any]) -> str:
     ]
     head = ("effects", "BIC gained", "fitted", "held out", "correlation z", "implausible")
     return (
-        table(rows, head, numeric=(1, 2, 3, 4)) if rows else "<p>The base model is enough; none was tried.</p>"
+        table(rows, head, numeric=(1, 2, 3, 4)) if rows else "<p>The base model is enough, so no effect was tried.</p>"
     ) + not_tried(doc)
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.refit import Added, Scored
 from massprops.effects import changes_motion, searched
-from massprops.estimators.batch.linearise import linearise, predict, residuals
 from massprops.estimators.batch.solve import reduced_equations, robust
 from massprops.model import Model
+from massprops.model.linearise import linearise, predict, residuals
 
 MOST_TOGETHER = 160
 """Parameters of the effects in one linearisation."""
@@ -45,7 +45,7 @@ def score_tests(
     with np.errstate(all="ignore"):
         at = predict(case.problem, upon.fit.state, case.around)
         left = residuals(case.problem, case.scored, at)
-        weights = robust(left)
+        weights = robust(left, case.scored)
         cost = float(np.sum(weights * left.squares))
         groups: list[list[int]] = [[]]
         for i, (added, values) in enumerate(candidates):

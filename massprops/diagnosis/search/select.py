@@ -9,6 +9,7 @@ import numpy as np
 
 from massprops.diagnosis.search.assumed import DENSITY, beside_each
 from massprops.diagnosis.search.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_beside
+from massprops.diagnosis.search.by_balance import fits_by_balance
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.misfit import count, mean_square
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
@@ -18,9 +19,9 @@ from massprops.diagnosis.search.score import score_tests
 from massprops.diagnosis.search.stepwise import stepwise
 from massprops.diagnosis.search.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
 from massprops.effects import effects, forms, places_of
-from massprops.estimators.batch.linearise import residuals
-from massprops.estimators.batch.measurements import measurements_of
 from massprops.model import lacks
+from massprops.model.linearise import residuals
+from massprops.model.measurements import measurements_of
 
 CLOSE = 6.0
 """Difference of BIC below which two explanations cannot be told apart."""
@@ -93,6 +94,14 @@ class _Course:
         self.out.tried.extend(found)
         self.join(found)
 
+    def balance(self) -> None:
+        """Effects, and pairs of them, as the balance of momentum finds them in the attitudes."""
+        found = fits_by_balance(self.case, self.usable, self.watch, min(s.fit.cost for s in [self.base, *self.first]))
+        self.out.tried += found
+        self.longer += [s for s in found if len(s.added) == 1]
+        self.join([s for s in found if len(s.added) == 1])
+        self.good = sorted([*self.good, *self._needed([s for s in found if len(s.added) > 1])], key=lambda s: s.bic)
+
     def pair(self, violated: bool) -> None:
         """Two effects at once: a second beside each of the best, until a pair is settled."""
         pairs = beside_each(self.case, self.first, self.usable, self.watch) if violated else []
@@ -147,6 +156,8 @@ def select(
     if not any(explained(s) for s in course.good):
         if explained(base) and not violated:
             return out
+        course.balance()
+    if not any(explained(s) for s in course.good):
         course.lengthen(far)
     return _concluded(case, base, course.good, out)
 

@@ -14,7 +14,7 @@ from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnosis.search.worth import WORSE, explained, worth
-from massprops.effects import paced, searched
+from massprops.effects import has_pace, searched
 
 MOST_EFFECTS = 2
 """Effects at once that are sought; a third stands beside them only until one of the three is idle."""
@@ -102,7 +102,7 @@ def _best_pace(case: Case, at: Scored, watch: Watch) -> Scored:
     """The model, or one with the pace of an effect sought anew: from slow to fast the valley of the misfit is so long and
     bent that a search begun beside a poor fit of another effect rests far from its lowest place."""
     for a in at.added:
-        if paced(a.effect):
+        if has_pace(a.effect):
             rest = _without(case, at, a, most=0)
             tried = fits_beside(case, rest, [a.effect], 1, watch, f"pace of {a.name}", against=at.fit.cost)
             at = min([at, *(s for s in tried if _may_follow(s, at))], key=lambda s: s.bic)

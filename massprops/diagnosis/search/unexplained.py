@@ -14,8 +14,8 @@ from massprops.diagnosis.search.refit import Scored
 from massprops.dynamics.quaternion import rotate, rotation_matrix
 from massprops.effects import Parameter
 from massprops.estimators.batch.solve import Belief, Search, fit
-from massprops.estimators.batch.state import BatchState
 from massprops.model import Model
+from massprops.model.state import BatchState
 
 MOST_KNOTS = 32
 

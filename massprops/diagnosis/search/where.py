@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from massprops.estimators.batch.linearise import Residuals
-from massprops.estimators.batch.measurements import Measurements
-from massprops.estimators.problem import Problem
+from massprops.model.linearise import Residuals
+from massprops.model.measurements import Measurements
+from massprops.model.problem import Problem
 
 INTERVALS = 12
 CELLS = 4
