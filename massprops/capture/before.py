@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
+
 BEHIND = 0.03
 """Points farther behind the shape's surface than this, of their depth, are on its other side."""
 HIDDEN, BELOW = 0.2, 6.0
@@ -40,5 +42,5 @@ def something_before(share: np.ndarray) -> np.ndarray:
     Gloss hides colours too, but in all images alike.
     """
     middle = float(np.median(share))
-    scatter = max(1.4826 * float(np.median(np.abs(share - middle))), 0.02)
+    scatter = max(mad_sigma(share - middle), 0.02)
     return (share > middle + HIDDEN) & (share > middle + BELOW * scatter)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.capture.colours import BINS, colour_cells
+from massprops.core.robust import mad_sigma
 
 BAND = 0.03
 """Band about the drawn outline that the image decides, in equivalent diameters of the silhouette. On two rendered
@@ -322,7 +323,7 @@ the median of all views by more than this many of their scatters. In footage wit
 def moved(agreement: np.ndarray) -> np.ndarray:
     """(n,) bool: views whose own silhouette is not the shape's; agreement (n,) is intersection over union."""
     middle = float(np.median(agreement))
-    scatter = max(1.4826 * float(np.median(np.abs(agreement - middle))), 0.01)
+    scatter = max(mad_sigma(agreement - middle), 0.01)
     return (agreement < LEAST_AGREEMENT) & (agreement < middle - BELOW * scatter)
 
 

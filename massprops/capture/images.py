@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.core.processes import muffled
+from massprops.core.processes import silenced_stderr
 from massprops.errors import InputError
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".hif"}
@@ -47,8 +47,8 @@ class Photograph:
 
 
 def list_images(folder: Path) -> list[Path]:
-    """Image files of a folder in natural order (`2.jpg` before `10.jpg`)."""
-    files = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file() and not p.name.startswith(".")]
+    """Image files of a folder in natural order (`2.jpg` before `10.jpg`), links that lead nowhere among them."""
+    files = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.is_dir() and p.name[0] != "."]
     return sorted(
         files, key=lambda p: [(not s.isdecimal(), int(s) if s.isdecimal() else 0, s.lower()) for s in _runs(p)]
     )
@@ -85,10 +85,12 @@ class _Header:
         from PIL import Image
         from pillow_heif import register_heif_opener
 
+        if not path.is_file():
+            raise InputError(f"{path}: a link that leads nowhere, a pipe or a device; remove it or copy it again")
         register_heif_opener()
         Image.MAX_IMAGE_PIXELS = None
         try:
-            with muffled(), Image.open(path, formats=FORMATS) as image:
+            with silenced_stderr(), Image.open(path, formats=FORMATS) as image:
                 self.format = image.format or ""
                 # of a TIFF, Pillow gives the size as shown
                 tags = getattr(image, "tag_v2", {})
@@ -199,7 +201,7 @@ def decoded(path: Path, how: int) -> np.ndarray | None:
     import cv2
 
     try:
-        with muffled():
+        with silenced_stderr():
             return cv2.imdecode(np.fromfile(path, np.uint8), how)
     except cv2.error:  # an empty file, or sides beyond OpenCV's own limit
         return None
@@ -209,7 +211,7 @@ def _by_pillow(path: Path) -> np.ndarray | None:
     from PIL import Image
 
     try:
-        with muffled(), Image.open(path, formats=FORMATS) as image:
+        with silenced_stderr(), Image.open(path, formats=FORMATS) as image:
             return np.ascontiguousarray(np.asarray(image.convert("RGB"))[..., ::-1])
     # as for the header
     except Exception:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DARK = 40
-"""Grey level below which a border counts as black sky."""
+from massprops.capture.limb import DARK, black_beside_bright
+
 CHANGED = 12
 """Difference of grey levels by which a pixel of the border has changed, beyond noise and flicker."""
 MOVED, STAYED = 0.25, 0.1
@@ -46,6 +46,10 @@ def judge(frames: np.ndarray, ordered: bool, place: np.ndarray | None = None) ->
     dark = float(np.mean(middle < DARK))
     if dark > 0.85 and np.percentile(middle, 75) < DARK / 2 + 5:
         return Scene("tumbling", "black", f"{100 * dark:.0f} % of the image's border is black sky", True)
+    beside = black_beside_bright(values)
+    if beside is not None:
+        said = f"{100 * beside:.0f} % of the image's border is black sky, and the rest is bright throughout"
+        return Scene("tumbling", "black", said, True)
     texture = float(np.mean(_gradient(frames)[:, border] > 4.0))
     plain = texture < 0.05
     still = float(np.mean(change < 4.0))

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from massprops.capture.support import Region, axes
+from massprops.capture.support import axes
+from massprops.core.robust import MAD_TO_SIGMA
+from massprops.dense.region import Region
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
@@ -134,7 +136,7 @@ def visibility(colour: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.nd
             gain = np.clip(np.where(np.isfinite(gain), gain, 1.0), 0.4, 2.5)
             own = np.nanmedian(level / gain[:, None], axis=0)
         off = np.abs(level / gain[:, None] - own).max(axis=2)
-        scatter = 1.4826 * np.nanmedian(off, axis=0)
+        scatter = MAD_TO_SIGMA * np.nanmedian(off, axis=0)
     known = there & (there.sum(0) >= LEAST_SEEN) & (scatter < UNSTEADY)
     shows = known & (off < np.maximum(SHOWS * scatter, LEAST_SHOWS))
     hides = known & (off > np.maximum(HIDES * scatter, LEAST_HIDES))

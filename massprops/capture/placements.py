@@ -125,12 +125,13 @@ def _linked(label: np.ndarray, shared: np.ndarray) -> np.ndarray:
     return out
 
 
-def by_order(label: np.ndarray, timestamp_ns: np.ndarray | None = None) -> np.ndarray:
+def fill_undecided(label: np.ndarray, timestamp_ns: np.ndarray | None = None) -> np.ndarray:
     """Labels (n,) in the order of capture, with undecided images (-1) given the placement of their neighbours.
 
     An object is set down anew a few times, not between any two images: where the `NEIGHBOURS` decided images before and
     those after all show one placement, so does the image between them. Where the decided images of every placement follow
-    each other, so do all of its images, and those between two placements are divided by the one long pause.
+    each other, so do all of its images, and those between two placements are divided by the one long pause; those before the
+    first and after the last decided one belong to these where no long pause parts them.
 
     Args:
         label: (n,) of `divide`.
@@ -147,6 +148,12 @@ def by_order(label: np.ndarray, timestamp_ns: np.ndarray | None = None) -> np.nd
                 out[before + 1 : after] = -1
                 if cut is not None:
                     out[before:cut], out[cut : after + 1] = label[before], label[after]
+        # nobody touches it before the first image or after the last without a pause
+        first, last = int(decided[0]), int(decided[-1])
+        if _long_pauses(timestamp_ns, 0, first) == []:
+            out[:first] = label[first]
+        if _long_pauses(timestamp_ns, last, len(label) - 1) == []:
+            out[last:] = label[last]
         return out
     for i in np.flatnonzero(label < 0):
         place = int(np.searchsorted(decided, i))
@@ -158,12 +165,17 @@ def by_order(label: np.ndarray, timestamp_ns: np.ndarray | None = None) -> np.nd
 
 def _long_pause(timestamp_ns: np.ndarray | None, before: int, after: int) -> int | None:
     """The first image after the one long pause among images `before` to `after`, or None where there is none."""
+    long = _long_pauses(timestamp_ns, before, after)
+    return long[0] + 1 if long is not None and len(long) == 1 else None
+
+
+def _long_pauses(timestamp_ns: np.ndarray | None, before: int, after: int) -> list[int] | None:
+    """Those of images `before` to `after` that a long pause follows; None where nobody knows."""
     if timestamp_ns is None or (timestamp_ns <= 0).any():
         return None
     pause = np.diff(timestamp_ns).astype(float)
     usual = max(float(np.median(pause)), 1.0)
-    long = [i for i in range(before, after) if pause[i] > PAUSE * usual]
-    return long[0] + 1 if len(long) == 1 else None
+    return [i for i in range(before, after) if pause[i] > PAUSE * usual]
 
 
 def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:

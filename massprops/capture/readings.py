@@ -18,7 +18,6 @@ from massprops.capture.support import (
     MOST_BELOW,
     TOLERANCE,
     OnSupport,
-    Region,
     axes,
     find_support,
     label_pieces,
@@ -26,6 +25,7 @@ from massprops.capture.support import (
     planes,
     split,
 )
+from massprops.dense.region import Region
 from massprops.errors import NotPossible
 from massprops.views import Views
 

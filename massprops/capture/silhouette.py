@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.robust import MAD_TO_SIGMA
 from massprops.errors import InputError
 
 
@@ -24,7 +25,7 @@ def sky_level(frames: np.ndarray) -> tuple[float, float]:
     ).astype(np.float32)
     level = float(np.median(border))
     below = border[border <= level]
-    sigma = float(1.4826 * np.median(level - below)) if len(below) else 0.0
+    sigma = float(MAD_TO_SIGMA * np.median(level - below)) if len(below) else 0.0
     near = border[np.abs(border - level) < 12]
     return level, max(sigma, float(near.std()) if len(near) else 0.0, 0.5)
 
@@ -60,7 +61,7 @@ def against_background(image: np.ndarray, middle: np.ndarray, spread: np.ndarray
     import cv2
 
     # where the body covers a pixel most of the time the spread is its own texture, so it is bounded
-    sigma = np.clip(1.4826 * spread.astype(np.float32), 1.5, 6.0)
+    sigma = np.clip(MAD_TO_SIGMA * spread.astype(np.float32), 1.5, 6.0)
     difference = np.abs(image.astype(np.float32) - middle.astype(np.float32)) / sigma
     score = cv2.GaussianBlur(difference.max(axis=2), (5, 5), 0)
     weak = cv2.morphologyEx((score > 4.0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
@@ -91,7 +92,7 @@ def against_plain(image: np.ndarray) -> np.ndarray:
             fit, *_ = np.linalg.lstsq(terms.reshape(-1, 6)[sample], lab[..., c].ravel()[sample], rcond=None)
             trend[..., c] = terms @ fit
             residual = np.abs(lab[..., c] - trend[..., c])
-            noise[c] = 1.4826 * np.median(residual[keep]) + 0.5
+            noise[c] = MAD_TO_SIGMA * np.median(residual[keep]) + 0.5
             keep = use & (residual < 3 * noise[c])
     chroma = np.hypot(lab[..., 1] - trend[..., 1], lab[..., 2] - trend[..., 2])
     # a shadow darkens the backdrop by less than half and leaves its colour

@@ -6,10 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from massprops.errors import InputError
+
+if TYPE_CHECKING:
+    import av
 
 FORMATS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpegtsraw,mpeg,mpegvideo,m4v,h264,hevc,flv,asf,ogg,gif,ivf,mxf,"
@@ -77,7 +81,7 @@ def _reason(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error).splitlines()[0]
 
 
-def _clock(frame, stream, index: int) -> int:  # type: ignore[no-untyped-def]
+def _clock(frame: av.VideoFrame, stream: av.VideoStream, index: int) -> int:
     """Presentation time [ns]; the index over the mean rate where the file gives none."""
     if frame.pts is not None and frame.time_base:
         return int(Fraction(frame.pts) * Fraction(frame.time_base) * 10**9)
@@ -85,7 +89,7 @@ def _clock(frame, stream, index: int) -> int:  # type: ignore[no-untyped-def]
     return int(Fraction(index) / Fraction(rate) * 10**9)
 
 
-def _upright(frame, longest: int | None) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _upright(frame: av.VideoFrame, longest: int | None) -> np.ndarray:
     width, height = frame.width, frame.height
     if longest is not None and max(width, height) > longest:
         factor = longest / max(width, height)

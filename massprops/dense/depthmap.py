@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.dense import patchmatch as pm
+from massprops.dense.curvature import bend
 
 NOISE_PX = 0.25
 """One sigma of a match [px], as measured on rendered bodies of known shape."""
@@ -18,6 +19,9 @@ COARSE = (0.20, 0.06, 0.02)
 FINE = (0.010, 0.003)
 """Relative sizes of the random steps, one entry an iteration, at half and at full size."""
 
+
+BENT_COST = 0.35
+"""Largest 1 - NCC of a depth that tells how the surface bends: that of the depths which are trusted."""
 
 BANDS = 16
 """Bands of rows that threads work on; any number of threads gives the same result."""
@@ -107,7 +111,9 @@ def depth_map(
     _iterate(matching, planes, depths, seed + 1, FINE, 1, pool)
     sigma = np.zeros_like(depth)
     reference, sources, frame = matching.of_kernel()
-    _by_rows(pool, pm.polish, shape[0], reference, planes, sources, frame, sigma, NOISE_PX)
+    bent = np.zeros((*shape, 3), np.float32)
+    _by_rows(pool, bend, shape[0], np.where(planes.cost < BENT_COST, depth, 0).astype(np.float32), bent)
+    _by_rows(pool, pm.polish, shape[0], reference, planes, bent, sources, frame, sigma, NOISE_PX)
     lost = (matching.mask < 2) | (planes.cost >= 1.0) | (planes.cost < 0) | (sigma <= 0)
     depth[lost] = 0.0
     return DepthMap(depth, normal, planes.cost, sigma)

@@ -9,6 +9,10 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+Array = np.ndarray
+
+Vector = tuple[float, float, float]
+
 
 @dataclass(frozen=True)
 class DensePoints:
@@ -82,7 +86,7 @@ def nothing_measured() -> DensePoints:
 
 
 @nb.njit(error_model="numpy")
-def _turned_back(R, a, b, c):  # type: ignore[no-untyped-def]
+def _turned_back(R: Array, a: float, b: float, c: float) -> Vector:
     """R^T (a, b, c)."""
     return (
         R[0, 0] * a + R[1, 0] * b + R[2, 0] * c,
@@ -92,7 +96,7 @@ def _turned_back(R, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(error_model="numpy")
-def _in_camera(R, t, x, y, z):  # type: ignore[no-untyped-def]
+def _in_camera(R: Array, t: Array, x: float, y: float, z: float) -> Vector:
     """R (x, y, z) + t."""
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0],
@@ -102,14 +106,24 @@ def _in_camera(R, t, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(error_model="numpy")
-def _precision(sigma, ray, facing):  # type: ignore[no-untyped-def]
+def _precision(sigma: float, ray: float, facing: float) -> float:
     """Weight of a depth along its normal; ray: length of the line of sight at unit depth, facing: its cosine."""
     s = sigma * ray * max(facing, 0.05)
     return 1.0 / (s * s)
 
 
 @nb.njit(error_model="numpy")
-def _confirmed(maps, cameras, limits, reference, x, y, v, point, normal):  # type: ignore[no-untyped-def]
+def _confirmed(
+    maps: Maps,
+    cameras: Cameras,
+    limits: Agreement,
+    reference: int,
+    x: int,
+    y: int,
+    v: int,
+    point: Vector,
+    normal: Vector,
+) -> tuple[bool, int, int, float, Vector, Vector]:
     """Whether map v has the point that the reference sees at pixel (x, y): the pixel there, weight, point, normal."""
     nothing = (False, 0, 0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     K, R, t = cameras.K[v], cameras.R[v], cameras.t[v]
@@ -150,7 +164,7 @@ def _confirmed(maps, cameras, limits, reference, x, y, v, point, normal):  # typ
 
 
 @nb.njit(error_model="numpy")
-def _seen_first(maps, cameras, reference, x, y):  # type: ignore[no-untyped-def]
+def _seen_first(maps: Maps, cameras: Cameras, reference: int, x: int, y: int) -> tuple[float, Vector, Vector]:
     """What a map itself says of its pixel: weight, point, normal."""
     K, R, t = cameras.K[reference], cameras.R[reference], cameras.t[reference]
     d, m = maps.depth[reference, y, x], maps.normal[reference, y, x]
@@ -162,7 +176,7 @@ def _seen_first(maps, cameras, reference, x, y):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(error_model="numpy")
-def _added(sums, w, p, n, off):  # type: ignore[no-untyped-def]
+def _added(sums: tuple[float, ...], w: float, p: Vector, n: Vector, off: float) -> tuple[float, ...]:
     """Sums of weight, weighted point and normal, and the weighted distance along the reference's normal and its square."""
     return (
         sums[0] + w,
@@ -178,7 +192,7 @@ def _added(sums, w, p, n, off):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(error_model="numpy")
-def _write(out, n, sums, confirming):  # type: ignore[no-untyped-def]
+def _write(out: _Fused, n: int, sums: tuple[float, ...], confirming: int) -> None:
     """The n-th point from its sums over the reference and the maps that confirm it."""
     sw = sums[0]
     length = math.sqrt(sums[4] * sums[4] + sums[5] * sums[5] + sums[6] * sums[6])
@@ -191,7 +205,9 @@ def _write(out, n, sums, confirming):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _fuse(maps, cameras, limits, reference, partners, taken, out):  # type: ignore[no-untyped-def]
+def _fuse(
+    maps: Maps, cameras: Cameras, limits: Agreement, reference: int, partners: Array, taken: Array, out: _Fused
+) -> int:
     """Fuses the free pixels of one reference with the maps of its partners; gives the number of points written."""
     h, w = maps.depth.shape[1], maps.depth.shape[2]
     n = 0

@@ -22,6 +22,8 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+Array = np.ndarray
+
 RADIUS, STEP = 4, 2
 SIDE = 2 * RADIUS // STEP + 1
 SAMPLES = SIDE * SIDE
@@ -33,6 +35,11 @@ WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
 LEAST_WEIGHT = 0.2
 """Share of a window that must look like its middle in both images."""
+
+Plane = tuple[float, float, float, float]
+"""Depth at the pixel and normal."""
+Ray = tuple[float, float, float, float]
+"""1/fu, -cu/fu, 1/fv, -cv/fv: from a pixel to its ray."""
 
 
 class Reference(NamedTuple):
@@ -55,13 +62,13 @@ class Frame(NamedTuple):
     """Numbers that hold for every pixel; no arrays, since passing one on counts its references, pixel by pixel.
 
     Attributes:
-        ray: 1/fu, -cu/fu, 1/fv, -cv/fv of the reference: from a pixel to its ray.
+        ray: of the reference.
         rows, columns: of each source.
         level_sigma: grey-level width of the bilateral weight.
         least_variance: below it there is no texture.
     """
 
-    ray: tuple[float, float, float, float]
+    ray: Ray
     rows: int
     columns: int
     level_sigma: float
@@ -97,7 +104,7 @@ class Steps(NamedTuple):
 
 
 @nb.njit(inline="always")
-def _hash(a, b, c, d):  # type: ignore[no-untyped-def]
+def _hash(a: int, b: int, c: int, d: int) -> float:
     """Uniform in [-1, 1) from four integers."""
     h = np.uint64(a) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(b) * np.uint64(0xC2B2AE3D27D4EB4F)
     h ^= np.uint64(c) * np.uint64(0x165667B19E3779F9) + np.uint64(d) * np.uint64(0x27D4EB2F165667C5)
@@ -110,9 +117,9 @@ def _hash(a, b, c, d):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _window(image, mask, x, y, window, level_sigma):  # type: ignore[no-untyped-def]
-    """Bilateral weights and values of the reference's window, (2, SAMPLES); its weighted variance, or -1 when there is no
-    texture, and mean."""
+def _window(image: Array, mask: Array, x: int, y: int, window: Array, level_sigma: float) -> tuple[float, float]:
+    """Bilateral weights and values of the reference's window, its first two rows (3, SAMPLES); its weighted variance, or -1
+    when there is no texture, and mean."""
     h, w = image.shape
     centre = image[y, x]
     total, s1, s2 = 0.0, 0.0, 0.0
@@ -142,15 +149,32 @@ def _window(image, mask, x, y, window, level_sigma):  # type: ignore[no-untyped-
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _warp(x, y, plane, camera, frame):  # type: ignore[no-untyped-def]
+def _bend_window(window: Array, bent: Array, d: float) -> float:
+    """The window's third row: what a surface that bends adds to the plane's inverse depth at each sample. `bent`: the three
+    relative second derivatives of the inverse depth. Gives the largest."""
+    xx, xy, yy = bent[0] / d, bent[1] / d, bent[2] / d
+    most = 0.0
+    for k in range(SAMPLES):
+        dx, dy = DX[k], DY[k]
+        v = 0.5 * (xx * dx * dx + yy * dy * dy) + xy * dx * dy
+        window[2, k] = v
+        most = max(most, abs(v))
+    return most
+
+
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _warp(
+    x: int, y: int, plane: Plane, bulge: float, camera: Array, frame: Frame
+) -> tuple[bool, float, float, float, float, float, float, float, float, float, float]:
     """The plane's homography about the pixel: numerators and denominator, linear in the offset (dx, dy) from it.
 
     H = K_s (R + t n^T / offset) K^-1. Gives whether the whole window falls inside the source, the numerators of u and
-    of v (1, dx, dy), and the denominator's factors of dx and dy, of which the constant is 1.
+    of v (1, dx, dy), the denominator's factors of dx and dy, of which the constant is 1, and how far u and v move for a
+    unit of inverse depth. `bulge`: the largest inverse depth that the window bends by.
     """
     d, n0, n1, n2 = plane
     ray = frame.ray
-    nothing = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    nothing = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     rx, ry = ray[0] * x + ray[1], ray[2] * y + ray[3]
     offset = d * (n0 * rx + n1 * ry + n2)
     if abs(offset) < 1e-12:
@@ -163,9 +187,13 @@ def _warp(x, y, plane, camera, frame):  # type: ignore[no-untyped-def]
     if c0 - RADIUS * (abs(c1) + abs(c2)) <= 1e-6 * c0:
         return nothing
     scale = 1.0 / c0
-    u0 = (camera[0] * (m00 * rx + m01 * ry + m02) + camera[2] * c0) * scale
+    U, V = m00 * rx + m01 * ry + m02, m10 * rx + m11 * ry + m12
+    by_u = camera[0] * (camera[13] - U * scale * camera[15]) * scale
+    by_v = camera[1] * (camera[14] - V * scale * camera[15]) * scale
+    beyond_u, beyond_v = bulge * abs(by_u), bulge * abs(by_v)
+    u0 = (camera[0] * U + camera[2] * c0) * scale
     u1, u2 = (camera[0] * m00 * ray[0] + camera[2] * c1) * scale, (camera[0] * m01 * ray[2] + camera[2] * c2) * scale
-    v0 = (camera[1] * (m10 * rx + m11 * ry + m12) + camera[3] * c0) * scale
+    v0 = (camera[1] * V + camera[3] * c0) * scale
     v1, v2 = (camera[1] * m10 * ray[0] + camera[3] * c1) * scale, (camera[1] * m11 * ray[2] + camera[3] * c2) * scale
     c1, c2 = c1 * scale, c2 * scale
     # the window is convex and so is its image: its corners decide whether all of it is inside
@@ -174,13 +202,15 @@ def _warp(x, y, plane, camera, frame):  # type: ignore[no-untyped-def]
         dy = RADIUS if corner & 2 else -RADIUS
         e = 1.0 + c1 * dx + c2 * dy
         u, v = (u0 + u1 * dx + u2 * dy) / e, (v0 + v1 * dx + v2 * dy) / e
-        if not (u >= 0.0 and v >= 0.0 and u < frame.columns - 1.01 and v < frame.rows - 1.01):
+        if not (u >= beyond_u and u < frame.columns - 1.01 - beyond_u):
             return nothing
-    return True, u0, u1, u2, v0, v1, v2, c1, c2
+        if not (v >= beyond_v and v < frame.rows - 1.01 - beyond_v):
+            return nothing
+    return True, u0, u1, u2, v0, v1, v2, c1, c2, by_u, by_v
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _bilinear(source, columns, u, v):  # type: ignore[no-untyped-def]
+def _bilinear(source: Array, columns: int, u: np.floating, v: np.floating) -> np.floating:
     """A flat image's value between four pixels; u, v float32."""
     j, i = np.int32(u), np.int32(v)
     fu, fv = u - np.float32(j), v - np.float32(i)
@@ -192,14 +222,18 @@ def _bilinear(source, columns, u, v):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _ncc_cost(x, y, plane, window, mean, source, camera, frame):  # type: ignore[no-untyped-def]
-    """1 - NCC of the window warped by the plane into a source, weighted by the likeness to the middle in both."""
-    inside, u0, u1, u2, v0, v1, v2, c1, c2 = _warp(x, y, plane, camera, frame)
+def _ncc_cost(
+    x: int, y: int, plane: Plane, bulge: float, window: Array, mean: float, source: Array, camera: Array, frame: Frame
+) -> float | np.floating:
+    """1 - NCC of the window warped by the plane and its bending into a source, weighted by the likeness to the middle in
+    both."""
+    inside, u0, u1, u2, v0, v1, v2, c1, c2, by_u, by_v = _warp(x, y, plane, bulge, camera, frame)
     if not inside:
         return WORST
     fu0, fu1, fu2 = np.float32(u0), np.float32(u1), np.float32(u2)
     fv0, fv1, fv2 = np.float32(v0), np.float32(v1), np.float32(v2)
     fc1, fc2, one = np.float32(c1), np.float32(c2), np.float32(1.0)
+    bu, bv = np.float32(by_u), np.float32(by_v)
     s1, s2, cross = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     total, o1, o2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     centre = _bilinear(source, frame.columns, fu0, fv0)
@@ -207,7 +241,9 @@ def _ncc_cost(x, y, plane, window, mean, source, camera, frame):  # type: ignore
     for k in range(SAMPLES):
         dx, dy = DX[k], DY[k]
         e = one / (one + fc1 * dx + fc2 * dy)
-        v = _bilinear(source, frame.columns, (fu0 + fu1 * dx + fu2 * dy) * e, (fv0 + fv1 * dx + fv2 * dy) * e) - centre
+        b = window[2, k]
+        at_u, at_v = (fu0 + fu1 * dx + fu2 * dy) * e + bu * b, (fv0 + fv1 * dx + fv2 * dy) * e + bv * b
+        v = _bilinear(source, frame.columns, at_u, at_v) - centre
         q = one / (one + v * v * sharp)
         ws = window[0, k] * q * q
         r = window[1, k] - np.float32(mean)
@@ -227,11 +263,22 @@ def _ncc_cost(x, y, plane, window, mean, source, camera, frame):  # type: ignore
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _cost(x, y, plane, window, mean, images, cameras, each, frame):  # type: ignore[no-untyped-def]
+def _cost(
+    x: int,
+    y: int,
+    plane: Plane,
+    bulge: float,
+    window: Array,
+    mean: float,
+    images: Array,
+    cameras: Array,
+    each: Array,
+    frame: Frame,
+) -> float:
     """Mean of the best BEST sources' costs; each (s,) is room for them."""
     count = len(images)
     for s in range(count):
-        each[s] = _ncc_cost(x, y, plane, window, mean, images[s], cameras[s], frame)
+        each[s] = _ncc_cost(x, y, plane, bulge, window, mean, images[s], cameras[s], frame)
     best = min(BEST, count)
     total = 0.0
     for _ in range(best):
@@ -245,7 +292,9 @@ def _cost(x, y, plane, window, mean, images, cameras, each, frame):  # type: ign
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _neighbour(x, y, k, plane, mask, depth, normal, ray, steps):  # type: ignore[no-untyped-def]
+def _neighbour(
+    x: int, y: int, k: int, plane: Plane, mask: Array, depth: Array, normal: Array, ray: Ray, steps: Steps
+) -> tuple[bool, float, float, float, float]:
     """The k-th neighbour's plane at the pixel: whether it is worth judging, depth there, normal."""
     d, n0, n1, n2 = plane
     h, w = mask.shape
@@ -277,7 +326,9 @@ def _neighbour(x, y, k, plane, mask, depth, normal, ray, steps):  # type: ignore
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _random_step(x, y, pixel, t, plane, size, colour, ray, steps):  # type: ignore[no-untyped-def]
+def _random_step(
+    x: int, y: int, pixel: int, t: int, plane: Plane, size: float, colour: int, ray: Ray, steps: Steps
+) -> tuple[bool, float, float, float, float]:
     """The plane after the t-th random step, of this relative size, as `_neighbour` gives it."""
     d, n0, n1, n2 = plane
     draw = steps.iteration * 64 + t * 4
@@ -299,7 +350,16 @@ def _random_step(x, y, pixel, t, plane, size, colour, ray, steps):  # type: igno
 
 
 @nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def sweep(reference, planes, sources, frame, steps, colour, first, last):  # type: ignore[no-untyped-def]
+def sweep(
+    reference: Reference,
+    planes: Planes,
+    sources: Sources,
+    frame: Frame,
+    steps: Steps,
+    colour: int,
+    first: int,
+    last: int,
+) -> None:
     """One half of a red-black iteration, in place.
 
     Args:
@@ -309,7 +369,7 @@ def sweep(reference, planes, sources, frame, steps, colour, first, last):  # typ
     """
     (image, mask), (depth, normal, cost), (images, cameras) = reference, planes, sources
     h, w = mask.shape
-    window, each = np.empty((2, SAMPLES), np.float32), np.empty(len(images), np.float64)
+    window, each = np.zeros((3, SAMPLES), np.float32), np.empty(len(images), np.float64)
     near_ones = 4 * steps.reach
     for y in range(first, last):
         for x in range((y + colour) % 2, w, 2):
@@ -337,7 +397,7 @@ def sweep(reference, planes, sources, frame, steps, colour, first, last):  # typ
                     continue
                 if k >= near_ones:
                     size *= 0.6
-                g = _cost(x, y, (e, m0, m1, m2), window, mean, images, cameras, each, frame)
+                g = _cost(x, y, (e, m0, m1, m2), 0.0, window, mean, images, cameras, each, frame)
                 if k < 0 or g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
             depth[y, x], cost[y, x] = d, c
@@ -345,7 +405,7 @@ def sweep(reference, planes, sources, frame, steps, colour, first, last):  # typ
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _parallax(x, y, d, cameras, ray):  # type: ignore[no-untyped-def]
+def _parallax(x: int, y: int, d: float, cameras: Array, ray: Ray) -> float:
     """Root mean square of the pixels by which a source's image moves for a unit of depth."""
     rx, ry = ray[0] * x + ray[1], ray[2] * y + ray[3]
     parallax = 0.0
@@ -365,15 +425,25 @@ def _parallax(x, y, d, cameras, ray):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def polish(reference, planes, sources, frame, sigma, noise_px, first, last):  # type: ignore[no-untyped-def]
+def polish(
+    reference: Reference,
+    planes: Planes,
+    bent: Array,
+    sources: Sources,
+    frame: Frame,
+    sigma: Array,
+    noise_px: float,
+    first: int,
+    last: int,
+) -> None:
     """Last step in depth by a parabola through the cost at half a pixel of parallax either side, and its 1-sigma.
 
-    Arguments as of `sweep`; `sigma` (h, w) float32 is written: one sigma of the depth along the line of sight, from the
+    Arguments as of `sweep`; windows bend by `bent` (h, w, 3), see `curvature.py`; `sigma` (h, w) float32 is written: one sigma of the depth along the line of sight, from the
     parallax per depth of the sources and `noise_px`, widened where the cost is high or flat.
     """
     (image, mask), (depth, normal, cost), (images, cameras) = reference, planes, sources
     h, w = mask.shape
-    window, each = np.empty((2, SAMPLES), np.float32), np.empty(len(images), np.float64)
+    window, each = np.zeros((3, SAMPLES), np.float32), np.empty(len(images), np.float64)
     for y in range(first, last):
         for x in range(w):
             sigma[y, x] = 0.0
@@ -386,11 +456,11 @@ def polish(reference, planes, sources, frame, sigma, noise_px, first, last):  # 
             d, n0, n1, n2 = depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
             parallax = _parallax(x, y, d, cameras, frame.ray)
             step = 0.5 / parallax
-            c = cost[y, x]
-            low, high = c, c
-            for side in (-1.0, 1.0):  # one call: each is compiled on its own
-                g = _cost(x, y, (d + side * step, n0, n1, n2), window, mean, images, cameras, each, frame)
-                low, high = (g, high) if side < 0.0 else (low, g)
+            bulge = _bend_window(window, bent[y, x], d)
+            low, c, high = 0.0, 0.0, 0.0
+            for side in (-1.0, 0.0, 1.0):  # one call: each is compiled on its own
+                g = _cost(x, y, (d + side * step, n0, n1, n2), bulge, window, mean, images, cameras, each, frame)
+                low, c, high = c, high, g
             curvature = low + high - 2.0 * c
             if curvature > 1e-4 and low < WORST and high < WORST:
                 move = 0.5 * (low - high) / curvature

@@ -22,7 +22,7 @@ TWICE = 1e-6
 def one_solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """The solid that a closed, consistently wound mesh of any number of parts describes.
 
-    - A part turned inward that lies in no body is a body inside out, and is turned.
+    - A part that is turned inward and lies in no body is a body inside out; it is turned.
     - A part turned inward that lies in a body is a cavity.
     - When all parts together enclose a negative volume, all are turned first.
     - Bodies that overlap are joined, so that what they share counts once.
@@ -48,7 +48,7 @@ def one_solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     elif count > 1:
         parts = [faces[label == i] for i in range(count)]
         volumes = np.array([_volume(vertices, part) for part in parts])
-        solids = [_manifold(vertices, p if v > 0 else p[:, ::-1]) for p, v in zip(parts, volumes, strict=True)]
+        solids = [solid(vertices, p if v > 0 else p[:, ::-1]) for p, v in zip(parts, volumes, strict=True)]
         if all(s is not None for s in solids):
             joined, turned = _joined(solids, volumes, notes)
             if joined is not None:
@@ -89,8 +89,8 @@ def _joined(solids: list[Any], volumes: np.ndarray, notes: list[str]) -> tuple[t
     return trimesh.Trimesh(made.vert_properties[:, :3], made.tri_verts, process=False), turned
 
 
-def _manifold(vertices: np.ndarray, faces: np.ndarray) -> Any:
-    """The part as a solid, or None where it is none (it crosses or touches itself)."""
+def solid(vertices: np.ndarray, faces: np.ndarray) -> Any:
+    """Vertices (v, 3) and faces (f, 3) as manifold3d's solid, or None where they are none (they cross or touch each other)."""
     from manifold3d import Error, Manifold, Mesh64
 
     used, index = np.unique(faces, return_inverse=True)

@@ -48,8 +48,9 @@ class Evidence:
         scenes: images of each set that hangs together, the one that was used first.
         misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
         readings: what else the object may be, in words, where nothing decides; the one that is used first.
-        hollow_possible: share of the volume that an underside nobody saw may hide as empty.
-        hollow_likely: the part of it that the interval allows for, since the upper side is hollow too.
+        hollow_possible: share of the volume that an underside nobody saw may hide as empty, or filled-in sides of what was
+            turned over.
+        hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
     """
 
     half_width: float
@@ -73,60 +74,62 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
     """`confidence` of `massprops.json`: {"level": "high" | "medium" | "low", "because": [text]}."""
     e = evidence
     lost = 1.0 - e.used / e.images if e.images else 0.0
-    said = [
-        _said(e.half_width, WIDE, TOO_WIDE, f"the volume is known to ±{100 * e.half_width:.0f} %"),
-        _said(
+    findings = [
+        _finding(e.half_width, WIDE, TOO_WIDE, f"the volume is known to ±{100 * e.half_width:.0f} %"),
+        _finding(
             e.filled,
             FILLED,
             MOSTLY_FILLED,
             f"{100 * e.filled:.0f} % of the surface was filled in, not measured"
             + (DULL if e.filled > MOSTLY_FILLED else ""),
         ),
-        _said(lost, LOST, MOSTLY_LOST, f"{e.images - e.used} of {e.images} images could not be used"),
-        _said(
+        _finding(lost, LOST, MOSTLY_LOST, f"{e.images - e.used} of {e.images} images could not be used"),
+        _finding(
             1.0 - e.overlap,
             1.0 - AGREES,
             1.0 - DIFFERS,
-            f"the mesh and the object's silhouettes in the images share only {100 * e.overlap:.0f} % of their area",
+            f"the mesh and the object's silhouettes in the images overlap by only {100 * e.overlap:.0f} %",
         ),
-        _said(
+        _finding(
             e.cut / max(e.used, 1),
             CUT,
             MOSTLY_CUT,
             f"the object reaches the edge of the frame in {e.cut} of {e.used} images: step back, keep hands and arms out",
         ),
-        _said(
+        _finding(
             max(e.scenes[1:], default=0) / max(e.images, 1),
             OTHER_SCENE,
             MOSTLY_OTHER,
-            f"the images show scenes that do not hang together ({', '.join(map(str, e.scenes))} images), and the largest "
-            "was used: give one object in one place, or each placement as an INPUT of its own",
+            f"the images fall into scenes that do not connect ({', '.join(map(str, e.scenes))} images); the largest was used: "
+            "give one object in one place, or each placement as a separate INPUT",
         ),
-        _said(
+        _finding(
             e.misfit / max(e.images, 1),
             0.0,
             MOSTLY_OTHER,
             f"{e.misfit} images show what may be another object: nothing of it fits the one measured, however it is turned",
         ),
-        _said(1.0 - e.valid, 0.05, 0.5, "the surface is so uncertain that some of its variants are no bodies"),
+        _finding(
+            1.0 - e.valid, 0.05, 0.5, "the surface is so uncertain that some of its variants are not closed bodies"
+        ),
     ]
     if e.joined > 1 and e.filled > FILLED:
-        said.append((2, _open_though_turned(e)))
+        findings.append((2, _open_though_turned(e)))
     if e.unjoined:
-        said.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
-    level = max(rank for rank, _ in said)
-    because = [text for rank, text in sorted(said, key=lambda s: -s[0]) if rank > 0]
+        findings.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
+    level = max(rank for rank, _ in findings)
+    because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
     if len(e.readings) > 1:
         level = 2
         other = " or ".join(e.readings[1:])
-        because.insert(0, f"nothing decides what the object is: {e.readings[0]} (measured here), or {other}")
+        because.insert(0, f"it is not clear which object is meant: {e.readings[0]} (measured here), or {other}")
     if not because:
-        because = [said[0][1]]
+        because = [findings[0][1]]
     return {"level": LEVELS[level], "because": because + _unseen(e)}
 
 
 def _open_though_turned(e: Evidence) -> str:
-    """What is still filled in after the object was seen from more sides than one: it may be open there.
+    """What is filled in although the object was seen from several sides: it may be open there.
 
     A flower pot that was turned over and joined rightly was filled to its rim, as nothing was measured in its dark inside.
     """
@@ -137,7 +140,12 @@ def _open_though_turned(e: Evidence) -> str:
 
 
 def _unseen(e: Evidence) -> list[str]:
-    """What an underside that nobody saw leaves open."""
+    """What remains unknown when the underside was not seen."""
+    if e.hollow_likely > 0.02 and e.joined > 1:
+        return [
+            "what lies behind the filled-in sides may be empty: the interval reaches down to a body with "
+            f"{100 * e.hollow_likely:.0f} % less volume"
+        ]
     if e.hollow_likely > 0.02:
         return [
             "it is hollow above, and its underside was not seen: the interval reaches down to a thin shell, with "
@@ -145,11 +153,11 @@ def _unseen(e: Evidence) -> list[str]:
         ]
     if e.inferred <= 0.02:
         return []
-    said = f"{100 * e.inferred:.0f} % of the surface stood on its support and was closed there: "
+    sentence = f"{100 * e.inferred:.0f} % of the surface stood on its support and was closed there: "
     if e.hollow_possible <= 0.02:
-        return [said + "a hollow underneath would not be seen"]
+        return [sentence + "a hollow underneath would not be seen"]
     return [
-        said
+        sentence
         + "it is taken to be solid; a hollow underneath would not be seen, and of a thin shell the volume would be "
         f"{100 * e.hollow_possible:.0f} % less"
     ]
@@ -162,5 +170,5 @@ def lowered(trust: dict[str, Any], text: str) -> dict[str, Any]:
     return {"level": level, "because": [text, *kept]}
 
 
-def _said(value: float, medium: float, low: float, text: str) -> tuple[int, str]:
+def _finding(value: float, medium: float, low: float, text: str) -> tuple[int, str]:
     return (2 if value > low else 1 if value > medium else 0), text

@@ -39,6 +39,13 @@ def mesh_integrals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return shift_integrals(row, middle)
 
 
+def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(3,) centre of mass of a closed mesh at constant density; arguments as of `mesh_integrals`."""
+    row = mesh_integrals(vertices, faces)
+    middle: np.ndarray = row[1:4] / row[0]
+    return middle
+
+
 def shift_integrals(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Integrals of the same bodies moved by `shift` (3,); rows (..., 10)."""
     rows = np.asarray(rows, float)
@@ -55,7 +62,8 @@ def scale_integrals(rows: np.ndarray, factor: np.ndarray | float) -> np.ndarray:
     """Integrals of the same bodies with every length times `factor` (scalar or one a row): powers 3, 4 and 5."""
     factor = np.asarray(factor, float)
     powers = np.array([3.0] + [4.0] * 3 + [5.0] * 6)
-    return np.asarray(rows, float) * factor[..., None] ** powers
+    scaled: np.ndarray = np.asarray(rows, float) * factor[..., None] ** powers
+    return scaled
 
 
 def offset_response(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

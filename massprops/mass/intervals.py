@@ -6,7 +6,9 @@ exp(N(0, relative_sigma)), which enters volume with the third power and inertia 
 is the body's own greatest length (no scale, or a length of the whole body that the user gave), every replicate is
 divided by its own length; when the scale comes from elsewhere (baseline, range, distance, marker) by the mesh's.
 
-An interval is the 5th to the 95th percentile of the replicates, stretched where needed to hold the estimate.
+An interval is the 5th to the 95th percentile of the replicates, stretched where needed to hold the estimate. Replicates
+that are no bodies have collapsed: where they are more than the 5 % below, volume, mass and moments may be anything down to
+zero, and the ratios anything that a body may have.
 """
 
 from __future__ import annotations
@@ -57,31 +59,43 @@ def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) ->
         estimate: what the mesh itself gives.
         level: share of replicates between the ends.
     """
-    rows = rows[valid_bodies(rows)]
+    valid = valid_bodies(rows)
+    collapsed, rows = 1.0 - float(valid.mean()), rows[valid]
     mass, centre, inertia = central_inertia(rows, estimate.density)
     moments = np.linalg.eigvalsh(inertia)
     ratios = inertia_ratios(moments)
     middle = inertia_ratios(estimate.principal_moments)
 
-    def bounds(draws: np.ndarray, value: np.ndarray | float) -> list[Any]:
-        low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
+    tail = 0.5 - level / 2
+    vague = collapsed > tail
+
+    def bounds(draws: np.ndarray, value: np.ndarray | float) -> Any:
+        low, high = np.quantile(draws, [tail, 1.0 - tail], axis=0)
         return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
 
+    def down_to_nothing(draws: np.ndarray, value: np.ndarray | float) -> Any:
+        known = np.array(bounds(draws, value))
+        known[..., 0] = 0.0 if vague else known[..., 0]
+        return known.tolist()
+
+    def ratio(draws: np.ndarray, value: float) -> Any:
+        return [float(min(draws.min(), value)), 0.0] if vague else bounds(draws, value)
+
     return {
-        "volume": bounds(rows[:, 0], estimate.volume),
-        "mass": bounds(mass, estimate.mass),
+        "volume": down_to_nothing(rows[:, 0], estimate.volume),
+        "mass": down_to_nothing(mass, estimate.mass),
         "center_of_mass": bounds(centre, estimate.center_of_mass),
         "inertia": bounds(inertia, estimate.inertia),
-        "principal_moments": bounds(moments, estimate.principal_moments),
-        "k1": bounds(ratios[:, 0], middle[0]),
-        "k2": bounds(ratios[:, 1], middle[1]),
+        "principal_moments": down_to_nothing(moments, estimate.principal_moments),
+        "k1": ratio(ratios[:, 0], middle[0]),
+        "k2": ratio(ratios[:, 1], middle[1]),
     }
 
 
 def valid_bodies(rows: np.ndarray) -> np.ndarray:
     """(r,) bool: replicates that a body of positive density could have.
 
-    One that collapses, or whose moments break the triangle inequality, is no opinion about the inertia.
+    One that collapses, or whose moments break the triangle inequality, says nothing about the inertia.
 
     Args:
         rows: (r, 10) integrals.
@@ -90,4 +104,5 @@ def valid_bodies(rows: np.ndarray) -> np.ndarray:
     moments = np.full((len(rows), 3), np.nan)
     moments[out] = np.linalg.eigvalsh(central_inertia(rows[out], 1.0)[2])
     with np.errstate(invalid="ignore"):
-        return out & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] >= moments[:, 2])
+        possible: np.ndarray = out & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] >= moments[:, 2])
+        return possible

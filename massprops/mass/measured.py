@@ -39,12 +39,12 @@ class Measured(Shown):
 
     @property
     def density(self) -> float:
-        """[kg/m^3]; that of water where nobody gave one, see `density_assumed`."""
+        """[kg/m^3]; 1000 (water) if none was given, see `density_assumed`."""
         return float(self.properties["density"])
 
     @property
     def density_assumed(self) -> bool:
-        """Whether nobody gave the density."""
+        """Whether 1000 kg/m^3 (water) was assumed because no density was given."""
         return bool(self.properties.get("density_assumed", False))
 
     @property
@@ -87,21 +87,23 @@ class Measured(Shown):
 
     @property
     def confidence(self) -> str:
-        """`high`, `medium` or `low`; empty where nothing had to be judged, as for a finished mesh."""
+        """`high`, `medium` or `low`; empty for a finished mesh, which is not judged."""
         return str((self.properties.get("confidence") or {}).get("level", ""))
 
     def facts(self) -> dict[str, str]:
-        """Volume, mass, moments with their intervals, and the confidence."""
-        length, mass = ("m", "kg") if self.metric else ("unit", "model mass")
+        """Volume, mass, moments with their intervals, and the confidence; without a scale, volume and ratios."""
         bounds = self.interval
-        moments = bounds.get("principal_moments", [None] * 3)
-        assumed = " (density assumed, as water)" if self.density_assumed else ""
-        shown = {
-            "volume": number(self.volume, bounds.get("volume"), f"{length}^3"),
-            "mass": number(self.mass, bounds.get("mass"), mass) + assumed,
-        }
-        for i, moment in enumerate(self.principal_moments):
-            shown[f"I{i + 1}"] = number(moment, moments[i], f"{mass} {length}^2")
+        if not self.metric:  # without a length neither mass nor moments mean anything
+            shown = {"volume": number(self.volume, bounds.get("volume"), "unit^3")}
+            shown |= {k: number(getattr(self, k), bounds.get(k)) for k in ("k1", "k2")}
+        else:
+            moments = bounds.get("principal_moments", [None] * 3)
+            assumed = " (density assumed: water)" if self.density_assumed else ""
+            shown = {
+                "volume": number(self.volume, bounds.get("volume"), "m^3"),
+                "mass": number(self.mass, bounds.get("mass"), "kg") + assumed,
+            }
+            shown |= {f"I{i + 1}": number(m, moments[i], "kg m^2") for i, m in enumerate(self.principal_moments)}
         if self.confidence:
             shown["confidence"] = self.confidence
         return shown

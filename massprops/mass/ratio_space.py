@@ -54,7 +54,7 @@ def covariance(
             for d in h * np.eye(2)
         ]
     )
-    out = by_k @ k_covariance @ by_k.T
+    out: np.ndarray = by_k @ k_covariance @ by_k.T
     if axes_covariance is not None:
         by_turn = turn_jacobian(inertia, axes)
         out = out + by_turn @ axes_covariance @ by_turn.T
@@ -130,7 +130,7 @@ def interval_sigma(bounds: list[float], value: float) -> float:
 
 
 def chi_square(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, int]:
-    """Squared difference in units of its covariance, and how many directions of it count.
+    """Squared difference in units of its covariance, and its degrees of freedom.
 
     Directions without variance, such as the turn about an axis of symmetry, are left out.
     """

@@ -12,11 +12,11 @@ VALUES = ("volume", "mass", "center_of_mass", "inertia", "principal_moments", "p
 WELL_MEASURED = 0.85
 """Share of the surface above which a mesh is not moved out of its own interval: little of it is left to be wrong, so a
 motion that asks for more is likelier wrong itself."""
-MESH_ALONE = "the mesh's own: nothing else was measured"
+MESH_ALONE = "from the mesh alone: nothing else was measured"
 
 
 def by_mesh(document: dict[str, Any], because: str = MESH_ALONE) -> dict[str, Any]:
-    """The block of a document whose mesh is all there is to go by.
+    """The `recommended` block of a run that has only its mesh.
 
     Args:
         document: `massprops.json`.
@@ -35,27 +35,34 @@ def recommend(document: dict[str, Any], crosscheck: dict[str, Any]) -> dict[str,
     """
     verdict, fused = crosscheck.get("verdict"), crosscheck.get("fused")
     if verdict == "inconsistent":
-        return by_mesh(document, "the mesh's: shape and motion contradict each other, so they are not joined")
+        return by_mesh(
+            document, "from the mesh alone: shape and motion contradict each other, so they are not combined"
+        )
     if verdict != "consistent":
-        return by_mesh(document, f"the mesh's: the motion adds nothing ({crosscheck.get('reason', 'no cross-check')})")
+        return by_mesh(
+            document, f"from the mesh alone: the motion adds nothing ({crosscheck.get('reason', 'no cross-check')})"
+        )
     if not fused:
-        return by_mesh(document, "the mesh's: the motion agrees, but the run keeps no replicates to join the two with")
+        return by_mesh(
+            document,
+            "from the mesh alone: the motion agrees, but the run has no replicates with which to combine the two",
+        )
     mesh_width, fused_width = relative_width(document), relative_width(fused)
     if mesh_width is None or fused_width is None or fused_width >= mesh_width:
-        return by_mesh(document, "the mesh's: the motion agrees with it and is no sharper")
+        return by_mesh(document, "from the mesh alone: the motion agrees with it, but does not make it more certain")
     seen = (document.get("surface") or {}).get("observed_fraction") or 0.0
     if seen > WELL_MEASURED and (left := _left_interval(document, fused)):
-        return by_mesh(document, f"the mesh's: joined with the motion, {left} would leave the interval of a mesh that "
-                                 f"was measured on {100 * seen:.0f} % of its surface")  # fmt: skip
+        return by_mesh(document, f"from the mesh alone: combined with the motion, {left} would leave the interval of a "
+                                 f"mesh that was measured on {100 * seen:.0f} % of its surface")  # fmt: skip
     because = (
-        f"mesh and motion ({fused.get('with', 'motion')}) together: they agree, and together the principal moments are "
-        f"known to ±{_percent(fused_width)} % instead of the mesh's ±{_percent(mesh_width)} %"
+        f"from mesh and motion ({fused.get('with', 'motion')}) together: they agree, and together they give the principal "
+        f"moments to ±{_percent(fused_width)} % instead of the mesh's ±{_percent(mesh_width)} %"
     )
     return _block("fused", fused, because)
 
 
 def as_recommended(document: dict[str, Any]) -> dict[str, Any]:
-    """The document with the recommended values in place of the mesh's; as it is where it recommends none."""
+    """The document with the recommended values in place of the mesh's; unchanged if it has none."""
     block = document.get("recommended")
     if not block:
         return document
@@ -73,7 +80,7 @@ def relative_width(values: dict[str, Any]) -> float | None:
 
 
 def _left_interval(document: dict[str, Any], fused: dict[str, Any]) -> str:
-    """Which number of the fused body lies outside the mesh's own 90 % interval; empty when none does."""
+    """Which number of the fused body lies outside the mesh's own 90 % interval; empty if none."""
     interval, k = document["interval_90"], fused["inertia_ratios"]
     rows = [("the volume", fused["volume"], interval.get("volume"))]
     rows += [(f"I{i + 1}", m, interval["principal_moments"][i]) for i, m in enumerate(fused["principal_moments"])]

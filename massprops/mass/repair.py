@@ -1,4 +1,4 @@
-"""Closing a user's mesh: small holes, turned faces, inside-out bodies. Every change is told."""
+"""Repairs a user's mesh: small holes, inverted faces, inside-out bodies. Every change becomes a warning."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from massprops.core.processes import processors
-from massprops.native import WITHOUT_PYCOLMAP, advice, has_pycolmap
+from massprops.native import advice, missing
 
 LIBRARIES = {
     "numpy": "import numpy",
@@ -71,8 +71,8 @@ def examine() -> list[Finding]:
 
 
 def _advice(name: str, message: str) -> str:
-    if name == "pycolmap" and not has_pycolmap():
-        return WITHOUT_PYCOLMAP
+    if name in ("pycolmap", "PyMaxflow") and (lacks := missing(name)):
+        return lacks
     return advice(message) if ".so" in message else "type: pip install --force-reinstall massprops"
 
 

@@ -44,7 +44,7 @@ def left_s(
         spent: seconds of this run's stages that are done.
         stage: the one at work; since: how long it has been [s].
     """
-    said = []
+    estimates = []
     for times in earlier:
         if stage not in times:
             continue
@@ -53,5 +53,5 @@ def left_s(
         there = sum(times[n] for n in here)
         speed = sum(here.values()) / there if there >= LEAST_SPENT_S else 1.0
         rest = names[names.index(stage) + 1 :]
-        said.append(max(speed * times[stage] - since, 0.0) + speed * sum(times[n] for n in rest))
-    return statistics.median(said) if said else None
+        estimates.append(max(speed * times[stage] - since, 0.0) + speed * sum(times[n] for n in rest))
+    return statistics.median(estimates) if estimates else None

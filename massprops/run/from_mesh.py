@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 COMMAND = "mass"
 NAMES = ("run.yaml", "mesh.ply", "mesh.glb", "massprops.json")
+SHORTEST = 1e-12
+"""Metres, a tenth of an atom: what is shorter comes of a scale that was not meant."""
 
 
 def mass(
@@ -63,6 +65,7 @@ def measure(
     from massprops.exchange.mesh_files import read_solid
     from massprops.mass.document import document
     from massprops.mass.properties import ASSUMED_DENSITY, mass_properties
+    from massprops.mass.repair import LARGEST_COORDINATE
 
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"--scale {scale}: metres per unit of the file is a number above 0")
@@ -71,6 +74,9 @@ def measure(
     solid, notes = read_solid(readable(Path(mesh)))
     solid = solid.copy()
     solid.apply_scale(scale)
+    length = float(np.ptp(np.asarray(solid.vertices), axis=0).max())
+    if not SHORTEST < length < LARGEST_COORDINATE:
+        raise InputError(f"--scale {scale:g} makes the body {length:.3g} m long: give the metres per unit of the file")
     properties = mass_properties(solid, ASSUMED_DENSITY if density is None else density)
     surface = {"watertight": True, "area": float(solid.area), "observed_fraction": 1.0}
     known = {"source": "given", "metres_per_unit": scale, "relative_sigma": scale_sigma}

@@ -42,12 +42,12 @@ def masks(run: str | Path, out: str | Path | None = None, force: bool = False) -
         >>> sheet = massprops.masks("runs/one")  # doctest: +SKIP
         >>> min(s.iou for s in sheet.images if s.iou is not None)  # doctest: +SKIP
     """
-    with _as_left(Path(run)):
+    with _check_unchanged(Path(run)):
         return _masks(readable(Path(run)).resolve(), out, force)
 
 
 @contextlib.contextmanager
-def _as_left(run: Path) -> Iterator[None]:
+def _check_unchanged(run: Path) -> Iterator[None]:
     """Tells a run folder whose work/ is not what its command left there, and that has no record to tell it by."""
     try:
         yield
@@ -137,8 +137,8 @@ def _encoded(run: Path, footage: dict[str, Any], names: list[str]) -> Iterator[t
 def _file(footage: dict[str, Any], frame: dict[str, Any]) -> Path:
     """The user's file of a frame; of a video, one that is not there."""
     if "placement" not in frame:
-        return Path(footage["source"]) / frame["source_name"]
-    return Path(footage["sources"][frame["placement"]]) / frame["source_name"].split("/", 1)[1]
+        return Path(footage["source"], frame["source_name"])
+    return Path(footage["sources"][frame["placement"]], frame["source_name"].split("/", 1)[1])
 
 
 def _exif(image: Path) -> int:
@@ -213,4 +213,4 @@ def why_left_out(run: Path, footage: dict[str, Any]) -> dict[str, str]:
 def _said(name: str, reasons: dict[str, str], agreement: dict[str, float]) -> str:
     if name in reasons:
         return reasons[name]
-    return "its mask holds none of the object" if agreement and name not in agreement else ""
+    return "its mask does not show the object" if agreement and name not in agreement else ""

@@ -14,7 +14,7 @@ from massprops.core.inputs import hash_input, readable
 from massprops.core.outputs import claim, verify
 from massprops.errors import InputError
 from massprops.mass.measured import Measured
-from massprops.native import WITHOUT_PYCOLMAP, has_pycolmap
+from massprops.native import missing
 from massprops.run.job import ReconstructOptions
 from massprops.run.runner import Watch, run_stages
 from massprops.run.stages.publish import sources
@@ -42,7 +42,7 @@ class Run(Measured):
     stages: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
-    def properties(self) -> dict[str, Any]:  # type: ignore[override]
+    def properties(self) -> dict[str, Any]:
         """`massprops.json`.
 
         Raises:
@@ -52,7 +52,8 @@ class Run(Measured):
         if not path.is_file():
             raise InputError(f"{self.folder}: no massprops.json in this run: {self.reason or 'finish it first'}")
         verify(self.folder, path.name)
-        return json.loads(path.read_text())
+        document: dict[str, Any] = json.loads(path.read_text())
+        return document
 
     @property
     def verdict(self) -> str | None:
@@ -196,8 +197,8 @@ def reconstruct(
         >>> run.properties["volume"], run.properties["interval_90"]["volume"]  # doctest: +SKIP
     """
     chosen = checked_options(source, options)
-    if not has_pycolmap():
-        raise InputError(WITHOUT_PYCOLMAP)
+    if lacks := missing("pycolmap") or missing("PyMaxflow"):
+        raise InputError(lacks)
     run = readable(Path(out)).resolve()
     origin = Path(chosen.source)
     for place in (origin, *map(Path, chosen.more)):

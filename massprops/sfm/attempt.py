@@ -1,4 +1,4 @@
-"""Ways from footage to models: what features are found, which images are compared, and what counts as a match.
+"""One attempt at structure from motion: which features are found, which images are compared, and what counts as a match.
 
 The usual way costs least and suits textured objects. Where most features have twins in their own image, only those
 that have none are matched (`massprops.sfm.distinct`). Where too few images are placed, fainter features, looser
@@ -90,7 +90,7 @@ class SfmOptions:
 
 @dataclass(frozen=True)
 class Attempt:
-    """What a way came to.
+    """The result of one attempt.
 
     Attributes:
         database: COLMAP's, with every match.
@@ -329,8 +329,9 @@ def _rig_pairs(footage: FootageRecord, names: list[str], options: SfmOptions) ->
         c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)] for c in footage.cameras
     }
     pairs = []
+    # with half as many, the attitudes of two simulated spacecraft were off by 0.11 and 0.27 degrees, in place of 0.06, 0.17
     for own in by_camera.values():
-        pairs += [(own[i], own[j]) for i, j in pairing.sequential(len(own), max(4, options.overlap // 2))]
+        pairs += [(own[i], own[j]) for i, j in pairing.sequential(len(own), options.overlap)]
     first = by_camera[footage.cameras[0].id]
     for camera in footage.cameras[1:]:
         tails = {n.split("/", 1)[1]: n for n in by_camera[camera.id]}

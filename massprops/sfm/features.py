@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from massprops.core.parts import Arrays, Parts
-from massprops.core.processes import muffled
+from massprops.core.processes import silenced_stderr
 from massprops.core.progress import Progress, silent
 from massprops.errors import InputError
 from massprops.sfm.footage import FootageRecord, FrameRecord
@@ -54,7 +54,7 @@ def read_mask(footage: FootageRecord, name: str, size: tuple[int, int]) -> np.nd
     path = footage.mask(name)
     if not path.is_file():
         return None
-    with muffled():
+    with silenced_stderr():
         mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if mask is None:
         raise InputError(f"{path}: not a readable mask; write an 8-bit PNG with black where there is no object")

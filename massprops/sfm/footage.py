@@ -94,6 +94,11 @@ class FootageRecord:
         return any(self.mask(f.name).is_file() for f in self.frames)
 
     @property
+    def room_stood(self) -> bool:
+        """Whether a camera went round in a room: what is about the object then tells where it was."""
+        return self.motion == "static" and self.background == "moving"
+
+    @property
     def ordered(self) -> bool:
         """Whether neighbours in the list are neighbours in time."""
         return self.moving_pictures or all(f.timestamp_ns >= 0 for f in self.frames)

@@ -12,6 +12,7 @@ import pycolmap
 
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
+from massprops.sfm.model_bytes import write_model
 
 
 @dataclass(frozen=True)
@@ -180,8 +181,7 @@ def continue_mapping(
 ) -> pycolmap.Reconstruction:
     """The model with the images that the database's matches now add to it; itself where they add none."""
     start = out / "start"
-    start.mkdir(parents=True, exist_ok=True)
-    model.write(start)
+    write_model(model, start)
     pycolmap.set_random_seed(options.seed)
     chosen = replace(options, least_inliers=max(options.least_inliers // 2, 6))
     found = pycolmap.incremental_mapping(database, frames, out, pipeline_options(chosen, frames), input_path=start)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.robust import MAD_TO_SIGMA
+
 PASSES = 4
 """Each begins where the one before ended, so that the windows lie evenly about the edges."""
 
@@ -68,7 +70,7 @@ def _edge(image: np.ndarray, a: np.ndarray, b: np.ndarray, middle: np.ndarray, r
     slope, offset = np.polyfit(share[clear], place, 1)
     for _ in range(2):
         off = place - (slope * share[clear] + offset)
-        good = np.abs(off) <= 3 * 1.4826 * np.median(np.abs(off)) + 0.02
+        good = np.abs(off) <= 3 * MAD_TO_SIGMA * np.median(np.abs(off)) + 0.02
         slope, offset = np.polyfit(share[clear][good], place[good], 1)
     first, last = a + offset * normal, b + (offset + slope) * normal
     return np.cross([*first, 1.0], [*last, 1.0])

@@ -1,4 +1,4 @@
-"""Whether the files of a binary COLMAP model hold as much as they announce.
+"""Whether the files of a binary COLMAP model hold as much as they announce, when it is read and when it was written.
 
 COLMAP's reader believes every count: one flipped bit makes it read on past the end of a file for hours. The layout is that
 of COLMAP's documentation ("Output Format"), little endian.
@@ -6,10 +6,13 @@ of COLMAP's documentation ("Output Format"), little endian.
 
 from __future__ import annotations
 
+import errno
 import mmap
+import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from massprops.errors import InputError
 
@@ -37,6 +40,25 @@ def check_lengths(folder: Path) -> None:
             raise InputError(f"{path}: damaged, it announces more than it holds; export the model again") from None
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def write_model(model: Any, folder: Path) -> None:
+    """Writes a binary model into a folder that is made for it where it is not there.
+
+    COLMAP says nothing of a disk that refuses: what is there afterwards must hold what it announces.
+
+    Raises:
+        OSError: it does not.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write(folder)
+    try:
+        check_lengths(folder)
+        whole = all((folder / f"{name}.bin").is_file() for name in WALKS)
+    except InputError:
+        whole = False
+    if not whole:
+        raise OSError(errno.EIO, os.strerror(errno.EIO), str(folder))
 
 
 def _cameras(data: mmap.mmap) -> int:

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+Array = np.ndarray
+
 RADIUS = 4
 SIDE = 2 * RADIUS + 1
 MIDDLE = SIDE * SIDE // 2
@@ -33,7 +35,7 @@ class Pictures(NamedTuple):
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _sample(image, us, vs, du, dv, out):  # type: ignore[no-untyped-def]
+def _sample(image: Array, us: Array, vs: Array, du: float, dv: float, out: Array) -> None:
     """Values and derivatives (3, s) of an image at (us + du, vs + dv), by Catmull and Rom's cubic."""
     for s in range(len(us)):
         u, v = us[s] + du, vs[s] + dv
@@ -56,7 +58,15 @@ def _sample(image, us, vs, du, dv, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _warped(pictures, a, b, plane, to_second, sharp, work):  # type: ignore[no-untyped-def]
+def _warped(
+    pictures: Pictures,
+    a: int,
+    b: int,
+    plane: tuple[Array, Array],
+    to_second: tuple[Array, Array],
+    sharp: float,
+    work: Array,
+) -> bool:
     """Whether the piece lies in view a and, by the poses, in view b; writes into `work` its pixels there, their weights and
     what a shows of it."""
     c, n = plane
@@ -94,7 +104,7 @@ def _warped(pictures, a, b, plane, to_second, sharp, work):  # type: ignore[no-u
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _shift(weight, own, there, sharp):  # type: ignore[no-untyped-def]
+def _shift(weight: Array, own: Array, there: Array, sharp: float) -> tuple[float, float, float]:
     """Step (u, v) in the second image that brings `there` (3, s), value and derivatives, closer to `own`'s value, and the
     correlation before it; -1 where they are not alike or the piece has no texture."""
     value = own[0]
@@ -132,7 +142,16 @@ def _shift(weight, own, there, sharp):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _one(pictures, a, b, plane, to_second, sharp, work, out):  # type: ignore[no-untyped-def]
+def _one(
+    pictures: Pictures,
+    a: int,
+    b: int,
+    plane: tuple[Array, Array],
+    to_second: tuple[Array, Array],
+    sharp: float,
+    work: Array,
+    out: Array,
+) -> None:
     """Place and correlation (3,) of one piece of view a in view b; a correlation of -1 where it could not be followed.
 
     plane: (3,) its place and (3,) its normal in a's camera; to_second: turn (3, 3) and move (3,) from there to b's.
@@ -159,7 +178,15 @@ def _one(pictures, a, b, plane, to_second, sharp, work, out):  # type: ignore[no
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _all(home, view, planes, to_second, pictures, sharp, out):  # type: ignore[no-untyped-def]
+def _all(
+    home: Array,
+    view: Array,
+    planes: tuple[Array, Array],
+    to_second: tuple[Array, Array],
+    pictures: Pictures,
+    sharp: float,
+    out: Array,
+) -> None:
     work = np.empty((9, SIDE * SIDE))
     c, n = planes
     turn, move = to_second
@@ -198,7 +225,7 @@ def follow(
 
 
 @nb.njit(cache=True, error_model="numpy")
-def nearest_depth(xyz, K, R, t, factor, h, w):  # type: ignore[no-untyped-def]
+def nearest_depth(xyz: Array, K: Array, R: Array, t: Array, factor: float, h: int, w: int) -> Array:
     """(h, w) least depth of points (m, 3) drawn 3 pixels wide into a view reduced by `factor`; inf where none is."""
     out = np.full((h, w), np.inf)
     for p in range(len(xyz)):

@@ -11,22 +11,23 @@ import numpy as np
 import pycolmap
 
 from massprops.core.progress import Progress, silent
+from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, SfmOptions, attempt, may_distort, steady
-from massprops.sfm.contradictions import contradictions
+from massprops.sfm.contradictions import MANY, contradictions
 from massprops.sfm.convert import to_points, to_views
-from massprops.sfm.extend import extend
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
-from massprops.sfm.grow import grow
+from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.loops import close_loops, match_predicted, spread_deg
 from massprops.sfm.mapping import MappingOptions, quiet
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
+from massprops.sfm.predicted_images import add_predicted_images
 from massprops.sfm.refine import Refined, RefineOptions, refine
 from massprops.sfm.sound import flat_remarks, require_sound, take_out
-from massprops.sfm.surface_tracks import Image, with_surface
+from massprops.sfm.surface_tracks import PIXELS, ROOM_PIXELS, Image, with_surface
 from massprops.sfm.turned import turn_image, upright
 from massprops.views import Views, undistort
 
@@ -67,6 +68,7 @@ class SfmResult:
         cameras: the one with most images first.
         warnings: one line each.
         contradicted: share of the matches in pairs that contradict the model.
+        masked: only features within the silhouettes were used.
     """
 
     model: pycolmap.Reconstruction
@@ -77,6 +79,7 @@ class SfmResult:
     cameras: tuple[SolvedCamera, ...]
     warnings: tuple[str, ...]
     contradicted: float = 0.0
+    masked: bool = False
 
 
 def reconstruct(
@@ -105,10 +108,10 @@ def reconstruct(
         model = match_predicted(model, given, work)
         if footage.moving_pictures and not footage.rig and model.num_reg_images() < len(footage.frames):
             model = _followed(model, given)
-        elif not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
-            model = extend(model, given)
     else:
         model = close_loops(model, given)
+    if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
+        model = add_left_out_images(model, given)
     placed = {model.image(i).name for i in model.reg_image_ids()}
     # a smaller model whose images the largest has taken in is none any more
     apart = [m for m in found.models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
@@ -116,12 +119,13 @@ def reconstruct(
     result = finish(model, footage, found.mapping, options, sizes, warnings, progress)
     against = contradictions(model, found.database)
     more = against.said({f.name: f.source_name for f in footage.frames})
-    return replace(result, contradicted=against.share, warnings=(*result.warnings, *more))
+    masked = found.mapping.masked
+    return replace(result, contradicted=against.share, masked=masked, warnings=(*result.warnings, *more))
 
 
 def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """The model with the images that its motion leads to, where they follow each other as motion lets them."""
-    grown = grow(model, given)
+    grown = add_predicted_images(model, given)
     if grown.num_reg_images() == model.num_reg_images() or not steady(grown, given.footage, given.found.mapping):
         return model
     return match_predicted(grown, given, given.work / "grown")
@@ -143,6 +147,11 @@ def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pro
         again = attempt(footage, work / "b", options, True, progress=progress)
         if again.registered > found.registered:
             line = "only the object's own features were used: with the background fewer images fit together"
+            found = replace(again, warnings=[*again.warnings, line])
+    if found and masked and found.registered < ENOUGH * used and footage.room_stood:
+        again = attempt(footage, work / "b", options, False, progress=progress)
+        if again.registered > found.registered and contradictions(again.models[0], again.database).share < MANY:
+            line = "the surroundings were used too: by the object's own features alone fewer images fit together"
             found = replace(again, warnings=[*again.warnings, line])
     if found and (found.registered >= ENOUGH * used or not found.few):
         return found
@@ -193,10 +202,19 @@ def finish(
     accuracy = refined.precision
     if free and not mapping.constant:
         warnings += flat_remarks(to_points(model, to_views(model)[1]), accuracy.focal_relative)
-    if masked:
-        image = _pictures(footage, to_views(model)[0])
+    image, pixels = _surface_pictures(footage, to_views(model)[0], masked)
+    if image is not None:
         accuracy = with_surface(
-            model, accuracy, image, settings, free, refined.radial_terms, options.seed, options.threads, progress
+            model,
+            accuracy,
+            image,
+            settings,
+            free,
+            refined.radial_terms,
+            pixels,
+            options.seed,
+            options.threads,
+            progress,
         )
     cameras = _solved(footage, model, accuracy, refined)
     model = upright(model, footage)
@@ -247,22 +265,38 @@ def _solved(
     return tuple(sorted(out, key=lambda c: (-c.images, c.id)))
 
 
-def _pictures(footage: FootageRecord, views: Views) -> Image:
-    """The views undistorted, with their silhouettes, turned as their camera's are; one without a silhouette shows
-    nothing."""
+def _surface_pictures(footage: FootageRecord, views: Views, masked: bool) -> tuple[Image | None, int]:
+    """The images that show a surface which stands with the model, and how many pixels of each to look at.
+
+    Where the room was used, what stands is what the cameras look at. A body that turns before a still background takes
+    part in its own silhouettes only.
+    """
+    if masked:
+        return _pictures(footage, views, None), PIXELS
+    if footage.room_stood:
+        return _pictures(footage, views, region_of(views)), ROOM_PIXELS
+    return None, 0
+
+
+def _pictures(footage: FootageRecord, views: Views, region: Region | None) -> Image:
+    """The views undistorted, turned as their camera's are, with their silhouettes or what they see of the region; one without a
+    silhouette shows nothing."""
     frames = {f.name: f for f in footage.frames}
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         frame = frames[views.names[i]]
         size = footage.size(frame)
-        colour, mask = cv2.imread(str(footage.image(frame.name))), read_mask(footage, frame.name, size)
+        colour = cv2.imread(str(footage.image(frame.name)))
         if colour is None:
             raise InputError(f"{footage.image(frame.name)}: not a readable image; run the capture stage again")
+        K, distortion = views.K[i], views.distortion[i]
+        colour = undistort(turn_image(colour, frame.turn), K, distortion)
+        if region is not None:
+            return colour, region.mask(views, i)
+        mask = read_mask(footage, frame.name, size)
         if mask is None:
             mask = np.zeros((size[1], size[0]), np.uint8)
-        K, distortion = views.K[i], views.distortion[i]
-        colour, mask = turn_image(colour, frame.turn), turn_image(mask, frame.turn)
-        return undistort(colour, K, distortion), undistort(mask, K, distortion, nearest=True)
+        return colour, undistort(turn_image(mask, frame.turn), K, distortion, nearest=True)
 
     return image
 

@@ -15,10 +15,15 @@ from numba import njit
 from massprops.surface.silhouette import Hull
 from massprops.views import Views
 
+Array = np.ndarray
+
 CELLS = 96
 """Cells along the longest side of a placement's grid."""
 ROOM = 0.15
-"""Margin of the grid about the first shape, in its longest side."""
+"""Margin of the grid about what the silhouettes leave room for, in the first shape's longest side."""
+BEYOND, COARSE = 0.75, 40
+"""How far beyond the first shape that is looked for, in its longest side, and nodes along the space's longest side. A plate
+with a handle of which stereo had measured the one face only was as deep again, and half as long, as that face."""
 STEPS = 96
 """Places along a rim ray that are looked at."""
 TOUCHES = 1.0
@@ -49,7 +54,7 @@ class Extent:
     @property
     def size(self) -> float:
         """Longest side of the grid [world units]."""
-        return self.step * CELLS
+        return self.step * (max(self.value.shape) - 1)
 
     def at(self, xyz: np.ndarray) -> np.ndarray:
         """(m,) values at places (m, 3)."""
@@ -186,15 +191,42 @@ def _inverse(turns: np.ndarray, shifts: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def extent(hull: Hull, shape: np.ndarray) -> Extent:
-    """The hull on a grid about a first shape (n, 3)."""
+    """The hull on a grid about a first shape (n, 3), and about what the silhouettes leave room for beyond it.
+
+    A first shape may lack all that stereo did not measure, such as the back of a plate that leans on its handle.
+    """
     low, high = shape.min(0), shape.max(0)
     side = float((high - low).max())
+    low, high = _left_room(hull, low, high, BEYOND * side)
     low, high = low - ROOM * side, high + ROOM * side
     step = float((high - low).max()) / CELLS
+    return Extent(np.minimum(_on_grid(hull, low, high, step), MOST).astype(np.float32), low, step)
+
+
+def _on_grid(hull: Hull, low: np.ndarray, high: np.ndarray, step: float) -> np.ndarray:
+    """(a, b, c) values of the hull over a box."""
     count = np.ceil((high - low) / step).astype(int) + 1
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1)
-    value = hull.value(low + step * grid.reshape(-1, 3)).reshape(tuple(count))
-    return Extent(np.minimum(value, MOST).astype(np.float32), low, step)
+    return hull.value(low + step * grid.reshape(-1, 3)).reshape(tuple(count))
+
+
+def _left_room(hull: Hull, low: np.ndarray, high: np.ndarray, beyond: float) -> tuple[np.ndarray, np.ndarray]:
+    """The box `low` to `high` of a shape, widened by at most `beyond` to hold the part of the hull that it lies in."""
+    from scipy.ndimage import label
+
+    start = low - beyond
+    step = float((high - low + 2 * beyond).max()) / COARSE
+    piece, _ = label(_on_grid(hull, start, high + beyond, step) < 0, np.ones((3, 3, 3)))
+    own = tuple(
+        slice(max(int(a), 0), int(b) + 1)
+        for a, b in zip(np.floor((low - start) / step), np.ceil((high - start) / step), strict=True)
+    )
+    held = np.unique(piece[own])
+    at = np.argwhere(np.isin(piece, held[held > 0]))
+    if not len(at):
+        return low, high
+    found = start + step * at
+    return np.minimum(low, found.min(0)), np.maximum(high, found.max(0))
 
 
 def rim_rays(
@@ -244,7 +276,7 @@ def _rim(mask: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _value(grid, origin, step, x, y, z):  # type: ignore[no-untyped-def]
+def _value(grid: Array, origin: Array, step: float, x: float, y: float, z: float) -> float:
     a, b, c = (x - origin[0]) / step, (y - origin[1]) / step, (z - origin[2]) / step
     i, j, k = int(np.floor(a)), int(np.floor(b)), int(np.floor(c))
     if i < 0 or j < 0 or k < 0 or i >= grid.shape[0] - 1 or j >= grid.shape[1] - 1 or k >= grid.shape[2] - 1:
@@ -258,7 +290,7 @@ def _value(grid, origin, step, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _values(grid, origin, step, xyz):  # type: ignore[no-untyped-def]
+def _values(grid: Array, origin: Array, step: float, xyz: Array) -> Array:
     out = np.empty(len(xyz))
     for i in range(len(xyz)):
         out[i] = _value(grid, origin, step, xyz[i, 0], xyz[i, 1], xyz[i, 2])
@@ -266,7 +298,9 @@ def _values(grid, origin, step, xyz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _least(grid, origin, step, R, t, xyz, start, value, place):  # type: ignore[no-untyped-def]
+def _least(
+    grid: Array, origin: Array, step: float, R: Array, t: Array, xyz: Array, start: Array, value: Array, place: Array
+) -> None:
     """Of each group, carried by R x + t, the least value and which place has it; a value within the hull ends it."""
     for g in range(len(start) - 1):
         best, at = MOST, start[g]
@@ -286,7 +320,9 @@ def _least(grid, origin, step, R, t, xyz, start, value, place):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy")
-def _mean_least(grid, origin, step, turns, shifts, xyz, start):  # type: ignore[no-untyped-def]
+def _mean_least(
+    grid: Array, origin: Array, step: float, turns: Array, shifts: Array, xyz: Array, start: Array
+) -> Array:
     """(n,) mean over the groups of the least value, for n ways of carrying them."""
     out = np.zeros(len(turns))
     value, place = np.empty(len(start) - 1), np.empty(len(start) - 1, np.int64)

@@ -20,6 +20,8 @@ from numba import njit
 
 from massprops.mass.integrals import PAIRS
 
+Array = np.ndarray
+
 CELLS, LAYERS = 120, 60
 """Columns along the longer side of the body, and at least so many layers of them."""
 MOSTLY = 0.5
@@ -72,24 +74,24 @@ def hollows(
         noise: of the measured surface, the least thickness that it proves.
         spacing: of the vertices.
     """
-    grid, local = _grid(vertices, support)
-    cell, height, face = _columns(grid, local, faces)
+    grid, local = grid_of(vertices, support)
+    cell, height, face = columns_of(grid, local, faces)
     start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
     count = np.diff(np.append(start, len(cell)))
     start, count = start[count >= 2], count[count >= 2]
-    solid = _solid(grid, cell, height, start, count)
+    solid = solid_cells(grid, cell, height, start, count)
     index = np.argwhere(solid)
     loose = np.zeros(solid.shape, bool)
     walls = np.flatnonzero(observed)
     wall = wall_thickness(vertices, faces[walls])
     sheet = wall if wall > RESOLVED * spacing else noise
-    loose[tuple(index.T)] = ~_within(grid.world(index), vertices, faces[walls], sheet)
+    loose[tuple(index.T)] = ~within(grid.world(index), vertices, faces[walls], sheet)
     open_below = np.zeros(grid.shape[0] * grid.shape[1], bool)
     open_below[cell[start[~observed[face[start]]]]] = True
     loose = _reached(loose, solid, open_below.reshape(tuple(grid.shape[:2])))
     vessel = _vessel(grid, cell, height, start, count, ~observed[face[start + count - 1]], RESOLVED * spacing)
     likely = loose & vessel[:, :, None]
-    return Hollows(*(_integrals(np.argwhere(which), grid) for which in (loose, likely)))
+    return Hollows(*(integrals_of(np.argwhere(which), grid) for which in (loose, likely)))
 
 
 def hollowed(rows: np.ndarray, body: np.ndarray, space: np.ndarray, seed: int) -> np.ndarray:
@@ -131,7 +133,7 @@ def wall_thickness(vertices: np.ndarray, faces: np.ndarray) -> float:
     return float(np.quantile(seen, WALL)) if len(seen) > LEAST_WALLS * len(own) else 0.0
 
 
-def _grid(vertices: np.ndarray, support: np.ndarray) -> tuple[_Grid, np.ndarray]:
+def grid_of(vertices: np.ndarray, support: np.ndarray) -> tuple[_Grid, np.ndarray]:
     """The grid, and the vertices (v, 3) in its axes, the third from the plane."""
     first = np.linalg.svd(support[None, :3])[2][1]
     base = np.stack([first, np.cross(support[:3], first), support[:3]])
@@ -142,10 +144,11 @@ def _grid(vertices: np.ndarray, support: np.ndarray) -> tuple[_Grid, np.ndarray]
     return _Grid(low - step, step, np.ceil((high - low) / step).astype(int) + 2, base, float(support[3])), local
 
 
-def _columns(grid: _Grid, local: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def columns_of(grid: _Grid, local: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the columns cross the faces, from below: cell (c,), height over the plane (c,), face (c,)."""
     xy = np.ascontiguousarray((local[:, :2] - grid.corner[:2]) / grid.step[:2] - 0.5)
-    args = xy, np.ascontiguousarray(local[:, 2]), np.ascontiguousarray(faces, np.int64), *grid.shape[:2].tolist()
+    rows, columns = grid.shape[:2].tolist()
+    args = xy, np.ascontiguousarray(local[:, 2]), np.ascontiguousarray(faces, np.int64), rows, columns
     size = _cross(*args, np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64))
     cell, height, face = np.zeros(size, np.int64), np.zeros(size), np.zeros(size, np.int64)
     _cross(*args, cell, height, face)
@@ -154,7 +157,7 @@ def _columns(grid: _Grid, local: np.ndarray, faces: np.ndarray) -> tuple[np.ndar
 
 
 @njit(cache=True, error_model="numpy")
-def _cross(xy, z, faces, rows, columns, cell, height, face):  # type: ignore[no-untyped-def]
+def _cross(xy: Array, z: Array, faces: Array, rows: int, columns: int, cell: Array, height: Array, face: Array) -> int:
     """Number of crossings; written where there is room."""
     n = 0
     for f in range(len(faces)):
@@ -175,7 +178,7 @@ def _cross(xy, z, faces, rows, columns, cell, height, face):  # type: ignore[no-
     return n
 
 
-def _solid(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
+def solid_cells(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
     """(a, b, c) bool: cuboids whose middle lies within the body."""
     turn = np.zeros((*grid.shape[:2], grid.shape[2] + 1), np.int32)
     flat = turn.reshape(-1, grid.shape[2] + 1)
@@ -186,7 +189,7 @@ def _solid(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray,
     return np.asarray(np.cumsum(turn, axis=2)[:, :, :-1] > 0)
 
 
-def _within(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, sheet: float) -> np.ndarray:
+def within(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, sheet: float) -> np.ndarray:
     """(k,) bool: points (k, 3) no farther than `sheet` from the faces."""
     from scipy.spatial import cKDTree
 
@@ -270,7 +273,7 @@ def _water(ground: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     return depth, deepest
 
 
-def _integrals(index: np.ndarray, grid: _Grid) -> np.ndarray:
+def integrals_of(index: np.ndarray, grid: _Grid) -> np.ndarray:
     """(10,) of the cuboids at `index` (k, 3)."""
     volume = float(np.prod(grid.step))
     middle = grid.world(index)

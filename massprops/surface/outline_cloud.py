@@ -154,7 +154,7 @@ def body_of_hull(hull: Hull, middle: np.ndarray, radius: float) -> HullBody:
     # thin parts may be parts of a step: pieces nearer than that are one
     piece, number = label(value < 0.5 * step / hull.pixel)
     if not (value < 0).any():
-        raise NotPossible("surface: the silhouettes have no body in common; mend them and give them with --masks")
+        raise NotPossible("surface: the silhouettes have no body in common; correct them and give them with --masks")
     body = piece == 1 + int(np.argmax(np.bincount(piece[value < 0], minlength=number + 1)[1:]))
     border = np.ones(body.shape, bool)
     border[1:-1, 1:-1, 1:-1] = False

@@ -3,7 +3,8 @@
 Small glossy things have too few features in common. But the silhouettes of both must be those of one body
 (`coherence`): turns are tried over the whole sphere and fitted to the silhouettes and to what each placement stood on.
 Where both saw the same side, their points must lie on each other (trimmed point-to-plane ICP: Chen and Medioni 1992;
-Chetverikov and others 2005) and have the same paint. The best must be clearly better than every other turn, but for those
+Chetverikov and others 2005) and have the same paint; where they measured next to nothing in common, the photographs of each
+must show the other's paint (`shown`). The best must be clearly better than every other turn, but for those
 that make the same body.
 """
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import MOST, TOUCHES, Extent, Pair, Witnesses, extent, moved, rim_rays
+from massprops.surface.shown import Photographs
 from massprops.surface.silhouette import make_hull
 from massprops.views import Views
 
@@ -24,6 +26,8 @@ FEW, RIMS, POINTS = 200, 800, 400
 """Rim rays of each placement that every turn is scored with, and those of the refinement; points beside them."""
 NEED = 3
 """Silhouettes that must agree that a place is empty."""
+CANDIDATES = 4
+"""Answers that silhouettes, and as many that paint favours, for which features are looked for."""
 ALIKE_DEG = 4.0
 """Answers nearer than this to a better one are the same."""
 APART_DEG = 20.0
@@ -40,6 +44,8 @@ deviations of the wrong ones above the best of 60 wrong answers with 8 and 200 o
 COLOUR, SURE = 0.1, 2.0
 """Least correlation of the paint that decides, and by how many standard deviations of wrong answers it must exceed any
 other answer's."""
+LEAST_SHOWN = 300
+"""Points that the other placement's photographs must show before their paint is compared."""
 LEAST_NOISE = 0.03
 """Smallest standard deviation of wrong answers' paint: of `PAINTED` points at most half lie where both were seen."""
 LARGEST = 1.5
@@ -63,6 +69,7 @@ class Placed:
         middle: (3,) of its first shape; shape: (m, 3) points all over that, the side it stood on among them.
         pixel: size of a pixel at the object [world units].
         missed: mean distance by which its rims miss its own silhouettes [px]: how far these can be relied on.
+        photographs: where the other placement's points are looked for, or None.
     """
 
     cloud: Cloud
@@ -73,6 +80,7 @@ class Placed:
     shape: np.ndarray
     pixel: float
     missed: float
+    photographs: Photographs | None = None
 
 
 def placed(
@@ -110,11 +118,13 @@ class Registration:
         R, t: (3, 3) and (3,): x in the first placement's frame is R x + t of the second's.
         outside_px: mean distance by which rims and points of each miss the silhouettes of the other.
         rival_px: the same of the best rotation that is another answer, and makes another body.
-        colour: correlation of the colours where both placements saw the surface.
+        colour: correlation of the colours where both placements measured the surface, or where that does not decide, of
+            each placement's points with what the other's photographs show there.
         rival_colour: the largest of the other answers that the silhouettes bear.
         colour_noise: standard deviation of the correlation for answers that are wrong.
         symmetric: other rotations make the same body and fit as well.
         own_px: mean distance by which the placements' rims miss their own silhouettes.
+        candidates: (R, t) of this answer, and of those that paint and silhouettes favour after it.
     """
 
     R: np.ndarray
@@ -126,6 +136,7 @@ class Registration:
     colour_noise: float
     symmetric: bool = False
     own_px: float = 0.0
+    candidates: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
     @property
     def painted(self) -> bool:
@@ -179,6 +190,17 @@ def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
     """
     both = _Pair(first, second, np.random.default_rng([seed, 31]))
     answers = both.answers()
+    found = _registration(both, answers)
+    if found.painted or first.photographs is None or second.photographs is None:
+        return found
+    # what both measured does not tell: what the photographs of each show of the other's points may
+    shown = _registration(both, [both.by_photographs(a) if a.outside < LARGEST_PAINTED else a for a in answers])
+    return shown if shown.painted else found
+
+
+def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
+    """The answer that silhouettes and paint favour, and what speaks against the others."""
+    first, second = both.first, both.second
     best = _chosen(answers)
     others = [a for a in answers if a.away(best) > APART_DEG]
     noise = _noise(others)
@@ -194,7 +216,18 @@ def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
         noise,
         any(a.outside < worse(best.outside) for a in alike),
         0.5 * (first.missed + second.missed),
+        _candidates(best, answers),
     )
+
+
+def _candidates(best: _Answer, answers: list[_Answer]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """The answer taken, and others that features may speak for."""
+    by_colour = sorted(answers, key=lambda a: -a.colour)[:CANDIDATES]
+    out: list[_Answer] = []
+    for a in [best, *by_colour, *answers[:CANDIDATES]]:
+        if all(a.away(b) > ALIKE_DEG for b in out):
+            out.append(a)
+    return tuple((a.R, a.t) for a in out)
 
 
 def _chosen(answers: list[_Answer]) -> _Answer:
@@ -251,6 +284,35 @@ def correlation(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.mean(covariance / np.maximum(spread, 1e-9)))
 
 
+def overlap(first: Placed, second: Placed, R: np.ndarray, t: np.ndarray) -> float:
+    """Share of the measured points of either placement that the other's photographs show, the second laid by R x + t; 0
+    without photographs."""
+    ways = ((first, second, R.T, -R.T @ t), (second, first, R, t))
+    return float(min(_shown(a, b, Q, u)[1].mean() for a, b, Q, u in ways))
+
+
+def _shown(side: Placed, other: Placed, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Colours (n, 3) that another placement's photographs show of a placement's points, carried by R x + t, and (n,) bool
+    of which."""
+    own, there = side.photographs, other.photographs
+    if own is None or there is None:
+        return np.zeros((len(side.cloud), 3)), np.zeros(len(side.cloud), bool)
+    return there.paint(side.cloud, own.vertices, own.faces, R, t)
+
+
+def _paint_shown(
+    side: Placed, other: Placed, R: np.ndarray, t: np.ndarray, rng: np.random.Generator
+) -> tuple[int, float]:
+    """How many points of a placement, carried by R x + t, another's photographs show, and how their paint correlates."""
+    colour, known = _shown(side, other, R, t)
+    count = int(known.sum())
+    if count < LEAST_SHOWN:
+        return 0, 0.0
+    xyz = side.cloud.xyz[known]
+    at = _some(xyz, PAINTED, rng)
+    return count, correlation(texture(xyz, side.colour[known], at), texture(xyz, colour[known], at))
+
+
 class _Pair:
     """Two placements, ready to be laid onto each other."""
 
@@ -305,6 +367,14 @@ class _Pair:
             return 0.0
         use = alike & (away <= np.quantile(away[alike], 0.5))
         return correlation(self.colours[index[use]], self.own[use])
+
+    def by_photographs(self, answer: _Answer) -> _Answer:
+        """The answer with the paint's correlation between each placement's points and the other's photographs of them."""
+        back = answer.R.T
+        ways = ((self.first, self.second, back, -back @ answer.t), (self.second, self.first, answer.R, answer.t))
+        found = [_paint_shown(a, b, R, t, self.rng) for a, b, R, t in ways]
+        seen = sum(n for n, _ in found)
+        return replace(answer, colour=sum(n * c for n, c in found) / seen if seen else 0.0)
 
     def one_body(self, one: _Answer, other: _Answer) -> bool:
         """Whether two ways of laying the second placement onto the first make the same body.

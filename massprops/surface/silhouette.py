@@ -15,6 +15,8 @@ from numba import njit
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
+Array = np.ndarray
+
 STEP = 4.0
 """Distances to the outline are kept as int8 in quarters of a pixel."""
 
@@ -139,8 +141,12 @@ def agreement(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list
     return out
 
 
+_View = tuple[np.ndarray, int, int, tuple[float, ...]]
+"""Map, width, height and projection matrix, row by row, of a view."""
+
+
 @njit(cache=True, inline="always", error_model="numpy")
-def _view(maps, size, P, v):  # type: ignore[no-untyped-def]
+def _view(maps: Array, size: Array, P: Array, v: int) -> _View:
     """Map, size and matrix of view v as values: read once and not for every point."""
     p = (P[v, 0, 0], P[v, 0, 1], P[v, 0, 2], P[v, 0, 3], P[v, 1, 0], P[v, 1, 1], P[v, 1, 2], P[v, 1, 3],
          P[v, 2, 0], P[v, 2, 1], P[v, 2, 2], P[v, 2, 3])  # fmt: skip
@@ -148,7 +154,7 @@ def _view(maps, size, P, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _distance(view, x, y, z):  # type: ignore[no-untyped-def]
+def _distance(view: _View, x: float, y: float, z: float) -> float:
     """Distance to the outline in a view [px], or nan where the point is not in the image."""
     m, width, height, p = view
     d = p[8] * x + p[9] * y + p[10] * z + p[11]
@@ -166,7 +172,7 @@ def _distance(view, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _votes(xyz, maps, size, P, margin):  # type: ignore[no-untyped-def]
+def _votes(xyz: Array, maps: Array, size: Array, P: Array, margin: float) -> Array:
     out = np.zeros(len(xyz), np.int64)
     for v in range(len(P)):
         view = _view(maps, size, P, v)
@@ -177,7 +183,7 @@ def _votes(xyz, maps, size, P, margin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _best(xyz, maps, size, P, need):  # type: ignore[no-untyped-def]
+def _best(xyz: Array, maps: Array, size: Array, P: Array, need: int) -> Array:
     """(n, need) the greatest distances of each point, descending."""
     out = np.full((len(xyz), need), -32.0)
     for v in range(len(P)):
@@ -194,7 +200,7 @@ def _best(xyz, maps, size, P, need):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _is_sky(maps, size, P, need, x, y, z):  # type: ignore[no-untyped-def]
+def _is_sky(maps: Array, size: Array, P: Array, need: int, x: float, y: float, z: float) -> bool:
     """Whether `need` views see a point outside their outlines."""
     for v in range(len(P)):
         if _distance(_view(maps, size, P, v), x, y, z) > 0:
@@ -205,7 +211,9 @@ def _is_sky(maps, size, P, need, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _shoot(start, direction, first, reach, maps, size, P, need):  # type: ignore[no-untyped-def]
+def _shoot(
+    start: Array, direction: Array, first: float, reach: float, maps: Array, size: Array, P: Array, need: int
+) -> tuple[Array, Array]:
     out = np.empty_like(start)
     hit = np.zeros(len(start), np.bool_)
     for i in range(len(start)):

@@ -9,13 +9,16 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
    matching windows and outlines err alike everywhere (of all faces where there are only outlines);
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
-4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`).
+4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`);
+5. how placements of an object that was turned over lie on each other.
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +37,35 @@ SAMPLES = 3000
 """Points about which the scatter of their neighbours is taken."""
 
 
+@dataclass(frozen=True)
+class Joint:
+    """How well a placement's views are joined to the others.
+
+    Attributes:
+        first, last: its views are these and those between.
+        about: (3,) place about which it may be turned.
+        covariance: (6, 6) of that turn [rad] and of a shift.
+    """
+
+    first: int
+    last: int
+    about: np.ndarray
+    covariance: np.ndarray
+
+    def drawn(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """(count, 6) turns and shifts; the covariance may be singular."""
+        size, axes = np.linalg.eigh(self.covariance)
+        return np.asarray(rng.standard_normal((count, 6)) * np.sqrt(np.maximum(size, 0.0)) @ axes.T)
+
+
 def replicates(
-    surface: Surface, views: int, focal_sigma: float, count: int = 1000, blocks: int = 12, seed: int = 0
+    surface: Surface,
+    views: int,
+    focal_sigma: float,
+    count: int = 1000,
+    blocks: int = 12,
+    seed: int = 0,
+    joints: Sequence[Joint] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Integrals and greatest lengths of `count` bodies that the data allow.
 
@@ -46,6 +76,7 @@ def replicates(
         count: replicates.
         blocks: blocks of neighbouring views that are drawn together.
         seed: of the draws.
+        joints: of placements that were joined.
 
     Returns:
         rows (count, 10) about the world origin, lengths (count,); units of the reconstruction.
@@ -73,12 +104,10 @@ def replicates(
     of_measured = measured_modes(*mesh, surface.observed, ends.length, np.maximum(SIDE_PIXELS * pixel, scatter))
     add(rng.standard_normal((count, len(of_measured))), of_measured)
     of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred)
-    drawn = rng.standard_normal((count, len(of_fill)))
-    if not surface.observed.any():
-        # a hull holds its body: what it hides is inward
-        drawn[:, 0] = -np.abs(drawn[:, 0])
-        drawn[:, 1:] *= 0.5
-    add(drawn, of_fill)
+    add(_fill_draws(count, len(of_fill), bool(surface.observed.any()), rng), of_fill)
+
+    for joint in joints:
+        add(joint.drawn(count, rng), _carried(surface, joint))
 
     # each end is one vertex, as uncertain as the points about it
     lengths += float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
@@ -87,6 +116,30 @@ def replicates(
     strain = 0.5 * (strain + strain.transpose(0, 2, 1))
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
+
+
+def _fill_draws(count: int, modes: int, measured: bool, rng: np.random.Generator) -> np.ndarray:
+    """(count, modes) of how far a fill is off, in sigmas."""
+    drawn = rng.standard_normal((count, modes))
+    if not measured:
+        # a hull holds its body: what it hides is inward
+        drawn[:, 0] = -np.abs(drawn[:, 0])
+        drawn[:, 1:] *= 0.5
+    return drawn
+
+
+def _carried(surface: Surface, joint: Joint) -> np.ndarray:
+    """(6, f) outward offsets of the faces for unit turns and shifts of a placement, as far as its views measured them."""
+    from scipy.spatial import cKDTree
+
+    cloud = surface.cloud
+    middle, normal = surface.vertices[surface.faces].mean(axis=1), face_normals(surface.vertices, surface.faces)
+    own = ((cloud.view_index >= joint.first) & (cloud.view_index <= joint.last)).astype(float)
+    point = np.repeat(np.arange(len(cloud)), np.diff(cloud.view_start))
+    share = np.bincount(point, own, len(cloud)) / np.maximum(np.diff(cloud.view_start), 1)
+    near = cKDTree(cloud.xyz).query(middle, k=min(8, len(cloud)))[1].reshape(len(middle), -1)
+    rows = np.concatenate([np.cross(middle - joint.about, normal), normal], axis=1)
+    return np.asarray((share[near].mean(axis=1)[:, None] * rows).T)
 
 
 class _Ends(NamedTuple):

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+Array = np.ndarray
+
 
 @dataclass(frozen=True)
 class Tetrahedra:
@@ -99,12 +101,12 @@ def _incidence(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _triple(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
+def _triple(ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float) -> float:
     return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
 
 
 @njit(cache=True, error_model="numpy")
-def _first(points, corners, start, tets, p, d):  # type: ignore[no-untyped-def]
+def _first(points: Array, corners: Array, start: Array, tets: Array, p: int, d: Array) -> tuple[int, int, float]:
     """The tetrahedron about point p that direction d enters, the corner p has in it, and where d leaves it."""
     px, py, pz = points[p, 0], points[p, 1], points[p, 2]
     for q in range(start[p], start[p + 1]):
@@ -128,7 +130,7 @@ def _first(points, corners, start, tets, p, d):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _next(points, corners, t, entered, o, d):  # type: ignore[no-untyped-def]
+def _next(points: Array, corners: Array, t: int, entered: int, o: Array, d: Array) -> tuple[int, float]:
     """Facet through which the line leaves tetrahedron t, and the distance along it."""
     best, facet = 1e300, -1
     for k in range(4):
@@ -150,7 +152,15 @@ def _next(points, corners, t, entered, o, d):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _trace(points, corners, neighbours, incidence, lines, into, free):  # type: ignore[no-untyped-def]
+def _trace(
+    points: Array,
+    corners: Array,
+    neighbours: Array,
+    incidence: tuple[Array, Array],
+    lines: tuple[Array, Array, Array, Array],
+    into: Array,
+    free: Array,
+) -> None:
     (start, tets), (point, centre, sigma, weight) = incidence, lines
     d = np.empty(3)
     for r in range(len(point)):
@@ -181,7 +191,16 @@ def _trace(points, corners, neighbours, incidence, lines, into, free):  # type: 
 
 
 @njit(cache=True, error_model="numpy")
-def _behind(points, corners, neighbours, start, tets, point, direction, depth):  # type: ignore[no-untyped-def]
+def _behind(
+    points: Array,
+    corners: Array,
+    neighbours: Array,
+    start: Array,
+    tets: Array,
+    point: Array,
+    direction: Array,
+    depth: Array,
+) -> Array:
     out = np.full(len(point), -1, np.int64)
     for r in range(len(point)):
         p = point[r]

@@ -5,7 +5,7 @@ ball at phase angle a shows a lit chord and then an unlit one, tan^2(a / 2) time
 body of flat facets ends where its light does; it is told apart by the brightness along the chords, which fades as the
 ball's (Lambert's law) or does not.
 
-The Sun stands still before a still camera, and its direction follows from the brightness of the measured points:
+The Sun stands still before a still camera, or each of a rig's, and its direction follows from the brightness of the measured points:
 linear in their normals.
 """
 
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
 from massprops.surface.cloud import Cloud
 from massprops.views import Views, entries
 
@@ -30,7 +31,7 @@ def spare_unlit(
     """Silhouettes (h, w) of a tumbling body in which sky behind its terminator is 128, no evidence.
 
     Args:
-        views: n views of a still camera, in the body's frame.
+        views: n views of still cameras, in the body's frame; each camera's are named by a folder of their own.
         masks: n undistorted silhouettes, 255 object and 0 sky.
         grey: n undistorted images (h, w) uint8.
         cloud: measured points.
@@ -39,17 +40,32 @@ def spare_unlit(
     Returns:
         the silhouettes as they are where the body is not rounded.
     """
-    sun = sun_direction(views, grey, cloud, seed)
+    sun = _sun_of_views(views, grey, cloud, seed)
     if sun is None:
         return masks
     middle = cloud.xyz.mean(0) @ views.R.transpose(0, 2, 1) + views.t
-    phase = np.clip(-(middle @ sun) / np.linalg.norm(middle, axis=1), -0.9, 1.0)
-    towards = sun[:2] - middle[:, :2] / middle[:, 2:] * sun[2]
+    phase = np.clip(-np.einsum("ni,ni->n", middle, sun) / np.linalg.norm(middle, axis=1), -0.9, 1.0)
+    towards = sun[:, :2] - middle[:, :2] / middle[:, 2:] * sun[:, 2:]
     some = range(0, len(masks), max(1, len(masks) // 24))
     votes = np.concatenate([_looks_rounded(masks[i], grey[i], towards[i], phase[i]) for i in some])
     if not len(votes) or votes.mean() <= ROUNDED:
         return masks
     return [_spare(*one) for one in zip(masks, towards, (1 - phase) / (1 + phase), strict=True)]
+
+
+def _sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:
+    """(n, 3) direction to the Sun in each view's camera, which stands still; None where one's brightness does not say."""
+    camera = np.unique([name.rpartition("/")[0] for name in views.names], return_inverse=True)[1]
+    out = np.zeros((len(views), 3))
+    for c in range(camera.max(initial=-1) + 1):
+        own = np.flatnonzero(camera == c)
+        number = np.full(len(views), -1)
+        number[own] = np.arange(len(own))
+        sun = sun_direction(views.take(own), [grey[i] for i in own], cloud.of_views(number), seed)
+        if sun is None:
+            return None
+        out[own] = sun
+    return out
 
 
 def sun_direction(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int = 0) -> np.ndarray | None:
@@ -72,7 +88,7 @@ def sun_direction(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int 
     for _ in range(10):
         found = np.linalg.lstsq(design * weight[:, None], light * weight, rcond=None)[0]
         off = light - design @ found
-        scale = 1.4826 * np.median(np.abs(off[light > 0]))
+        scale = mad_sigma(off[light > 0])
         weight = (light > 0) / np.sqrt(1 + (off / max(2 * scale, 1e-9)) ** 2)
     length = float(np.linalg.norm(found[:3]))
     return found[:3] / length if length > 0 else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import unicodedata
 from pathlib import Path
 
@@ -216,6 +217,20 @@ def test_images_that_cannot_be_used_are_left_out_and_named(tmp_path: Path) -> No
         (folder / f"{i}.jpg").unlink()
     with pytest.raises(InputError, match=r"2 of 8 images can be used.*broken\.heic.*broken\.jpg.*and 3 more"):
         judge_frames(open_sources(folder)[0], lambda *_: None)
+
+
+def test_links_that_lead_nowhere_pipes_and_devices_are_left_out_and_named(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    for i in range(4):
+        photograph(folder / f"{i}.jpg", seed=i)
+    (folder / "moved.jpg").symlink_to(tmp_path / "elsewhere.jpg")
+    (folder / "loop.jpg").symlink_to(folder / "loop.jpg")
+    (folder / "device.jpg").symlink_to("/dev/zero")
+    os.mkfifo(folder / "pipe.jpg")
+    (folder / "folder.jpg").mkdir()
+    _, footage, job = staged(tmp_path, folder)
+    assert (footage["used"], footage["given"]) == (4, 8)
+    assert "4 images were left out" in job.notes[0] and "moved.jpg (a link that leads nowhere" in job.notes[0]
 
 
 def test_sixteen_bits_and_other_formats(tmp_path: Path) -> None:

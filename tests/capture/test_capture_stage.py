@@ -52,6 +52,21 @@ def test_every_frame_has_a_silhouette_of_its_size(tmp_path: Path) -> None:
         assert 0.15 < np.mean(mask == 255) < 0.35, "the square covers a quarter of the image"
 
 
+def test_frames_in_the_shadow_are_left_out(tmp_path: Path) -> None:
+    dark = np.full((120, 160, 3), 2, np.uint8)
+    images = [dark if i % 3 else turned(7 * i) for i in range(42)]
+    out, footage, _ = staged(tmp_path, photographs(tmp_path / "photos", images))
+    assert footage["used"] == 14 and len(list((out / "masks" / "cam0").iterdir())) == 14
+    assert sorted(f["name"] for f in footage["frames"]) == sorted(f"cam0/p{i}.png" for i in range(0, 42, 3))
+
+
+def test_too_few_lit_frames_are_refused(tmp_path: Path) -> None:
+    dark = np.full((120, 160, 3), 2, np.uint8)
+    images = [dark if i % 5 else turned(7 * i) for i in range(40)]
+    with pytest.raises(InputError, match="no object stands out from the background in 32 of 40"):
+        staged(tmp_path, photographs(tmp_path / "photos", images))
+
+
 def test_focal_length_follows_the_reduction(tmp_path: Path) -> None:
     source = photographs(tmp_path / "photos", [turned(7 * i) for i in range(6)])
     _, footage, _ = staged(tmp_path, source, max_size=80, focal=200.0)
@@ -105,6 +120,29 @@ def test_stereo_pairs_share_a_name_and_an_instant(tmp_path: Path) -> None:
     stamps = {(f["camera"], f["name"][5:]): f["timestamp_ns"] for f in footage["frames"]}
     assert all(stamps[1, n] - stamps[0, n] == 2 * 10**6 for n in names[0])
     assert footage["cameras"][1]["T_BS"][0][3] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("size", [(5000, 1), (1, 5000), (1, 1)])
+def test_images_of_a_line_are_no_photographs(tmp_path: Path, size: tuple[int, int]) -> None:
+    lines = [cv2.resize(turned(7 * i), size) for i in range(8)]
+    with pytest.raises(InputError, match=rf"0 of 8 images can be used.*too small, {size[0]}x{size[1]} pixels"):
+        staged(tmp_path, photographs(tmp_path / "photos", lines))
+
+
+def test_the_two_cameras_of_a_rig_may_differ_in_size(tmp_path: Path) -> None:
+    for number, size in enumerate([(160, 120), (120, 90)]):
+        camera = tmp_path / "seq" / f"cam{number}"
+        images = [cv2.resize(turned(7 * i, -4 * number), size) for i in range(6)]
+        photographs(camera / "data", images, [f"{10**9 + 10**8 * i}.png" for i in range(6)])
+        (camera / "sensor.yaml").write_text(
+            f"resolution: [{size[0]}, {size[1]}]\n"
+            f"intrinsics: [{1.25 * size[0]}, {1.25 * size[0]}, {size[0] / 2}, {size[1] / 2}]\n"
+            f"T_BS: {{cols: 4, rows: 4, data: [1, 0, 0, {0.1 * number}, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}}\n"
+        )
+    _, footage, _ = staged(tmp_path, tmp_path / "seq")
+    cameras = [(c["width"], c["height"], c["focal_px"]) for c in footage["cameras"]]
+    assert footage["kind"] == "stereo" and cameras == [(160, 120, 200.0), (120, 90, 150.0)]
+    assert {(f["camera"], f["width"], f["height"]) for f in footage["frames"]} == {(0, 160, 120), (1, 120, 90)}
 
 
 def test_intrinsics_of_another_size_are_refused(tmp_path: Path) -> None:

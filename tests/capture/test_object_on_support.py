@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.capture.support import Region, find_support, looked_at, split
+from massprops.capture.support import find_support, split
+from massprops.dense.region import Region, looked_at
 
 PIXEL = 0.003
 

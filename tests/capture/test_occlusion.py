@@ -23,7 +23,7 @@ from massprops.capture.occlusion import (
     support_points,
     visibility,
 )
-from massprops.capture.support import Region
+from massprops.dense.region import Region
 from massprops.geometry.rasterise import silhouette
 from massprops.run.stages.shape import HELD, WHOLE, WHOLLY
 from massprops.run.stages.silhouettes import _surroundings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.capture.placements import by_order, divide, find_placements
+from massprops.capture.placements import divide, fill_undecided, find_placements
 
 
 def ring(n: int, phase: float = 0.0) -> np.ndarray:
@@ -68,12 +68,26 @@ def test_a_side_that_shares_little_is_no_placement() -> None:
 def test_undecided_images_follow_the_order_of_capture() -> None:
     label = np.array([1, 1, -1, 1, -1, 0, -1, 0, 0, 0])
     clock = np.cumsum([1, 4, 4, 5, 3, 90, 5, 4, 6, 4]) * 10**9
-    assert by_order(label, clock).tolist() == [1, 1, 1, 1, 1, 0, 0, 0, 0, 0]
+    assert fill_undecided(label, clock).tolist() == [1, 1, 1, 1, 1, 0, 0, 0, 0, 0]
     # without a pause nobody knows on which side of the turn it was taken
-    assert by_order(label, np.arange(1, 11) * 10**9).tolist() == [1, 1, 1, 1, -1, 0, 0, 0, 0, 0]
-    assert by_order(label).tolist() == [1, 1, 1, 1, -1, 0, 0, 0, 0, 0]
+    assert fill_undecided(label, np.arange(1, 11) * 10**9).tolist() == [1, 1, 1, 1, -1, 0, 0, 0, 0, 0]
+    assert fill_undecided(label).tolist() == [1, 1, 1, 1, -1, 0, 0, 0, 0, 0]
+    # at the ends nothing says that it was set down anew, but a pause may
+    ends = np.array([-1, -1, 1, 1, 0, 0, 0, -1])
+    assert fill_undecided(ends, np.arange(1, 9) * 10**9).tolist() == [1, 1, 1, 1, 0, 0, 0, 0]
+    assert fill_undecided(ends, np.array([1, 60, 61, 62, 63, 64, 65, 66]) * 10**9).tolist() == [
+        -1,
+        -1,
+        1,
+        1,
+        0,
+        0,
+        0,
+        0,
+    ]
+    assert fill_undecided(ends).tolist() == ends.tolist()
     # placements that come and go say nothing of what lies between
-    assert by_order(np.array([1, 0, 1, -1, 0, 1, 0])).tolist() == [1, 0, 1, -1, 0, 1, 0]
+    assert fill_undecided(np.array([1, 0, 1, -1, 0, 1, 0])).tolist() == [1, 0, 1, -1, 0, 1, 0]
 
 
 def test_the_room_casts_no_vote() -> None:

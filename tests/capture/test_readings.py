@@ -13,7 +13,7 @@ from test_object_on_support import box, rectangle, scene
 
 from massprops.capture.choice import Located, Pointed, check_early, locate, parse
 from massprops.capture.readings import Found, Scene, described, find_object, picture
-from massprops.capture.support import Region
+from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
 from massprops.views import Views
 

@@ -91,7 +91,7 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     from massprops.sfm.convert import to_views
     from massprops.sfm.mapping import quiet
     from massprops.sfm.refine import RefineOptions, adjust, model_precision
-    from massprops.sfm.surface_tracks import with_surface
+    from massprops.sfm.surface_tracks import PIXELS, with_surface
 
     quiet()
     views, images, (xyz, view, point) = sphere_views(9)
@@ -101,7 +101,7 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     adjust(model, False, False, 0.5, 1)
     before = model_precision(model, False, 0, 0.5)
     was, count = attitude_error(to_views(model)[0], views), model.num_points3D()
-    after = with_surface(model, before, lambda i: images[i], options, False, False, 0, 1)
+    after = with_surface(model, before, lambda i: images[i], options, False, False, PIXELS, 0, 1)
     found = to_views(model)[0]
     assert attitude_error(found, views) < 0.5 * was
     assert np.median(after.attitude) < np.median(before.attitude)
@@ -109,17 +109,17 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     # the same again, to the last digit
     again = sphere_model(views, xyz, view[few], point[few], 0.6)
     adjust(again, False, False, 0.5, 1)
-    with_surface(again, before, lambda i: images[i], options, False, False, 0, 1)
+    with_surface(again, before, lambda i: images[i], options, False, False, PIXELS, 0, 1)
     np.testing.assert_array_equal(found.R, to_views(again)[0].R)
 
 
 def test_without_texture_the_model_stays():
     from massprops.sfm.convert import to_views
     from massprops.sfm.refine import RefineOptions, model_precision
-    from massprops.sfm.surface_tracks import with_surface
+    from massprops.sfm.surface_tracks import PIXELS, with_surface
 
     views, images, (xyz, view, point) = sphere_views(9, flat=True)
     model = sphere_model(views, xyz, view, point, 0.3)
     before = model_precision(model, False, 0, 0.5)
-    assert with_surface(model, before, lambda i: images[i], RefineOptions(), False, False, 0, 1) is before
+    assert with_surface(model, before, lambda i: images[i], RefineOptions(), False, False, PIXELS, 0, 1) is before
     np.testing.assert_allclose(to_views(model)[0].R, views.R, atol=1e-12)

@@ -23,9 +23,9 @@ from massprops.mass.properties import properties_of_integrals
         (Evidence(0.03, 0.05, 0.0, 40, 40, joined=2), "high", "±3 %"),
         (Evidence(0.15, 0.41, 0.0, 48, 48, joined=2), "low", "may be hollow"),
         (Evidence(0.15, 0.41, 0.0, 48, 48), "medium", "±15 %"),
-        (Evidence(0.03, 0.05, 0.0, 40, 40, valid=0.3), "low", "no bodies"),
-        (Evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.92), "medium", "share only 92 %"),
-        (Evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.63), "low", "share only 63 %"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, valid=0.3), "low", "not closed bodies"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.92), "medium", "overlap by only 92 %"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.63), "low", "overlap by only 63 %"),
     ],
 )
 def test_the_worst_reason_decides_and_comes_first(evidence: Evidence, level: str, word: str) -> None:
@@ -60,3 +60,25 @@ def test_a_collapsed_replicate_is_no_opinion() -> None:
     assert valid_bodies(rows).tolist() == [True] * 200 + [False, False]
     bounds = intervals(rows, properties_of_integrals(own, 1.0))
     assert bounds["principal_moments"][0][0] > 0.9 * properties_of_integrals(own, 1.0).principal_moments[0]
+
+
+def test_a_body_turned_over_that_may_be_a_shell_is_said_to_be() -> None:
+    found = confidence(Evidence(0.6, 0.41, 0.0, 48, 48, joined=2, hollow_likely=0.9))
+    assert "90 % less volume" in found["because"][-1] and "underside" not in found["because"][-1]
+
+
+def test_where_many_replicates_collapse_the_body_may_be_as_small_as_you_like() -> None:
+    import trimesh
+
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    own = mesh_integrals(np.asarray(box.vertices), np.asarray(box.faces))
+    rng = np.random.default_rng(0)
+    good = own * (1 + 0.3 * np.abs(rng.standard_normal((100, 1))))
+    lost = np.tile(own, (60, 1))
+    lost[:, 0] = -1.0
+    whole = properties_of_integrals(own, 1.0)
+    few, many = (intervals(np.vstack([good, lost[:n]]), whole) for n in (4, 60))
+    assert few["volume"][0] == pytest.approx(whole.volume) and few["k1"][1] < 0
+    assert many["volume"][0] == 0.0 and [low for low, _ in many["principal_moments"]] == [0.0] * 3
+    assert many["k1"][1] == many["k2"][1] == 0.0
+    assert many["volume"][1] == few["volume"][1], "what did not collapse says how large it may be"

@@ -60,7 +60,7 @@ def test_both_together_where_they_agree_and_are_sharper(mesh: dict[str, Any]) ->
         ({"verdict": "inconsistent"}, "contradict"),
         ({"verdict": "unobservable", "reason": "flat spin"}, "flat spin"),
         ({"verdict": "consistent", "fused": None}, "no replicates"),
-        ({"verdict": "consistent", "fused": 0.3}, "no sharper"),
+        ({"verdict": "consistent", "fused": 0.3}, "more certain"),
     ],
 )
 def test_else_the_mesh_and_why(mesh: dict[str, Any], verdict: dict[str, Any], said: str) -> None:

@@ -89,7 +89,7 @@ def go(run: Path, package: str, **options: Any) -> Outcome:
 
 
 def converse(chain: Any, name: str, number: int, request: Path, output: Any) -> tuple[Any, dict[str, Any], Any]:
-    """In place of `_Chain._converse`: the stage in this process, where faults can be counted."""
+    """In place of `_Chain._run_child`: the stage in this process, where faults can be counted."""
     asked = json.loads(request.read_text())
     job = Job(
         chain.run,

@@ -178,7 +178,7 @@ def test_a_hand_before_the_object_is_said(tmp_path: Path, hand_in: int) -> None:
     assert len(said) == bool(hand_in) and facts["cut_off"] == []
     if hand_in:
         assert (
-            "before it in 4 images (cam0/00.jpg, cam0/01.jpg, cam0/02.jpg, ...)" in said[0]
+            "in front of it in 4 images (cam0/00.jpg, cam0/01.jpg, cam0/02.jpg, ...)" in said[0]
             and "massprops masks" in said[0]
         )
 
@@ -236,7 +236,7 @@ def test_photographs_of_two_different_objects_are_low() -> None:
 
 def test_a_video_whose_middle_is_another_scene_is_low() -> None:
     found = confidence(Evidence(0.03, 0, 0, 60, 36, scenes=(36, 22)))
-    assert found["level"] == "low" and "scenes that do not hang together (36, 22 images)" in found["because"][0]
-    assert "an INPUT of its own" in found["because"][0]
+    assert found["level"] == "low" and "scenes that do not connect (36, 22 images)" in found["because"][0]
+    assert "as a separate INPUT" in found["because"][0]
     assert confidence(Evidence(0.03, 0, 0, 32, 27, scenes=(27, 5)))["level"] == "medium"
     assert confidence(Evidence(0.03, 0, 0, 60, 60, scenes=(60,)))["level"] == "high"

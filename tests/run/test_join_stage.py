@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.run.stages.join import _reason, _said
+from massprops.run.stages.join import _laid, _reason, _said
+from massprops.sfm.across import Laid
 from massprops.sfm.points import SparsePoints, project
 from massprops.surface.cloud import Cloud
 from massprops.surface.registration import Registration
@@ -54,6 +57,35 @@ def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothi
     assert said["symmetric"] is True and json.loads(json.dumps(said)) == said
     assert "equally well" in _reason(registered(own_px=0.8))
     assert "another object" in _reason(registered(outside_px=5.0))
+
+
+def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where there are none, shape decides and is trusted less."""
+    over = np.diag([1.0, -1, -1])
+    unclear = registered(rival_px=0.8, candidates=((R, T), (over, T)))
+    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: unclear)
+
+    def lay(first: Any, second: Any, starts: Any, anywhere: bool) -> Laid:
+        return Laid(*starts[1], 1e-8 * np.eye(6), np.zeros(3), 90, 0.3, 200, 5.0)
+
+    monkeypatch.setattr("massprops.sfm.across.lay", lay)
+    monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
+    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    side = SimpleNamespace(beside=lambda *_: side)
+    placed = SimpleNamespace(shape=np.array([[-1.0, 0, 0], [1.0, 0, 0]]), pixel=0.01, middle=np.zeros(3))
+    job: Any = SimpleNamespace(seed=0)
+    pair: Any = (placed, side)
+    said, turn, _ = _laid(job, pair, pair)
+    assert "reason" not in said and said["features"] == 90 and np.array_equal(turn, over)
+    assert json.loads(json.dumps(said)) == said
+    monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: None)
+    assert "reason" in _laid(job, pair, pair)[0]
+    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: registered())
+    said, turn, _ = _laid(job, pair, pair)
+    assert "reason" not in said and np.array_equal(turn, R)
+    assert np.allclose(np.sqrt(np.diag(said["joint"]["covariance"])), 0.01)
+    monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: True)
+    assert "look alike" in _laid(job, pair, pair)[0]["reason"]
 
 
 def test_moving_views_with_their_world_changes_no_image() -> None:

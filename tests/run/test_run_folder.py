@@ -25,7 +25,7 @@ from faults import KINDS, failing, quick_disk, tree  # noqa: E402
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(runner._Chain, "_converse", converse)
+    monkeypatch.setattr(runner._Chain, "_run_child", converse)
     FLAGS.clear()
     return make_package(tmp_path)
 
@@ -93,7 +93,7 @@ def test_what_is_damaged_is_made_again_and_said(tmp_path: Path, package: str, na
         with pytest.raises(InputError, match="give that command again"):
             verify(run, name)
     outcome = go(run, package)
-    assert outcome.exit_code == 0 and len(outcome.warnings) == 1 and "made again" in outcome.warnings[0]
+    assert outcome.exit_code == 0 and len(outcome.warnings) == 1 and "computed again" in outcome.warnings[0]
     assert results(run) == whole
 
 

@@ -13,7 +13,7 @@ import pytest
 from test_mapping import footage, solve
 
 from massprops.errors import InputError
-from massprops.sfm.model_bytes import WALKS, check_lengths
+from massprops.sfm.model_bytes import WALKS, check_lengths, write_model
 from massprops.sfm.sparse_import import import_sparse
 
 
@@ -34,6 +34,25 @@ def test_every_byte_of_a_model_is_accounted_for(solved: tuple) -> None:
             mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
         ):
             assert WALKS[name](data) == len(data), name
+
+
+def test_a_disk_that_refuses_is_an_error(solved: tuple, tmp_path: Path) -> None:
+    """COLMAP says nothing."""
+    import resource
+
+    write_model(solved[0], tmp_path / "a")
+    assert {p.name: p.read_bytes() for p in (tmp_path / "a").iterdir()} == {
+        p.name: p.read_bytes() for p in solved[2].iterdir()
+    }
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        for size in (200, 10_000):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+            solved[0].write(tmp_path / "a")
+            with pytest.raises(OSError, match="Input/output error"):
+                write_model(solved[0], tmp_path / "a")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def huge(data: bytes) -> bytes:

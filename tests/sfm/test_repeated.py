@@ -104,7 +104,7 @@ def test_a_predicted_image_is_matched_without_tracks_of_its_own():
 
 
 def test_motion_predicts_the_images_beside_the_placed_ones():
-    from massprops.sfm.grow import REACH, predicted
+    from massprops.sfm.predicted_images import REACH, predicted
 
     views, points = scene.make(20, 51, step_deg=5.0)
     # about the middle of the points, as a free body turns
@@ -123,7 +123,7 @@ def test_motion_predicts_the_images_beside_the_placed_ones():
 
 
 def test_one_placed_image_predicts_nothing():
-    from massprops.sfm.grow import predicted
+    from massprops.sfm.predicted_images import predicted
 
     views, points = scene.make(6, 20)
     clock = {n: float(i) for i, n in enumerate(views.names)}

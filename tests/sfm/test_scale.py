@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scene
@@ -141,3 +143,39 @@ def test_marker_that_is_not_in_view(tmp_path):
         cv2.imwrite(str(tmp_path / name), np.full((480, 640), 90, np.uint8))
     with pytest.raises(InputError, match="not seen"):
         find_scale(ScaleInputs(length=2.0, views=views, frames=tmp_path, marker="4X4_50:0.05"))
+
+
+def everything(folder):
+    """Inputs that ask every source, each for another length."""
+    views, side = marker_frames(folder)
+    points = scene.make(6, 20)[1]
+    com = np.array([0.1, 0.05, -0.2])
+    series = RangeSeries(views.timestamp_ns, 7.5 * np.linalg.norm(views.centres - com, axis=1), 0.1)
+    return ScaleInputs(
+        length=2.0, views=views, points=points, centre_of_mass=com, frames=folder, range=series, rig_metres=5.0,
+        rig_focal_sigma=0.01, given=3.0, given_sigma=0.02, distance=("1", "6", 1.0), marker=f"4X4_50:{3 * side}",
+    )  # fmt: skip
+
+
+def in_other_units(inputs, factor):
+    """The same body and footage, reconstructed in a unit that is `factor` times smaller."""
+    points = replace(inputs.points, xyz=factor * inputs.points.xyz)
+    return replace(
+        inputs, length=factor * inputs.length, views=replace(inputs.views, t=factor * inputs.views.t), points=points,
+        centre_of_mass=factor * inputs.centre_of_mass, rig_metres=inputs.rig_metres / factor,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(sources()))
+def test_what_every_source_keeps_to(name, tmp_path):
+    """A new source of scale adds what it asks for to `everything`."""
+    source, inputs = sources()[name], everything(tmp_path)
+    found = source.estimate(inputs)
+    assert isinstance(found, ScaleEstimate) and found.source == name
+    assert found.metres_per_sfm > 0 and 0 <= found.relative_sigma < 0.5
+    assert all(w and "\n" not in w for w in found.warnings)
+    smaller = source.estimate(in_other_units(inputs, 3.0))
+    # the marker is triangulated step by step, and stops where a step no longer counts
+    assert smaller.metres_per_sfm * 3.0 == pytest.approx(found.metres_per_sfm, rel=1e-5)
+    assert smaller.relative_sigma == pytest.approx(found.relative_sigma, rel=1e-3, abs=1e-9)
+    assert source.estimate(ScaleInputs(length=2.0)) is None

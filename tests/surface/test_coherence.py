@@ -24,8 +24,8 @@ def body() -> trimesh.Trimesh:
     return trimesh.convex.convex_hull(np.concatenate([box.vertices, knob.vertices]))
 
 
-def outlined(mesh: trimesh.Trimesh, seed: int) -> tuple[Extent, Witnesses]:
-    """What the silhouettes from above and the table below say of a body."""
+def outlined(mesh: trimesh.Trimesh, seed: int, first: np.ndarray | None = None) -> tuple[Extent, Witnesses]:
+    """What the silhouettes from above and the table below say of a body; first (n, 3): its first shape, if not all of it."""
     rng = np.random.default_rng(seed)
     a = np.arange(12) * 0.95
     up = np.column_stack([np.cos(a), np.sin(a), rng.uniform(0.3, 1.5, 12)])
@@ -36,7 +36,7 @@ def outlined(mesh: trimesh.Trimesh, seed: int) -> tuple[Extent, Witnesses]:
         for i in range(12)
     ]
     support = np.array([0.0, 0, 1, -vertices[:, 2].min()])
-    own = extent(make_hull(views, masks, vertices, support=support), vertices)
+    own = extent(make_hull(views, masks, vertices, support=support), vertices if first is None else first)
     return own, rim_rays(views, masks, own, 300, rng)
 
 
@@ -74,3 +74,13 @@ def test_the_derivatives_are_those_of_the_distances(pair: Pair) -> None:
     assert far.sum() > 50
     # the grid is linear between its nodes: at some of them the slope breaks
     assert np.median(np.abs((after - before) / 2 - slope @ step)[far]) < 0.05 * np.abs(slope @ step)[far].mean()
+
+
+def test_what_stereo_did_not_measure_has_room(pair: Pair) -> None:
+    whole = body()
+    part = np.asarray(whole.vertices)[:, None] * [0.3, 1.0, 1.0] - [0.4, 0.0, 0.0]
+    own, rims = outlined(whole, 0, part.reshape(-1, 3))
+    inner = 0.9 * np.asarray(whole.vertices)
+    assert (own.at(inner) < 0).all()
+    assert rims.missed(own) < 0.2
+    assert own.step < 1.5 * pair.first.step

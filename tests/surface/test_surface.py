@@ -19,7 +19,7 @@ from massprops.surface.cut import manifold, surface_faces
 from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.reconstruct import Surface, reconstruct_surface
 from massprops.surface.refine import membrane
-from massprops.surface.spread import deform, replicates
+from massprops.surface.spread import Joint, deform, replicates
 from massprops.surface.tetra import tetrahedralise
 
 POINTS = 6000
@@ -167,6 +167,29 @@ def test_points_that_scatter_leave_the_volume_more_uncertain(seen_all_round):
     area = solid(surface).area
     assert spread[0] < 0.35 * pixel * area
     assert 0.45 * pixel * area < spread[1] < 0.8 * pixel * area
+
+
+def test_a_placement_that_may_lie_elsewhere_carries_its_side_with_it(seen_all_round):
+    """All views moved together move the body and leave its volume; those of one half make it thicker or thinner."""
+    surface, views = seen_all_round
+    sigma = np.diag([0.0, 0, 0, 0, 0, 0.05**2])
+
+    def rows(first, last):
+        return replicates(surface, views, 0.0, joints=[Joint(first, last, np.zeros(3), sigma)])[0]
+
+    none, whole = rows(views, 2 * views), rows(0, views - 1)
+    height, volume = (lambda r: (r[:, 3] / r[:, 0]).std()), (lambda r: r[:, 0].std() / r[:, 0].mean())
+    assert height(none) < 0.01 and abs(height(whole) - 0.05) < 0.01
+    assert abs(volume(whole) - volume(none)) < 0.1 * volume(none)
+    above = np.zeros(views)
+    point = np.repeat(np.arange(len(surface.cloud)), np.diff(surface.cloud.view_start))
+    np.add.at(above, surface.cloud.view_index, surface.cloud.normal[point, 2])
+    order = np.argsort(above)
+    number = np.empty(views, int)
+    number[order] = np.arange(views)
+    sorted_ = replace(surface, cloud=replace(surface.cloud, view_index=number[surface.cloud.view_index]))
+    half = replicates(sorted_, views, 0.0, joints=[Joint(views // 2, views - 1, np.zeros(3), sigma)])[0]
+    assert volume(half) > 1.5 * volume(none)
 
 
 def test_nothing_is_uncertain_about_a_fill_where_all_was_measured(seen_all_round):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from synthetic_dense import cameras, sphere_directions
 
 from massprops.surface.cloud import Cloud
 from massprops.surface.unlit import spare_unlit, sun_direction
+from massprops.views import Views
 
 SUN = np.array([0.6, -0.3, -0.74]) / np.linalg.norm([0.6, -0.3, -0.74])
 RADIUS = 0.5
@@ -74,6 +77,32 @@ def test_the_unlit_side_of_a_ball_is_no_sky(rounded):
         assert (new[unlit] == 128).mean() > 0.8
         about = cv2.dilate(np.uint8(disc), np.ones((7, 7))) > 0
         assert not (new[~about] == 128).any()
+
+
+def test_two_cameras_of_a_rig_have_a_sun_each(rounded):
+    views, masks, grey, cloud, _ = rounded
+    # the second camera is turned by 90 degrees about its axis: its images are, and so is the Sun in them
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    K = views.K.copy()
+    K[:, 0, 2], K[:, 1, 2] = 119 - views.K[:, 1, 2], views.K[:, 0, 2]
+    second = replace(
+        views,
+        names=tuple(f"cam1/{n}" for n in views.names),
+        R=turn @ views.R,
+        t=views.t @ turn.T,
+        K=K,
+        size=views.size[:, ::-1],
+    )
+    first = replace(views, names=tuple(f"cam0/{n}" for n in views.names))
+    both = Views.joined([first, second])
+    seen_by_both = Cloud.joined([cloud, cloud.moved(np.eye(3), np.zeros(3), len(views))])
+    turned = [[np.rot90(x, -1).copy() for x in y] for y in (masks, grey)]
+    spared = spare_unlit(both, masks + turned[0], grey + turned[1], seen_by_both)
+    alone = spare_unlit(views, masks, grey, cloud)
+    for i, mask in enumerate(alone):
+        assert ((mask == 128) == (spared[i] == 128)).mean() > 0.99
+        there = np.rot90(spared[len(views) + i], 1)
+        assert ((mask == 128) == (there == 128)).mean() > 0.99
 
 
 def test_facets_end_where_their_light_does():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from massprops.capture.footage import FEWEST, Chosen, Judged, Source
 from massprops.capture.images import printable
 from massprops.capture.inputs import Input, open_inputs, same_cameras
 from massprops.capture.motion import Scene, camera_places, judge
+from massprops.core.files import write_image
 from massprops.core.inputs import read_image
 from massprops.errors import InputError
 from massprops.memory import refuse_beyond
@@ -20,6 +22,10 @@ from massprops.run.job import Job
 
 READS = ()
 OPTIONS = ("source", "more", "frames", "max_size", "motion", "masks", "focal")
+
+ENOUGH_LIT = 12
+"""Frames before black sky that must show something lit, for the others, as in the Earth's shadow, to be left out: of fewer
+images no body is seen from all sides."""
 
 BYTES_PER_PIXEL = 4
 """Colours and silhouette of every image, which the dense stage holds at once; nothing holds more."""
@@ -112,7 +118,7 @@ def _enter_places(
     for source, j, place in zip(sources, judged, places, strict=True):
         if place.max(initial=0) == 0:
             continue
-        job.warn(f"the camera was moved {place.max()} times: each of its places has a background of its own")
+        job.warn(f"the camera was moved {place.max()} times: a separate background is used for each position")
         at = dict(zip(j.index.tolist(), place.tolist(), strict=True))
         for frame in frames:
             if Path(frame["name"]).parent.name == f"cam{source.stream}":
@@ -189,9 +195,8 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     for done, (index, original, image) in enumerate(full_frames(source, chosen, job.options.max_size)):
         job.progress(done + 1, len(chosen.index), f"camera {source.stream}")
         name = original if names is None else names[place[index]]
-        lossless = [cv2.IMWRITE_PNG_COMPRESSION, 1] if name.lower().endswith(".png") else [cv2.IMWRITE_JPEG_QUALITY, 97]
-        if not cv2.imwrite(str(folder / name), image, lossless):
-            raise OSError(28, "the frames cannot be written", str(folder / name))
+        lossless = (cv2.IMWRITE_PNG_COMPRESSION, 1) if name.lower().endswith(".png") else (cv2.IMWRITE_JPEG_QUALITY, 97)
+        write_image(folder / name, image, lossless)
         frames.append(
             {
                 "name": f"cam{source.stream}/{name}",
@@ -241,8 +246,6 @@ def _cameras(source: Source, frames: list[dict[str, Any]]) -> list[dict[str, Any
 
 
 def _given_masks(job: Job, sources: list[Source] | list[Input], frames: list[dict[str, Any]]) -> None:
-    import cv2
-
     from massprops.capture.given import GivenMasks, load_mask
 
     masks = GivenMasks(Path(job.options.masks or ""))
@@ -262,7 +265,7 @@ def _given_masks(job: Job, sources: list[Source] | list[Input], frames: list[dic
             mask = load_mask(path, shown, (frame["width"], frame["height"]), file)
             if not (mask == 255).any():
                 empty.append(frame["source_name"])
-            _save(cv2, job.out / "masks" / f"{frame['name']}.png", mask)
+            write_image(job.out / "masks" / f"{frame['name']}.png", mask)
     some = ", ".join(printable(n) for n in empty[:3]) + (", ..." if len(empty) > 3 else "")
     if len(frames) - len(empty) < FEWEST:
         raise InputError(
@@ -273,9 +276,7 @@ def _given_masks(job: Job, sources: list[Source] | list[Input], frames: list[dic
         job.warn(f"{len(empty)} masks are all black ({some}): the object is taken not to be seen in those images")
 
 
-def _silhouettes(job: Job, scene, frames: list[dict[str, Any]], name: str) -> None:  # type: ignore[no-untyped-def]
-    import cv2
-
+def _silhouettes(job: Job, scene: Scene, frames: list[dict[str, Any]], name: str) -> None:
     from massprops.capture import silhouette as s
 
     images = job.out / "frames"
@@ -283,28 +284,57 @@ def _silhouettes(job: Job, scene, frames: list[dict[str, Any]], name: str) -> No
     for frame in frames:
         groups.setdefault(_same_picture(frame), []).append(frame)
     cut = {key: _cut(scene, [read_image(images / f["name"]) for f in _spread(own)]) for key, own in groups.items()}
+    _enter_beside(job, groups, cut)
     looked_at = {f["name"] for own in groups.values() for f in _spread(own)}
-    masks, empty = [], 0
+    masks, empty = [], []
     for done, frame in enumerate(frames):
         separate = cut[_same_picture(frame)]
         if separate is None:
             continue
-        mask = separate(read_image(images / frame["name"]))
-        empty += not mask.any()
+        mask = separate.mask(read_image(images / frame["name"]))
+        if not mask.any():
+            empty.append(frame)
         if frame["name"] in looked_at:
             masks.append(mask)
-        _save(cv2, job.out / "masks" / f"{frame['name']}.png", mask)
+        write_image(job.out / "masks" / f"{frame['name']}.png", mask)
         job.progress(done + 1, len(frames), "silhouettes")
-    if empty > 0.5 * len(frames):
+    if empty and scene.background == "black" and len(frames) - len(empty) >= ENOUGH_LIT:
+        job.warn(f"nothing is lit in {len(empty)} of {len(frames)} frames: they are left out")
+        _drop(job, frames, empty)
+        empty = []
+    if len(empty) > 0.5 * len(frames):
         raise InputError(
-            f"{name}: no object stands out from the background in {empty} of {len(frames)} frames; give --masks"
+            f"{name}: no object stands out from the background in {len(empty)} of {len(frames)} frames; give --masks"
         )
     if scene.plain and scene.motion == "static":
         _by_colour(job, frames)
     if empty:
-        job.warn(f"no object stands out from the background in {empty} of {len(frames)} frames")
+        job.warn(f"no object stands out from the background in {len(empty)} of {len(frames)} frames")
     if scene.motion == "tumbling" and (line := s.main_object(masks, name)) is not None:
         job.warn(line)
+
+
+def _drop(job: Job, frames: list[dict[str, Any]], gone: list[dict[str, Any]]) -> None:
+    """Takes frames out, and the files that were written for them."""
+    for frame in gone:
+        (job.out / "frames" / frame["name"]).unlink()
+        (job.out / "masks" / f"{frame['name']}.png").unlink()
+    frames[:] = [f for f in frames if f not in gone]
+
+
+def _enter_beside(job: Job, groups: dict[tuple[Any, ...], list[dict[str, Any]]], cut: dict[Any, Any]) -> None:
+    """`beside` of frames in which something bright stays at the edge: an image, white where no silhouette is known."""
+    for number, (key, own) in enumerate(groups.items()):
+        if cut[key] is None or cut[key].beside is None:
+            continue
+        name = f"beside/{number}.png"
+        write_image(job.out / name, np.where(cut[key].beside, 255, 0).astype(np.uint8))
+        for frame in own:
+            frame["beside"] = name
+        share = 100 * float(cut[key].beside.mean())
+        job.warn(
+            f"something bright stays at the image's edge: silhouettes say nothing in that {share:.0f} % of the image"
+        )
 
 
 def _same_picture(frame: dict[str, Any]) -> tuple[Any, ...]:
@@ -322,28 +352,43 @@ def _spread(frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return frames[:: max(1, len(frames) // 24)]
 
 
-def _cut(scene: Scene, sample: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray] | None:
+@dataclass(frozen=True)
+class _Separate:
+    """What parts object and background: `mask` of an image, and where it can say nothing, (h, w) bool or None."""
+
+    mask: Callable[[np.ndarray], np.ndarray]
+    beside: np.ndarray | None = None
+
+
+def _cut(scene: Scene, sample: list[np.ndarray]) -> _Separate | None:
     """What parts object and background, learnt from frames of one camera (n of (h, w, 3)); None from too few."""
     import cv2
 
     from massprops.capture import silhouette as s
+    from massprops.capture.limb import always_bright
 
     if scene.background == "black":
-        level, sigma = s.sky_level(np.stack([cv2.cvtColor(i, cv2.COLOR_BGR2GRAY) for i in sample]))
-        return lambda image: s.against_sky(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), level, sigma)
+        grey = np.stack([cv2.cvtColor(i, cv2.COLOR_BGR2GRAY) for i in sample])
+        level, sigma = s.sky_level(grey)
+        beside = always_bright(grey)
+
+        def sky(image: np.ndarray) -> np.ndarray:
+            seen = np.where(beside, np.uint8(level), cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+            return s.against_sky(seen, level, sigma)
+
+        return _Separate(sky, beside if beside.any() else None)
     if scene.plain and scene.motion == "static":
-        return s.against_plain
+        return _Separate(s.against_plain)
     if len(sample) < FEWEST:
         return None
     stack = np.stack(sample)
     middle = np.median(stack, axis=0).astype(np.uint8)
     deviation = np.median(np.abs(stack.astype(np.int16) - middle), axis=0).astype(np.uint8)
-    return lambda image: s.against_background(image, middle, deviation)
+    return _Separate(lambda image: s.against_background(image, middle, deviation))
 
 
 def _by_colour(job: Job, frames: list[dict[str, Any]]) -> None:
     """Silhouettes before a plain backdrop once more, with the colours that all frames agree on."""
-    import cv2
 
     from massprops.capture.colours import LEARN_AT, agrees, learn
     from massprops.capture.images import reduce
@@ -361,10 +406,5 @@ def _by_colour(job: Job, frames: list[dict[str, Any]]) -> None:
         image, mask = both(frame)
         found = colours.separate(image)
         if not mask.any() or agrees(found, mask > 127):
-            _save(cv2, job.out / "masks" / f"{frame['name']}.png", np.where(found, 255, 0).astype(np.uint8))
+            write_image(job.out / "masks" / f"{frame['name']}.png", np.where(found, 255, 0).astype(np.uint8))
         job.progress(done + 1, len(frames), "colours")
-
-
-def _save(cv2, path: Path, mask: np.ndarray) -> None:  # type: ignore[no-untyped-def]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), mask)

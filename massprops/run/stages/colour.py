@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from massprops.core.inputs import read_image
 from massprops.run.job import Job
+from massprops.run.stage_images import undistorted_frame
 
 READS = ("capture", "join", "surface")
 OPTIONS = ()
@@ -16,7 +16,7 @@ OPTIONS = ()
 def run(job: Job) -> dict[str, Any]:
     """Writes colour.npz: rgb (v, 3) uint8 of the surface's vertices, and which of them were seen."""
     from massprops.surface.colour import vertex_colours
-    from massprops.views import Views, undistort
+    from massprops.views import Views
 
     views = Views.load(job.work("join") / "views.npz")
     with np.load(job.work("surface") / "surface.npz", allow_pickle=False) as z:
@@ -24,8 +24,7 @@ def run(job: Job) -> dict[str, Any]:
 
     def image(i: int) -> np.ndarray:
         job.progress(i + 1, len(views), "colours")
-        picture = read_image(job.work("capture") / "frames" / views.names[i])
-        return undistort(picture, views.K[i], views.distortion[i])
+        return undistorted_frame(job, views, i)
 
     rgb, seen = vertex_colours(vertices, faces, views, image)
     np.savez(job.out / "colour.npz", rgb=rgb, seen=seen)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
 from massprops.run.job import Job
+from massprops.run.stage_images import undistorted_frame, undistorted_mask
 
 READS = ("capture", "silhouettes", "join")
 OPTIONS = ("dense_views",)
@@ -21,18 +21,13 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.dense.fusion import nothing_measured
     from massprops.dense.reconstruct import DenseOptions, dense_points
     from massprops.sfm.points import SparsePoints
-    from massprops.views import Views, undistort
+    from massprops.views import Views
 
     views = Views.load(job.work("join") / "views.npz")
     sparse = SparsePoints.load(job.work("join") / "points.npz")
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
-        colour = read_image(job.work("capture") / "frames" / views.names[i])
-        mask = read_image(job.work("silhouettes") / "masks" / f"{views.names[i]}.png", 0)
-        return (
-            undistort(colour, views.K[i], views.distortion[i]),
-            undistort(mask, views.K[i], views.distortion[i], nearest=True),
-        )
+        return undistorted_frame(job, views, i), undistorted_mask(job, views, i)
 
     try:
         options = DenseOptions(job.options.dense_views, job.seed, job.threads)

@@ -3,26 +3,36 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.core.inputs import read_image
+from massprops.mass.integrals import centroid
 from massprops.run.job import Job
+from massprops.run.stage_images import undistorted_frame, undistorted_mask
+from massprops.sfm.points import SparsePoints
+from massprops.views import Views
 
 if TYPE_CHECKING:
-    from massprops.surface.registration import Registration
+    from massprops.sfm.across import Side
+    from massprops.surface.registration import Placed, Registration
 
-READS = ("sfm", "shape", "silhouettes")
+READS = ("capture", "sfm", "shape", "silhouettes")
 OPTIONS = ()
 
+ROUGH_PX = 1.0
+"""1-sigma at the object's rim of what was laid by shape and paint alone, turn and shift [px]: a printed tin was 0.5 degrees,
+1.0 px, off by points, and 0.9 degrees by points and silhouettes."""
 AROUND = 1.5
 """Sparse points farther than this from the object's middle, in its radii, do not say how deep it lies in a view."""
 
-TOO_COARSE = (
-    "of one of them only the outline is known, by what it hides of its support, which is too coarse to be joined"
-)
+TOO_COARSE = "only the outline of one of them is known, and that is too coarse to join it"
 """A padlock whose dark shackle was missing in most silhouettes fitted best, and by its paint too, the wrong way round."""
+LOOKS_ALIKE = (
+    "the way of turning it that fits best has both see the same sides, and these have next to no features in common: two "
+    "sides of the object look alike"
+)
 FEW_POINTS = 100
 """Sparse points of given poses below which stereo does not know where to look, and outlines tell where the body is."""
 
@@ -31,9 +41,6 @@ def run(job: Job) -> dict[str, Any]:
     """Writes views.npz and points.npz (the views and sparse points that the body is made of), other.npz where
     surroundings are known, and join.json.
     """
-    from massprops.sfm.points import SparsePoints
-    from massprops.views import Views
-
     views, sparse = Views.load(job.work("sfm") / "views.npz"), SparsePoints.load(job.work("sfm") / "points.npz")
     placements = json.loads((job.work("shape") / "shape.json").read_text())["placements"]
     left_out = json.loads((job.work("silhouettes") / "silhouettes.json").read_text())["left_out"]
@@ -52,13 +59,12 @@ def run(job: Job) -> dict[str, Any]:
     return {"joined": len(facts["joined"]), "unjoined": len(facts["unjoined"])}
 
 
-def _joined(job: Job, views, sparse, placements: list[dict[str, Any]], left_out: set[str]):  # type: ignore[no-untyped-def]
+def _joined(
+    job: Job, views: Views, sparse: SparsePoints, placements: list[dict[str, Any]], left_out: set[str]
+) -> tuple[Views, SparsePoints, dict[str, Any]]:
     """Views and points of the best placement, that most images show, and of those that fit onto it."""
     from massprops.run.stages.shape import placement_folder
-    from massprops.sfm.points import SparsePoints
     from massprops.surface.cloud import Cloud
-    from massprops.surface.registration import register
-    from massprops.views import Views
 
     number = {name: i for i, name in enumerate(views.names)}
     index = [np.array([number[n] for n in p["images"] if n not in left_out], int) for p in placements]
@@ -67,20 +73,23 @@ def _joined(job: Job, views, sparse, placements: list[dict[str, Any]], left_out:
     first = order[0]
     facts: dict[str, Any] = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
     supports = [None if p["support_plane"] is None else np.array(p["support_plane"]) for p in placements]
-    base = _placed(job, views.take(index[first]), first, supports[first])
+    here = views.take(index[first])
+    base = _placed(job, here, first, supports[first]), _side(job, here, first)
     parts = [(index[first], np.eye(3), np.zeros(3), first)]
     for done, k in enumerate(order[1:]):
         job.progress(done, len(order) - 1, "joining placements")
         if any(placements[i]["method"] != "measured" for i in (first, k)):
             facts["unjoined"].append({"images": len(index[k]), "fits": True, "reason": TOO_COARSE})
             continue
-        found = register(base, _placed(job, views.take(index[k]), k, supports[k]), job.seed)
-        said = {"images": len(index[k]), **_said(found)}
-        if found.clear:
-            facts["joined"].append(said)
-            parts.append((index[k], found.R, found.t, k))
+        there = views.take(index[k])
+        said, R, t = _laid(job, base, (_placed(job, there, k, supports[k]), _side(job, there, k)))
+        if "reason" in said:
+            facts["unjoined"].append({"images": len(index[k]), **said})
         else:
-            facts["unjoined"].append({**said, "fits": found.fits, "reason": _reason(found)})
+            begin = sum(len(p[0]) for p in parts)
+            said["joint"]["views"] = [begin, begin + len(index[k]) - 1]
+            facts["joined"].append({"images": len(index[k]), **said})
+            parts.append((index[k], R, t, k))
     if len(parts) == 1:
         facts["support_plane"] = placements[first]["support_plane"]
         facts["support_rise"] = placements[first]["support_rise"]
@@ -116,6 +125,43 @@ def _said(found: Registration) -> dict[str, Any]:
     }
 
 
+def _laid(
+    job: Job, base: tuple[Placed, Side], other: tuple[Placed, Side]
+) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
+    """What is said of one placement's place on another, with a `reason` where it is not joined; and R and t."""
+    from massprops.sfm.across import contradicted, lay
+    from massprops.surface.registration import overlap, register
+
+    found = register(base[0], other[0], job.seed)
+    laid = lay(base[1], other[1], found.candidates, anywhere=not found.clear)
+    said = {**_said(found), "features": 0}
+    if laid is None and not found.clear:
+        return {**said, "fits": found.fits, "reason": _reason(found)}, found.R, found.t
+    R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
+    if laid is None:
+        # what stereo measured of one placement only, such as a plate's rims, the other's photographs show too
+        both = base[1].beside(other[1], R, t), other[1].beside(base[1], R.T, -R.T @ t)
+        laid = lay(*both, [(R, t)], anywhere=False)
+    # of a body of revolution another turn of the same body may have been taken, whose paint and features are elsewhere
+    exact = laid is not None or not found.symmetric
+    if exact and contradicted(base[1], other[1], R, t, overlap(base[0], other[0], R, t)):
+        return {**said, "fits": True, "reason": LOOKS_ALIKE}, R, t
+    if laid is not None:
+        said |= {
+            "features": laid.tracks,
+            "feature_matches": laid.matches,
+            "feature_matches_by_chance": laid.chance,
+            "features_rms_px": laid.rms_px,
+        }
+        said["joint"] = {"about": laid.about.tolist(), "covariance": laid.covariance.tolist()}
+        return said, laid.R, laid.t
+    radius = 0.5 * float(np.linalg.norm(np.ptp(other[0].shape, axis=0)))
+    sigma = ROUGH_PX * other[0].pixel * np.repeat([1.0 / radius, 1.0], 3)
+    about = found.R @ other[0].middle + found.t
+    said["joint"] = {"about": about.tolist(), "covariance": np.diag(sigma**2).tolist()}
+    return said, found.R, found.t
+
+
 def _reason(found: Registration) -> str:
     """Why a placement is not joined."""
     if found.fits:
@@ -126,45 +172,41 @@ def _reason(found: Registration) -> str:
     )
 
 
-def _by_outlines(job: Job, views) -> tuple[list[float], float]:  # type: ignore[no-untyped-def]
+def _by_outlines(job: Job, views: Views) -> tuple[list[float], float]:
     """Middle and radius of the body, from its silhouettes."""
     from massprops.surface.outline_cloud import ball_of_outlines
-    from massprops.views import undistort
 
-    folder = job.work("silhouettes") / "masks"
-    masks = [
-        undistort(read_image(folder / f"{name}.png", 0), views.K[i], views.distortion[i], nearest=True)
-        for i, name in enumerate(views.names)
-    ]
-    middle, radius = ball_of_outlines(views, masks)
+    middle, radius = ball_of_outlines(views, _masks(job, views))
     return middle.tolist(), radius
 
 
-def _placed(job: Job, views, number: int, support: np.ndarray | None):  # type: ignore[no-untyped-def]
+def _placed(job: Job, views: Views, number: int, support: np.ndarray | None) -> Placed:
     """A placement as the registration wants it."""
     from massprops.run.stages.shape import placement_folder, placement_points
     from massprops.surface.registration import placed
-    from massprops.views import undistort
+    from massprops.surface.shown import photographs
 
     cloud, colour = placement_points(job.work("shape"), number)
     with np.load(placement_folder(job.work("shape"), number) / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
-    masks = [
-        undistort(
-            read_image(job.work("silhouettes") / "masks" / f"{name}.png", 0),
-            views.K[i],
-            views.distortion[i],
-            nearest=True,
-        )
-        for i, name in enumerate(views.names)
-    ]
-    middle = centroid(vertices, faces)
-    return placed(cloud, colour, views, masks, vertices, middle, support, job.seed)
+    masks = _masks(job, views)
+    images = [undistorted_frame(job, views, i)[..., ::-1] for i in range(len(views))]
+    shown = photographs(views, images, masks, vertices, faces)
+    side = placed(cloud, colour, views, masks, vertices, centroid(vertices, faces), support, job.seed)
+    return replace(side, photographs=shown)
 
 
-def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(3,) middle of a closed mesh's volume."""
-    from massprops.mass.integrals import mesh_integrals
+def _side(job: Job, views: Views, number: int) -> Side:
+    """A placement as features across placements want it."""
+    from massprops.run.stages.shape import placement_folder
+    from massprops.sfm.across import side_of
 
-    rows = mesh_integrals(vertices, faces)
-    return rows[1:4] / rows[0]
+    with np.load(placement_folder(job.work("shape"), number) / "shape.npz", allow_pickle=False) as z:
+        vertices, faces = z["vertices"], z["faces"]
+    images = [undistorted_frame(job, views, i, 0) for i in range(len(views))]
+    return side_of(views, images, _masks(job, views), vertices, faces)
+
+
+def _masks(job: Job, views: Views) -> list[np.ndarray]:
+    """Undistorted silhouettes (h, w) uint8 of the views."""
+    return [undistorted_mask(job, views, i) for i in range(len(views))]

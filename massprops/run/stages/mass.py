@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from massprops.mass.confidence import Evidence, confidence
+from massprops.mass.confidence import Evidence, confidence, lowered
 from massprops.mass.document import document
 from massprops.mass.integrals import mesh_integrals
 from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, valid_bodies
 from massprops.mass.properties import ASSUMED_DENSITY, properties_of_integrals
+from massprops.mass.symmetric import described, sentences, undecided
 from massprops.run.job import Job
 from massprops.surface.length import model_length
 
@@ -33,8 +34,8 @@ def run(job: Job) -> dict[str, Any]:
     warnings = list(surface.get("warnings", []))
     if not metric:
         warnings.append(
-            "no scale: the unit is the object's greatest length; only the ratios k1, k2 and the axes are claimed "
-            "(give --scale, --distance or --marker for metres)"
+            "no length given: one unit is the object's greatest length, and only k1, k2 and the axes are meaningful "
+            "(for metres give --scale, --distance or --marker)"
         )
 
     final = vertices * factor
@@ -50,11 +51,17 @@ def run(job: Job) -> dict[str, Any]:
     low, high = bounds["volume"]
     half_width = 0.5 * (high - low) / properties.volume
     trust = confidence(_evidence(job, surface, half_width, float(valid_bodies(draws).mean()), open_readings))
+    symmetric = described(surface.get("symmetric") or [], properties, factor)
+    unplaced = undecided(symmetric, bounds)
+    for i, line in enumerate(sentences(symmetric, properties, len(surface["silhouette_overlap_by_image"]))):
+        trust = lowered(trust, line) if i in unplaced else {**trust, "because": [*trust["because"], line]}
     partial = surface.get("partial")
     if partial is None and trust["level"] == "low":
         partial = f"low confidence: {trust['because'][0]}"
     result = document(properties, bounds, scale, _described(surface, final[faces]), warnings, density_assumed=assumed)
     result["confidence"] = trust
+    if symmetric:
+        result["symmetric"] = symmetric
     if open_readings:
         result["readings"] = open_readings
     (job.out / "massprops.json").write_text(json.dumps(result, indent=1))

@@ -13,6 +13,7 @@ from massprops.consistency.trust import judged
 from massprops.core.files import write_json, write_whole
 from massprops.core.outputs import Outputs
 from massprops.run.job import Job, ReconstructOptions
+from massprops.sfm.model_bytes import write_model
 
 READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "colour", "sequence")
 OPTIONS = ()
@@ -152,8 +153,7 @@ def _sparse(job: Job, new: Path, factor: float) -> bool:
         return False
     model = pycolmap.Reconstruction(source)
     model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
-    (new / "sparse").mkdir()
-    model.write(new / "sparse")
+    write_model(model, new / "sparse")
     return True
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.mass.integrals import centroid
 from massprops.run.job import Job
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def run(job: Job) -> dict[str, Any]:
         length=model_length(vertices, faces, observed)[0],
         views=Views.load(job.work("sfm") / "views.npz"),
         points=SparsePoints.load(job.work("sfm") / "points.npz"),
-        centre_of_mass=_centre(vertices, faces),
+        centre_of_mass=centroid(vertices, faces),
         frames=job.work("capture") / "frames",
         range=_range(Path(o.source)) if footage.motion == "tumbling" else None,
         rig_metres=sfm.get("scale_metres_per_unit"),
@@ -54,14 +55,6 @@ def run(job: Job) -> dict[str, Any]:
     (job.out / "scale.json").write_text(json.dumps(document, indent=1))
     job.progress(1, 1, "scale")
     return {k: document[k] for k in ("source", "metres_per_unit", "relative_sigma")}
-
-
-def _centre(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(3,) centre of mass at constant density: signed tetrahedra from a point near the surface."""
-    base = vertices.mean(0)
-    a, b, c = (vertices[faces[:, k]] - base for k in range(3))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    return base + (volume[:, None] * (a + b + c)).sum(0) / (4 * volume.sum())
 
 
 def _range(source: Path) -> RangeSeries | None:

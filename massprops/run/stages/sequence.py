@@ -66,7 +66,7 @@ def _attitude_sigma(path: Path) -> np.ndarray | None:
     if not path.is_file():
         return None
     with np.load(path, allow_pickle=False) as z:
-        return z["attitude"]
+        return np.asarray(z["attitude"])
 
 
 def _passed_on(source: Path) -> tuple[RangeSeries | None, Environment | None]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from massprops.errors import InputError
 from massprops.run.job import Job
+from massprops.sfm.model_bytes import write_model
 
 if TYPE_CHECKING:
     from massprops.sfm.footage import FootageRecord
@@ -60,7 +61,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
     result.views.save(job.out / "views.npz")
     result.points.save(job.out / "points.npz")
     np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
-    _write_model(result.model, job.out / "sparse")
+    write_model(result.model, job.out / "sparse")
     rig = footage.rig and _seen_by(result.views.names) > 1
     return {
         "models": [{"images": n, "points": p} for n, p in result.models],
@@ -70,6 +71,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "reprojection_error_px": _mean_error(result.points),
         "residual_rms_px": result.precision.rms_px,
         "contradicted_share": result.contradicted,
+        "masked": result.masked,
         "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),
         "distortion": list(result.cameras[0].distortion),
@@ -124,7 +126,7 @@ def _import(job: Job, footage: FootageRecord) -> dict[str, Any]:
     free = not all(c.focal_source == "given" for c in footage.cameras)
     accuracy = precision(views, points, free, 0, 1.0)
     np.savez(job.out / "precision.npz", attitude=accuracy.attitude)
-    _write_model(model, job.out / "sparse")
+    write_model(model, job.out / "sparse")
     job.progress(1, 1, "import")
     return {
         "models": [{"images": model.num_reg_images(), "points": model.num_points3D()}],
@@ -141,11 +143,6 @@ def _import(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "imported": True,
         "warnings": warnings,
     }
-
-
-def _write_model(model: Any, folder: Path) -> None:
-    folder.mkdir(parents=True)
-    model.write(folder)
 
 
 def _seen_by(names: tuple[str, ...]) -> int:

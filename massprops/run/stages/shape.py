@@ -15,14 +15,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
-from massprops.core.files import hash_of
-from massprops.core.inputs import read_image
+from massprops.core.files import hash_of, write_image
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
+from massprops.run.stage_images import undistorted_frame
+from massprops.sfm.points import SparsePoints
+from massprops.views import Views
 
 if TYPE_CHECKING:
-    from massprops.capture.occlusion import Occlusion
+    from massprops.capture.occlusion import HiddenShape, Occlusion
     from massprops.capture.readings import Reading, Scene
+    from massprops.capture.support import OnSupport
+    from massprops.dense.region import Region
     from massprops.surface.cloud import Cloud
 
 READS = ("capture", "sfm")
@@ -54,10 +58,8 @@ def run(job: Job) -> dict[str, Any]:
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written. A body that turns
     before a still background may stand on a turntable, whose plate the capture stage cannot tell from it.
     """
-    from massprops.capture.placements import by_order, find_placements, given_placements
-    from massprops.capture.support import region_of
-    from massprops.sfm.points import SparsePoints
-    from massprops.views import Views
+    from massprops.capture.placements import fill_undecided, find_placements, given_placements
+    from massprops.dense.region import region_of
 
     views = Views.load(job.work("sfm") / "views.npz")
     pointed = _pointed(job, views)
@@ -66,7 +68,9 @@ def run(job: Job) -> dict[str, Any]:
     perhaps_carried = (
         footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]
     )
-    if not pointed and known and not perhaps_carried:
+    # silhouettes say nothing of placements, which the room has put into one model
+    by_room = bool(footage["masks_given"]) and not _by_object_alone(job)
+    if not pointed and known and not perhaps_carried and not by_room:
         return _said(job, {"placements": [], "lost": []})
     sparse = SparsePoints.load(job.work("sfm") / "points.npz")
     if known and perhaps_carried and not pointed and not _carried(job, views, sparse):
@@ -78,9 +82,9 @@ def run(job: Job) -> dict[str, Any]:
     )
     taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
     times = np.array([taken[name] for name in views.names], np.int64)
-    label = by_order(divided.label, times)
+    label = fill_undecided(divided.label, times)
     if not given and not divided.known:
-        label = _set_down(job, views, sparse, region, times)
+        label = _divided_by_occlusion(job, views, sparse, region, times)
     placements, lost = _solved(job, views, sparse, label, pointed)
     if len(placements) > 1 and not given:
         # the object's own features know better than what is hidden of a plain table
@@ -107,17 +111,22 @@ def run(job: Job) -> dict[str, Any]:
     return _said(job, {"placements": placements, "lost": lost})
 
 
-def _carried(job: Job, views, sparse) -> bool:  # type: ignore[no-untyped-def]
+def _by_object_alone(job: Job) -> bool:
+    """Whether only features within silhouettes placed the images."""
+    return bool(json.loads((job.work("sfm") / "sfm.json").read_text()).get("masked", True))
+
+
+def _carried(job: Job, views: Views, sparse: SparsePoints) -> bool:
     """Whether a body that turns before a still background stands on what turns with it: a turntable's plate.
 
     The room takes no part: it does not hang together with what turns, and stereo finds nothing there.
     """
-    from massprops.capture.support import region_of
+    from massprops.dense.region import region_of
 
     return _rough_support(job, views, region_of(views), sparse) is not None
 
 
-def _rough_support(job: Job, views, region, sparse) -> tuple[Cloud, np.ndarray] | None:  # type: ignore[no-untyped-def]
+def _rough_support(job: Job, views: Views, region: Region, sparse: SparsePoints) -> tuple[Cloud, np.ndarray] | None:
     """Dense points of all views and the plane (4,) that carries what they look at, or None."""
     from massprops.capture.support import find_support
 
@@ -129,10 +138,12 @@ def _rough_support(job: Job, views, region, sparse) -> tuple[Cloud, np.ndarray] 
     return None if plane is None else (cloud, plane)
 
 
-def _set_down(job: Job, views, sparse, region, times: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _divided_by_occlusion(
+    job: Job, views: Views, sparse: SparsePoints, region: Region, times: np.ndarray
+) -> np.ndarray:
     """Labels (n,) of an object that has no features to tell its placements by: by what it hides of its support."""
     from massprops.capture.occlusion import COARSE, voxels
-    from massprops.capture.set_down import LEAST_IMAGES, set_down_anew
+    from massprops.capture.placements_by_occlusion import LEAST_IMAGES, divide_by_occlusion
 
     none = np.zeros(len(views), int)
     found = _rough_support(job, views, region, sparse) if len(views) >= 2 * LEAST_IMAGES else None
@@ -140,11 +151,11 @@ def _set_down(job: Job, views, sparse, region, times: np.ndarray) -> np.ndarray:
         return none
     cloud, plane = found
     maps = _occlusion(job, views, cloud, plane, region)
-    return set_down_anew(voxels(views, maps, plane, region, COARSE), maps, times)
+    return divide_by_occlusion(voxels(views, maps, plane, region, COARSE), maps, times)
 
 
-def _solved(  # type: ignore[no-untyped-def]
-    job: Job, views, sparse, label: np.ndarray, pointed: list[Located]
+def _solved(
+    job: Job, views: Views, sparse: SparsePoints, label: np.ndarray, pointed: list[Located]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Each placement's shape, and those that could not be had, for `shape.json`."""
     placements: list[dict[str, Any]] = []
@@ -168,7 +179,9 @@ def _solved(  # type: ignore[no-untyped-def]
     return placements, lost
 
 
-def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _relabelled(
+    job: Job, views: Views, region: Region, label: np.ndarray, placements: list[dict[str, Any]]
+) -> np.ndarray:
     """Labels (n,) once more, by which placement's first shape hides what each image hides of the support."""
     from massprops.capture.occlusion import drawn_agreement, settled
     from massprops.surface.cloud import Cloud
@@ -190,9 +203,11 @@ def _relabelled(job: Job, views, region, label: np.ndarray, placements: list[dic
     return np.where(found < 0, -1, number[found])
 
 
-def _where_it_stood(job: Job, views, region, label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _where_it_stood(
+    job: Job, views: Views, region: Region, label: np.ndarray, placements: list[dict[str, Any]]
+) -> np.ndarray:
     """Labels (n,) in which placements are one where the object did not move between them."""
-    from massprops.surface.unmoved import groups_unmoved, paint_in_common
+    from massprops.surface.same_place import colour_correlation, groups_in_place
 
     pixel = _pixel_size(views, region)
     parts = [placement_points(job.out, k) for k in range(len(placements))]
@@ -200,8 +215,8 @@ def _where_it_stood(job: Job, views, region, label: np.ndarray, placements: list
     for i, (first, one) in enumerate(parts):
         for k, (second, other) in enumerate(parts[:i]):
             if placements[i]["method"] == placements[k]["method"] == "measured":
-                alike[i, k] = paint_in_common(first, second, (one, other), pixel)
-    group = groups_unmoved(alike)
+                alike[i, k] = colour_correlation(first, second, (one, other), pixel)
+    group = groups_in_place(alike)
     number = np.array([p["label"] for p in placements])
     out = label.copy()
     for k, g in enumerate(group):
@@ -217,7 +232,7 @@ def _said(job: Job, facts: dict[str, Any]) -> dict[str, Any]:
     return {"placements": [len(p["images"]) for p in facts["placements"]], "lost": len(facts["lost"])}
 
 
-def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
+def _pointed(job: Job, views: Views) -> list[Located]:
     """What the user points at, in the registered views.
 
     Raises:
@@ -236,13 +251,14 @@ def _pointed(job: Job, views) -> list[Located]:  # type: ignore[no-untyped-def]
     return [locate(p, footage, views) for p in wanted]
 
 
-def _placement(  # type: ignore[no-untyped-def]
-    job: Job, views, sparse, number: int, pointed: list[Located], known: list[float] | None = None
+def _placement(
+    job: Job, views: Views, sparse: SparsePoints, number: int, pointed: list[Located], known: list[float] | None = None
 ) -> dict[str, Any]:
     """The first shape of one placement; views and sparse points are its own, known (4,) is another one's support."""
     from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
-    from massprops.capture.support import least_rise, region_of
+    from massprops.capture.support import least_rise
+    from massprops.dense.region import region_of
     from massprops.surface.colour import vertex_colours
 
     region = region_of(views)
@@ -259,7 +275,7 @@ def _placement(  # type: ignore[no-untyped-def]
     folder = placement_folder(job.out, number)
     folder.mkdir(exist_ok=True)
     if hidden is not None:
-        own_colour, seen = vertex_colours(vertices, faces, views, lambda i: _image(job, views, i))
+        own_colour, seen = vertex_colours(vertices, faces, views, lambda i: undistorted_frame(job, views, i))
         own, own_colour = on_mesh(vertices, faces).take(np.flatnonzero(seen)), own_colour[seen]
         np.savez(folder / "support.npz", xyz=hidden.support, colour=hidden.colour)
     np.savez(folder / "shape.npz", vertices=vertices, faces=faces)
@@ -280,8 +296,8 @@ def _placement(  # type: ignore[no-untyped-def]
     }
 
 
-def _first_shape(  # type: ignore[no-untyped-def]
-    job: Job, views, cloud, found, region
+def _first_shape(
+    job: Job, views: Views, cloud: Cloud, found: OnSupport, region: Region
 ) -> tuple[np.ndarray, np.ndarray, Occlusion | None]:
     """Vertices and faces of the shape that stereo has measured, or of what hides its support, and then where that is.
 
@@ -310,7 +326,14 @@ def _first_shape(  # type: ignore[no-untyped-def]
     return vertices, faces, None
 
 
-def _hidden_whole(views, maps, plane, region, measured, xyz: np.ndarray):  # type: ignore[no-untyped-def]
+def _hidden_whole(
+    views: Views,
+    maps: Occlusion,
+    plane: np.ndarray,
+    region: Region,
+    measured: tuple[np.ndarray, np.ndarray],
+    xyz: np.ndarray,
+) -> HiddenShape | None:
     """What hides the support, with what was `measured` (vertices, faces) where the one alone leaves out the other."""
     from massprops.capture.occlusion import held_share, hidden_by, hidden_shape
 
@@ -320,7 +343,7 @@ def _hidden_whole(views, maps, plane, region, measured, xyz: np.ndarray):  # typ
     return hidden_shape(views, hidden_by(views, maps, *measured), plane, region)
 
 
-def _measured_shape(job: Job, views, cloud, found):  # type: ignore[no-untyped-def]
+def _measured_shape(job: Job, views: Views, cloud: Cloud, found: OnSupport) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of the shape that stereo has measured."""
     from massprops.surface.reconstruct import reconstruct_surface
 
@@ -337,38 +360,29 @@ def _measured_shape(job: Job, views, cloud, found):  # type: ignore[no-untyped-d
     return surface.vertices, surface.faces
 
 
-def _occlusion(job: Job, views, cloud, plane, region):  # type: ignore[no-untyped-def]
+def _occlusion(job: Job, views: Views, cloud: Cloud, plane: np.ndarray, region: Region) -> Occlusion:
     """Where each view shows the support, and where something hides it."""
     from massprops.capture.occlusion import occlusion_maps, support_points
     from massprops.capture.support import TOLERANCE, on_plane
 
     held = cloud.xyz[on_plane(cloud.xyz, cloud.normal, plane, TOLERANCE * region.radius)]
     pixel = _pixel_size(views, region)
-    return occlusion_maps(views, lambda i: _image(job, views, i), *support_points(plane, region, held, pixel))
-
-
-def _image(job: Job, views, i: int) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """View i without its lens's distortion."""
-    from massprops.views import undistort
-
-    return undistort(read_image(job.work("capture") / "frames" / views.names[i]), views.K[i], views.distortion[i])
+    return occlusion_maps(
+        views, lambda i: undistorted_frame(job, views, i), *support_points(plane, region, held, pixel)
+    )
 
 
 def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> list[dict[str, Any]]:
     """The readings between which nothing decides, each with its picture, for `shape.json`."""
-    import cv2
-
     from massprops.capture.readings import best_view, described, picture
-    from massprops.views import undistort
 
     out = []
     for k, reading in enumerate(readings):
         i = best_view(readings[-1], scene)
         views = scene.views
-        image = read_image(job.work("capture") / "frames" / views.names[i])
-        drawn = picture(reading, scene, i, undistort(image, views.K[i], views.distortion[i]))
+        drawn = picture(reading, scene, i, undistorted_frame(job, views, i))
         file = f"placement{number}/reading{k}.png"
-        cv2.imwrite(str(job.out / file), drawn)
+        write_image(job.out / file, drawn)
         out.append({**described(reading, scene, used=k == 0), "picture": file, "image": views.names[i]})
     return out
 
@@ -388,12 +402,12 @@ def placement_points(work: Path, number: int) -> tuple[Cloud, np.ndarray]:
     return cloud.take(kept), colour[kept]
 
 
-def _pixel_size(views, region) -> float:  # type: ignore[no-untyped-def]
+def _pixel_size(views: Views, region: Region) -> float:
     """Size of a pixel at the object, in the median view [units of the views]."""
     return float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
 
 
-def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
+def _dense(job: Job, views: Views, region: Region, sparse: SparsePoints) -> tuple[Cloud, np.ndarray]:
     """Dense points of the region, whatever they belong to, and their colours (n, 3) uint8."""
     from massprops.dense.reconstruct import DenseOptions, dense_points
     from massprops.surface.cloud import Cloud
@@ -402,7 +416,7 @@ def _dense(job: Job, views, region, sparse):  # type: ignore[no-untyped-def]
     near = sparse.near(region.centre, 1.3 * region.radius)
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
-        return _image(job, views, i), region.mask(views, i)
+        return undistorted_frame(job, views, i), region.mask(views, i)
 
     options = DenseOptions(REFERENCES, job.seed, job.threads, PIXELS)
     parts = job.parts.within(hash_of([views.names, region.centre, region.radius]))

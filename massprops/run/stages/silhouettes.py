@@ -22,10 +22,13 @@ from massprops.capture.from_shape import (
     trimap,
     unsure,
 )
+from massprops.core.files import write_image
 from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
 from massprops.errors import NotPossible
 from massprops.run.job import Job
+from massprops.run.stage_images import undistorted_frame
+from massprops.views import Views
 
 READS = ("capture", "sfm", "shape")
 OPTIONS = ()
@@ -33,10 +36,6 @@ OPTIONS = ()
 
 def run(job: Job) -> dict[str, Any]:
     """Writes masks/ (in the geometry of the stored frames) and silhouettes.json."""
-    import cv2
-
-    from massprops.views import Views
-
     capture, sfm = job.work("capture"), job.work("sfm")
     footage = json.loads((capture / "footage.json").read_text())
     views = Views.load(sfm / "views.npz")
@@ -45,9 +44,11 @@ def run(job: Job) -> dict[str, Any]:
     left_out: list[str] = []
     have = [(capture / "masks" / f"{name}.png").is_file() for name in views.names]
     shape = json.loads((job.work("shape") / "shape.json").read_text())
-    if all(have) and not shape["placements"]:
-        share = _refine(job, cv2, views, points[seen >= 3], footage)
-        method = "given" if footage.get("masks_given") else f"before a {footage['background']} background"
+    given = bool(footage.get("masks_given"))
+    if all(have) and (given or not shape["placements"]):
+        share = _refine(job, views, points[seen >= 3], footage)
+        left_out = [name for gone in shape["lost"] for name in gone["images"]]
+        method = "given" if given else f"before a {footage['background']} background"
     else:
         share, left_out = _from_shapes(job, views, shape["placements"])
         method = "drawn from the shape, refined by the images"
@@ -84,7 +85,7 @@ def _cut_off(job: Job, names: tuple[str, ...], left_out: set[str]) -> list[str]:
     return cut
 
 
-def _pixels(views, i: int, points: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _pixels(views: Views, i: int, points: np.ndarray) -> np.ndarray:
     """Projections into the stored (distorted) frame, of points before the camera."""
     import cv2
 
@@ -98,28 +99,30 @@ def _pixels(views, i: int, points: np.ndarray) -> np.ndarray:  # type: ignore[no
     return uv
 
 
-def _refine(job: Job, cv2, views, points: np.ndarray, footage: dict[str, Any]) -> list[float]:  # type: ignore[no-untyped-def]
+def _refine(job: Job, views: Views, points: np.ndarray, footage: dict[str, Any]) -> list[float]:
     """The capture stage's masks; before a sky or background, doubt where the reconstruction knows of body."""
     from massprops.capture.doubt import predicted_silhouette, with_doubt
+    from massprops.capture.limb import without
 
+    beside = {f["name"]: f["beside"] for f in footage["frames"] if f.get("beside")}
     share = []
     for i, name in enumerate(views.names):
-        mask = cv2.imread(str(job.work("capture") / "masks" / f"{name}.png"), cv2.IMREAD_GRAYSCALE)
+        mask = read_image(job.work("capture") / "masks" / f"{name}.png", 0)
         if not footage.get("masks_given"):
             mask = with_doubt(mask, predicted_silhouette(_pixels(views, i, points), mask.shape))
-        share.append(_save(job, cv2, name, mask))
+        if name in beside:
+            mask = without(mask, read_image(job.work("capture") / beside[name], 0) > 0)
+        share.append(_save(job, name, mask))
         job.progress(i + 1, len(views), "doubt")
     return share
 
 
-def _from_shapes(job: Job, views, placements: list[dict[str, Any]]) -> tuple[list[float], list[str]]:  # type: ignore[no-untyped-def]
+def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tuple[list[float], list[str]]:
     """Silhouettes of every placement; images of none of them, and such as show it elsewhere, say nothing.
 
     Returns:
         share of the object in each image that is used, and the names of those left out.
     """
-    import cv2
-
     number = {name: i for i, name in enumerate(views.names)}
     found: dict[int, np.ndarray] = {}
     painted = _paint(job, placements)
@@ -135,9 +138,9 @@ def _from_shapes(job: Job, views, placements: list[dict[str, Any]]) -> tuple[lis
             lens = tuple(views.size[i]), views.K[i], views.distortion[i]
             mask = to_stored(found[i] == 255, *lens)
             mask[(to_stored(found[i] > 0, *lens) > 0) & (mask == 0)] = 128
-            share.append(_save(job, cv2, name, mask))
+            share.append(_save(job, name, mask))
         else:
-            _save(job, cv2, name, np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8))
+            _save(job, name, np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8))
     known = {name for p in placements for name in p["images"]}
     return share, [n for i, n in enumerate(views.names) if i not in found and n in known]
 
@@ -154,8 +157,8 @@ def _paint(job: Job, placements: list[dict[str, Any]]) -> Paint | None:
     return Paint.learn(np.concatenate(own), np.concatenate(other))
 
 
-def _placement(  # type: ignore[no-untyped-def]
-    job: Job, views, index: np.ndarray, number: int, before: int, painted: Paint | None
+def _placement(
+    job: Job, views: Views, index: np.ndarray, number: int, before: int, painted: Paint | None
 ) -> list[tuple[np.ndarray, float]]:
     """Silhouette (h, w) uint8 of each view, drawn from a placement's shape and refined, and how far the two agree.
 
@@ -166,7 +169,6 @@ def _placement(  # type: ignore[no-untyped-def]
     from massprops.capture.doubt import project
     from massprops.geometry.rasterise import rasterise
     from massprops.run.stages.shape import placement_folder
-    from massprops.views import undistort
 
     folder = placement_folder(job.work("shape"), number)
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
@@ -176,7 +178,7 @@ def _placement(  # type: ignore[no-untyped-def]
 
     def silhouette(i: int) -> Arrays:
         K, R, t = views.K[i], views.R[i], views.t[i]
-        image = undistort(read_image(job.work("capture") / "frames" / views.names[i]), K, views.distortion[i])
+        image = undistorted_frame(job, views, i)
         depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
         camera = other @ R.T + t
         ahead = camera[:, 2] > 0
@@ -202,8 +204,8 @@ def _placement(  # type: ignore[no-untyped-def]
     covered = [views.names[i] for i in index[something_before(hidden)]]
     if covered:
         job.warn(
-            f"something that is not the object, such as a hand, is before it in {len(covered)} images "
-            f"({', '.join(covered[:3])}{', ...' if len(covered) > 3 else ''}): leave them out, or mend their masks "
+            f"something that is not the object, such as a hand, is in front of it in {len(covered)} images "
+            f"({', '.join(covered[:3])}{', ...' if len(covered) > 3 else ''}): leave them out, or correct their masks "
             "('massprops masks')"
         )
     return out
@@ -227,8 +229,7 @@ def _own_points(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return xyz, np.load(folder / "colour.npy", allow_pickle=False)[:, ::-1]
 
 
-def _save(job: Job, cv2, name: str, mask: np.ndarray) -> float:  # type: ignore[no-untyped-def]
-    path = job.out / "masks" / f"{name}.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), mask)
+def _save(job: Job, name: str, mask: np.ndarray) -> float:
+    """Writes a silhouette; gives the share of the image that is object."""
+    write_image(job.out / "masks" / f"{name}.png", mask)
     return float(np.mean(mask == 255))

@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
 from massprops.mass.integrals import mesh_integrals
 from massprops.run.job import Job
+from massprops.run.stage_images import undistorted_frame
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
     from massprops.surface.hollow import Hollows
     from massprops.surface.reconstruct import Surface
+    from massprops.surface.spread import Joint
     from massprops.views import Views
 
 READS = ("capture", "sfm", "silhouettes", "join", "dense")
@@ -70,7 +71,8 @@ def run(job: Job) -> dict[str, Any]:
             "closed body was measured; give images with more overlap and from more sides"
         )
     focal = json.loads((job.work("sfm") / "sfm.json").read_text()).get("focal_sigma_relative")
-    rows, lengths = replicates(surface, len(views), FOCAL_SIGMA if focal is None else float(focal), seed=job.seed)
+    focal_sigma = FOCAL_SIGMA if focal is None else float(focal)
+    rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
     hollow = _hollows(surface, place)
     body = mesh_integrals(surface.vertices, surface.faces)
     rows = hollowed(rows, body, hollow.likely, job.seed)
@@ -86,11 +88,57 @@ def run(job: Job) -> dict[str, Any]:
     facts = _facts(
         surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
     )
+    facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
     facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": hollow.likely[0] / body[0]}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _symmetric(
+    job: Job, views: Views, masks: list[np.ndarray], cloud: Cloud, surface: Surface, footage: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """Turns under which a free body looks the same, as `massprops.mass.symmetric` reads them."""
+    from massprops.mass.integrals import central_inertia
+    from massprops.mass.properties import principal_frame
+    from massprops.surface.ambiguous import ambiguity
+    from massprops.surface.cloud import Cloud
+    from massprops.surface.symmetry import symmetries
+
+    with np.load(job.work("dense") / "points.npz", allow_pickle=False) as z:
+        colour = z["rgb"][Cloud(**{k: z[k] for k in Cloud.__dataclass_fields__}).is_finite]
+    if len(colour) != len(cloud):
+        return []
+    _, centre, inertia = central_inertia(mesh_integrals(surface.vertices, surface.faces), 1.0)
+    found = symmetries(cloud, colour, centre, principal_frame(inertia)[1], surface.hull.pixel, job.seed)
+    in_time = footage["kind"] in ("video", "sequence", "stereo")
+    out = []
+    for one in (ambiguity(s, cloud, (surface.vertices, surface.faces), views, masks, in_time) for s in found):
+        turn = one.symmetry
+        out.append({
+            "fold": turn.fold,
+            "axis": turn.axis,
+            "shape_share": turn.shape,
+            "paint_share": turn.paint,
+            "paint_by_chance": turn.chance[0],
+            "images_alike": list(one.alike),
+            "images_apart": list(one.apart),
+            "common": None if one.common is None else one.common.tolist(),
+            "together": None if one.together is None else one.together.tolist(),
+        })  # fmt: skip
+    return [one for one in out if one["images_alike"]]
+
+
+def _joints(place: dict[str, Any]) -> list[Joint]:
+    """How well the placements lie on the first; `place` is `join.json`."""
+    from massprops.surface.spread import Joint
+
+    found = [p["joint"] for p in place["joined"] if "joint" in p]
+    return [
+        Joint(j["views"][0], j["views"][1], np.array(j["about"], float), np.array(j["covariance"], float))
+        for j in found
+    ]
 
 
 def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]:
@@ -109,15 +157,27 @@ def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]
 
 
 def _hollows(surface: Surface, place: dict[str, Any]) -> Hollows:
-    """Space of which nothing proves that it is material; none without a known support. `place` is `join.json`."""
+    """Space of which nothing proves that it is material. `place` is `join.json`."""
+    from massprops.mass.confidence import FILLED
+    from massprops.surface.behind_fill import behind_fill
     from massprops.surface.hollow import Hollows, hollows
 
-    if place["support_plane"] is None:
-        return Hollows(np.zeros(10), np.zeros(10))
     # neighbours together know their surface better than each of them
     noise = 0.5 * float(np.median(surface.cloud.sigma))
+    if place["support_plane"] is None:
+        if len(place["joined"]) < 2 or _filled(surface) < FILLED:
+            return Hollows(np.zeros(10), np.zeros(10))
+        space = behind_fill(surface.vertices, surface.faces, surface.observed, noise, surface.spacing)
+        return Hollows(space, space)
     plane = np.array(place["support_plane"], float)
     return hollows(surface.vertices, surface.faces, surface.observed, plane, noise, surface.spacing)
+
+
+def _filled(surface: Surface) -> float:
+    """Share of the surface that was neither measured nor closed at the support."""
+    corners = surface.vertices[surface.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return float(area[~surface.observed & ~surface.inferred].sum() / area.sum())
 
 
 def _masks(job: Job, views: Views) -> list[np.ndarray]:
@@ -137,19 +197,15 @@ def _masks(job: Job, views: Views) -> list[np.ndarray]:
 
 
 def _before_black_sky(footage: dict[str, Any]) -> bool:
-    """One still camera before black sky: what is unlit is dark, and the Sun keeps its place."""
-    one_camera = len(footage["cameras"]) == 1 and not any(f.get("turn") for f in footage["frames"])
-    return one_camera and footage["background"] == "black" and not footage["masks_given"]
+    """One still camera or rig before black sky: what is unlit is dark, and the Sun keeps its place."""
+    one_mount = footage["kind"] == "stereo" or len(footage["cameras"]) == 1
+    still = one_mount and not any(f.get("turn") for f in footage["frames"])
+    return still and footage["background"] == "black" and not footage["masks_given"]
 
 
 def _grey(job: Job, views: Views) -> list[np.ndarray]:
     """Undistorted images (h, w) of all views."""
-    from massprops.views import undistort
-
-    return [
-        undistort(read_image(job.work("capture") / "frames" / name, 0), views.K[i], views.distortion[i])
-        for i, name in enumerate(views.names)
-    ]
+    return [undistorted_frame(job, views, i, 0) for i in range(len(views))]
 
 
 def _surface(
@@ -222,7 +278,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         warnings.append(partial)
     if lost > MOST_LOST:
         partial = (
-            f"{100 * lost:.0f} % of the measured points are not on the mesh: a part that hangs by little is missing"
+            f"{100 * lost:.0f} % of the measured points are not on the mesh: a part with a thin connection is missing"
         )
         warnings.append(partial)
     return {

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
 from massprops.errors import InputError
 from massprops.sfm.marker_corners import refine
 from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
@@ -136,7 +137,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
             "marker, its right dictionary, or another source of scale"
         )
     scale = float(np.median(ratios))
-    spread = 1.4826 * float(np.median(np.abs(ratios / scale - 1)))
+    spread = mad_sigma(ratios / scale - 1)
     warnings = () if spread < 0.02 else (f"marker: its sides disagree by {100 * spread:.1f} %; is it flat and sharp?",)
     sigma = float(np.hypot(1.253 * spread / np.sqrt(len(ratios)), max(PRINT, inputs.given_sigma)))
     return ScaleEstimate("marker", scale, sigma, warnings)

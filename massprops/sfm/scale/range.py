@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
 from massprops.errors import InputError
 from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
 
@@ -30,7 +31,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     ours = np.linalg.norm(views.centres[inside] - inputs.centre_of_mass, axis=1)
     ratio = measured / ours
     scale = float(np.median(ratio))
-    spread = 1.4826 * float(np.median(np.abs(ratio / scale - 1)))
+    spread = mad_sigma(ratio / scale - 1)
     count = min(int(inside.sum()), len(r.range_m))
     stated = (r.sigma_m or 0.0) / float(np.median(measured))
     sigma = 1.253 * max(spread, stated) / np.sqrt(count)

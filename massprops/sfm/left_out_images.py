@@ -1,9 +1,9 @@
-"""Photographs that the first model left out, added by what they share with the placed ones.
+"""Photographs that the first model left out: added by the points that they share with the placed images.
 
 A model of few matches has few points, and an image is placed by points that it sees. Once the model has predicted where
 further features match (`massprops.sfm.loops`), most features of the placed images are points, and the few matches of
-an image that was left out find them. Each image must bear out its place: its matches with placed images were made
-without it.
+an image that was left out find them. Each added image is checked by its matches with placed images, which were made
+without its pose.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ and less."""
 MOST_ROUNDS = 8
 
 
-def extend(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
-    """The model with the images that its points place, in rounds."""
+def add_left_out_images(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
+    """Adds the images that the points of the model place, in rounds; returns the model."""
     found = given.found
     for turn in range(MOST_ROUNDS):
         grown = continue_mapping(model, found.database, given.frames, given.work / f"more{turn}", found.mapping)
@@ -84,7 +84,7 @@ def _restore(database: Path, pairs: list[int], rows: Arrays) -> None:
 
 
 def take_out_unmatched(model: pycolmap.Reconstruction, fresh: set[str]) -> None:
-    """Takes those of the images `fresh` out, in place, that see next to nothing of what their place should show them."""
+    """Removes those of the images `fresh`, in place, that see almost none of the points that their pose should show."""
     views, ids = to_views(model)
     points = to_points(model, ids)
     share = {}
@@ -99,14 +99,14 @@ def take_out_unmatched(model: pycolmap.Reconstruction, fresh: set[str]) -> None:
 
 
 def take_out_contradicted(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> None:
-    """Takes images out, in place, whose matches with the images `known` their place does not bear out."""
+    """Removes images, in place, whose matches with the images `known` contradict their pose."""
     manager = pycolmap.ObservationManager(model)
-    for image_id, (agree, all_of) in borne_out(model, database, known).items():
+    for image_id, (agree, all_of) in agreeing_matches(model, database, known).items():
         if agree < BORNE_OUT * all_of:
             manager.deregister_frame(model.image(image_id).frame_id)
 
 
-def borne_out(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> dict[int, tuple[int, int]]:
+def agreeing_matches(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> dict[int, tuple[int, int]]:
     """For each placed image that is not `known`, how many of its verified matches with points of known ones fall where its
     place says, and how many there are.
 

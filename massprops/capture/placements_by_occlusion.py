@@ -1,8 +1,8 @@
-"""When an object without features was set down anew: by what it hides of its support, in the order of capture.
+"""Placements of an object without features, by what it hides of its support, in the order of capture.
 
 A plain object gives no feature of its own to tell its placements by. But what stands in one place hides one part of its
-support: the hull of what the first half of the images hides foretells what their other half hides. If the object was
-moved in between, two hulls foretell it better than one.
+support: the hull of what the first half of the images hides predicts what their other half hides. If the object was
+moved in between, two hulls predict it better than one.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from massprops.capture.placements import PAUSE
 LEAST_IMAGES = 8
 """Images of a placement: half of them must make a hull (`occlusion.LEAST_HIDDEN`) and half of them test it."""
 BETTER = 0.015
-"""Rise of the foretold intersection over union that a division must bring. Set on one plain cup, turned over and moved by
+"""Rise of the predicted intersection over union that a division must bring. Set on one plain cup, turned over and moved by
 its own width: .039 at the right place, .049 at the best. Of a flat plate no hull explains enough to be divided."""
 
 
-def foretold(grid: Voxels, maps: Occlusion, member: np.ndarray) -> np.ndarray:
+def predicted_agreement(grid: Voxels, maps: Occlusion, member: np.ndarray) -> np.ndarray:
     """(k,) how well the hull of every other image of `member` (k,) explains what each image hides."""
     out = np.zeros(len(member))
     odd = np.arange(len(member)) % 2 == 1
@@ -28,7 +28,7 @@ def foretold(grid: Voxels, maps: Occlusion, member: np.ndarray) -> np.ndarray:
     return out
 
 
-def set_down_anew(grid: Voxels, maps: Occlusion, timestamp_ns: np.ndarray | None = None) -> np.ndarray:
+def divide_by_occlusion(grid: Voxels, maps: Occlusion, timestamp_ns: np.ndarray | None = None) -> np.ndarray:
     """(n,) placement that each image shows, in the order of capture; all 0 where one explains as much as several.
 
     Args:
@@ -37,12 +37,12 @@ def set_down_anew(grid: Voxels, maps: Occlusion, timestamp_ns: np.ndarray | None
             the others, the object was moved in one of them.
     """
     everyone = np.arange(len(grid.shown))
-    divided, todo = [], [(everyone, foretold(grid, maps, everyone))]
+    divided, todo = [], [(everyone, predicted_agreement(grid, maps, everyone))]
     while todo:
         part, score = todo.pop()
         best: tuple[float, np.ndarray, np.ndarray, int] | None = None
         for cut in _cuts(part, timestamp_ns):
-            first, second = (foretold(grid, maps, p) for p in (part[:cut], part[cut:]))
+            first, second = (predicted_agreement(grid, maps, p) for p in (part[:cut], part[cut:]))
             rise = float(np.concatenate([first, second]).mean() - score.mean())
             sound = min(first.mean(), second.mean()) > LEAST_AGREEMENT
             if sound and rise > BETTER and (best is None or rise > best[0]):

@@ -1,4 +1,4 @@
-"""Images of a video that matching alone did not place, looked for where the motion predicts them.
+"""Images of a video that matching did not place: added where the motion predicts them.
 
 Between neighbours a free body, or a hand with a camera, turns on at nearly the rate at which it turned before. The pose
 so predicted tells a repeating pattern's cells apart, as it does in placed images (`massprops.sfm.guided`), and carries
@@ -34,8 +34,8 @@ GATE = Gate(0.025, 0.025)
 MOST_ROUNDS = 60
 
 
-def grow(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
-    """The model with the images that its motion leads to, in rounds of a few."""
+def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
+    """Adds the images whose poses the motion predicts, a few in each round; returns the model."""
     found, frames = given.found, given.footage.frames
     units = {n: unit(d) for n, (_, d) in found.features.items()}
     with pycolmap.Database.open(found.database) as db:

@@ -1,4 +1,4 @@
-"""Whether two parts of the footage, taken for two placements of an object, show it in one and the same place.
+"""Whether two groups of images that were taken for two placements show the object in the same place.
 
 Views of a plain side share no features, and look like views of another placement. But the room stayed, so the poses of
 both are known in one frame: where an object did not move, the points that both measured lie on each other as they are,
@@ -21,8 +21,8 @@ SAME_PAINT = 0.5
 0.03 to 0.12 (rendered padlock, tin, bottle); a bottle that stood had 0.7."""
 
 
-def paint_in_common(first: Cloud, second: Cloud, colours: tuple[np.ndarray, np.ndarray], pixel: float) -> float:
-    """Correlation of the paint of points that lie on each other as they are; 0 where these are few.
+def colour_correlation(first: Cloud, second: Cloud, colours: tuple[np.ndarray, np.ndarray], pixel: float) -> float:
+    """Correlation of the colours of points that coincide without any motion; 0 if there are few.
 
     Args:
         first, second: measured points in one frame; colours: (n, 3) and (m, 3) uint8 of both.
@@ -40,9 +40,9 @@ def paint_in_common(first: Cloud, second: Cloud, colours: tuple[np.ndarray, np.n
     return correlation(one, other)
 
 
-def groups_unmoved(alike: np.ndarray) -> np.ndarray:
+def groups_in_place(alike: np.ndarray) -> np.ndarray:
     """(n,) number of the group of parts that stood in one place, the least of its members; alike (n, n): of
-    `paint_in_common`, for each pair once."""
+    `colour_correlation`, for each pair once."""
     from scipy.sparse.csgraph import connected_components
 
     group = connected_components(np.maximum(alike, alike.T) > SAME_PAINT, directed=False)[1]

@@ -8,7 +8,13 @@ import pytest
 import test_mapping
 
 from massprops.sfm.attempt import SfmOptions, _first_pairs
-from massprops.sfm.extend import _pairs_of, _restore, borne_out, take_out_contradicted, take_out_unmatched
+from massprops.sfm.left_out_images import (
+    _pairs_of,
+    _restore,
+    agreeing_matches,
+    take_out_contradicted,
+    take_out_unmatched,
+)
 from massprops.sfm.loops import _forget
 from massprops.sfm.match_parts import taken
 
@@ -24,7 +30,7 @@ def test_an_image_in_its_place_stays_and_one_elsewhere_goes(solved):
     model, database = pycolmap.Reconstruction(solved[0]), solved[1]
     ids = sorted(model.reg_image_ids())
     last = ids[-1]
-    agree, all_of = borne_out(model, database, set(ids[:-1]))[last]
+    agree, all_of = agreeing_matches(model, database, set(ids[:-1]))[last]
     assert agree > 0.95 * all_of > 100
     take_out_contradicted(model, database, set(ids[:-1]))
     assert sorted(model.reg_image_ids()) == ids
@@ -33,7 +39,7 @@ def test_an_image_in_its_place_stays_and_one_elsewhere_goes(solved):
     pose = np.asarray(frame.rig_from_world.matrix()).copy()
     pose[1, 3] += 0.1 * pose[2, 3]
     frame.rig_from_world = pycolmap.Rigid3d(pose)
-    assert borne_out(model, database, set(ids[:-1]))[last][0] < 0.3 * all_of
+    assert agreeing_matches(model, database, set(ids[:-1]))[last][0] < 0.3 * all_of
     take_out_contradicted(model, database, set(ids[:-1]))
     assert sorted(model.reg_image_ids()) == ids[:-1]
 

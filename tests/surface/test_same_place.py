@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from massprops.surface.cloud import Cloud
-from massprops.surface.unmoved import SAME_PAINT, groups_unmoved, paint_in_common
+from massprops.surface.same_place import SAME_PAINT, colour_correlation, groups_in_place
 
 
 def painted_ball(seed: int, part: float, turn: Rotation) -> tuple[Cloud, np.ndarray]:
@@ -26,19 +26,19 @@ def painted_ball(seed: int, part: float, turn: Rotation) -> tuple[Cloud, np.ndar
 def test_what_stood_has_its_paint_in_common_and_what_was_turned_has_not() -> None:
     first, one = painted_ball(0, -0.3, Rotation.identity())
     second, other = painted_ball(1, 0.2, Rotation.identity())
-    assert paint_in_common(first, second, (one, other), 0.01) > 0.8
+    assert colour_correlation(first, second, (one, other), 0.01) > 0.8
     turned, third = painted_ball(1, 0.2, Rotation.from_euler("x", 120, degrees=True))
-    assert abs(paint_in_common(first, turned, (one, third), 0.01)) < 0.5 * SAME_PAINT
+    assert abs(colour_correlation(first, turned, (one, third), 0.01)) < 0.5 * SAME_PAINT
 
 
 def test_parts_that_do_not_touch_say_nothing() -> None:
     first, one = painted_ball(0, 0.5, Rotation.identity())
     second, other = painted_ball(1, -2.0, Rotation.from_euler("x", 180, degrees=True))
     far = Cloud(second.xyz + 3.0, second.normal, second.sigma, second.view_start, second.view_index)
-    assert paint_in_common(first, far, (one, other), 0.01) == 0.0
+    assert colour_correlation(first, far, (one, other), 0.01) == 0.0
 
 
 def test_parts_alike_are_one_group_by_way_of_a_third() -> None:
     alike = np.zeros((4, 4))
     alike[2, 0], alike[3, 2] = 0.8, 0.7
-    assert groups_unmoved(alike).tolist() == [0, 1, 0, 0]
+    assert groups_in_place(alike).tolist() == [0, 1, 0, 0]

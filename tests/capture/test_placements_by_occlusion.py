@@ -3,7 +3,7 @@
 import numpy as np
 
 from massprops.capture.occlusion import Occlusion, Voxels
-from massprops.capture.set_down import set_down_anew
+from massprops.capture.placements_by_occlusion import divide_by_occlusion
 
 SIDE, VIEWS = 12, 24
 
@@ -30,11 +30,11 @@ HERE, THERE = (slice(1, 6), slice(1, 6)), (slice(5, 10), slice(4, 9))
 
 
 def test_an_object_that_stays_is_one_placement():
-    assert not set_down_anew(*scene(VIEWS * [HERE])).any()
+    assert not divide_by_occlusion(*scene(VIEWS * [HERE])).any()
 
 
 def test_an_object_set_down_anew_is_two():
-    label = set_down_anew(*scene(14 * [HERE] + 10 * [THERE]))
+    label = divide_by_occlusion(*scene(14 * [HERE] + 10 * [THERE]))
     assert label.tolist() == 14 * [0] + 10 * [1]
 
 
@@ -42,10 +42,10 @@ def test_a_long_pause_says_when_it_was_moved():
     grid, maps = scene(13 * [HERE] + 11 * [THERE])
     pause = np.where(np.arange(VIEWS - 1) == 12, 400, 10)
     taken = 10**9 * np.concatenate([[1], 1 + np.cumsum(pause)])
-    assert set_down_anew(grid, maps, taken).tolist() == 13 * [0] + 11 * [1]
+    assert divide_by_occlusion(grid, maps, taken).tolist() == 13 * [0] + 11 * [1]
 
 
 def test_a_pause_alone_divides_nothing():
     grid, maps = scene(VIEWS * [HERE])
     taken = 10**9 * np.concatenate([[1], 1 + np.cumsum(np.where(np.arange(VIEWS - 1) == 12, 400, 10))])
-    assert not set_down_anew(grid, maps, taken).any()
+    assert not divide_by_occlusion(grid, maps, taken).any()

@@ -1,0 +1,29 @@
+"""The images of earlier stages, as the stages after the reconstruction read them: without the distortion of the lens."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.core.inputs import read_image
+from massprops.run.job import Job
+from massprops.views import Views, undistort
+
+
+def undistorted_frame(job: Job, views: Views, i: int, flags: int = 1) -> np.ndarray:
+    """View i without its lens's distortion: (h, w, 3) uint8 BGR, or (h, w) grey with `flags` 0.
+
+    Raises:
+        OSError: the frame is missing or cannot be read.
+    """
+    image = read_image(job.work("capture") / "frames" / views.names[i], flags)
+    return undistort(image, views.K[i], views.distortion[i])
+
+
+def undistorted_mask(job: Job, views: Views, i: int) -> np.ndarray:
+    """(h, w) uint8 silhouette of view i without its lens's distortion: 255 object, 0 background, 128 not known.
+
+    Raises:
+        OSError: the silhouette is missing or cannot be read.
+    """
+    mask = read_image(job.work("silhouettes") / "masks" / f"{views.names[i]}.png", 0)
+    return undistort(mask, views.K[i], views.distortion[i], nearest=True)

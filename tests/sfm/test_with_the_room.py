@@ -1,0 +1,41 @@
+"""Where the object's own features hold too few images together, those of the room may."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from massprops.core.progress import silent
+from massprops.sfm import reconstruct
+from massprops.sfm.attempt import Attempt, SfmOptions
+from massprops.sfm.mapping import MappingOptions
+
+
+def attempts(monkeypatch: pytest.MonkeyPatch, contradicted: float) -> None:
+    """The object alone places 25 of 32 images, the room all."""
+
+    def attempt(
+        footage: Any, work: Path, options: Any, masked: bool, faint: bool = False, progress: Any = None
+    ) -> Attempt:
+        model: Any = SimpleNamespace(num_reg_images=lambda: 25 if masked else 32)
+        return Attempt(work, MappingOptions(masked=masked), [model], {}, lambda pairs: None, False, False, [])
+
+    monkeypatch.setattr(reconstruct, "attempt", attempt)
+    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: SimpleNamespace(share=contradicted))
+
+
+@pytest.mark.parametrize(
+    ("room_stood", "contradicted", "masked"), [(True, 0.0, False), (True, 0.2, True), (False, 0.0, True)]
+)
+def test_the_room_places_what_the_object_does_not(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, room_stood: bool, contradicted: float, masked: bool
+) -> None:
+    """But not where it turned with the camera, or against what the object shows."""
+    attempts(monkeypatch, contradicted)
+    footage: Any = SimpleNamespace(frames=range(32), mask_features=True, has_masks=True, room_stood=room_stood)
+    found = reconstruct._best(footage, tmp_path, SfmOptions(), silent)
+    assert found.mapping.masked is masked and found.registered == (25 if masked else 32)
+    assert any("surroundings" in line for line in found.warnings) is not masked
