@@ -19,13 +19,17 @@ def command(
     out: Annotated[Path | None, option(campaign, "out", "-o", "--out")] = D.out,
     scheduler: Annotated[str | None, option(campaign, "scheduler", metavar="ADDRESS")] = D.scheduler,
     workers: Annotated[int | None, option(campaign, "workers")] = D.workers,
-    only: Annotated[int | None, typer.Option(metavar="SEED", help="Make the runs of one seed again, alone.")] = None,
+    only: Annotated[
+        int | None, typer.Option(metavar="SEED", help="Repeat only the runs of this seed, and print them.")
+    ] = None,
     yes: Annotated[bool, option(campaign, "yes", "--yes")] = D.yes,
     force: Force = False,
-    json_output: Annotated[bool, typer.Option("--json", help="Print table.json on stdout and nothing else.")] = False,
+    json_output: Annotated[bool, typer.Option("--json", help="Print table.json to stdout and nothing else.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a grid or a random draw of seeded runs into a store that survives, then a table and a report.
+    """Run many seeded cases, from a grid or drawn at random, and summarise them in a table and a report.
+
+    Finished runs are stored at once, so that a stopped campaign continues where it was.
 
     Example: massprops campaign study.yaml -o runs/study --workers 4
     """
@@ -40,16 +44,16 @@ def command(
         alone(plan, only, out, scheduler, workers, json_output)
         return
     if out is None:
-        raise InputError("-o: give the campaign's folder, or --only SEED to make single runs again")
+        raise InputError("give -o FOLDER for the campaign, or --only SEED to repeat single runs")
     from massprops.campaigns.run import run_campaign
     from massprops.campaigns.text import text_of
 
     with RunProgress(quiet) as watch:
         outcome = run_campaign(plan, out, scheduler, workers, yes, watch, force)
     if len(outcome.versions) > 1:
-        warn("the runs of this folder were made with more than one version of the code")
+        warn("the runs in this folder were made with more than one version of massprops")
     say(json.dumps(outcome.document) if json_output else text_of(outcome.document))
     if not json_output:
         say(f"report: {outcome.folder / 'report.html'}")
     if outcome.document["failed"] == outcome.document["done"]:
-        raise NotPossible("every run failed: the errors are in the report and in runs.csv")
+        raise NotPossible("every run failed; the errors are in the report and in runs.csv")

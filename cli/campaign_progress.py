@@ -24,7 +24,7 @@ class RunProgress:
     def __init__(self, quiet: bool) -> None:
         self.quiet = quiet
         self.live = not quiet and sys.stderr.isatty()
-        self.said = -SAY_S
+        self.last_said = -SAY_S
         self.width = 0
 
     def __enter__(self) -> RunProgress:
@@ -41,8 +41,8 @@ class RunProgress:
         if self.live:
             print("\r" + line.ljust(self.width), end="", file=sys.stderr, flush=True)
             self.width = len(line)
-        elif time.monotonic() - self.said >= SAY_S or now.done == now.total:
-            self.said = time.monotonic()
+        elif time.monotonic() - self.last_said >= SAY_S or now.done == now.total:
+            self.last_said = time.monotonic()
             print(line, file=sys.stderr, flush=True)
 
 

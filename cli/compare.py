@@ -21,9 +21,9 @@ def command(
     free_scale: Annotated[bool | None, option(compare, "free_scale", "--free-scale/--fixed-scale")] = D.free_scale,
     cad_unit: Annotated[str, option(compare, "cad_unit")] = D.cad_unit,
     force: Force = False,
-    json_output: Annotated[bool, typer.Option("--json", help="Print compare.json on stdout and nothing else.")] = False,
+    json_output: Annotated[bool, typer.Option("--json", help="Print compare.json to stdout and nothing else.")] = False,
 ) -> None:
-    """Align with a CAD mesh, then measure surface distances and the errors of every mass property.
+    """Align a result with a CAD mesh, then measure the distances between the surfaces and the error of every quantity.
 
     Example: massprops compare runs/demo samples/spacecraft.stl -o runs/demo
     """
@@ -52,13 +52,13 @@ def comparison_table(document: dict[str, Any]) -> str:
     return "\n".join(lines + _distances(document))
 
 
-TITLES = {"mesh": "the mesh", "fused": "mesh and motion together"}
+TITLES = {"mesh": "from the mesh", "fused": "from mesh and motion together"}
 
 
 def _quantities(rows: list[dict[str, Any]], title: str) -> list[str]:
-    from massprops.exchange.compare import spoken
+    from massprops.exchange.compare import quantity_label
 
-    lines = [f"  {'quantity':<18}{'CAD':>13}{'ours':>13}{'error':>13}  {'unit':<8}{'90 % interval':<24}holds CAD"]
+    lines = [f"  {'quantity':<18}{'CAD':>13}{'ours':>13}{'error':>13}  {'unit':<8}{'90 % interval':<24}contains CAD"]
     lines.insert(0, f"{title}:")
     for row in rows:
         bounds, holds = row["interval_90"], {True: "yes", False: "NO", None: ""}[row["holds"]]
@@ -67,9 +67,11 @@ def _quantities(rows: list[dict[str, Any]], title: str) -> list[str]:
         numbers = f"{'':>26}" if angle else f"{row['cad']:>13.6g}{row['ours']:>13.6g}"
         unit = "" if angle else row["unit"].replace("1", "")
         lines.append(
-            f"  {spoken(row['quantity']):<18}{numbers}{row['error_text']:>13}  {unit:<8}{between:<24}{holds}".rstrip()
+            f"  {quantity_label(row['quantity']):<18}{numbers}{row['error_text']:>13}  {unit:<8}{between:<24}{holds}".rstrip()
         )
-    lines.append("  (centre of mass in % of the greatest length, I_xy, I_xz and I_yz in % of the mean moment)")
+    lines.append(
+        "  (errors of the centre of mass are in % of the greatest length, of I_xy, I_xz, I_yz in % of the mean moment)"
+    )
     return lines
 
 
@@ -80,6 +82,6 @@ def _distances(document: dict[str, Any]) -> list[str]:
     for key, name in names.items():
         cells = "".join(f"{1000 * d[s][key]:>13.4g}{100 * d[s][key] / d['length']:>9.3f} %" for s in ("ours", "cad"))
         lines.append(f"  {name:<24}{cells}")
-    lines.append(f"  greatest length of the CAD {d['length']:.6g} m; positive: ours lies outside")
+    lines.append(f"  greatest length of the CAD {d['length']:.6g} m; a positive distance means that ours lies outside")
     lines.append(f"  scale {'fitted' if document['free_scale'] else 'kept'}: {document['scale']:.6g}")
     return lines

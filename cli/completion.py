@@ -31,10 +31,10 @@ compdef _massprops_completion massprops""",
 
 
 def command(shell: Annotated[str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.")]) -> None:
-    """Print the script that completes commands, options and files; put it where your shell starts.
+    """Print a script that completes commands, options and files. Put it into a file that your shell reads at its start.
 
     Example: massprops completion bash >> ~/.bashrc
     """
     if shell not in SHELLS:
-        raise InputError(f"{shell}: no script for this shell: give one of {', '.join(SHELLS)}")
+        raise InputError(f"{shell}: there is no script for this shell; give one of {', '.join(SHELLS)}")
     say(SHELLS[shell])

@@ -21,11 +21,13 @@ def command(
     method: Annotated[list[str] | None, option(crosscheck, "method")] = D.method,
     force: Force = False,
     json_output: Annotated[
-        bool, typer.Option("--json", help="Print crosscheck.json on stdout and nothing else.")
+        bool, typer.Option("--json", help="Print crosscheck.json to stdout and nothing else.")
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Do mesh and motion agree on the inertia ratios and principal axes?
+    """Test whether mesh and motion agree on the inertia ratios and principal axes.
+
+    The result is stored in the run, and shown in its report.
 
     Example: massprops crosscheck runs/demo
     """
@@ -54,7 +56,7 @@ def verdict_line(folder: Path) -> str:
     """What the cross-check of a run came to, for the end of other commands."""
     path = folder / "crosscheck.json"
     if not path.is_file():
-        return f"shape against motion: not compared (massprops crosscheck {folder})"
+        return f"shape against motion: not compared; for that, type: massprops crosscheck {folder}"
     return f"shape against motion: {_verdict(json.loads(path.read_text()))}"
 
 
@@ -72,7 +74,7 @@ def crosscheck_table(document: dict[str, Any]) -> str:
         sigma = entry.get(f"sigma_{key}")
         return f"{entry[key]:.4f}" + (f" ±{sigma:.1g}" if sigma is not None else "")
 
-    lines = [f"  {'':<20}{'k1':>17}{'k2':>17}{'axes turned [deg]':>20}{'p':>9}{'us/step':>9}"]
+    lines = [f"  {'':<20}{'k1':>17}{'k2':>17}{'axes differ [deg]':>20}{'p':>9}{'us/step':>9}"]
     mesh = document["mesh"]
     lines.append(f"  {'mesh':<20}{value(mesh, 'k1'):>17}{value(mesh, 'k2'):>17}")
     for e in document["estimators"]:

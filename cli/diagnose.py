@@ -29,13 +29,13 @@ class Options:
         typer.Option(
             "--design",
             metavar="SCENARIO",
-            help="In place of SEQ_OR_RUN: which effects of which size a planned record ('tracks', or a YAML file as for "
-            "'simulate') could show and tell apart.",
+            help="Instead of SEQ_OR_RUN, a planned recording: 'tracks', or a YAML file as for 'simulate'. Tells which effects "
+            "of which size it could show and tell apart.",
         ),
     ] = None
     effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect
     force: Force = False
-    json_output: Annotated[bool, typer.Option("--json", help="Print diagnosis.json on stdout and nothing else.")] = (
+    json_output: Annotated[bool, typer.Option("--json", help="Print diagnosis.json to stdout and nothing else.")] = (
         False
     )
     quiet: Quiet = False
@@ -43,9 +43,9 @@ class Options:
 
 @takes(Options)
 def command(given: Options) -> int:
-    """Find where a free rigid body's motion and the measurements disagree, and name the missing effect.
+    """Find where a recorded motion departs from that of a free rigid body, and name the effect that is missing.
 
-    The result is printed; -o keeps it, with the model, the residuals and a report.
+    The result is printed. With -o it is also written to a folder, with the model, the residuals and a report.
 
     Example: massprops diagnose sequences/one -o diagnoses/one
 
@@ -54,7 +54,7 @@ def command(given: Options) -> int:
     from massprops.errors import InputError
 
     if (given.source is None) == (given.design is None):
-        raise InputError("give a sequence or run folder, or --design SCENARIO, and not both")
+        raise InputError("give either a sequence or run folder, or --design SCENARIO")
     if given.design is not None:
         return _design(given.design, given.out, given.effect or [], given.force, given.json_output)
     assert given.source is not None
@@ -125,7 +125,7 @@ def diagnosis_table(document: dict[str, Any]) -> str:
         rows.append(f"  {effect['name']}  (BIC {effect['delta_bic']:+.0f}, {held})")
         for name, value in effect["parameters"].items():
             if value is None:
-                rows.append(f"    {name:<14}{'not shown':>14}")
+                rows.append(f"    {name:<14}{'not measurable':>14}")
                 continue
             rows.append(f"    {name:<14}{value:>14.5g} ± {effect['sigma'][name]:<10.2g} {effect['units'][name]}")
     if "simulator" in document:
@@ -149,23 +149,27 @@ def _law_rows(law: dict[str, Any]) -> list[str]:
     """The law that was discovered, term by term."""
     if law["formula"] is None:
         return [f"  law       none: {law['because']}"]
-    rows = [f"  law       {law['formula']}" + ("" if law["stated"] else f"  (not stated: {law['because']})")]
+    rows = [f"  law       {law['formula']}" + ("" if law["stated"] else f"  (uncertain: {law['because']})")]
     for t in law["terms"]:
         rows.append(
             f"    {t['coefficient']:>12.4g} ± {t['sigma']:<9.2g} {t['unit']:<10} {t['term']}, probability {t['probability']:.2f}"
         )
     held = law["held_out"]
     if held["after"] is not None:
-        rows.append(f"    held out: {held['before']:.2f} of the noise without it, {held['after']:.2f} with it")
+        rows.append(
+            f"    held-out residuals: {held['before']:.2f} times the noise without the law, {held['after']:.2f} with it"
+        )
     return rows
 
 
 def _simulator_rows(box: dict[str, Any]) -> list[str]:
     """A user's simulator: what it leaves, and its parameters."""
-    rows = [f"  simulator {box['name']} leaves {box['fitted']:.2f} of the noise, held out {box['held_out']:.2f}"]
+    rows = [
+        f"  simulator {box['name']} leaves residuals of {box['fitted']:.2f} times the noise, {box['held_out']:.2f} in held-out data"
+    ]
     for name, value in box["parameters"].items():
         sigma = box["sigma"][name]
-        shown = "not shown" if sigma is None else f"± {sigma:.2g}"
+        shown = "not measurable" if sigma is None else f"± {sigma:.2g}"
         rows.append(f"    {name:<14}{value:>14.5g} {shown:<12} {box['units'][name]}")
     return rows
 
@@ -191,7 +195,7 @@ def design_table(document: dict[str, Any]) -> str:
     """Effects with the sizes from which they show, what each is taken for, and what would help."""
     rows = [
         f"  {document['epochs']} epochs over {document['seconds']:.4g} s, {document['measured']} ± {document['sigma']:.2g}",
-        f"  {'effect':<26}{'shows from':>12}  {'unit':<14}from how many times that told apart from all but",
+        f"  {'effect':<26}{'visible from':>12}  {'unit':<14}told apart from all others at this multiple, except from",
     ]
     for e in document["effects"]:
         shows = "never" if e["shows_from"] is None else f"{e['shows_from']:.2g}"
@@ -202,7 +206,7 @@ def design_table(document: dict[str, Any]) -> str:
     for h in document["would_help"]:
         if h["tells_apart"]:
             pairs = ", ".join(" from ".join(p) for p in h["tells_apart"][:6])
-            rows.append(f"  {h['change']} would tell {pairs}")
+            rows.append(f"  {h['change']} would tell apart {pairs}")
     for name, why in document["skipped"].items():
-        rows.append(f"  {name} not asked: {why}")
+        rows.append(f"  {name} left out: {why}")
     return "\n".join(rows)

@@ -10,7 +10,9 @@ from massprops_cli.terminal import say
 
 
 def command(json_output: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False) -> int:
-    """Check the installation; exit code 0 when everything is there, 2 otherwise.
+    """Check what is installed, and say what to type if something is missing.
+
+    The exit code is 0 if everything is there, else 2.
 
     Example: massprops doctor
     """

@@ -13,14 +13,18 @@ from massprops_cli.terminal import say, warn
 def command(
     effect: Annotated[
         list[Path] | None,
-        typer.Option("--effect", metavar="FILE", help="An effect file of your own, checked and listed too."),
+        typer.Option(
+            "--effect",
+            metavar="FILE",
+            help="A file with an effect of your own, to check and list as well; can be repeated.",
+        ),
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print the list as JSON and nothing else.")] = False,
 ) -> int:
-    """List every effect: its formula, its parameters with their units, what it needs.
+    """List the known effects: formula, parameters with units, and the data they need.
 
-    An effect is a Python file with NAME, SENTENCE, FORMULA, PARAMETERS, NEEDS and the functions by which it acts;
-    'simulate', 'estimate' and 'diagnose' take one with --effect.
+    An effect of your own is a Python file with NAME, SENTENCE, FORMULA, PARAMETERS, NEEDS and the functions by which it
+    acts. 'simulate', 'estimate' and 'diagnose' read it with --effect.
 
     Example: massprops effects --effect my_effect.py
     """
@@ -32,7 +36,7 @@ def command(
     with with_effects(effect or []):
         listed = [entry(module) for module in effects().values()]
     for name, why in refused().items():
-        warn(f"effect {name} of an installed package is left out: {why}")
+        warn(f"effect {name} of an installed package cannot be used: {why}")
     if json_output:
         say(json.dumps(listed))
     else:

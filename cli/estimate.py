@@ -23,13 +23,13 @@ def command(
     effect: Annotated[list[Path] | None, option(estimate, "effect", metavar="FILE")] = D.effect,
     force: Force = False,
     json_output: Annotated[
-        bool, typer.Option("--json", help="Print estimates.json on stdout and nothing else.")
+        bool, typer.Option("--json", help="Print estimates.json to stdout and nothing else.")
     ] = False,
     quiet: Quiet = False,
 ) -> int:
-    """Motion and inertia ratios from a sequence's tracks, attitudes or body rates, by every method that they allow.
+    """Estimate the motion and the inertia ratios from tracks, attitudes or body rates.
 
-    The result is printed; -o keeps it, with the histories and a report.
+    The result is printed. With -o it is also written to a folder, with all values over time and a report.
 
     Example: massprops estimate runs/demo --method smoother -o estimates/demo
     """
@@ -99,8 +99,8 @@ def estimate_table(document: dict[str, Any]) -> str:
     prior = document["prior"]
     if prior is not None:
         p = f", p = {prior['p_value']:.2g}" if prior["p_value"] is not None else ""
-        lines.append(f"  prior: {prior['verdict']}{p}; axes tied by {prior['frame']}")
+        lines.append(f"  prior: {prior['verdict']}{p}; axes from {prior['frame']}")
     for name, error in (document.get("against_truth") or {}).items():
-        said = ", ".join(f"{key} {value:.3g}" for key, value in error.items() if value is not None)
-        lines.append(f"  {name} against truth: {said}")
+        errors = ", ".join(f"{key} {value:.3g}" for key, value in error.items() if value is not None)
+        lines.append(f"  {name}, error against the truth: {errors}")
     return "\n".join(lines)

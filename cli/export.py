@@ -23,7 +23,7 @@ def command(
     force: Force = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print the written path as JSON.")] = False,
 ) -> None:
-    """Write mass properties for a simulator or a filter, or a run's cameras for another program.
+    """Write mass properties, or a run's cameras, in the format of another program.
 
     Example: massprops export runs/demo --to mjcf -o satellite.xml
     """

@@ -18,21 +18,21 @@ from massprops_cli.log import start_log, verbosity
 from massprops_cli.terminal import tell
 
 COMMANDS = {
-    "reconstruct": "From footage to mesh, volume, centre of mass and inertia.",
+    "reconstruct": "From a video or photographs to mesh, volume, centre of mass and inertia.",
     "estimate": "Motion and inertia ratios from tracks, attitudes or body rates.",
-    "crosscheck": "The mesh's inertia against every estimator on the same sequence.",
-    "diagnose": "Where simulation and measurement disagree, and which effect is missing.",
-    "effects": "The effects that can act, with parameters, needs and formula.",
-    "compare": "A run or mesh against a CAD mesh.",
-    "mass": "Mass properties, report and exports from a finished mesh.",
-    "export": "Files for a simulator, a filter, or programs that read cameras.",
-    "simulate": "A tumbling body with known truth, rendered or tracked.",
-    "campaign": "Many runs, on this machine or a cluster.",
-    "reproduce": "The tables of the five papers, ours beside theirs.",
-    "masks": "A run's silhouettes over its images, to mend and give back.",
-    "view": "The report in the browser.",
-    "doctor": "What is installed, what is missing, and what to type.",
-    "completion": "A script that lets your shell complete commands and options.",
+    "crosscheck": "Does the way the body moves agree with the mesh's inertia?",
+    "diagnose": "Find the effect that is missing in the model of a motion.",
+    "effects": "List the known effects, with formulas and parameters.",
+    "compare": "Compare a run or a mesh with a CAD mesh.",
+    "mass": "Mass properties of a finished mesh.",
+    "export": "Write files for simulators, filters and other programs.",
+    "simulate": "Make test data with known truth.",
+    "campaign": "Run many cases, on this machine or a cluster.",
+    "reproduce": "Repeat the tables of five papers, our numbers beside theirs.",
+    "masks": "Look at a run's silhouettes, correct them, give them back.",
+    "view": "Open a report, a list of runs, or a comparison in the browser.",
+    "doctor": "Check the installation.",
+    "completion": "Print a script for completion in your shell.",
 }
 
 
@@ -62,6 +62,13 @@ class Lazy(typer.core.TyperGroup):
         if args and args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
             ctx.fail(no_command(args[0]))
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Nothing is asked at the terminal: the end of a file is no interrupt, for which typer takes it."""
+        try:
+            return super().invoke(ctx)
+        except EOFError as error:
+            raise RuntimeError(f"end of file: {error}") from error
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         with formatter.section("Commands"):
@@ -100,9 +107,9 @@ def app() -> Any:
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
         context_settings=HELP_NAMES,
-        help="Mass properties of an object from a video of it, and from the way it moves.",
-        epilog="Every command: -h shows its options; -v says what is done, -vv also what the libraries say. "
-        "Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42",
+        help="Measure the mass properties of an object from a video of it, and from the way it moves.",
+        epilog="'massprops COMMAND -h' shows the options of a command. With -v, every command logs what it does; with -vv "
+        "in detail. Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42",
     )
 
     @group.callback(invoke_without_command=True)
@@ -199,26 +206,46 @@ def _run(arguments: list[str]) -> int:
     except BrokenPipeError:
         return 0
     except OSError as error:
+        if not error.errno and _out_of_address_space(error):
+            return 3
         _say(f"{error.filename or 'output'}: {error.strerror or error}{PLACES.get(error.errno or 0, '')}")
         return 2
-    except MemoryError:
-        _say("not enough memory for this input: give a smaller one")
+    except MemoryError as error:
+        if not _out_of_address_space(error):
+            _say("not enough memory for this input: give a smaller one")
         return 3
     except Exception as error:
+        if isinstance(error, ImportError) and _out_of_address_space(error):
+            return 3
         _say(
-            f"unexpected {type(error).__name__}: {_first_line(error)}: this is a bug of massprops; {_report(arguments)}"
+            f"unexpected {type(error).__name__}: {_first_line(error)}: this is a bug in massprops; {_report(arguments)}"
         )
         if os.environ.get("MASSPROPS_DEBUG"):
             raise
         return 3
 
 
+def _out_of_address_space(error: Exception) -> bool:
+    """Where address space is limited, says so: libraries that cannot be loaded then have many words for it."""
+    from massprops.core.processes import address_space_hint
+
+    hint = address_space_hint()
+    if hint:
+        _say(f"{_first_line(error) or 'not enough memory'}{hint}")
+    return bool(hint)
+
+
 def _check_text(argument: str) -> None:
-    """Refuses a name that is no UTF-8: native libraries cannot open it, and some crash over it."""
+    """Refuses a name that is no UTF-8: native libraries cannot open it, and some crash over it.
+
+    So is an empty one, which would stand for the current folder.
+    """
+    if not argument:
+        raise InputError("an argument is empty, as of a variable of the shell that is not set")
     try:
         argument.encode()
     except UnicodeEncodeError:
-        raise InputError(f"{argument}: the name is not UTF-8: rename it") from None
+        raise InputError(f"{argument}: the name is not UTF-8; rename it") from None
 
 
 def _first_line(error: Exception) -> str:
@@ -239,15 +266,17 @@ def _report(arguments: list[str]) -> str:
         with os.fdopen(handle, "w", errors="backslashreplace") as file:
             file.write(head + traceback.format_exc())
     except OSError:
-        return "please report it in the project's issue tracker, with what MASSPROPS_DEBUG=1 shows"
+        return "please report it in the project's issue tracker, with the output under MASSPROPS_DEBUG=1"
     return f"please report it in the project's issue tracker, with the file {name}"
 
 
 def _after_interrupt(arguments: list[str]) -> str:
     command, kept = arguments[0], any(a.startswith(("-o", "--out")) for a in arguments)
     if kept and command in ("reconstruct", "campaign", "reproduce") and "--only" not in arguments:
-        return "the same command continues where it stood"
-    return "the same command begins anew" + (" (with -o FOLDER it would continue)" if command == "reproduce" else "")
+        return "give the same command again to continue"
+    return "the same command will start from the beginning" + (
+        " (with -o FOLDER it continues)" if command == "reproduce" else ""
+    )
 
 
 def _say(text: str) -> None:

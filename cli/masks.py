@@ -20,12 +20,13 @@ def command(
     force: Annotated[bool, option(masks, "force", "--force")] = D.force,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     json_output: Annotated[
-        bool, typer.Option("--json", help="Print the list of images on stdout and nothing else.")
+        bool, typer.Option("--json", help="Print the list of images to stdout and nothing else.")
     ] = False,
 ) -> None:
-    """Write a run's silhouettes at the size of your images (NAME.png, as COLMAP names them) and a page that shows them.
+    """Write a run's silhouettes as images that you can correct, and a page that shows them.
 
-    Mend what is wrong in any editor, and give the folder back: massprops reconstruct IMAGES --masks FOLDER.
+    Each mask has the size of its image and is named as COLMAP names it, NAME.png. Correct what is wrong in any editor,
+    then give the folder back: massprops reconstruct IMAGES --masks FOLDER.
 
     Example: massprops masks runs/one -o one-masks --open
     """
@@ -40,7 +41,7 @@ def command(
         return
     used = [s for s in sheet.images if not s.left_out]
     known = sorted(s.iou for s in used if s.iou is not None)
-    say(f"{len(sheet.images)} masks in {sheet.folder}; {len(used)} images say what the shape is")
+    say(f"{len(sheet.images)} masks in {sheet.folder}; {len(used)} of them were used for the shape")
     if known:
         say(f"agreement with the mesh: median {known[len(known) // 2]:.3f}, worst {known[0]:.3f}")
     if show:

@@ -22,10 +22,10 @@ def command(
     scale_sigma: Annotated[float, option(mass_properties, "scale_sigma")] = D.scale_sigma,
     force: Force = False,
     json_output: Annotated[
-        bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")
+        bool, typer.Option("--json", help="Print massprops.json to stdout and nothing else.")
     ] = False,
 ) -> None:
-    """Volume, centre of mass and inertia of a mesh, with the same report and exports as a reconstruction.
+    """Volume, centre of mass and inertia of a finished mesh, with the same report and exports as a reconstruction.
 
     Example: massprops mass part.stl -o runs/part --density 2700 --scale 0.001
     """

@@ -13,8 +13,9 @@ import typer
 
 Given = TypeVar("Given")
 
-Force = Annotated[bool, typer.Option("--force", help="Replace files that this command did not write; never an input.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")]
+FORCE = "Replace files in the output folder that massprops did not write. Inputs are never replaced."
+Force = Annotated[bool, typer.Option("--force", help=FORCE)]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Do not show progress.")]
 
 
 def takes(options: Callable[..., Given]) -> Callable[[Callable[[Given], Any]], Callable[..., Any]]:

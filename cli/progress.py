@@ -25,7 +25,7 @@ class StageProgress:
         self.bar: Any = None
         self.stage, self.title, self.what = "", "", ""
         self.begun = self.entered = now()
-        self.said = -BEAT_S
+        self.last_said = -BEAT_S
         self.spent: dict[str, float] = {}
         self.earlier: list[dict[str, float]] = []
         self.run, self.over = run, threading.Event()
@@ -55,8 +55,7 @@ class StageProgress:
                 self.spent[self.stage] = self.now() - self.entered
             self.entered = self.now()
         self.stage, self.title = stage, f"[{number + 1}/{count}] {clean(stage)}"
-        part = f"{clean(what)} {done}/{total}".strip() if total > 1 else clean(what)
-        self.what = part
+        self.what = _part(clean(what), done, total)
         if self.bar is not None:
             if new:
                 self.task = self.bar.add_task(self.title, total=None, left="")
@@ -76,13 +75,13 @@ class StageProgress:
 
     def beat(self) -> None:
         """Says where the run is, when nothing has been said for a while."""
-        if self.stage and self.now() - self.said >= BEAT_S:
+        if self.stage and self.now() - self.last_said >= BEAT_S:
             self.tell(f"{self.title} {self.what}".rstrip() + self.left())
 
     def tell(self, text: str) -> None:
         """One line with the time since the start."""
-        self.said = self.now()
-        print(f"{self.said - self.begun:7.1f} s  {text}", file=sys.stderr, flush=True)
+        self.last_said = self.now()
+        print(f"{self.last_said - self.begun:7.1f} s  {text}", file=sys.stderr, flush=True)
 
     def _beat_on(self) -> None:
         while not self.over.wait(1.0):
@@ -102,3 +101,10 @@ class StageProgress:
             transient=False,
         )
         self.bar.start()
+
+
+def _part(what: str, done: int, total: int) -> str:
+    """How far a part of a stage is; of a finished one, that it is finished: what follows may report nothing of its own."""
+    if total <= 1:
+        return what
+    return f"{what} done".strip() if done >= total else f"{what} {done}/{total}".strip()

@@ -44,7 +44,7 @@ class Options:
     seed: Annotated[int, option(reconstruct, "seed")] = D.seed
     threads: Annotated[int, option(reconstruct, "threads")] = D.threads
     force: Force = False
-    json_output: Annotated[bool, typer.Option("--json", help="Print massprops.json on stdout and nothing else.")] = (
+    json_output: Annotated[bool, typer.Option("--json", help="Print massprops.json to stdout and nothing else.")] = (
         False
     )
     quiet: Quiet = False
@@ -52,7 +52,7 @@ class Options:
 
 @takes(Options)
 def command(given: Options) -> int:
-    """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
+    """Turn a video or photographs of an object into a mesh, its volume, centre of mass and inertia, with intervals.
 
     Example: massprops reconstruct video.mp4 -o runs/one --scale 0.42
 

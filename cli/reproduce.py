@@ -22,17 +22,19 @@ class Options:
     out: Annotated[Path | None, option(reproduce, "out", "-o", "--out")] = D.out
     runs: Annotated[int | None, option(reproduce, "runs")] = D.runs
     seed: Annotated[int, option(reproduce, "seed")] = D.seed
-    only: Annotated[int | None, typer.Option(metavar="SEED", help="Make the runs of one seed again, alone.")] = None
+    only: Annotated[
+        int | None, typer.Option(metavar="SEED", help="Repeat only the runs of this seed, and print them.")
+    ] = None
     scheduler: Annotated[str | None, option(reproduce, "scheduler", metavar="ADDRESS")] = D.scheduler
     workers: Annotated[int | None, option(reproduce, "workers")] = D.workers
     yes: Annotated[bool, option(reproduce, "yes", "--yes")] = D.yes
-    json_output: Annotated[bool, typer.Option("--json", help="Print the result on stdout and nothing else.")] = False
+    json_output: Annotated[bool, typer.Option("--json", help="Print the result to stdout and nothing else.")] = False
     quiet: Quiet = False
 
 
 @takes(Options)
 def command(given: Options) -> None:
-    """Run a paper's cases and print its tables, ours beside the paper's.
+    """Run the cases of a paper and print its tables, our numbers beside the paper's.
 
     Example: massprops reproduce pesce2017 C --runs 100 -o runs/pesce-c
     """

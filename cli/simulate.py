@@ -43,16 +43,16 @@ class Options:
     seed: Annotated[int, option(simulate, "seed")] = D.seed
     force: Force = False
     json_output: Annotated[
-        bool, typer.Option("--json", help="Print the folder as JSON on stdout and nothing else.")
+        bool, typer.Option("--json", help="Print the folder as JSON to stdout and nothing else.")
     ] = False
     quiet: Quiet = False
 
 
 @takes(Options)
 def command(given: Options) -> None:
-    """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
+    """Make test data with known truth: images of a tumbling body, or only the tracks of its points.
 
-    What is not given is the scenario's own.
+    Options that you do not give take the scenario's own values.
 
     Example: massprops simulate spacecraft -o sequences/one --frames 72 --size 640x480 --video
 

@@ -10,6 +10,6 @@ def main() -> None:
     try:
         from massprops_cli.main import main as begin
     except KeyboardInterrupt:
-        print("massprops: interrupted: nothing was begun", file=sys.stderr)
+        print("massprops: interrupted before anything was done", file=sys.stderr)
         sys.exit(130)
     begin()

@@ -11,7 +11,7 @@ def mass_table(document: dict[str, Any]) -> str:
     """How far to trust it, then a few lines: value, 90 % interval and unit of every quantity that the run claims."""
     document = as_recommended(document)
     metric = document["units"]["length"] == "m"
-    length, mass = ("m", "kg") if metric else ("unit", "model mass")
+    length = "m" if metric else "unit"
     interval = document.get("interval_90", {})
 
     def line(name: str, value: float, bounds: Any, unit: str) -> str:
@@ -22,26 +22,30 @@ def mass_table(document: dict[str, Any]) -> str:
     rows = [f"confidence {trust['level']}: {'; '.join(trust['because'])}"] if trust else []
     block = document.get("recommended") or {}
     if block.get("source") == "fused":
-        rows.append(f"values: {block['because']}")
+        rows.append(f"values {block['because']}")
     rows.append(f"  {'':<22}{'value':>14}  {'90 % interval':<28}unit")
     rows.append(line("volume", document["volume"], interval.get("volume"), f"{length}^3"))
-    rows.append(line("mass", document["mass"], interval.get("mass"), mass))
+    if metric:  # without a length neither mass nor moments mean anything
+        rows.append(line("mass", document["mass"], interval.get("mass"), "kg"))
     centre = interval.get("center_of_mass") or [None] * 3
     for axis, value, bounds in zip("xyz", document["center_of_mass"], centre, strict=True):
         rows.append(line(f"centre of mass {axis}", value, bounds, length))
-    for i, value in enumerate(document["principal_moments"]):
+    for i, value in enumerate(document["principal_moments"] if metric else []):
         bounds = (interval.get("principal_moments") or [None] * 3)[i]
-        rows.append(line(f"principal moment I{i + 1}", value, bounds, f"{mass} {length}^2"))
+        rows.append(line(f"principal moment I{i + 1}", value, bounds, "kg m^2"))
     for k, meaning in (("k1", "ln(I1/I2)"), ("k2", "ln(I2/I3)")):
         rows.append(line(f"{k} = {meaning}", document["inertia_ratios"][k], interval.get(k), ""))
     surface, scale = document["surface"], document["scale"]
     rows.append(f"  measured surface      {100 * (surface.get('observed_fraction') or 0):13.1f} %")
     if surface.get("inferred_fraction"):
-        rows.append(f"  closed at its support {100 * surface['inferred_fraction']:13.1f} %")
-    assumed = "  (assumed, as water: give --density)" if document.get("density_assumed") else ""
-    rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3{assumed}")
+        rows.append(f"  closed at the support {100 * surface['inferred_fraction']:13.1f} %")
+    assumed = "  (assumed: water; give --density)" if document.get("density_assumed") else ""
     if metric:
-        rows.append(f"  scale from {scale['source']}, one sigma {100 * (scale.get('relative_sigma') or 0):.2g} %")
+        rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3{assumed}")
+    if metric:
+        rows.append(f"  scale from {scale['source']}, 1-sigma error {100 * (scale.get('relative_sigma') or 0):.2g} %")
     else:
-        rows.append("  no scale given: model units (1 unit = the object's greatest length); only ratios are claimed")
+        rows.append(
+            "  no length given: values in model units (1 unit = the object's greatest length); only ratios are meaningful"
+        )
     return "\n".join(rows)

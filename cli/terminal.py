@@ -25,4 +25,4 @@ def tell(text: str) -> None:
 def warn_of_density(assumed: bool) -> None:
     """That nobody gave the density, where nobody did: mass and moments follow it."""
     if assumed:
-        warn("no --density given: 1000 kg/m^3, as water, is assumed, and mass and moments with it")
+        warn("no --density given: 1000 kg/m^3 (water) is assumed; mass and moments of inertia depend on it")

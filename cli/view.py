@@ -14,12 +14,12 @@ from massprops_cli.terminal import say
 
 def command(
     run: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Run folder; a folder of runs; or two runs to compare.")
+        list[Path], typer.Argument(metavar="RUN...", help="A run folder, a folder of runs, or two runs to compare.")
     ],
 ) -> None:
-    """Open a run's report in the browser; of a folder of runs a list, of two runs what differs.
+    """Open the report of a run in the browser, a list of all runs in a folder, or a comparison of two runs.
 
-    Where there is no browser, print the page's path.
+    If there is no browser, the path of the page is printed.
 
     Example: massprops view runs/demo
 
@@ -40,7 +40,7 @@ def _page(runs: list[Path]) -> Path:
         raise InputError(f"{len(runs)} folders: give one run, one folder of runs, or two runs to compare")
     for run in runs:
         if not run.is_dir():
-            raise InputError(f"{run}: no such folder: there is no report.html")
+            raise InputError(f"{run}: no such folder")
     if len(runs) == 1 and (runs[0] / "report.html").is_file():
         verify(runs[0], "report.html")
         return runs[0] / "report.html"
@@ -51,6 +51,6 @@ def _page(runs: list[Path]) -> Path:
     found = runs_in(runs[0])
     if not found:
         raise InputError(
-            f"{runs[0]}: no report.html in this folder, and no runs: make one first with 'massprops reconstruct'"
+            f"{runs[0]}: no report.html and no runs in this folder; make a run first with 'massprops reconstruct'"
         )
     return write_runs(runs[0], found)

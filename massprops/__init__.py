@@ -1,8 +1,8 @@
-"""Mass properties of an object from a video of it, and from the way it moves.
+"""Measure the mass properties of an object from a video of it, and from the way it moves.
 
-What the command line does, as functions: `reconstruct`, `estimate`, `crosscheck`, `diagnose`, `compare`, `export`,
-`simulate`, `mass_properties`, `masks`, `campaign`, `reproduce`; and `sequence_from_arrays` for your own tracks,
-attitudes or rates. Each imports what it needs when it is called, so that `import massprops` costs nothing.
+These functions do what the commands do: `reconstruct`, `estimate`, `crosscheck`, `diagnose`, `compare`, `export`,
+`simulate`, `mass_properties`, `masks`, `campaign`, `reproduce`. `sequence_from_arrays` takes your own tracks,
+attitudes or rates. `import massprops` is fast, because each function imports what it needs when it is called.
 """
 
 # pycolmap's extension exports its own zlib: the system's must be loaded before it, or the heap is corrupted.

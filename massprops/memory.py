@@ -1,4 +1,4 @@
-"""Memory that a request would take, refused before it is taken."""
+"""Checks that a request fits into memory before anything is computed."""
 
 from __future__ import annotations
 

@@ -1,15 +1,16 @@
-"""Native libraries that need a hand before they load."""
+"""Native libraries that need preparation before they load."""
 
 from __future__ import annotations
 
 import re
+import shutil
 import stat
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from massprops.core.processes import overheard
+from massprops.core.processes import captured_output
 from massprops.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
 
 
 def prepare_numba_cache() -> None:
-    """Gives numba a place for its compiled code where it would find none: a read-only install with no home to write to.
+    """Sets a folder for numba's compiled code if numba would find none: a read-only install without a writable home.
 
-    It would fail at the first function that it compiles, minutes into a run. The place is this user's alone, since
-    numba loads what it finds there; call this before numba is imported.
+    Without it numba fails at the first function that it compiles, minutes into a run. Only this user may write there,
+    since numba loads what it finds. Call this before numba is imported.
     """
     import os
     import tempfile
@@ -85,21 +86,21 @@ def load_open3d() -> ModuleType:
 
 
 def mesh_set(vertices: np.ndarray, faces: np.ndarray) -> pymeshlab.MeshSet:
-    """A mesh in MeshLab's hands: vertices (v, 3), faces (f, 3).
+    """A mesh as a MeshLab mesh set: vertices (v, 3), faces (f, 3).
 
-    What MeshLab prints of parts of its own that it cannot load, on standard output, is kept from there.
+    MeshLab prints on standard output which of its plug-ins it cannot load; this is captured.
 
     Raises:
         InputError: the part that meshes cannot be loaded; says what is missing, and what to type.
     """
     import numpy as np
 
-    with overheard() as said:
+    with captured_output() as printed:
         import pymeshlab
 
         made = pymeshlab.MeshSet(verbose=False)
     if not hasattr(made, "meshing_decimation_quadric_edge_collapse"):
-        why = re.search(r"lib[\w.+-]+\.so[\w.]*: cannot open shared object file", "".join(said))
+        why = re.search(r"lib[\w.+-]+\.so[\w.]*: cannot open shared object file", "".join(printed))
         reason = why[0] if why else "the part of it that meshes cannot be loaded"
         raise InputError(f"pymeshlab cannot be used: {reason}; {advice(reason)}")
     made.add_mesh(pymeshlab.Mesh(np.asarray(vertices, float), np.asarray(faces, np.int32)))
@@ -110,11 +111,23 @@ WITHOUT_PYCOLMAP = (
     "pycolmap is needed to reconstruct: type 'pip install pycolmap'; on Linux on arm64, for which there is no wheel, "
     "build COLMAP and its Python package from source"
 )
+COMPILERS = ("c++", "g++", "clang++")
 
 
-def has_pycolmap() -> bool:
-    """Whether pycolmap is installed; the look-up loads nothing."""
-    return find_spec("pycolmap") is not None
+def missing(package: str) -> str:
+    """What to do where a package that `reconstruct` needs is not installed, else nothing; the look-up loads nothing.
+
+    Args:
+        package: `pycolmap` or `PyMaxflow`.
+    """
+    if package == "pycolmap":
+        return "" if find_spec("pycolmap") is not None else WITHOUT_PYCOLMAP
+    if find_spec("maxflow") is not None:
+        return ""
+    build = "; it has no wheel for every Python, and then a C++ compiler builds it"
+    if not any(shutil.which(name) for name in COMPILERS):
+        build += ", which is not here: type 'sudo apt-get install g++' first"
+    return f"PyMaxflow is needed to reconstruct: type 'pip install PyMaxflow'{build}"
 
 
 PACKAGES = {

@@ -56,7 +56,8 @@ class Views:
     @property
     def centres(self) -> np.ndarray:
         """(n, 3) camera centres in the world."""
-        return -np.einsum("nij,ni->nj", self.R, self.t)
+        centres: np.ndarray = -np.einsum("nij,ni->nj", self.R, self.t)
+        return centres
 
     def take(self, index: np.ndarray) -> Views:
         """The views at `index` (integers or a mask)."""
@@ -118,4 +119,4 @@ def undistort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray, nearest:
         (w, h),
         cv2.CV_32FC1,
     )
-    return cv2.remap(image, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR)
+    return np.asarray(cv2.remap(image, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR))

@@ -1,6 +1,6 @@
 """Mass properties of a mesh
 
-A mesh in memory goes in, volume, centre of mass and inertia come out. The lines are the principal axes.
+The volume, centre of mass and inertia of a mesh in memory. The lines are the principal axes.
 """
 
 import numpy as np

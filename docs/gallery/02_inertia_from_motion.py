@@ -1,7 +1,7 @@
 """Inertia ratios from motion alone
 
-A free body's tumbling shows the ratios of its moments. Two filters find them as the images come in; the smoother, at the
-end, from all of them at once. Shaded: three sigmas that the filters state.
+A tumbling free body shows the ratios of its moments of inertia. Two filters estimate them while the images come in; the
+smoother uses all images at once, at the end. Shaded: three times the 1-sigma errors that the filters state.
 """
 
 from picture import BLUE, RED, SHORT, plt, save

@@ -1,7 +1,8 @@
 """The polhode
 
-The angular velocity of a free body, in its own axes, runs along a closed curve: where the ellipsoid of its energy meets
-that of its momentum. The curve's shape is given by the inertia ratios, and this is why motion shows them.
+The angular velocity of a free body, seen in the axes of the body, moves along a closed curve: the intersection of the
+ellipsoids of its energy and of its momentum. The inertia ratios determine the shape of this curve. That is why the motion
+shows them.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """A sequence from your own tracks
 
-Arrays of pixels, one row a time and one column a point, become a sequence that `estimate` and `diagnose` read. A point
-that is not seen is not a number. The second picture of the stereo pair lies along the first axis.
+Arrays of pixels, with one row per time and one column per point, become a sequence that `estimate` and `diagnose` can read.
+A point that is not seen is NaN. The first axis of the array distinguishes the two cameras of the stereo pair.
 """
 
 import numpy as np

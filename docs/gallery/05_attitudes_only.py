@@ -1,6 +1,6 @@
 """Inertia ratios from attitudes
 
-A star tracker, a motion capture system or structure from motion gives attitudes and no points. That is enough.
+A star tracker, a motion capture system or structure from motion gives attitudes but no points. Attitudes are enough.
 """
 
 import numpy as np

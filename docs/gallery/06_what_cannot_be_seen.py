@@ -1,7 +1,7 @@
 """A spin that shows nothing
 
-A body that spins about a principal axis does not wobble. Nothing in its motion depends on the inertia ratios, and no
-estimator may claim them. The same body, set spinning another way, shows both.
+A body that spins about a principal axis does not wobble. Its motion does not depend on the inertia ratios, so no estimator can
+determine them. The same body with a different spin shows both ratios.
 """
 
 from pathlib import Path

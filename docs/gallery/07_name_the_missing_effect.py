@@ -1,7 +1,7 @@
-"""Name what the model lacks
+"""Name the missing effect
 
-Something brakes the body. A free rigid body cannot follow the tracks; the diagnosis names the effect, with its size, and
-shows on data that no fit has seen that the gap closes.
+Something brakes the body, so the model of a free rigid body does not fit the tracks. The diagnosis names the effect and its
+size. With it, the model also fits data that no fit has seen.
 """
 
 from picture import BLUE, GREY, SHORT, plt, save

@@ -1,7 +1,7 @@
 """A log of a gyroscope
 
-Body rates alone, from a thing thrown by hand for a second and a half: enough for the inertia ratios. The diagnosis, by the
-balance of angular momentum, finds that nothing but free rotation is in the record.
+Body rates alone, from an object that was thrown by hand and flew for a second and a half, are enough for the inertia ratios.
+The diagnosis uses the balance of angular momentum and finds nothing except free rotation.
 """
 
 from pathlib import Path

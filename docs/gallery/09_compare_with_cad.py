@@ -1,7 +1,7 @@
-"""Compare a mesh with its CAD
+"""Compare a mesh with its CAD mesh
 
-Two meshes are laid on each other, then every mass property is compared, and the distance of the surfaces. Red lies
-outside, blue inside.
+Two meshes are aligned. Then every mass property is compared, and the distance between the surfaces is measured. Red is
+outside the CAD mesh, blue is inside.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """Into a simulator
 
-The mass properties of a mesh go into a MuJoCo model, which then tumbles as the body would: about its middle axis, which
-is unstable. The flips are Dzhanibekov's.
+The mass properties of a mesh are written to a MuJoCo model, which then tumbles as the body would. Its rotation about the
+middle axis is unstable, so it flips (the Dzhanibekov effect).
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Many runs at once
 
-How does the error of the inertia ratios grow with the noise of the tracks? A grid of noises, several seeds at each, one
-estimator. Runs that fail are rows with their reason.
+How does the error of the inertia ratios grow with the noise of the tracks? This campaign runs one estimator
+on a grid of noise levels, with several seeds each. Runs that fail become rows with the reason.
 """
 
 import numpy as np

@@ -1,6 +1,7 @@
-"""A paper's table, ours beside theirs
+"""The table of a paper
 
-The fast tumble of Pesce, Lavagna and Bevilacqua (2017): a stereo pair, an iterated Kalman filter. The dots are our runs.
+The fast tumble of Pesce, Lavagna and Bevilacqua (2017), with a stereo pair and an iterated Kalman filter. Our numbers are shown
+beside those of the paper; the dots are our runs.
 """
 
 from picture import BLUE, SHORT, plt, save

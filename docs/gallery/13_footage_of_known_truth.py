@@ -1,6 +1,6 @@
-"""Footage of known truth
+"""Footage with known truth
 
-An asteroid under one sun, rendered with the truth beside it: to try the tool before you film.
+An asteroid in sunlight, rendered together with the truth. Use it to try massprops before you film.
 """
 
 import numpy as np

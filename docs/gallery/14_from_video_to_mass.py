@@ -1,10 +1,10 @@
 """From a video to mass properties
 
-The whole way: frames of a tumbling body in memory, one known length, and out come a closed mesh and its mass properties
-with 90 % intervals. The truth is known here, so the errors are shown. Takes some minutes.
+From frames in memory and one known length to a closed mesh and its mass properties with 90 % intervals. The truth is known
+here, so the errors are printed. This takes some minutes.
 
-The numbers below are of the short form: 40 frames of 320x240 that show two thirds of a turn. The result says itself that
-such footage is not enough: its confidence is low, and one moment is half as large again as the truth.
+The numbers below are from the short form: 40 frames of 320x240 that show two thirds of a turn. Such footage is not enough, and
+the result says so: its confidence is low. One moment is half as large again as the truth.
 """
 
 import numpy as np

@@ -13,15 +13,15 @@ def pages() -> dict[str, str | bytes]:
     parts = [
         "# Command line",
         "",
-        "A command whose result is a folder needs `-o`: `reconstruct`, `mass`, `simulate`, `campaign`. The others print "
-        "their result, and keep it where `-o` is given. `-v` says what is done, `-vv` also what the libraries say.",
+        "`reconstruct`, `mass`, `simulate` and `campaign` write a folder, so they need `-o`. The other commands print their "
+        "result, and also store it if you give `-o`. With `-v` a command logs what it does, with `-vv` in detail.",
         "",
         "| exit code | |",
         "|---|---|",
         "| 0 | done |",
-        "| 2 | the input or an option is wrong; one line says what to do |",
-        "| 3 | done in part, or not possible from this data; the reason is in `report.json`, what was computed is kept |",
-        "| 130 | interrupted; the same command continues a run or a campaign |",
+        "| 2 | the input or an option is wrong; one line tells what to do |",
+        "| 3 | done in part, or not possible from this data; the reason is in `report.json`, and finished results are kept |",
+        "| 130 | interrupted; to continue a run or a campaign, give the same command again |",
         "",
     ]
     for name in COMMANDS:

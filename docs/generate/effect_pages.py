@@ -30,9 +30,9 @@ def overview() -> str:
     lines = [
         "# Effects",
         "",
-        "What can act on a free body, or on the sensors that watch it. `massprops simulate --effects NAME:PIXELS` "
-        "switches one on; `massprops diagnose` finds it. These pages are made from the effects' files. "
-        "[An effect of your own](../effects.md) is such a file too.",
+        "These effects can act on a free body, or on the sensors that watch it. `massprops simulate --effects NAME:PIXELS` "
+        "switches one on, and `massprops diagnose` finds it. The pages are generated from the files of the effects. "
+        "[Your own effects](../effects.md) are such files too.",
         "",
         "| effect | acts on | |",
         "|---|---|---|",
@@ -46,7 +46,7 @@ def overview() -> str:
 
 def page(name: str, effect) -> str:
     rows = "\n".join(f"| `{q.name}` | {q.unit or '–'} | {q.kind} |" for q in effect.PARAMETERS)
-    needs = ", ".join(effect.NEEDS) or "nothing beside the motion"
+    needs = ", ".join(effect.NEEDS) or "nothing except the motion"
     acts = "the body's motion" if changes_motion(effect) else "what the sensors measure"
     return f"""# {name}
 
@@ -62,9 +62,9 @@ It acts on {acts}. It needs: {needs}.
 
 ![What {name} does]({name}.svg)
 
-Above: how far the effect moves the tracks, root mean square over the points at each epoch, for a tumbling body 9 m away,
-seen by two cameras with a focal length of 1000 px. Its size was chosen so that it moves them by {PIXELS} px over all.
-Below: the true angular velocity with it (lines) and without (dots).
+Above: how far the effect moves the tracks (root mean square over the points at each epoch), for a tumbling body 9 m away, seen
+by two cameras with a focal length of 1000 px. The size of the effect was chosen so that the overall value is {PIXELS} px.
+Below: the true angular velocity with the effect (lines) and without it (dots).
 
     massprops simulate tracks -o seq --effects {name}:{PIXELS}
     massprops diagnose seq -o diagnosis

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import sys
+from pathlib import Path
 from typing import Any, get_type_hints
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from result_files import text
 
 from massprops.documents.body import BodyFile
 from massprops.documents.campaign import CampaignFile
@@ -20,24 +26,28 @@ from massprops.documents.tables import CONVERTED, TABLES, Table
 from massprops.simulation.scenario import Scenario
 from massprops.simulation.track_scenario import TrackScenario
 
-HEAD = f"""# Files that are read and written
+HEAD = f"""# Files and fields
 
-Made from the schemas in `massprops/documents` by `python docs/generate/file_schemas.py`; a test holds it current.
-A key without a default must be given. An unknown key is refused, with the nearest known one; in `sensor.yaml`, which
-other programs write too, it is left unread with a warning unless it is nearly a known one.
+This page is generated from the schemas in `massprops/documents`, which also check the files, by `python
+docs/generate/file_schemas.py`.
 
-YAML and JSON have at most {LARGEST_BYTES // 1_000_000} MB, {MOST_VALUES} values with every alias written out, and
-{DEEPEST} levels. Whole numbers have 64 bits. Dates are text; tags are refused; a name given twice is refused.
+A key without a default must be given. An unknown key is an error, and the message names the nearest known key. The exception is
+`sensor.yaml`, which other programs write as well: there an unknown key is ignored with a warning, unless it looks like a
+misspelt one.
 
-Tables are CSV in UTF-8, with or without a byte-order mark; cells are parted by commas, or by semicolons or tabs. The
-first line, after `#`, names the columns in any order, with units in brackets. Without that line, order and units are
-those below. Further columns are not read. A unit that is not known is refused; these are converted:
+YAML and JSON files may have at most {LARGEST_BYTES // 1_000_000} MB, {MOST_VALUES} values (counting every alias) and {DEEPEST}
+levels. Integers have 64 bits. Dates are read as text. Tags, and names that occur twice, are errors.
+
+Tables are CSV files in UTF-8, with or without a byte-order mark, separated by commas, semicolons or tabs. The first line, after
+`#`, names the columns in any order, with units in brackets. Without that line, order and units must be those below. Other
+columns are ignored. An unknown unit is an error. These units are converted:
 """
 
 
 def page() -> str:
     """`docs/files.md`."""
     parts = [HEAD, *(f"- `{unit}`: {', '.join(f'`{u}`' for u in known)}" for unit, known in CONVERTED.items())]
+    parts += ["\n" + text()]
     parts += ["\n## Tables of a sequence", *map(_table, TABLES)]
     sequence: tuple[tuple[str, Any], ...] = (
         ("camN/sensor.yaml", CameraFile), ("range0/sensor.yaml", RangeFile), ("imu0/sensor.yaml", GyroscopeFile),

@@ -40,8 +40,8 @@ def overview() -> str:
     lines = [
         "# Gallery",
         "",
-        "Scripts that run as they stand. `make gallery` runs them all and makes these pictures again; "
-        "`make gallery SHORT=1` runs them in a short form.",
+        "Scripts that run as they are. `make gallery` runs all of them and makes these pictures; "
+        "`make gallery SHORT=1` runs a short form of each.",
         "",
     ]
     for path in scripts():

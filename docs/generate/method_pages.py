@@ -35,9 +35,9 @@ def overview(found, facts) -> str:
     lines = [
         "# Estimators",
         "",
-        "Each reads the inertia ratios and the motion from what was seen of a free body. `massprops estimate SEQ` runs "
-        "all that the data allow; `--method NAME` one. The smoother is the reference: it uses all data at once. The "
-        "others are the papers' filters, mended where their text needed it. The pages are made from their files.",
+        "Each estimator computes the inertia ratios and the motion from measurements of a free body. `massprops estimate "
+        "SEQ` runs all that the data allow, `--method NAME` runs one. The smoother is the reference: it uses all data at "
+        "once. The others are the filters of the papers, corrected where necessary. The pages are generated from their files.",
         "",
         f"On one simulated recording (240 stereo frames, k1 = {facts['k1']:.4f}, k2 = {facts['k2']:.4f}):",
         "",
@@ -60,7 +60,7 @@ def page(name: str, method, one, facts) -> str:
     for key in REFERENCES:
         if re.search(key, f"{head[0]} {sentence(method)} {more}"):
             said += [
-                f"After {REFERENCES[key].authors}, *{REFERENCES[key].title}*: see [the papers](../papers.md#{key}).",
+                f"Based on {REFERENCES[key].authors}, *{REFERENCES[key].title}*: see [the papers](../papers.md#{key}).",
                 "",
             ]
     if one is not None and one.k1 is not None:
@@ -75,7 +75,7 @@ def page(name: str, method, one, facts) -> str:
         said += [
             f"![Its angular velocity against the truth]({name}.svg)",
             "",
-            "Error of the length of the angular velocity. Shaded: three sigmas that the estimator states, all axes together.",
+            "Error of the magnitude of the angular velocity. Shaded: three times the stated 1-sigma error, all axes together.",
             "",
         ]
     return "\n".join(said)

@@ -11,7 +11,7 @@ from massprops.campaigns.papers._references import REFERENCES, Reference
 def _doi(reference: Reference) -> str:
     if not reference.doi:
         return ""
-    unseen = "" if reference.doi_seen else " (from citations; it does not stand on the text that we worked from)"
+    unseen = "" if reference.doi_seen else " (taken from a citation; the publisher's page could not be checked)"
     return f" DOI [{reference.doi}](https://doi.org/{reference.doi}){unseen}."
 
 
@@ -19,7 +19,7 @@ def pages() -> dict[str, str | bytes]:
     parts = [
         "# The papers",
         "",
-        "`massprops reproduce PAPER CASE` runs a case and prints ours beside the paper's. What came out is in "
+        "`massprops reproduce PAPER CASE` runs a case and prints our numbers beside those of the paper. The results are in "
         "[accuracy and limits](accuracy.md#the-papers).",
         "",
     ]

@@ -25,9 +25,9 @@ def pages() -> dict[str, str | bytes]:
     parts = [
         "# Python",
         "",
-        "What the command line does, as functions of `massprops`, with the same options and defaults. They take files "
-        "or arrays; without `out` nothing is left on disk. Errors are `massprops.InputError` (the input is wrong) and "
-        "`massprops.NotPossible` (the data cannot give it).",
+        "The functions of `massprops` do what the commands do, with the same options and defaults. They take files or "
+        "arrays. Without `out`, nothing stays on disk. Errors are `massprops.InputError` (the input is wrong) and "
+        "`massprops.NotPossible` (the data cannot give the result).",
         "",
     ]
     for name in dict.fromkeys((*FIRST, *massprops.__all__)):

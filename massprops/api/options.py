@@ -140,4 +140,4 @@ def filled(verb: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, An
 
 
 def _text(annotation: Any) -> str:
-    return getattr(annotation, "__forward_arg__", annotation)
+    return str(getattr(annotation, "__forward_arg__", annotation))

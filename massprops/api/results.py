@@ -1,4 +1,4 @@
-"""What the functions of the package give: a few attributes that people want, a short line at the prompt, a report."""
+"""The results of the functions: a few attributes that people want, a short line at the prompt, a report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Kept:
-    """A folder that is there as long as this object: the caller's own, or one that goes away with it."""
+    """A folder that exists as long as this object: the caller's own, or a temporary one."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self.spare = None if folder is not None else tempfile.TemporaryDirectory(prefix="massprops-")
@@ -43,13 +43,13 @@ class _Reported(Shown):
     write: Callable[[Path], Any]
 
     def report(self) -> Path:
-        """The page of this result; without a folder of yours it goes away with this object."""
+        """The path of the report of this result. If you gave no folder, it is removed together with this object."""
         if self.folder is not None:
             return self.folder / "report.html"
-        return self._spare / "report.html"
+        return self._temporary_folder / "report.html"
 
     @cached_property
-    def _spare(self) -> Path:
+    def _temporary_folder(self) -> Path:
         kept = Kept()
         self.__dict__["_kept"] = kept
         self.write(kept.folder / "result")
@@ -81,10 +81,10 @@ class Solid(Measured):
 
 @dataclass(frozen=True, repr=False)
 class Estimates(_Reported, Sequence["Estimate"]):
-    """One `Estimate` of each method that ran, by place or by name; `k1`, `k2` and `interval` are the best one's.
+    """One `Estimate` per method that ran, by index or by name. `k1`, `k2` and `interval` are those of the best one.
 
     Attributes:
-        outcome: with what was skipped and the judgement of the prior.
+        outcome: also contains which methods were skipped, and the verdict on the prior.
         folder: with `estimates.json`, None where none was given.
         write: writes them into a folder.
     """
@@ -110,18 +110,18 @@ class Estimates(_Reported, Sequence["Estimate"]):
 
     @property
     def best(self) -> Estimate | None:
-        """The smoother where it is sound, else the first sound one; None where none is."""
+        """The smoother if it is reliable, else the first method that is; None if none is."""
         sound = self.outcome.sound
         return next((e for e in sound if e.name == "smoother"), sound[0] if sound else None)
 
     @property
     def verdict(self) -> str:
-        """`observable`, or `unobservable` where no method gives the ratios; see `reason`."""
+        """`observable`, or `unobservable` if no method gives the ratios; see `reason`."""
         return "observable" if self.best is not None else "unobservable"
 
     @property
     def reason(self) -> str:
-        """Why no method gives the ratios; empty where one does."""
+        """Why no method gives the ratios; empty if one does."""
         return self.outcome.reason
 
     @property
@@ -141,7 +141,7 @@ class Estimates(_Reported, Sequence["Estimate"]):
 
     @property
     def inertia(self) -> np.ndarray | None:
-        """(3, 3) in body axes, trace 1: the motion shows no scale."""
+        """(3, 3) in body axes, with trace 1 because the motion shows no scale."""
         return None if self.best is None else self.best.inertia
 
     def facts(self) -> dict[str, str]:
@@ -153,7 +153,7 @@ class Estimates(_Reported, Sequence["Estimate"]):
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(_Reported):
-    """Which effect the model lacks.
+    """Which effect is missing in the model.
 
     Attributes:
         document: as `diagnosis.json`.
@@ -179,12 +179,12 @@ class Diagnosis(_Reported):
 
     @property
     def effects(self) -> dict[str, dict[str, float | None]]:
-        """Parameters of each effect named, by its name; None where the data do not show one."""
+        """Parameters of each named effect, by its name; None if the data do not show a parameter."""
         return {e["name"]: e.get("parameters", {}) for e in self.document["effects"]}
 
     @property
     def gap(self) -> dict[str, dict[str, float | None]]:
-        """Residuals over the noise, `before` and `after`, of the fitted and the held-out data."""
+        """Residuals divided by the noise, `before` and `after`, of the fitted and the held-out data."""
         return {part: self.document["gap"][part] for part in ("fitted", "held_out")}
 
     def facts(self) -> dict[str, str]:
@@ -201,7 +201,7 @@ class Campaign(Shown):
 
     Attributes:
         table: as `table.json`: percentiles of every column at every point.
-        rows: one dict a run: what the grid set, `seed`, its columns, `error`.
+        rows: one dict per run: the values from the grid, `seed`, the columns, `error`.
         kept: the folder.
     """
 
@@ -211,11 +211,11 @@ class Campaign(Shown):
 
     @property
     def folder(self) -> Path:
-        """The campaign's folder; one that was not given goes away with this object."""
+        """The folder of the campaign. If you gave none, it is removed together with this object."""
         return self.kept.folder
 
     def column(self, name: str) -> np.ndarray:
-        """(runs,) one column, not a number where a run has none."""
+        """(runs,) one column, NaN if a run has no value."""
         import numpy as np
 
         if not any(name in row for row in self.rows):
@@ -247,7 +247,7 @@ class Campaign(Shown):
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Shown, os.PathLike[str]):
-    """A sequence of known truth; the other functions take it in place of a folder.
+    """A sequence with known truth; the other functions accept it instead of a folder.
 
     Attributes:
         kept: the folder.
@@ -260,7 +260,7 @@ class Simulation(Shown, os.PathLike[str]):
 
     @property
     def folder(self) -> Path:
-        """The sequence folder; one that was not given goes away with this object."""
+        """The sequence folder. If you gave none, it is removed together with this object."""
         return self.kept.folder
 
     @cached_property
@@ -281,7 +281,7 @@ class Simulation(Shown, os.PathLike[str]):
 
     @cached_property
     def frames(self) -> np.ndarray:
-        """(n, h, w) uint8 images of the first camera; (0, 0, 0) of tracks alone."""
+        """(n, h, w) uint8 images of the first camera; (0, 0, 0) if there are only tracks."""
         import numpy as np
         from PIL import Image
 

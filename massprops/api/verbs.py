@@ -1,8 +1,8 @@
-"""What massprops does, as functions. Options have the names and defaults of the command line, which takes them from here.
+"""What massprops does, as functions. The command line takes its option names, defaults and help texts from here.
 
-A source is a path or what such a function gave; where it says so, arrays. `out` is a folder to keep the result in;
-without it nothing is left on disk. `force` lets files in `out` be replaced that massprops did not write. `progress` is
-told `(what, done, total)`.
+A source is a path, the result of another of these functions, or arrays where the docstring says so. `out` is a folder
+for the results; without it, nothing stays on disk. `force` allows replacing files in `out` that massprops did not
+write. `progress` is a function that is called as `progress(what, done, total)`.
 """
 
 from __future__ import annotations
@@ -44,36 +44,40 @@ if TYPE_CHECKING:
 def reconstruct(
     source: Place | Sequence[Place] | np.ndarray, out: Place | None = None, **options: Unpack[ReconstructOptions]
 ) -> Run:
-    """Mesh, volume, centre of mass and inertia, each with its interval, from a video or photographs of an object.
+    """Turn a video or photographs of an object into a mesh, its volume, centre of mass and inertia, with intervals.
 
     Args:
-        source: video, folder of images, or sequence folder; several: placements of one object, turned over between.
-            In Python also: frames in memory, (n, h, w) grey or (n, h, w, 3) red, green, blue, uint8, in the order of time.
-        out: run folder; the same command continues an interrupted run.
-        motion: how it was filmed: auto, tumbling (body moves, camera still) or static (camera moves).
-        masks: silhouettes in COLMAP's naming: IMAGE.jpg.png, black excluded.
-        object: a pixel of the object as "X,Y" of the first image used, or "FILE:X,Y"; may be several.
-        box: a rectangle in which the object lies, "X0,Y0,X1,Y1" of the first image used, or "FILE:X0,Y0,X1,Y1".
-        keep_support: a stand, foam or mat below the object belongs to it.
-        frames: most frames used per camera.
-        max_size: longer side to which images are reduced [px].
-        focal: focal length of the source images, when known [px].
-        mapper: way to place the images: incremental or global.
-        sparse: existing COLMAP model to use in place of our own.
-        dense_views: most reference views of the dense stereo; 0: chosen.
-        density: constant density [kg/m^3]; not given: 1000, as water, and said so.
-        scale: the object's greatest length, from tip to tip [m]; not given: it is the unit, and only ratios are claimed.
-        scale_sigma: relative 1-sigma of a given length.
-        distance: distance between two points, each "x,y,z" in model units or a picked name, and the metres.
-        marker: ArUco DICTIONARY:SIDE_METRES or ChArUco DICTIONARY:COLSxROWS:SQUARE_METRES in view.
-        seed: of every random draw.
-        threads: processor threads; 0: all.
-        force: replace files that this command did not write; never an input.
-        rate_hz: frames a second, of frames in memory.
-        progress: told of each stage.
+        source: a video, a folder of images, or a sequence folder. If you turned the object over between two takes, give
+            one folder or video for each. In Python also: frames in memory in the order they were taken, uint8,
+            (n, h, w) grey or (n, h, w, 3) red, green, blue.
+        out: folder for the results (the run folder). To continue an interrupted run, give the same command again.
+        motion: how it was filmed: 'tumbling' (the body moves, the camera is still), 'static' (the camera moves), or
+            'auto' to find out.
+        masks: folder of silhouettes named as COLMAP names them (IMAGE.jpg.png); black pixels are not the object.
+        object: a pixel on the object, as "X,Y" in the first image used or "FILE:X,Y" in another; can be repeated.
+        box: a rectangle around the object, as "X0,Y0,X1,Y1" in the first image used or "FILE:X0,Y0,X1,Y1" in another;
+            can be repeated.
+        keep_support: count a stand, foam or mat under the object as part of it.
+        frames: use at most this many frames per camera.
+        max_size: reduce images so that the longer side has at most this many pixels.
+        focal: focal length of the source images, if you know it [px].
+        mapper: how the camera positions are computed: incremental or global.
+        sparse: use this existing COLMAP model instead of computing camera positions.
+        dense_views: use at most this many reference views for dense stereo; 0 means automatic.
+        density: constant density [kg/m^3]. If not given, 1000 (water) is assumed, and the result says so.
+        scale: greatest length of the object, from tip to tip [m]. If no length is known, only ratios can be measured.
+        scale_sigma: relative 1-sigma error of the given length; 0.01 is 1 %.
+        distance: a known distance: two points, each "x,y,z" in model units or the name of a picked point, and the
+            metres between them.
+        marker: a printed marker in view: ArUco DICTIONARY:SIDE_METRES, ChArUco DICTIONARY:COLSxROWS:SQUARE_METRES.
+        seed: seed of all random draws.
+        threads: number of processor threads; 0 means all.
+        force: replace files in the output folder that massprops did not write. Inputs are never replaced.
+        rate_hz: frames per second, for frames in memory.
+        progress: called for each stage.
 
     Returns:
-        the run. Where the data did not give everything its `exit_code` is 3 and `reason` says why.
+        the run. If the data could not give everything, its `exit_code` is 3 and `reason` says why.
 
     Raises:
         InputError: the input or an option is wrong.
@@ -111,16 +115,16 @@ def mass_properties(
     """Volume, centre of mass and inertia of a finished mesh.
 
     Args:
-        mesh: closed mesh: STL, OBJ, PLY, GLB or OFF. Small defects are repaired with a warning. In Python also: a
+        mesh: a closed mesh: STL, OBJ, PLY, GLB or OFF. Small defects are repaired, with a warning. In Python also: a
             `trimesh.Trimesh`.
-        out: run folder, with the same report and exports as a reconstruction.
-        density: constant density [kg/m^3]; not given: 1000, as water, and said so.
-        scale: metres per unit of the file; 0.001 for millimetres.
-        scale_sigma: relative 1-sigma of the scale.
-        force: replace files and results that this command did not write; never the mesh.
+        out: run folder for the results; it has the same report and exports as that of a reconstruction.
+        density: constant density [kg/m^3]. If not given, 1000 (water) is assumed, and the result says so.
+        scale: metres per unit of the file; 0.001 if it is in millimetres.
+        scale_sigma: relative 1-sigma error of the scale; 0.01 is 1 %.
+        force: replace files in the output folder that massprops did not write. The mesh is never replaced.
 
     Raises:
-        InputError: not a closed body, or a value out of range.
+        InputError: the mesh is not a closed body, or a value is out of range.
 
     Example:
         >>> import trimesh
@@ -142,15 +146,15 @@ def mass_properties(
 
 
 def masks(run: Place | Run, out: Place | None = None, *, force: bool = False) -> Sheet:
-    """A run's silhouettes at the size of the images, as files to mend and give back, and a page that shows them.
+    """Write a run's silhouettes as image files that you can correct and give back, and a page that shows them.
 
     Args:
         run: run folder.
-        out: folder for the masks and the page; default: RUN-masks.
-        force: replace masks that were mended there, and files of others.
+        out: folder for the masks and the page. If not given, RUN-masks.
+        force: replace masks that you have changed there, and files that massprops did not write.
 
     Raises:
-        InputError: no silhouettes in the run, or the folder holds something else.
+        InputError: the run has no silhouettes, or the folder holds something else.
     """
     from massprops.api.sources import as_path
     from massprops.run.masks import masks as write_masks
@@ -169,22 +173,22 @@ def estimate(
     force: bool = False,
     progress: Progress | None = None,
 ) -> Estimates:
-    """Motion and inertia ratios of a recording by several estimators.
+    """Estimate the motion and the inertia ratios from a recording, with several methods.
 
     Args:
-        source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
-        out: folder for estimates.json, CSVs and report.html.
-        method: estimator, may be several: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, momentum-ls, principal-axis-ekf;
-            or all, which is the default.
-        prior: what 'export --to filter' wrote.
-        model: what 'diagnose' wrote; for the smoother.
-        effect: an effect file of your own; may be several.
-        force: replace files that this command did not write; never an input.
-        progress: told of each method.
+        source: sequence folder or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
+        out: folder for estimates.json, the CSV files and report.html.
+        method: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, momentum-ls or principal-axis-ekf; can be repeated. If not
+            given, all that the data allow.
+        prior: a file that 'export --to filter' wrote: mass properties to start from.
+        model: a model.yaml that 'diagnose' wrote; the smoother uses its effects.
+        effect: a file with an effect of your own; can be repeated.
+        force: replace files in the output folder that massprops did not write. Inputs are never replaced.
+        progress: called for each method.
 
     Raises:
-        InputError: unknown method, unreadable recording or prior.
-        NotPossible: a method asked for by name needs what the recording lacks.
+        InputError: a method is unknown, or the recording or the prior cannot be read.
+        NotPossible: a method named here needs data that the recording does not have.
 
     Example:
         >>> seen = massprops.simulate("tracks", frames=120, seed=3)
@@ -222,17 +226,17 @@ def crosscheck(
     force: bool = False,
     progress: Progress | None = None,
 ) -> CrossCheck:
-    """Do mesh and motion agree on the inertia ratios and principal axes? Writes `crosscheck.json` into the run.
+    """Test whether mesh and motion agree on inertia ratios and principal axes; writes `crosscheck.json` into the run.
 
     Args:
         run: run folder of `reconstruct`.
-        sequence: another sequence of the same footage.
-        method: estimator, may be several; or all, which is the default.
-        force: replace files that this command did not write; never an input.
-        progress: told of each estimator.
+        sequence: use this sequence of the same footage instead of the run's own.
+        method: an estimator; can be repeated. If not given, all that the data allow.
+        force: replace files in the run folder that massprops did not write. Inputs are never replaced.
+        progress: called for each estimator.
 
     Raises:
-        InputError: no mass properties in the run, or a sequence that cannot be read.
+        InputError: the run has no mass properties, or a sequence cannot be read.
 
     Example:
         >>> massprops.crosscheck("runs/demo").verdict  # doctest: +SKIP
@@ -258,20 +262,20 @@ def diagnose(
     force: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Find where a free rigid body's motion and the measurements disagree, and name the missing effect.
+    """Find where a recorded motion departs from that of a free rigid body, and name the effect that is missing.
 
     Args:
-        source: sequence folder, or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
+        source: sequence folder or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
-        more: further records of the same body: they share its inertia.
-        discover: look for a law of what is in no catalogue too: its formula, law.py, law.yaml.
-        simulator: your own simulator, 'module:function' or 'FILE.py:function', fitted to the record as a black box.
-        effect: an effect file of your own; may be several.
-        force: replace files that this command did not write; never an input.
-        progress: told of each step.
+        more: further records of the same body; they share its inertia.
+        discover: if no known effect fits, search for a formula; writes law.py and law.yaml.
+        simulator: your own simulator, as 'module:function' or 'FILE.py:function'; it is fitted to the record.
+        effect: a file with an effect of your own; can be repeated.
+        force: replace files in the output folder that massprops did not write. Inputs are never replaced.
+        progress: called for each step.
 
     Raises:
-        InputError: an unreadable recording, or a body file that contradicts itself.
+        InputError: the recording cannot be read, or a body file contradicts itself.
         NotPossible: nothing in the recording shows how the body moves.
 
     Example:
@@ -328,18 +332,18 @@ def compare(
     cad_unit: str = "auto",
     force: bool = False,
 ) -> Comparison:
-    """Align with a CAD mesh, then measure surface distances and the errors of every mass property.
+    """Align a result with a CAD mesh, then measure the distances between the surfaces and the error of every quantity.
 
     Args:
         source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh`.
-        cad: closed mesh: STL, OBJ, PLY, GLB or OFF. In Python also: a `trimesh.Trimesh`.
-        out: folder for compare.json and the coloured mesh; a run's report shows them.
-        free_scale: fit the scale too; default: when the run has none.
+        cad: a closed mesh: STL, OBJ, PLY, GLB or OFF. In Python also: a `trimesh.Trimesh`.
+        out: folder for compare.json and the coloured mesh. Give the run folder to see them in its report.
+        free_scale: fit the scale as well. If not given, it is fitted only when the run has none.
         cad_unit: unit of the CAD file: m, cm, mm, in, or auto.
-        force: replace files that this command did not write; never an input.
+        force: replace files in the output folder that massprops did not write. Inputs are never replaced.
 
     Raises:
-        InputError: a file is missing or is no closed body, or `out` cannot be written.
+        InputError: a file is missing or is not a closed body, or `out` cannot be written.
 
     Example:
         >>> import trimesh
@@ -363,21 +367,23 @@ def export(
     mass: float | None = None,
     force: bool = False,
 ) -> Path:
-    """Write mass properties for a filter or a simulator.
+    """Write mass properties, or a run's cameras, in the format of another program.
 
     Args:
         source: run folder, or mesh file in metres. In Python also: a `trimesh.Trimesh` in metres.
         to: the format: filter, urdf, mjcf, sdf, usd, basilisk, csv, json, colmap-text, nerfstudio, tum, rerun.
-        out: file to write; default: in the run, or beside the mesh file, by its name. In Python a mesh in memory needs it.
-        density: for a mesh [kg/m^3]; not given: 1000, as water, and said so.
+        out: file to write. If not given, a file in the run folder or beside the mesh file. In Python a mesh in memory
+            needs it.
+        density: density of a mesh file [kg/m^3]. If not given, 1000 (water) is assumed, and the result says so.
         mass: measured mass [kg]; the inertia is scaled to it.
-        force: replace files that this command did not write; never an input.
+        force: replace a file that massprops did not write. Inputs are never replaced.
 
     Returns:
         the file written.
 
     Raises:
-        InputError: unknown format, no mesh, no scale where metres are needed, or an impossible body.
+        InputError: the format is unknown, there is no mesh, the body is impossible, or metres are needed and no length
+            was given.
 
     Example:
         >>> massprops.export("runs/demo", "mjcf", "satellite.xml")  # doctest: +SKIP
@@ -394,38 +400,39 @@ def export(
 
 @with_options(SimulateOptions, SIMULATE)
 def simulate(scenario: Place, out: Place | None = None, **options: Unpack[SimulateOptions]) -> Simulation:
-    """Render a body of known mass properties under one sun, or only its tracks, with the truth beside them.
+    """Make test data with known truth: images of a tumbling body, or only the tracks of its points.
 
     Args:
-        scenario: what to show: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
-        out: sequence folder to write.
+        scenario: what to simulate: spacecraft, asteroid, bracket, tracks, a YAML file or a mesh file.
+        out: sequence folder for the data and the truth.
         frames: number of images.
-        size: width and height [px].
-        rate: rotation of the body per image [deg].
-        fill: greatest length of the body over the image's height.
+        size: width and height of the images [px].
+        rate: how far the body turns from one image to the next [deg].
+        fill: greatest length of the body divided by the height of the image.
         phase: angle at the body between camera and Sun [deg].
-        distortion: radial distortion of the lens, k1 and k2 as OpenCV's.
-        noise: 1-sigma of the darkest pixels [grey levels].
-        background: behind the body: black or still.
-        stereo: second camera, this far to the right [m].
-        range: range sensor with this noise [m].
-        hidden_mass: mass that the mesh does not show, its share and place; moves the motion only.
-        effects: an effect at work, may be several. "NAME:SIZE" moves the tracks by SIZE [px rms], or
-            "NAME:parameter=value,...".
-        effect: an effect file of your own; may be several.
-        model: what 'diagnose' wrote: its effects act.
-        features: feature points, for tracks.
-        sigma: 1-sigma of the tracks [px], for tracks.
-        outliers: share of wrong tracks, for tracks.
-        attitude: an attitude history too, with this noise [rad], for tracks.
-        rates: body rates too, with this noise [rad/s], for tracks.
+        distortion: radial distortion of the lens, k1 and k2 as in OpenCV.
+        noise: 1-sigma noise of the darkest pixels [grey levels].
+        background: what is behind the body: black or still.
+        stereo: add a second camera this far to the right [m].
+        range: add a range sensor with this 1-sigma noise [m].
+        hidden_mass: mass inside the body that the mesh does not show, as share and position; only the motion shows it.
+        effects: an effect that acts; can be repeated. "NAME:SIZE" makes it move the tracks by SIZE [px rms];
+            "NAME:parameter=value,..." sets its parameters.
+        effect: a file with an effect of your own; can be repeated.
+        model: a model.yaml that 'diagnose' wrote; its effects act.
+        features: number of feature points (only for tracks).
+        sigma: 1-sigma noise of the tracks [px] (only for tracks).
+        outliers: share of wrong tracks (only for tracks).
+        attitude: add measured attitudes with this 1-sigma noise [rad] (only for tracks).
+        rates: add measured body rates with this 1-sigma noise [rad/s] (only for tracks).
         video: also write cam0/video.mp4 (H.264).
-        seed: of motion, Sun, texture and noise.
-        force: replace files that this command did not write; never an input.
-        progress: told of each frame.
+        seed: seed of the motion, Sun direction, texture and noise.
+        force: replace files in the output folder that massprops did not write. Inputs are never replaced.
+        progress: called for each frame.
 
     Raises:
-        InputError: an unknown scenario, a value out of range, a mesh that is no closed body, or no place to write.
+        InputError: the scenario is unknown, a value is out of range, a mesh is not a closed body, or `out` cannot be
+            written.
 
     Example:
         >>> seen = massprops.simulate("tracks", frames=50, seed=1)
@@ -459,20 +466,20 @@ def campaign(
     force: bool = False,
     progress: Progress | None = None,
 ) -> Campaign:
-    """Run a grid or a random draw of seeded runs into a store that survives, then a table and a report.
+    """Run many seeded cases, from a grid or drawn at random, and summarise them in a table and a report.
 
     Args:
-        configuration: YAML file: kind, parameters, grid, runs. In Python also: its content.
-        out: campaign folder; the same command continues a stopped one.
-        scheduler: Dask scheduler, as tcp://HOST:8786; default: this machine.
-        workers: processes on this machine; default: one per core.
-        yes: consent to more than a million runs.
-        force: replace files that this command did not write; never an input.
-        progress: told of the runs.
+        configuration: YAML file with kind, parameters, grid and runs. In Python also: the same as a dict.
+        out: campaign folder. To continue a stopped campaign, or to add runs, give the same folder again.
+        scheduler: address of a Dask scheduler, for example tcp://HOST:8786. If not given, this machine does the work.
+        workers: number of processes on this machine. If not given, one per core.
+        yes: agree to more than a million runs.
+        force: replace files in the output folder that massprops did not write. Inputs are never replaced.
+        progress: called as runs finish.
 
     Raises:
         InputError: the configuration is wrong, or the folder belongs to another campaign.
-        NotPossible: the cluster or the disk failed on the way; finished runs are kept.
+        NotPossible: the cluster or the disk failed; finished runs are kept.
 
     Example:
         >>> study = {"kind": "drill", "runs": 3}
@@ -497,21 +504,21 @@ def reproduce(
     yes: bool = False,
     progress: Progress | None = None,
 ) -> Campaign:
-    """Run a paper's cases; its tables, ours beside the paper's, are in `text`.
+    """Run the cases of a paper. The tables, our numbers beside the paper's, are in `text`.
 
     Args:
-        paper: for example pesce2017; a wrong name lists them all.
-        case: one case; default: all, one after another.
-        out: campaign folder to keep; needed to continue a stopped one.
-        runs: runs per case; default: the paper's number where it is feasible.
-        seed: the first run's seed.
-        scheduler: Dask scheduler, as tcp://HOST:8786; default: this machine.
-        workers: processes on this machine; default: one per core.
-        yes: consent to more than a million runs.
-        progress: told of the runs.
+        paper: feng2018, hu2024, kabir2025, pesce2017 or volpe2017; or smoother, a test against the Cramér-Rao bound.
+        case: one case of the paper. If not given, all of them, one after another.
+        out: folder to keep the runs in; without it an interrupted run cannot be continued.
+        runs: runs per case. If not given, the paper's number where that is feasible.
+        seed: seed of the first run.
+        scheduler: address of a Dask scheduler, for example tcp://HOST:8786. If not given, this machine does the work.
+        workers: number of processes on this machine. If not given, one per core.
+        yes: agree to more than a million runs.
+        progress: called as runs finish.
 
     Raises:
-        InputError: unknown paper or case, or a number out of range.
+        InputError: the paper or the case is unknown, or a number is out of range.
 
     Example:
         >>> print(massprops.reproduce("pesce2017", "C", runs=100).text)  # doctest: +SKIP
@@ -523,29 +530,29 @@ def reproduce(
 
 @with_options(ArrayOptions, ARRAYS)
 def sequence_from_arrays(times: np.ndarray, **options: Unpack[ArrayOptions]) -> Recording:
-    """A sequence for `estimate` and `diagnose` from arrays; n epochs, m points.
+    """Make a recording for `estimate` and `diagnose` from your own arrays of n epochs and m points.
 
     Args:
         times: (n,) seconds, increasing.
-        tracks: (n, m, 2) pixels of points in one camera, x to the right and y down, not a number where a point is not
-            seen; (2, n, m, 2) in a stereo pair.
+        tracks: (n, m, 2) pixels of points in one camera, x to the right and y down, NaN where a point is not seen;
+            (2, n, m, 2) for a stereo pair.
         camera_matrix: (3, 3) of both cameras [px]; needed with tracks.
         size: width and height of the images [px]; needed with tracks.
-        distortion: k1, k2, p1, p2 as OpenCV's.
-        baseline: the second camera lies this far to the right of the first [m]; needed with stereo tracks.
-        sigma_px: 1-sigma of a track [px].
+        distortion: k1, k2, p1, p2 as in OpenCV.
+        baseline: how far the second camera is to the right of the first [m]; needed with stereo tracks.
+        sigma_px: 1-sigma noise of a track [px].
         attitude: (n, 4) unit quaternions, Hamilton, scalar first, which rotate body vectors into the camera's axes.
-        attitude_sigma: 1-sigma of their rotations [rad].
+        attitude_sigma: 1-sigma noise of the attitudes [rad].
         rates: (n, 3) angular velocity in body axes [rad/s].
-        rate_sigma: its 1-sigma [rad/s].
+        rate_sigma: 1-sigma noise of the rates [rad/s].
         ranges: (n,) distance from the camera to the centre of mass [m].
-        range_sigma: its 1-sigma [m].
-        environment: orbit, Sun and magnetic field, as `massprops.sequence.Environment`; not given: the camera moves
-            without turning and without acceleration.
-        out: a folder to write it into, for the command line; nothing is written when None.
+        range_sigma: 1-sigma noise of the ranges [m].
+        environment: orbit, Sun and magnetic field, as `massprops.sequence.Environment`. If not given, the camera
+            neither turns nor accelerates.
+        out: folder to write the recording into, for use by the command line. If None, nothing is written.
 
     Raises:
-        InputError: shapes that do not fit together, or nothing measured.
+        InputError: the shapes do not fit together, or nothing was measured.
 
     Example:
         >>> import numpy as np

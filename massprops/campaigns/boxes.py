@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from massprops.report.axes import Axes
 from massprops.report.html import number, round_marks, text
 
-LEFT, RIGHT, TOP, BOTTOM = 68, 12, 10, 20
+HEIGHT, MARGIN = 240, (68, 12, 10, 20)
 MOST_DOTS = 60
 
 
@@ -25,33 +26,22 @@ def box_plot(named: list[tuple[str, np.ndarray]], title: str, width: int = 640) 
     every = np.concatenate([values for _, values in named])
     log = bool(every.min() > 0 and every.max() > 30 * every.min())
 
-    def scaled(values: np.ndarray) -> np.ndarray:
-        return np.log10(values) if log else values
+    def scaled(values: np.ndarray | float) -> np.ndarray:
+        return np.log10(values) if log else np.asarray(values)
 
     low, high = float(scaled(every).min()), float(scaled(every).max())
     pad = 0.05 * (high - low) or 0.5 * abs(high) or 0.5
-    low, high = low - pad, high + pad
-    names_below = len(named) <= 8 and all(len(name) * 7 < (width - LEFT - RIGHT) / len(named) for name, _ in named)
-    height = 240
-
-    def py(values: np.ndarray | float) -> np.ndarray:
-        return TOP + (high - scaled(np.asarray(values, float))) / (high - low) * (height - TOP - BOTTOM)
-
-    parts = [f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="box plot of {text(title)}">']
-    for tick in _ticks(low, high, log):
-        up = float(py(tick))
-        parts.append(f'<line class="grid" x1="{LEFT}" x2="{width - RIGHT}" y1="{up:.1f}" y2="{up:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 6}" y="{up + 4:.1f}" text-anchor="end">{number(tick, 3)}</text>')
-    step = (width - LEFT - RIGHT) / len(named)
-    half = min(26.0, 0.3 * step)
+    axes = Axes((0.0, len(named)), (low - pad, high + pad), (width, HEIGHT), MARGIN)
+    step = (width - MARGIN[0] - MARGIN[1]) / len(named)
+    names_below = len(named) <= 8 and all(len(name) * 7 < step for name, _ in named)
+    parts = [f'<svg class="plot" viewBox="0 0 {width} {HEIGHT}" role="img" aria-label="box plot of {text(title)}">']
+    parts.append(axes.rows(_ticks(*axes.y, log), lambda tick: number(10.0**tick if log else tick, 3)))
     for k, (name, values) in enumerate(named):
-        x = LEFT + (k + 0.5) * step
-        parts.append(_box(x, half, values, py, k))
+        x = float(axes.right(k + 0.5))
+        parts.append(_box(x, min(26.0, 0.3 * step), values, lambda v: axes.down(scaled(v)), k))
         shown = name if names_below else str(k + 1)
-        parts.append(f'<text x="{x:.1f}" y="{height - 5}" text-anchor="middle">{text(shown)}</text>')
-    parts.append(
-        f'<text transform="translate(14 {height / 2:.0f}) rotate(-90)" text-anchor="middle">{text(title)}</text></svg>'
-    )
+        parts.append(f'<text x="{x:.1f}" y="{HEIGHT - 5}" text-anchor="middle">{text(shown)}</text>')
+    parts.append(f"{axes.titles('', title)}</svg>")
     if not names_below:
         listed = "".join(
             f'<span class="key s{k % 6}">{k + 1}: {text(name)}</span>' for k, (name, _) in enumerate(named)
@@ -80,9 +70,10 @@ def _box(x: float, half: float, values: np.ndarray, py: Callable[[float], Any], 
 
 
 def _ticks(low: float, high: float, log: bool) -> list[float]:
+    """Round numbers between two; of a logarithmic axis their logarithms."""
     if not log:
         return round_marks(low, high)
     whole = np.arange(np.ceil(low), np.floor(high) + 1)
     if len(whole) >= 2:
-        return [float(10.0**t) for t in whole[:: max(1, len(whole) // 6)]]
-    return [t for t in round_marks(10.0**low, 10.0**high) if t > 0]
+        return [float(t) for t in whole[:: max(1, len(whole) // 6)]]
+    return [float(np.log10(t)) for t in round_marks(10.0**low, 10.0**high) if t > 0]

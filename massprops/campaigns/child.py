@@ -1,6 +1,6 @@
 """Runs in a process of their own: `python -P -m massprops.campaigns.child`, requests on stdin, replies on a pipe.
 
-A crash of native code, a run without end or one that takes all memory then costs this process alone.
+A crash of native code, an endless run, or one that takes all memory then ends this process only.
 Per request two lines: `ready` with the versions of the code here, then `rows` or `raised`.
 """
 

@@ -1,16 +1,17 @@
-"""Runs on an existing Dask cluster: chunks as tasks, each done by a process of the worker it falls to."""
+"""Runs on an existing Dask cluster: each chunk is a task, done in a child process of its worker."""
 
 from __future__ import annotations
 
 import contextlib
 import queue
 import threading
-from collections.abc import Callable, Hashable, Iterable
+from asyncio import CancelledError
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from typing import Any
 
 from massprops.campaigns.versions import difference, versions
 from massprops.campaigns.workers import Workers
-from massprops.errors import InputError, NotPossible
+from massprops.errors import InputError, MasspropsError, NotPossible
 
 ANSWER_S = 6.0
 """How long a scheduler may take to answer."""
@@ -27,13 +28,13 @@ def do_on_worker(tasks: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return _workers[0].do_in_turn(tasks)
 
 
-def _here() -> bool:
-    """Answered by a worker that can be reached."""
+def _answers() -> bool:
+    """A question that every reachable worker answers."""
     return True
 
 
-def _knock(address: str) -> None:
-    """Asks the scheduler who it is, in a thread of its own: what listens there may accept and never answer.
+def _check_scheduler(address: str) -> None:
+    """Checks that a Dask scheduler listens at the address, in a separate thread, since another server may never answer.
 
     Raises:
         InputError: no answer in time, or not a scheduler's.
@@ -68,8 +69,8 @@ def _knock(address: str) -> None:
             f"--scheduler {address}: no answer within {ANSWER_S:g} s: is it running, and is the address right?"
         )
     if not isinstance(answer, dict) or "workers" not in answer:
-        said = f" ({_line(answer)})" if isinstance(answer, BaseException) else ""
-        raise InputError(f"--scheduler {address}: not a Dask scheduler{said}: give its address as tcp://HOST:8786")
+        detail = f" ({_line(answer)})" if isinstance(answer, BaseException) else ""
+        raise InputError(f"--scheduler {address}: not a Dask scheduler{detail}: give its address as tcp://HOST:8786")
 
 
 class Cluster:
@@ -83,6 +84,7 @@ class Cluster:
 
         Raises:
             InputError: dask.distributed is missing here, no answer, no workers, or workers with other versions.
+            NotPossible: the scheduler ends, or is too slow, while it is asked.
         """
         try:
             from distributed import Client
@@ -96,12 +98,15 @@ class Cluster:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self.place = address
         self.deaf: set[str] = set()
-        _knock(address)
-        self.client = Client(address, timeout=ANSWER_S, set_as_default=False, name="massprops")
+        _check_scheduler(address)
+        with self._heard():
+            self.client = Client(address, timeout=ANSWER_S, set_as_default=False, name="massprops")
         try:
-            self._check_workers()
+            with self._heard():
+                self._check_workers()
         except BaseException:
-            self.client.close()
+            with contextlib.suppress(Exception):
+                self.client.close(timeout=2)
             raise
         self.done: queue.SimpleQueue[tuple[Hashable, Any]] = queue.SimpleQueue()
         self.flying: dict[Hashable, tuple[Any, list[dict[str, Any]]]] = {}
@@ -116,7 +121,7 @@ class Cluster:
             raise InputError(
                 f"--scheduler {self.place}: it has no workers: start some with `dask worker {self.place} --nthreads 1`"
             )
-        found = self._asked(versions, threads)
+        found = self._ask_each(versions, threads)
         if len(self.deaf) == len(found):
             raise InputError(
                 f"--scheduler {self.place}: none of its {len(found)} workers can be reached from it: let it connect to "
@@ -131,10 +136,10 @@ class Cluster:
                 )
             check_versions(address, theirs)
 
-    def _asked(self, what: Callable[[], Any], workers: Iterable[str]) -> dict[str, Any]:
-        """What each worker answers to a function, or the exception; who cannot be reached is `deaf` from here on.
+    def _ask_each(self, what: Callable[[], Any], workers: Iterable[str]) -> dict[str, Any]:
+        """The answer of each worker to a function, or its exception. A worker that cannot be reached is marked `deaf`.
 
-        Such a worker is counted as there by its heartbeats, and Dask would ask it for ever. It gets no more work.
+        Its heartbeats still arrive, so Dask would ask it for ever. It gets no more work.
         """
         import asyncio
 
@@ -152,24 +157,23 @@ class Cluster:
         return found
 
     def slots(self) -> int:
-        """Runs at the same time: the threads of all workers that are there now, and can be reached."""
+        """Number of runs at the same time: the threads of all workers that can be reached now."""
         return sum(self._reached().values())
 
     def _reached(self) -> dict[str, int]:
-        """Threads of each worker that is there now and can be reached, by address."""
-        try:
+        """Threads of each worker that can be reached now, by address."""
+        with self._heard():
             return {address: n for address, n in self.client.nthreads().items() if address not in self.deaf}
-        except (OSError, TimeoutError, RuntimeError) as error:
-            raise self._lost(error) from None
 
     def submit(self, key: Hashable, tasks: list[dict[str, Any]]) -> None:
-        """Gives chunks to the scheduler; a worker that dies has its chunks done again elsewhere."""
+        """Gives chunks to the scheduler. If a worker dies, another one does its chunks."""
         self.sent += 1
         where = self._reached() if self.deaf else []
-        future = self.client.submit(
-            do_on_worker, tasks, key=f"massprops-{self.session}-{self.sent}", pure=False,
-            workers=list(where) or None, allow_other_workers=bool(where),
-        )  # fmt: skip
+        with self._heard():
+            future = self.client.submit(
+                do_on_worker, tasks, key=f"massprops-{self.session}-{self.sent}", pure=False,
+                workers=list(where) or None, allow_other_workers=bool(where),
+            )  # fmt: skip
         self.flying[key] = (future, tasks)
         future.add_done_callback(lambda done: self.done.put((key, done)))
 
@@ -203,21 +207,32 @@ class Cluster:
     def _gathered(self, futures: list[Any]) -> list[Any]:
         """Results of finished tasks; none where a worker that has some cannot be reached."""
         try:
-            return self.client.sync(lambda: self.client.gather(futures, asynchronous=True), callback_timeout=REACH_S)
+            return list(
+                self.client.sync(lambda: self.client.gather(futures, asynchronous=True), callback_timeout=REACH_S)
+            )
         except TimeoutError:
             pass
-        except Exception as error:
+        except (Exception, CancelledError) as error:
             raise self._lost(error) from None
-        try:
-            self._asked(_here, {a for places in self.client.who_has(futures).values() for a in places})
-        except Exception as error:
-            raise self._lost(error) from None
+        with self._heard():
+            self._ask_each(_answers, {a for places in self.client.who_has(futures).values() for a in places})
         return []
 
     def _give_out_again(self, key: Hashable) -> None:
         future, tasks = self.flying[key]
-        future.cancel()
+        with self._heard():
+            future.cancel()
         self.submit(key, tasks)
+
+    @contextlib.contextmanager
+    def _heard(self) -> Iterator[None]:
+        """What Dask raises where the scheduler ends, or is too slow, while it is talked to, has many kinds."""
+        try:
+            yield
+        except MasspropsError:
+            raise
+        except (Exception, CancelledError) as error:
+            raise self._lost(error) from None
 
     def _lost(self, why: object) -> NotPossible:
         return NotPossible(
@@ -225,7 +240,7 @@ class Cluster:
         )
 
     def close(self) -> None:
-        """Takes back what is still waiting."""
+        """Cancels the chunks that are still waiting."""
         with contextlib.suppress(Exception):
             if self.flying:
                 self.client.cancel([future for future, _ in self.flying.values()], asynchronous=False)

@@ -1,4 +1,4 @@
-"""Reads what a campaign shall run, and lays it out as points of a grid, seeds and chunks."""
+"""Reads a campaign's configuration and divides it into grid points, seeds and chunks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXPONENT = re.compile(r"[+-]?\d+(\.\d*)?[eE][+-]?\d+")
 
 @dataclass(frozen=True)
 class Chunk:
-    """Runs that one worker does together: some seeds of one point. Fixed by the configuration, not by the workers."""
+    """Some seeds of one grid point, which one worker does together. The configuration decides the chunks, not the workers."""
 
     point: int
     parameters: dict[str, Any]
@@ -71,7 +71,7 @@ class Plan:
         return math.prod(len(values) for values in self.grid.values())
 
     def cells(self) -> Iterator[dict[str, Any]]:
-        """What the grid sets, point after point; the last axis turns fastest."""
+        """The grid's values, point by point; the last axis varies fastest."""
         for values in itertools.product(*self.grid.values()):
             yield dict(zip(self.grid, values, strict=True))
 
@@ -98,7 +98,7 @@ class Plan:
     def document(self) -> dict[str, Any]:
         """The configuration with every default filled in."""
         limits = {"time_s": self.time_s, "memory_mb": self.memory_mb}
-        return plain(
+        document: dict[str, Any] = plain(
             {
                 "kind": self.kind,
                 "name": self.name,
@@ -111,6 +111,7 @@ class Plan:
                 "limits": {k: v for k, v in limits.items() if v is not None},
             }
         )
+        return document
 
 
 def read_configuration(path: str | Path) -> Plan:
@@ -220,7 +221,7 @@ def _known_keys(
 
 
 def _check_values(plan: Plan, kind: ModuleType) -> None:
-    """Every value of every axis once, in an otherwise common point; not the whole product."""
+    """Checks every value of every axis once, at one common point, not all combinations."""
     first = {name: values[0] for name, values in plan.grid.items()}
     for name, spec in plan.draw.items():
         first[name] = extremes(spec)[0]
@@ -240,7 +241,7 @@ def _document(content: dict[str, Any], where: str) -> CampaignFile:
 
 
 def _numbers(value: Any) -> Any:
-    """Texts such as 1e-3, which YAML does not take for numbers, as numbers."""
+    """Converts texts such as 1e-3, which YAML does not read as numbers."""
     if isinstance(value, dict):
         return {str(k): _numbers(v) for k, v in value.items()}
     if isinstance(value, list):

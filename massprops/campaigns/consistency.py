@@ -1,4 +1,4 @@
-"""Whether a filter's covariance means what it says: the average NEES of many runs in its 95 % band, in one line."""
+"""Whether a filter's covariance is consistent with its errors: the mean NEES of many runs and its 95 % band, in one line."""
 
 from __future__ import annotations
 

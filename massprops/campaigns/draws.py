@@ -22,7 +22,7 @@ KINDS = {
 
 
 def check_draw(where: str, name: str, draw: Any) -> None:
-    """Refuses what is no draw.
+    """Refuses an invalid draw.
 
     Raises:
         InputError: not one known distribution with its numbers.
@@ -57,7 +57,7 @@ def _is_number(value: Any) -> bool:
 
 
 def extremes(draw: dict[str, Any]) -> list[Any]:
-    """Values with which a parameter can be checked before anything runs."""
+    """Values at which a drawn parameter is checked before any run."""
     ((kind, values),) = draw.items()
     return [values[0]] if kind == "normal" else list(values)
 

@@ -1,4 +1,4 @@
-"""Brings a plan's chunks to a backend and its rows to the store.
+"""Gives a plan's chunks to a backend and stores the rows that come back.
 
 A backend has `place`, `strict`, `ahead`, `slots()`, `submit(key, tasks)`, `wait(seconds) -> [(key, replies)]` and
 `close()`; there are `Local` and `Cluster`. What a run is given and what its row holds are the same with both, and so are
@@ -65,7 +65,7 @@ Watch = Callable[[Progress], None]
 
 
 def task_of(plan: Plan, chunk: Chunk, folder: Path | None, strict: bool = False) -> dict[str, Any]:
-    """What a worker is sent."""
+    """The task that a worker receives."""
     return {
         "kind": plan.kind,
         "parameters": chunk.parameters,
@@ -96,7 +96,7 @@ def missing(plan: Plan, store: Store) -> Iterator[Chunk]:
 
 
 def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Watch | None = None) -> None:
-    """Does what is missing in the store.
+    """Does the runs that are missing in the store.
 
     Raises:
         InputError: a worker has other versions.
@@ -158,7 +158,7 @@ def run_plan(plan: Plan, store: Store, backend: Backend, folder: Path, watch: Wa
 
 
 def _killed(reply: Any) -> bool:
-    """Whether Dask gave a task up because workers that had it died."""
+    """Whether Dask gave up a task because its workers died."""
     return type(reply).__name__ == "KilledWorker"
 
 
@@ -172,9 +172,9 @@ def rows_of(chunk: Chunk, reply: Any) -> list[Row]:
     if _killed(reply):
         return [Row(chunk.point, seed, {}, "every worker that it was given to died") for seed in chunk.seeds]
     if isinstance(reply, BaseException):
-        said = " ".join(str(reply).split())[:300]
+        message = " ".join(str(reply).split())[:300]
         raise NotPossible(
-            f"a worker could not do its work ({type(reply).__name__}: {said}): mend it, then give the same command; "
+            f"a worker could not do its work ({type(reply).__name__}: {message}): fix it, then give the same command again; "
             f"finished runs are kept"
         )
     if "differs" in reply:

@@ -1,4 +1,4 @@
-"""Runs on this machine: as many processes as workers."""
+"""Runs on this machine, in as many processes as there are workers."""
 
 from __future__ import annotations
 

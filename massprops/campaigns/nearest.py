@@ -1,4 +1,4 @@
-"""What to say to a name that is not known: the nearest one that is."""
+"""Error messages for unknown names, with the nearest known one."""
 
 from __future__ import annotations
 

@@ -62,8 +62,8 @@ def _boxes(plan: Plan, points: list[Point]) -> str:
             plots.append(f"<div><h3>{text(name)}</h3>{plot}</div>")
     if not plots:
         return ""
-    said = "Box: 25 to 75 %, line: median, whiskers: 5 and 95 %, dots: runs outside them. Failed runs are left out."
-    return f'<p class="soft">{said}</p><div class="two">{"".join(plots)}</div>'
+    note = "Box: 25 to 75 %, line: median, whiskers: 5 and 95 %, dots: runs outside them. Failed runs are left out."
+    return f'<p class="soft">{note}</p><div class="two">{"".join(plots)}</div>'
 
 
 def _percentiles(result: dict[str, Any]) -> str:
@@ -89,8 +89,8 @@ def _failures(points: list[Point]) -> str:
     if not failed:
         return ""
     more = f'<p class="soft">The first {MOST_FAILURES} of {len(failed)}.</p>' if len(failed) > MOST_FAILURES else ""
-    said = '<p class="soft">Any run can be made again alone: massprops campaign CONFIG --only SEED</p>'
-    return said + table(failed[:MOST_FAILURES], ("point", "seed", "error"), numeric=(1,)) + more
+    note = '<p class="soft">Any run can be made again alone: massprops campaign CONFIG --only SEED</p>'
+    return note + table(failed[:MOST_FAILURES], ("point", "seed", "error"), numeric=(1,)) + more
 
 
 def _cost(points: list[Point], store: Store) -> str:

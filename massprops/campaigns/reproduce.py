@@ -1,4 +1,4 @@
-"""A paper's cases as a campaign whose configuration ships with the package."""
+"""The cases of a paper as a campaign; the configuration is part of the package."""
 
 from __future__ import annotations
 

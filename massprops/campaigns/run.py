@@ -105,14 +105,14 @@ def run_campaign(
             outputs.publish(OWNER, plan.digest, given, force, keep_old=False)
         except OSError as error:
             raise NotPossible(
-                f"{folder}: {error.strerror}: free some space, then give the same command; finished runs are kept"
+                f"{folder}: {error.strerror}: free some space, then give the same command again; finished runs are kept"
             ) from None
         versions = [v for _, _, v, count in store.sessions() if count]
     return Outcome(folder, result, [v for k, v in enumerate(versions) if v not in versions[:k]], points)
 
 
 def _own(outputs: Outputs) -> None:
-    """Claims the store's files and the folder of the runs' own files.
+    """Records the store's files, and the folder for the files of runs, as the campaign's.
 
     Raises:
         InputError: the record cannot be written.
@@ -127,7 +127,7 @@ def _own(outputs: Outputs) -> None:
 
 
 def run_alone(plan: Plan, seed: int, out: str | Path | None, scheduler: str | None, workers: int | None) -> list[Point]:
-    """Makes the runs of one seed again, at every point, by themselves; no store is touched.
+    """Repeats the runs of one seed at every point. The store is not changed.
 
     Args:
         out: where the runs may leave files, None for a folder that goes away.

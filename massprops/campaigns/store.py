@@ -1,4 +1,4 @@
-"""The store of a campaign: one SQLite file to which rows are only ever added.
+"""The store of a campaign: one SQLite file, to which rows are only added.
 
 A chunk's rows come in one transaction of a write-ahead log, so a campaign that is killed leaves whole chunks and nothing
 else, and loses no run that was finished. The log is brought to the disk every second: a machine that loses power costs
@@ -138,7 +138,9 @@ class Store:
             raise InputError(f"{self.path}: damaged ({error}): choose another -o") from None
 
     def _full(self, error: sqlite3.Error) -> NotPossible:
-        return NotPossible(f"{self.path}: {error}: free some space, then give the same command; finished runs are kept")
+        return NotPossible(
+            f"{self.path}: {error}: free some space, then give the same command again; finished runs are kept"
+        )
 
     def begin(self, place: str, versions: dict[str, str]) -> None:
         """Notes who makes the rows that follow."""

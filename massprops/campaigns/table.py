@@ -1,4 +1,4 @@
-"""What many runs say together: counts, failures and percentiles of every column, point by point."""
+"""The result of many runs: counts, failures and percentiles of every column, point by point."""
 
 from __future__ import annotations
 
@@ -48,8 +48,9 @@ class Point:
         """(n,) finite numbers of a column, of the runs that did not fail."""
         found = [r.data.get(column) for r in self.rows if r.error is None]
         numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
-        array = np.array(numbers, float)
-        return array[np.isfinite(array)]
+        array: np.ndarray = np.array(numbers, float)
+        finite: np.ndarray = array[np.isfinite(array)]
+        return finite
 
 
 def _short(value: Any) -> str:
@@ -127,7 +128,7 @@ def document(plan: Plan, points: list[Point]) -> dict[str, Any]:
 
 
 def _kind_of(error: str) -> str:
-    """An error without its numbers' places: the part that runs have in common."""
+    """An error message without its numbers, which differ from run to run."""
     return error.split(":")[0] if ": " in error else error
 
 

@@ -16,8 +16,8 @@ def text_of(document: dict[str, Any]) -> str:
     if not parts:
         parts = [_percentiles(document)]
     if document["failures"]:
-        said = ", ".join(f"{count} × {error}" for error, count in document["failures"].items())
-        parts.append(f"failed: {document['failed']} of {document['done']} runs: {said}")
+        counts = ", ".join(f"{count} × {error}" for error, count in document["failures"].items())
+        parts.append(f"failed: {document['failed']} of {document['done']} runs: {counts}")
     return "\n\n".join(part for part in parts if part)
 
 

@@ -1,4 +1,4 @@
-"""What a run's numbers depend on besides its configuration: the versions of the code that makes them."""
+"""The versions of the code that decide a run's numbers, besides its configuration."""
 
 from __future__ import annotations
 

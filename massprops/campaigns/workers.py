@@ -1,4 +1,4 @@
-"""The processes that do the runs on one machine: started when needed, watched, ended, started anew."""
+"""The processes that do the runs on one machine: started when needed, watched, ended and restarted."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Reply:
 
     rows: list[dict[str, Any]] | None = None
     failure: str = ""
-    said: str = ""
+    message: str = ""
     wall_s: float = 0.0
     cpu_s: float = 0.0
     versions: dict[str, str] | None = None
@@ -82,7 +82,7 @@ class Process:
         time_s: float | None,
         memory_mb: float | None,
     ) -> Reply:
-        """Does one request; the time limit begins when the process has imported what it needs.
+        """Does one request. The time limit starts when the process has finished its imports.
 
         Raises:
             Differs: the process has other versions, and `strict`.
@@ -95,7 +95,7 @@ class Process:
             return self._died()
         ready = self._line(time.monotonic() + START_S, None)
         if not isinstance(ready, dict):
-            return self._died() if ready == "died" else Reply(failure="time", said="its process did not start")
+            return self._died() if ready == "died" else Reply(failure="time", message="its process did not start")
         self.versions = ready["ready"]
         if strict and self.versions != versions:
             raise Differs(self.versions)
@@ -104,16 +104,16 @@ class Process:
         if isinstance(found, dict):
             spent = {"wall_s": found["wall_s"], "cpu_s": found["cpu_s"], "versions": self.versions}
             if "raised" in found:
-                return Reply(failure="raised", said=found["raised"], **spent)
+                return Reply(failure="raised", message=found["raised"], **spent)
             return Reply(found["rows"], **spent)
         if found == "died":
             return self._died()
         self.end()
         limit = f"{time_s:g} s" if found == "time" else f"{memory_mb:g} MB"
-        return Reply(failure=found, said=f"over its {found} limit of {limit}", wall_s=time.monotonic() - begun)
+        return Reply(failure=found, message=f"over its {found} limit of {limit}", wall_s=time.monotonic() - begun)
 
     def _line(self, deadline: float | None, memory_mb: float | None) -> dict[str, Any] | str:
-        """The next message, or what kept it from coming."""
+        """The next message, or why none came."""
         while b"\n" not in self.buffer:
             left = None if deadline is None else deadline - time.monotonic()
             if left is not None and left <= 0:
@@ -138,8 +138,8 @@ class Process:
         self.end()
         if code is not None and code < 0:
             with contextlib.suppress(ValueError):
-                return Reply(failure="died", said=f"its process died ({signal.Signals(-code).name})")
-        return Reply(failure="died", said=f"its process ended (exit code {code})")
+                return Reply(failure="died", message=f"its process died ({signal.Signals(-code).name})")
+        return Reply(failure="died", message=f"its process ended (exit code {code})")
 
     @property
     def alive(self) -> bool:
@@ -192,8 +192,8 @@ class Workers:
     def do(self, task: dict[str, Any]) -> dict[str, Any]:
         """A chunk of runs.
 
-        All seeds are asked for together. When that fails, every seed is done again by itself, so that the one at fault
-        is told from the others; a seed whose process died is done again once.
+        All seeds are done together. If that fails, every seed is repeated alone to find the one at fault. A seed whose process
+        died is repeated once.
 
         Args:
             task: kind, parameters, draw, seeds, folder, versions, strict, time_s, memory_mb, own_threads.
@@ -277,7 +277,7 @@ class Workers:
 
 def _row(seed: int, reply: Reply, k: int = 0, count: int = 1) -> dict[str, Any]:
     data = dict(reply.rows[k]) if reply.rows is not None else {}
-    error = data.pop("error", None) if reply.rows is not None else reply.said
+    error = data.pop("error", None) if reply.rows is not None else reply.message
     return {
         "seed": seed,
         "data": data,

@@ -1,4 +1,4 @@
-"""Shape against motion: the mesh's inertia held against every estimator on the same footage."""
+"""Cross-check: the mesh's inertia compared with every estimator's on the same footage."""
 
 from massprops.consistency.crosscheck import crosscheck
 

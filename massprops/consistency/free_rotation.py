@@ -1,4 +1,4 @@
-"""How well free rotation with a given inertia explains an attitude history: the residuals over time."""
+"""Residuals of an attitude history from the best free rotation with a given inertia."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Better together: the motion's ratios, axes and centre of mass correct what the images did not show of the shape.
+"""Fusion: the motion's ratios, axes and centre of mass correct the parts of the shape that the images did not show.
 
 The mesh's replicates (`replicates`) say how volume, centre and inertia move together when the unseen
 parts reach further out or less far, between the smallest body and the hull. Ten numbers describe each replicate: the
@@ -240,7 +240,7 @@ def fuse(draws: Draws, mesh: MeshSide, motion: Measured) -> dict[str, Any]:
     drawn = np.linalg.eigvalsh(drawn_inertia)
     k, k_drawn = inertia_ratios(moments), inertia_ratios(drawn)
 
-    def bounds(values: np.ndarray, at: np.ndarray | float) -> list[Any]:
+    def bounds(values: np.ndarray, at: np.ndarray | float) -> Any:
         low, high = np.quantile(values, [0.05, 0.95], axis=0)
         return np.stack([np.minimum(low, at), np.maximum(high, at)], axis=-1).tolist()
 

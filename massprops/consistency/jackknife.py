@@ -1,4 +1,4 @@
-"""How far attitudes and places rest on one part of the surface: the delete-a-group jackknife.
+"""How much the poses depend on single regions of the surface: the delete-a-group jackknife.
 
 Residuals say how well a pose fits its features, not whether the features keep to the body. A highlight, a shadow's edge
 or a mirrored sky moves with the light, and every feature on that side with it, in frame after frame: errors that are

@@ -1,5 +1,5 @@
-"""What the mesh says: inertia, ratios, axes and centre of mass, with the covariance that its replicates or intervals
-give."""
+"""The mesh's side of the cross-check: inertia, ratios, axes and centre of mass, with the covariance from its replicates
+or intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the motion says: an estimate's inertia in the mesh's axes, and the point that the body turns about."""
+"""The motion's side of the cross-check: an estimate's inertia in the mesh's axes, and the point that the body turns about."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 
 from massprops.consistency.jackknife import at_least, replicates, spread
 from massprops.consistency.mesh_side import MeshSide
+from massprops.core.robust import MAD_TO_SIGMA
 from massprops.dynamics.quaternion import angle_between, rotation_matrix
 from massprops.estimators.prior import similarity
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import covariance, log_components
+from massprops.model.problem import Problem
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -115,7 +116,7 @@ class Slides:
 
 
 def slides_of(views: Views, points: SparsePoints, stamp_ns: np.ndarray, sigma: np.ndarray, mesh: MeshSide) -> Slides:
-    """What the motion's numbers owe to single regions of the surface.
+    """How much the motion's results depend on single regions of the surface.
 
     Args:
         views: n images of cam0 in the order of time; points: what they saw.
@@ -180,7 +181,7 @@ def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray, size: f
         if rank < 9 or singular[-1] < 1e-4 * singular[0]:
             return None
         residual = t + np.einsum("nij,j->ni", A, x)
-        scatter = 1.4826 * np.median(np.abs(residual), axis=0) + 1e-12 * np.linalg.norm(t, axis=1).mean()
+        scatter = MAD_TO_SIGMA * np.median(np.abs(residual), axis=0) + 1e-12 * np.linalg.norm(t, axis=1).mean()
         weight = 1.0 / (scatter**2 * (1.0 + (residual / (3.0 * scatter)) ** 2))
     floor = (CENTRE_FLOOR * size) ** 2
     alike = np.array([_ar1(residual[:, j]) for j in range(3)])
@@ -207,7 +208,7 @@ class Tumble:
 
 
 def tumble_of(stamp_ns: np.ndarray, q: np.ndarray, sigma: np.ndarray) -> Tumble | None:
-    """How an attitude history (n, 4) tumbles; None with fewer than four epochs.
+    """The tumbling of an attitude history (n, 4); None with fewer than four epochs.
 
     Rates are over chords long enough to turn by about 20 degrees, so that noise counts little.
     """

@@ -1,4 +1,4 @@
-"""What the cross-check's verdict changes in `massprops.json`: the confidence, and which values are recommended."""
+"""Enters the cross-check's verdict into `massprops.json`: the confidence and the recommended values."""
 
 from __future__ import annotations
 

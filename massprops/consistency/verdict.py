@@ -1,4 +1,4 @@
-"""One estimator against the mesh, and what all of it comes to: consistent, inconsistent or unobservable, and why."""
+"""Compares each estimator with the mesh, and decides: consistent, inconsistent or unobservable, with the reason."""
 
 from __future__ import annotations
 
@@ -133,12 +133,12 @@ class Verdict:
 
 
 def unobservable(reason: str, **facts: Any) -> Verdict:
-    """Nothing can be said, and why."""
+    """The verdict `unobservable`, with its reason."""
     return Verdict("unobservable", None, reason, facts=facts)
 
 
 def not_turning(tumble: Tumble | None) -> Verdict | None:
-    """The verdict on a motion that cannot show the ratios whatever an estimator says; None when it may."""
+    """`unobservable` if the motion cannot show the ratios, whatever an estimator says; else None."""
     if tumble is None:
         return None
     degrees = np.degrees(tumble.turned)
@@ -208,18 +208,18 @@ def decide(
         return Verdict("consistent", p, _agreement(best), rests_on=best.found.name, facts=facts)
     if not best.found.reliable:
         # sigmas that are too small make any two bodies differ
-        doubt = f"the motion cannot be held against the mesh ({best.found.name}: {best.found.because})"
+        doubt = f"the motion cannot be compared with the mesh ({best.found.name}: {best.found.because})"
         return _by_centre(doubt, mesh, centre, p_centre if tumble is not None else None, free)
     hints = hints_of(best, mesh, centre, tests, free)
     return Verdict("inconsistent", p, _difference(best, mesh, tests) + ": " + hints[0], hints, best.found.name, facts)
 
 
 def _no_ratios(compared: list[Compared], best: Compared | None) -> str:
-    """Why no estimator shows the ratios; empty when one does."""
+    """Why no estimator determines the ratios; empty if one does."""
     if best is None or best.found.k_covariance is None:
         first = sorted(compared, key=lambda c: c.found.name != REFERENCE)
-        said = [f"{c.found.name}: {c.found.reason}" for c in first if c.found.reason]
-        return said[0] if said else "no estimator could be run on this footage"
+        reasons = [f"{c.found.name}: {c.found.reason}" for c in first if c.found.reason]
+        return reasons[0] if reasons else "no estimator could be run on this footage"
     sigma = np.sqrt(np.diag(best.found.k_covariance))
     if sigma.max() > WIDEST_K:
         return (
@@ -260,7 +260,7 @@ def _difference(best: Compared, mesh: MeshSide, tests: dict[str, float | None]) 
     centre = tests.get("centre of mass")
     if centre is not None and centre < SIGNIFICANT:
         parts.append(ELSEWHERE)
-    return ", ".join(parts) or "ratios, axes and centre of mass together differ as no unseen part explains"
+    return ", ".join(parts) or "ratios, axes and centre of mass together differ by more than unseen parts can explain"
 
 
 def hints_of(
@@ -270,7 +270,7 @@ def hints_of(
     tests: dict[str, float | None],
     free: dict[str, float],
 ) -> tuple[str, ...]:
-    """What the disagreement points at, the likeliest first; `best` None where no estimator shows the ratios."""
+    """Possible causes of the disagreement, the likeliest first; `best` is None if no estimator determines the ratios."""
     hints = []
     innovation = 1.0 if best is None else best.found.innovation or 1.0
     if innovation > 2.0 or free.get("motion", 0.0) > 2.0:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix, rotation_vector
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate, ratios
 from massprops.mass.ratio_space import turn_between
+from massprops.model.problem import Problem
 from massprops.sequence.truth import Truth, read_truth
 
 

@@ -13,7 +13,7 @@ from massprops.documents.fields import read
 from massprops.documents.loading import load_json, load_yaml
 from massprops.documents.scale_json import ScaleStageFile
 from massprops.errors import InputError
-from massprops.report.meshes import Shape, lighten, read_compared, read_shape
+from massprops.report.meshes import Shape, decimated, read_compared, read_shape
 
 READ = (
     *("massprops.json", "mesh.ply", "report.json", "crosscheck.json", "compare.json", "compare.ply"),
@@ -58,7 +58,7 @@ class RunData:
     @property
     def metric(self) -> bool:
         """Whether lengths are in metres."""
-        return self.document.get("units", {}).get("length") == "m"
+        return bool(self.document.get("units", {}).get("length") == "m")
 
     @property
     def length_unit(self) -> str:
@@ -155,7 +155,9 @@ def read_run(folder: Path) -> RunData:
         comparison=known("compare.json"),
         facts=facts,
         shape=shape,
-        compared=None if compared is None or (shape is not None and shape.distance is not None) else lighten(compared),
+        compared=None
+        if compared is None or (shape is not None and shape.distance is not None)
+        else decimated(compared),
         views=views,
         points=None if "work/sfm" in changed else _read_points(folder, views),
         factor=factor,

@@ -13,12 +13,13 @@ from massprops.core.outputs import Outputs, deliver
 from massprops.errors import InputError
 from massprops.estimators.documents import document, history_csv
 from massprops.estimators.outcome import Outcome
-from massprops.estimators.problem import Problem
 from massprops.estimators.result import Estimate
+from massprops.model.problem import Problem
 from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
 from massprops.report.data import read_json
-from massprops.report.html import Safe, number, plot, table, text
+from massprops.report.html import Safe, number, table, text
 from massprops.report.page import document as page
+from massprops.report.plot import plot
 from massprops.sequence.truth import Truth
 
 MOST_POINTS = 400
@@ -37,7 +38,7 @@ def check_place(folder: Path, inputs: tuple[Path, ...] = (), force: bool = False
     """
     for mark, what in (("run.yaml", "a run"), ("tracks0", "a sequence"), ("cam0", "a sequence")):
         if (folder / mark).exists():
-            raise InputError(f"{folder}: holds {what}: choose another -o")
+            raise InputError(f"{folder}: this folder holds {what}; choose another -o")
     Outputs(folder).check(OWNER, ["estimates.json", "report.html"], inputs, force)
 
 
@@ -155,8 +156,8 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
     if content["reason"]:
         parts.insert(0, f'<div class="stopped">{text(content["reason"])}</div>')
     measured = content["measured"]
-    said = ", ".join(f"{count} {name}" for name, count in measured.items() if count)
-    parts.append(f"<p>{content['epochs']} epochs over {number(content['seconds'], 4)} s: {text(said)}.</p>")
+    counts = ", ".join(f"{count} {name}" for name, count in measured.items() if count)
+    parts.append(f"<p>{content['epochs']} epochs over {number(content['seconds'], 4)} s: {text(counts)}.</p>")
     if (prior := content["prior"]) is not None:
         p = f", p = {number(prior['p_value'], 2)}" if prior["p_value"] is not None else ""
         judge = f" by {prior['reference']}" if prior["reference"] else ""
@@ -168,7 +169,7 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
         k = true_ratios(truth)
         if k is not None:
             parts.append(
-                f'<p class="soft">Truth: k1 = {number(k[0], 5)}, k2 = {number(k[1], 5)}. Errors are over the second half.</p>'
+                f'<p class="soft">Truth: k1 = {number(k[0], 5)}, k2 = {number(k[1], 5)}. Errors are root mean squares over the second half of the recording.</p>'
             )
     if outcome.skipped:
         lines = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in outcome.skipped.items())
@@ -190,11 +191,11 @@ HEAD = [
         "converged",
         "observable",
         "reliable",
-        "innovation",
-        "µs a step",
+        "residuals / noise",
+        "µs per step",
     )
 ]
-HEAD_OF_TRUTH = ["k1 error", "k2 error", "attitude rms [°]", "rate rms [°/s]", "axes off [°]"]
+HEAD_OF_TRUTH = ["k1 error", "k2 error", "attitude error, rms [°]", "rate error, rms [°/s]", "axes error [°]"]
 
 
 def _row(e: dict[str, Any], error: dict[str, Any] | None) -> list[Any]:
@@ -222,8 +223,8 @@ def _row(e: dict[str, Any], error: dict[str, Any] | None) -> list[Any]:
 
 
 def _earlier(entry: dict[str, Any]) -> str:
-    history = f"; its history is in {entry['history']}" if entry["history"] else ""
-    return f'<p class="soft">{text(f"By an earlier command on the same data{history}.")}</p>'
+    history = f"; its values over time are in {entry['history']}" if entry["history"] else ""
+    return f'<p class="soft">{text(f"From an earlier command on the same data{history}.")}</p>'
 
 
 def _deg(value: float | None) -> float | None:
@@ -239,8 +240,8 @@ def _method(e: Estimate, problem: Problem, error: Errors | None) -> str:
     parts = [f'<div class="warning">{text(line)}</div>' for line in e.warnings]
     if e.because or e.reason:
         parts.append(f'<div class="warning">{text(e.because or e.reason)}</div>')
-    facts = [f"{e.used} measurements used, {e.gated} left out as outliers"] if e.used else []
-    facts += [f"residuals {number(e.innovation, 3)} of their stated variance"] if e.innovation is not None else []
+    facts = [f"{e.used} measurements used, {e.gated} rejected as outliers"] if e.used else []
+    facts += [f"residuals {number(e.innovation, 3)} times their stated variance"] if e.innovation is not None else []
     if facts:
         parts.append(f'<p class="soft">{text("; ".join(facts))}.</p>')
     if error is not None:
@@ -320,7 +321,8 @@ def _bounded(
     room = 1.0 * (high - low) + 1e-300
 
     def cut(y: np.ndarray) -> np.ndarray:
-        return np.clip(y, low - room, high + room)
+        clipped: np.ndarray = np.clip(y, low - room, high + room)
+        return clipped
 
     series = [(names[j], times[keep], cut(values[keep, j])) for j in columns]
     bands = []

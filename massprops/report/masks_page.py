@@ -66,7 +66,7 @@ def masks_page(run: str, sheet: Sheet, pictures: Pictures) -> str:
     width = max(LEAST_WIDTH, round(WIDTH * min(1.0, FULL / max(1, len(shown))) ** 0.5))
     figures = "".join(_figure(s, width, pictures) for s in shown)
     grid = f'<div class="sheet wide">{figures}</div>'
-    keys = swatch("#6edc60", "silhouette") + swatch("#e63c28", "cannot tell")
+    keys = swatch("#6edc60", "silhouette") + swatch("#e63c28", "unclear")
     parts = [f"<section><h2>Silhouettes</h2>{_summary(sheet)}<p class='soft keys'>{keys}</p>{grid}</section>"]
     if sheet.refused:
         rows = "".join(f"<li>{text(printable(n))}: {text(why)}</li>" for n, why in sheet.refused)
@@ -76,35 +76,35 @@ def masks_page(run: str, sheet: Sheet, pictures: Pictures) -> str:
 
 def _summary(sheet: Sheet) -> str:
     used = [s for s in sheet.images if not s.left_out]
-    said = [f"{len(used)} of {len(sheet.images)} images say what the shape is."]
+    sentences = [f"{len(used)} of {len(sheet.images)} images were used for the shape."]
     values = np.array([s.iou for s in used if s.iou is not None])
     if len(values):
         worst = min((s for s in used if s.iou is not None), key=lambda s: s.iou or 0.0)
-        said.append(
-            f"Their silhouettes agree with the final mesh by {np.median(values):.3f} in the median (intersection over "
-            f"union); worst is {printable(worst.name)} with {values.min():.3f}."
+        sentences.append(
+            f"Agreement of their silhouettes with the final mesh (intersection over union): median {np.median(values):.3f}, "
+            f"worst {values.min():.3f} in {printable(worst.name)}."
         )
     else:
-        said.append("The run has no mesh yet to compare them with.")
-    said.append(
-        "To mend one, paint in its mask in this folder, white for the object and black for the rest, at the size it has; "
-        "then give the folder to massprops reconstruct with --masks."
+        sentences.append("The run has no mesh to compare them with.")
+    sentences.append(
+        "To correct one, paint its mask in this folder: white for the object, black for the rest. Keep the size of the "
+        "image. Then run massprops reconstruct again with --masks and this folder."
     )
-    return f"<p>{text(' '.join(said))}</p>"
+    return f"<p>{text(' '.join(sentences))}</p>"
 
 
 def _figure(s: Silhouette, width: int, pictures: Pictures) -> str:
     name = printable(s.name)
     picture = data_uri(outlined(*pictures(s.stored), width))
     if s.left_out:
-        said, kind = f"left out: {s.left_out}", " class=lost"
+        verdict, kind = f"left out: {s.left_out}", " class=lost"
     elif s.iou is None:
-        said, kind = "", ""
+        verdict, kind = "", ""
     else:
-        said, kind = f"agrees by {s.iou:.3f}", ""
+        verdict, kind = f"agreement {s.iou:.3f}", ""
         if s.iou < LOOK:
-            said = f"<b class=bad>{text(said)}: look here</b>"
-    shown = said if said.startswith("<b") else text(said)
+            verdict = f"<b class=bad>{text(verdict)}, please check</b>"
+    shown = verdict if verdict.startswith("<b") else text(verdict)
     return (
         f'<figure{kind}><img loading="lazy" alt="{text(name)}" src="{picture}">'
         f'<figcaption title="{text(name)}">{text(name)}<span class="below">{shown}</span></figcaption></figure>'

@@ -48,12 +48,12 @@ def read_shape(folder: Path, factor: float, compared: Shape | None = None) -> Sh
         shape = _read_ply(path)
         if shape is not None:
             same = compared is not None and np.array_equal(compared.faces, shape.faces)
-            return lighten(replace(shape, distance=compared.distance) if same and compared is not None else shape)
+            return decimated(replace(shape, distance=compared.distance) if same and compared is not None else shape)
     path = folder / "work" / "surface" / "surface.npz"
     if path.is_file():
         try:
             with open_arrays(path) as z:
-                return lighten(Shape(z["vertices"] * factor, z["faces"], z["observed"].astype(bool)))
+                return decimated(Shape(z["vertices"] * factor, z["faces"], z["observed"].astype(bool)))
         except (OSError, ValueError, KeyError, IndexError, TypeError):  # a report is made of what can be read
             return None
     return None
@@ -99,7 +99,7 @@ def _read_ply(path: Path) -> Shape | None:
     )
 
 
-def lighten(shape: Shape, most: int = MOST_FACES) -> Shape:
+def decimated(shape: Shape, most: int = MOST_FACES) -> Shape:
     """The shape with at most `most` faces; flags, distances and colours are those of the nearest face and vertex."""
     if len(shape.faces) <= most:
         return shape

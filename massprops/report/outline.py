@@ -20,7 +20,7 @@ def outlined(image: np.ndarray, mask: np.ndarray | None, width: int) -> np.ndarr
     import cv2
 
     small = (width, max(1, round(width * image.shape[0] / image.shape[1])))
-    out = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+    out: np.ndarray = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
     if mask is None:
         return out
     shown = cv2.resize(mask, small, interpolation=cv2.INTER_NEAREST)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from massprops.report.html import mark, round_marks, text
+from massprops.report.axes import Axes
+from massprops.report.html import round_marks, text
 
 NINETY = 2.1460
 """Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
@@ -15,7 +16,7 @@ REACH = 3.0
 """Methods farther off than so many times the reach of what is drawn thick are named instead of drawn."""
 OWN = "own"
 """Style of the mesh, or of the truth."""
-WIDE, TALL, LEFT, BOTTOM, EDGE = 480, 360, 62, 40, 10
+SIZE, MARGIN = (480, 360), (62, 10, 10, 40)
 
 
 @dataclass(frozen=True)
@@ -49,19 +50,22 @@ def ratio_plane(own: dict[str, Any], estimators: list[dict[str, Any]], reference
     near = [m for m in marks if (np.abs(m.k - middle) <= REACH * half).all()]
     low, high = _bounds([*core, *(Mark(m.name, m.k, m.k[None], m.style) for m in near)])
     pad = 0.08 * np.maximum(high - low, 1e-4)
-    low, high = low - pad, high + pad
-    drawn = [_drawn(m, low, high, thick=m in core) for m in near]
+    (x0, y0), (x1, y1) = low - pad, high + pad
+    axes = Axes((x0, x1), (y0, y1), SIZE, MARGIN)
+    drawn = [_drawn(m, axes, thick=m in core) for m in near]
     far = [m.name for m in marks if m not in near]
-    said = "Ellipses hold 90 %; methods that did not converge are left out." + (
-        f" Farther off than shown: {text(', '.join(far))}." if far else ""
+    note = "Ellipses contain 90 % of the probability. Methods that did not converge are left out." + (
+        f" Outside the chart: {text(', '.join(far))}." if far else ""
     )
     legend = "".join(f'<span class="key {m.style}">{text(m.name)}</span>' for m in near)
-    box = f'x="{LEFT}" y="{EDGE}" width="{WIDE - LEFT - EDGE}" height="{TALL - BOTTOM - EDGE}"'
+    left, right, top, bottom = MARGIN
+    box = f'x="{left}" y="{top}" width="{SIZE[0] - left - right}" height="{SIZE[1] - top - bottom}"'
     return (
-        f'<svg viewBox="0 0 {WIDE} {TALL}" role="img" aria-label="k1 and k2 of every method">'
-        f'<clipPath id="plane"><rect {box}/></clipPath><rect class="pane" {box}/>{_scales(low, high)}'
+        f'<svg viewBox="0 0 {SIZE[0]} {SIZE[1]}" role="img" aria-label="k1 and k2 of every method">'
+        f'<clipPath id="plane"><rect {box}/></clipPath><rect class="pane" {box}/>'
+        f"{axes.columns(round_marks(x0, x1), lines=True)}{axes.rows(round_marks(y0, y1))}{axes.titles('k1', 'k2')}"
         f'<g clip-path="url(#plane)">{"".join(drawn[::-1])}</g></svg>'
-        f'<div class="legend">{legend}</div><p class="soft">{said}</p>'
+        f'<div class="legend">{legend}</div><p class="soft">{note}</p>'
     )
 
 
@@ -104,30 +108,9 @@ def _bounds(marks: list[Mark]) -> tuple[np.ndarray, np.ndarray]:
     return points.min(0), points.max(0)
 
 
-def _at(k: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    share = (k - low) / (high - low)
-    x = LEFT + share[..., 0] * (WIDE - LEFT - EDGE)
-    return np.stack([x, TALL - BOTTOM - share[..., 1] * (TALL - BOTTOM - EDGE)], axis=-1)
-
-
-def _drawn(one: Mark, low: np.ndarray, high: np.ndarray, thick: bool) -> str:
-    x, y = _at(one.k, low, high)
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in _at(one.outline, low, high))
+def _drawn(one: Mark, axes: Axes, thick: bool) -> str:
+    points = axes.points(one.outline[:, 0], one.outline[:, 1])
     kind = f"{one.style}{' thick' if thick else ''}"
     ring = f'<polygon class="ring {kind}" points="{points}"/>' if points else ""
+    x, y = axes.right(one.k[0]), axes.down(one.k[1])
     return f'{ring}<circle class="dot {kind}" cx="{x:.1f}" cy="{y:.1f}" r="{4 if thick else 2.5}"/>'
-
-
-def _scales(low: np.ndarray, high: np.ndarray) -> str:
-    parts = []
-    for k1 in round_marks(low[0], high[0]):
-        x = _at(np.array([k1, low[1]]), low, high)[0]
-        parts.append(f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{EDGE}" y2="{TALL - BOTTOM}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{TALL - BOTTOM + 15}" text-anchor="middle">{mark(k1)}</text>')
-    for k2 in round_marks(low[1], high[1]):
-        y = _at(np.array([low[0], k2]), low, high)[1]
-        parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDE - EDGE}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{mark(k2)}</text>')
-    parts.append(f'<text x="{(LEFT + WIDE) / 2:.0f}" y="{TALL - 6}" text-anchor="middle">k1</text>')
-    parts.append(f'<text transform="translate(12 {TALL / 2:.0f}) rotate(-90)" text-anchor="middle">k2</text>')
-    return "".join(parts)

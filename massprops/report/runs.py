@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from massprops.core.files import hash_of
 from massprops.core.outputs import deliver
-from massprops.core.processes import muffled
+from massprops.core.processes import silenced_stderr
 from massprops.errors import InputError
 from massprops.mass.document import read_document
 from massprops.mass.recommended import as_recommended
@@ -43,11 +43,11 @@ def write_runs(folder: Path, runs: list[Path], force: bool = False) -> Path:
         InputError: no runs, or the folder cannot be written.
     """
     if not runs:
-        raise InputError(f"{folder}: no runs in this folder: give one that 'massprops reconstruct' wrote runs into")
+        raise InputError(f"{folder}: no runs in this folder; give a folder in which 'massprops reconstruct' made runs")
     found = [_Run(path, folder) for path in runs]
     body = f'<section id="runs"><h2>Runs</h2>{_listed(found)}</section>'
     if len(found) == 2:
-        body += f'<section id="compared"><h2>What differs</h2>{_compared(*found)}</section>'
+        body += f'<section id="compared"><h2>Differences</h2>{_compared(*found)}</section>'
     whole = page(f"massprops · {len(found)} runs", body, subtitle=str(folder.resolve()))
     deliver(folder, OWNER, {NAME: whole}, hash_of([r.document for r in found]), force=force)
     return folder / NAME
@@ -81,12 +81,13 @@ class _Run:
         return known.get(quantity, self.best.get(quantity))
 
     def bounds(self, quantity: str) -> list[float] | None:
-        interval = self.best.get("interval_90") or {}
+        interval: dict[str, Any] = self.best.get("interval_90") or {}
+        found: list[float] | None = interval.get(quantity)
         if quantity.startswith("I"):
-            return (interval.get("principal_moments") or [None] * 3)[int(quantity[1]) - 1]
-        return interval.get(quantity)
+            found = (interval.get("principal_moments") or [None] * 3)[int(quantity[1]) - 1]
+        return found
 
-    def said(self, quantity: str, digits: int = 4) -> str:
+    def with_interval(self, quantity: str, digits: int = 4) -> str:
         value, bounds = self.value(quantity), self.bounds(quantity)
         if value is None:
             return "–"
@@ -111,7 +112,7 @@ class _Run:
         colour = {"high": "good", "low": "bad"}.get(level, "")
         parts = [f'<b class="{colour}">{text(level)}</b>'] if level else []
         if self.crosscheck.get("verdict"):
-            parts.append(f"motion {text(self.crosscheck['verdict'])}")
+            parts.append(f"shape against motion: {text(self.crosscheck['verdict'])}")
         if self.verdict.get("exit_code"):
             parts.append(f'<span class="bad">{text(self.verdict.get("reason", "stopped"))}</span>')
         return Safe("; ".join(parts) or "–")
@@ -121,14 +122,14 @@ class _Run:
         import cv2
 
         frames = sorted((self.path / "work" / "capture" / "frames").rglob("*.*"))
-        with muffled():
+        with silenced_stderr():
             image = cv2.imread(str(frames[len(frames) // 2])) if frames else None
         if image is None:
             return Safe("")
         small = cv2.resize(
             image, (120, max(1, round(120 * image.shape[0] / image.shape[1]))), interpolation=cv2.INTER_AREA
         )
-        return Safe(f'<img alt="a frame of {text(self.path.name)}" width="120" src="{data_uri(small)}">')
+        return Safe(f'<img alt="a frame of {text(self.path.name)}" width="120" class="thumb" src="{data_uri(small)}">')
 
     @property
     def name(self) -> Safe:
@@ -137,9 +138,17 @@ class _Run:
 
 
 def _listed(runs: list[_Run]) -> str:
-    rows = [(r.name, r.picture, r.judged, f"{r.said('volume')} {r.unit}", r.said("k1"), r.said("k2")) for r in runs]
-    head = ("run", "", "confidence, motion", "volume (± 90 %)", "k1", "k2")
-    return table(rows, head, numeric=(3, 4, 5), label="runs")
+    """A row for each run; a phone shows the first two columns, which say most."""
+    rows = [
+        (
+            Safe(f"{r.name.content}{r.picture.content}"),
+            Safe(f'{text(r.with_interval("volume"))} {r.unit}<span class="below">{r.judged.content}</span>'),
+            r.with_interval("k1"),
+            r.with_interval("k2"),
+        )
+        for r in runs
+    ]
+    return table(rows, ("run", "volume (± 90 %), confidence", "k1", "k2"), numeric=(2, 3), label="runs")
 
 
 def _apart(ratio: float) -> str:
@@ -162,13 +171,15 @@ def _compared(a: _Run, b: _Run) -> str:
         rows.append(
             (
                 f"{quantity} [{unit}]" if unit else quantity,
-                a.said(quantity),
-                b.said(quantity),
                 apart.replace("-", "−"),
+                a.with_interval(quantity),
+                b.with_interval(quantity),
                 meet,
             )
         )
-    note = "" if a.metric == b.metric else "<p>One of the two has no scale: only k1 and k2 can be compared.</p>"
+    note = (
+        "" if a.metric == b.metric else "<p>One of the two has no length scale, so only k1 and k2 can be compared.</p>"
+    )
     return note + table(
-        rows, ("", a.path.name, b.path.name, "second less first", "intervals overlap"), label="two runs"
+        rows, ("", "second minus first", a.path.name, b.path.name, "intervals overlap"), label="two runs"
     )

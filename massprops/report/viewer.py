@@ -13,7 +13,7 @@ from massprops.report.meshes import Shape
 from massprops.report.scene import Scene, packed_scene
 
 MARK = 'class="viewer"'
-MODES = {"colour": "colour", "measured": "measured", "deviation": "deviation from CAD", "images": "images"}
+MODES = {"colour": "colour", "measured": "measured", "deviation": "deviation from CAD", "images": "number of images"}
 """What a mesh can be coloured by, and the name of the button."""
 MOST_IMAGES = 12
 """Images at which the colour of `images` is full."""
@@ -54,10 +54,10 @@ def viewer(
     modes = _modes(shape, scene, limit)
     return (
         f'<div {MARK}><div class="stage"><canvas tabindex="0" role="img" aria-label="the mesh in 3D: arrow keys turn it, '
-        'with Shift they move it, plus and minus come closer and go away"></canvas>'
+        'arrow keys with Shift move it, plus and minus zoom"></canvas>'
         '<img class="film" alt="the frame of the footage at this time" hidden>'
-        '<p class="note" hidden>This browser shows no 3D: WebGL is off.</p>'
-        "<noscript>Scripts are off: the mesh cannot be shown.</noscript></div>"
+        '<p class="note" hidden>This browser cannot show 3D, because WebGL is off.</p>'
+        "<noscript>The mesh cannot be shown, because scripts are off.</noscript></div>"
         f"{_controls(content, modes)}{_keys(shape, modes, limit, bool(content['axes']))}"
         f'<script type="application/json">{json.dumps(content, allow_nan=False)}</script></div>'
     )
@@ -101,10 +101,10 @@ def _controls(content: dict[str, Any], modes: list[str]) -> str:
     parts = []
     if len(modes) > 1:
         shown = buttons("mode", {m: MODES[m] for m in modes}, modes[0])
-        parts.append(f'<div class="group" role="group" aria-label="coloured by">{shown}</div>')
-    views = {"reset": "start", "front": "along +y", "side": "along −x", "top": "along −z"}
-    parts.append(f'<div class="group" role="group" aria-label="looking">{buttons("view", views)}</div>')
-    boxes = [("axes", "principal axes, centre of mass", True)] if content["axes"] else []
+        parts.append(f'<div class="group" role="group" aria-label="colour">{shown}</div>')
+    views = {"reset": "reset view", "front": "along +y", "side": "along −x", "top": "along −z"}
+    parts.append(f'<div class="group" role="group" aria-label="view direction">{buttons("view", views)}</div>')
+    boxes = [("axes", "principal axes and centre of mass", True)] if content["axes"] else []
     boxes += [("cameras", "cameras", False)] if content["frusta"] else []
     boxes += [("cloud", "measured points", False)] if content["points"] else []
     parts += [
@@ -123,27 +123,27 @@ def _controls(content: dict[str, Any], modes: list[str]) -> str:
 
 def _keys(shape: Shape, modes: list[str], limit: float | None, axes: bool) -> str:
     """A legend for each colouring; the script shows the one in use."""
-    said = {"colour": [], "measured": [swatch("#bdc4cc", "measured")], "deviation": [], "images": []}
+    legends = {"colour": [], "measured": [swatch("#bdc4cc", "measured")], "deviation": [], "images": []}
     inferred = shape.inferred if shape.inferred is not None else np.zeros(len(shape.faces), bool)
     if not (shape.observed | inferred).all():
-        said["measured"].append(swatch("#db332a", "filled in, not measured"))
+        legends["measured"].append(swatch("#db332a", "filled in, not measured"))
     if inferred.any():
-        said["measured"].append(swatch("#0a84e3", "inferred: closed at the plane it stood on"))
+        legends["measured"].append(swatch("#0a84e3", "closed at the plane it stood on"))
     if limit:
         end = f"{1000 * limit:g} mm" if limit < 1 else f"{limit:g} m"
         named = (
-            ("#2350aa", f"{end} or more inside the CAD"),
-            ("#f5f5f5", "on it"),
+            ("#2350aa", f"{end} or more inside"),
+            ("#f5f5f5", "on the CAD surface"),
             ("#be1e2d", f"{end} or more outside"),
         )
-        said["deviation"] = [swatch(colour, name) for colour, name in named]
-    named = (("#db332a", "measured in no image"), ("#fbe7b2", "in few"), ("#14688c", f"in {MOST_IMAGES} or more"))
-    said["images"] = [swatch(colour, name) for colour, name in named]
+        legends["deviation"] = [swatch(colour, name) for colour, name in named]
+    named = (("#db332a", "seen in no image"), ("#fbe7b2", "in few"), ("#14688c", f"in {MOST_IMAGES} or more"))
+    legends["images"] = [swatch(colour, name) for colour, name in named]
     parts = []
     for mode in modes:
         hidden = "" if mode == modes[0] else " hidden"
-        if said[mode]:
-            parts.append(f'<p class="soft keys" data-keys="{text(mode)}"{hidden}>{"".join(said[mode])}</p>')
+        if legends[mode]:
+            parts.append(f'<p class="soft keys" data-keys="{text(mode)}"{hidden}>{"".join(legends[mode])}</p>')
     if axes:
         named = (("#f27326", "axis of I1"), ("#40b359", "I2"), ("#4d8cfa", "I3"), ("#fac72e", "centre of mass"))
         parts.append(f'<p class="soft keys">{"".join(swatch(colour, name) for colour, name in named)}</p>')

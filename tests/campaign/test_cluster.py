@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from asyncio import CancelledError
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from massprops.campaigns import cluster as backend
 from massprops.campaigns.configuration import plan_of
 from massprops.campaigns.run import run_campaign
 from massprops.campaigns.store import FILE
+from massprops.errors import NotPossible
 from massprops_cli.main import run
 
 pytest.importorskip("distributed")
@@ -227,6 +229,32 @@ def test_a_port_where_nobody_listens(
         assert run(["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--scheduler", address]) == 2
     said = capfd.readouterr().err
     assert "no answer" in said and len(said.strip().splitlines()) == 1, said
+
+
+@pytest.mark.parametrize("when", ["connected to", "asked for its workers", "asked to forget"])
+def test_a_scheduler_that_ends_or_is_too_slow_while_it_is(monkeypatch: pytest.MonkeyPatch, when: str) -> None:
+    """As on a machine with forty processes for two processors: it answers the first knock, and no more."""
+
+    class Client:
+        id, status = "Client-worker-1", "running"
+
+        def __init__(self, address: str, **_: object) -> None:
+            if when == "connected to":
+                raise OSError("Timed out trying to connect")
+
+        def wait_for_workers(self, *_: object, **__: object) -> None:
+            raise TimeoutError
+
+        def nthreads(self) -> dict[str, int]:
+            raise CancelledError if when == "asked for its workers" else RuntimeError("IOLoop is closed")
+
+        def close(self, **_: object) -> None:
+            raise TimeoutError
+
+    monkeypatch.setattr("distributed.Client", Client)
+    monkeypatch.setattr(backend, "_check_scheduler", lambda address: None)
+    with pytest.raises(NotPossible, match=r"went away \(.+\): finished runs are kept; the same command continues"):
+        backend.Cluster("tcp://127.0.0.1:1")
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from massprops.campaigns.papers import smoother
-from massprops.estimators.problem import problem_of
+from massprops.model.problem import problem_of
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 

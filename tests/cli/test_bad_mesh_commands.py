@@ -55,6 +55,24 @@ BAD_MESHES: dict[str, tuple[Callable[[Path], Path], str]] = {
 }
 
 
+@pytest.mark.parametrize("scale", ["1e-300", "1e300"])
+def test_a_scale_that_nobody_means_is_called_by_name(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], scale: str
+) -> None:
+    said = massprops(capfd, "mass", save(box(), tmp_path / "box.stl"), "-o", tmp_path / "run", "--scale", scale)
+    assert_one_line(said, 2, "--scale 1e", "m long: give the metres per unit")
+
+
+def test_a_variable_of_the_shell_that_is_not_set_is_no_folder(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = save(box(), tmp_path / "box.stl")
+    monkeypatch.chdir(tmp_path)
+    for arguments in (("mass", part, "-o", ""), ("mass", "", "-o", "run")):
+        assert_one_line(massprops(capfd, *arguments), 2, "an argument is empty")
+    assert [p.name for p in tmp_path.iterdir()] == ["box.stl"]
+
+
 @pytest.mark.parametrize("case", BAD_MESHES)
 def test_a_mesh_that_is_no_closed_body(tmp_path: Path, capfd: pytest.CaptureFixture[str], case: str) -> None:
     build, says = BAD_MESHES[case]

@@ -59,7 +59,7 @@ def test_help_loads_nothing_heavy_and_shows_an_example(arguments: list[str]) -> 
         (["simulate", "asteroid", "-o", "seq", "--size", "big"], "640x480"),
         (["export", "nowhere", "--to", "urdf"], "no such"),
         (["compare", "nowhere", "cad.stl"], "no such"),
-        (["view", "nowhere"], "report.html"),
+        (["view", "nowhere"], "no such folder"),
         (["mass", "nothing.stl", "-o", "run"], "no such file"),
     ],
 )

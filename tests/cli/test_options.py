@@ -96,6 +96,17 @@ def test_off_a_terminal_a_long_stage_says_that_it_lives(capsys: pytest.CaptureFi
     assert all("[5/9] surface" in line for line in lines)
 
 
+def test_a_finished_part_of_a_stage_is_said_to_be_finished(capsys: pytest.CaptureFixture[str]) -> None:
+    clock = [0.0]
+    watch = StageProgress(quiet=False, now=lambda: clock[0])
+    for done in (1, 40):
+        watch("sfm", 1, 14, done, 40, "depth maps")
+        clock[0] += BEAT_S
+        watch.beat()
+    lines = capsys.readouterr().err.splitlines()
+    assert "depth maps 1/40" in lines[1] and lines[2].endswith("[2/14] sfm depth maps done")
+
+
 def test_the_time_left_comes_from_earlier_runs_at_this_runs_speed() -> None:
     earlier = [{"capture": 10.0, "sfm": 20.0, "dense": 30.0}]
     assert left_s(earlier, {}, "capture", 4.0) == pytest.approx(56.0)

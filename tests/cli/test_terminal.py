@@ -44,6 +44,43 @@ def test_libraries_are_silent_and_a_bug_is_one_line_with_a_file(
     assert logging.lastResort is not None, "as it was"
 
 
+def test_the_end_of_a_file_is_no_interrupt(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    def ended(*_: object) -> None:
+        raise EOFError("no data left in file")
+
+    monkeypatch.setattr("massprops.run.from_mesh.mass", ended)
+    said = massprops(capfd, "mass", "x.stl", "-o", tmp_path / "run")
+    assert said.code == 3 and len(said.lines) == 1 and "no data left in file" in said.err, said
+
+
+@pytest.mark.parametrize(
+    ("error", "free"),
+    [
+        (ImportError("libavcodec.so: failed to map segment from shared object"), (3, "is a bug in massprops")),
+        (OSError("Could not find/load shared object file 'libllvmlite.so'"), (2, "libllvmlite")),
+        (MemoryError(), (3, "give a smaller one")),
+    ],
+)
+def test_a_limit_on_address_space_is_no_bug(
+    error: Exception, free: tuple[int, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("massprops.run.from_mesh.mass", fails)
+    monkeypatch.setattr("massprops_cli.main._report", lambda _: "")
+    said = massprops(capfd, "mass", "x.stl", "-o", "run")
+    assert said.code == free[0] and free[1] in said.err and "ulimit" not in said.err, said
+    monkeypatch.setattr("resource.getrlimit", lambda _: (500_000_000, 500_000_000))
+    said = massprops(capfd, "mass", "x.stl", "-o", "run")
+    assert said.code == 3 and len(said.lines) == 1, said
+    assert "limited to 0.5 GB (ulimit -v)" in said.err and "bug" not in said.err, said
+
+
 @pytest.mark.parametrize(
     "terminal",
     [
@@ -87,6 +124,6 @@ def test_an_interrupt_while_modules_are_loaded_is_one_line(tmp_path: Path) -> No
     (tmp_path / "typer.py").write_text("raise KeyboardInterrupt\n")
     code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from massprops_cli.start import main; main()"
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (130, "massprops: interrupted: nothing was begun\n")
+    assert (done.returncode, done.stderr) == (130, "massprops: interrupted before anything was done\n")
     scripts = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]
     assert scripts["massprops"] == "massprops_cli.start:main"

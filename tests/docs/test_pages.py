@@ -7,6 +7,7 @@ import csv
 import importlib.util
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -58,6 +59,23 @@ def test_every_paper_has_a_reference_and_the_citation_gives_the_same() -> None:
     assert set(REFERENCES) == set(papers()) - {"smoother"}
     for name, reference in REFERENCES.items():
         assert cited[reference.doi] == reference.title, name
+
+
+def test_the_page_of_files_lists_the_keys_that_results_have() -> None:
+    import trimesh
+
+    from massprops.estimators.documents import document as estimates_of
+
+    listed = runpy.run_path(str(ROOT / "docs/generate/result_files.py"))["RESULTS"]
+    compared = massprops.compare(trimesh.creation.box((1, 2, 3.03)), trimesh.creation.box((1, 2, 3))).document()
+    assert {*listed["compare.json"], "format"} == {*compared, "fused", "colour_limit"}  # a colour where it was written
+    t = np.linspace(0.0, 10.0, 101)
+    w = np.stack([0.1 * np.cos(0.2 * t), 0.1 * np.sin(0.2 * t), np.full(101, 0.4)], axis=1)
+    found = massprops.estimate(massprops.sequence_from_arrays(t, rates=w, rate_sigma=1e-4), method="momentum-ls")
+    assert {*listed["estimates.json"], "format"} == set(estimates_of(found.outcome))
+    for name, package in (("crosscheck.json", "consistency"), ("diagnosis.json", "diagnosis")):
+        source = "".join(p.read_text() for p in (ROOT / "massprops" / package).rglob("*.py"))
+        assert all(f'"{key}"' in source for key in listed[name]), name
 
 
 def test_the_gallery_has_scripts_with_what_they_gave() -> None:

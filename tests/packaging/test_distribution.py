@@ -98,14 +98,28 @@ def test_the_citation_fits_the_package() -> None:
     assert "Apache License" in (ROOT / "LICENSE").read_text()
 
 
-def test_without_pycolmap_reconstruct_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("module", "compiler", "says"),
+    [
+        ("pycolmap", True, "arm64"),
+        ("maxflow", True, "pip install PyMaxflow.*a C\\+\\+ compiler builds it$"),
+        ("maxflow", False, "which is not here: type 'sudo apt-get install g"),
+    ],
+)
+def test_without_a_package_reconstruct_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, compiler: bool, says: str
+) -> None:
+    from massprops import native
     from massprops.errors import InputError
-    from massprops.run import reconstruct
+    from massprops.run import doctor, reconstruct
 
-    monkeypatch.setattr(reconstruct, "has_pycolmap", lambda: False)
-    with pytest.raises(InputError, match="arm64"):
+    monkeypatch.setattr(native, "find_spec", lambda name: None if name == module else object())
+    monkeypatch.setattr(native.shutil, "which", lambda name: name if compiler else None)
+    with pytest.raises(InputError, match=says):
         reconstruct.reconstruct(ROOT / "samples/spacecraft.mp4", tmp_path / "run")
     assert not (tmp_path / "run").exists()
+    package = {"maxflow": "PyMaxflow"}.get(module, module)
+    assert re.search(says, doctor._advice(package, f"ModuleNotFoundError: No module named '{module}'"))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from fake_run import HOSTILE, add_crosscheck, add_everything, make_run, spacecra
 
 from massprops.report import write_report
 from massprops.report.html import between, number, text
-from massprops.report.meshes import Shape, lighten, read_shape
+from massprops.report.meshes import Shape, decimated, read_shape
 from massprops.report.page import UNREADABLE, all_sections, page
 from massprops.report.scene import Scene
 from massprops.report.sections.cameras import coverage, mollweide
@@ -112,8 +112,8 @@ def test_what_comes_from_outside_is_escaped(tmp_path: Path) -> None:
 
 def test_model_units_claim_ratios_only(tmp_path: Path) -> None:
     words = parsed(make_run(tmp_path / "run", metric=False)).words
-    assert "No scale was given" in words and "only ratios are claimed" in words
-    assert "kg m²" not in words
+    assert "No length was given" in words and "Only ratios are meaningful" in words
+    assert "kg m²" not in words and "Mass density" not in words and "smallest principal moment" not in words
 
 
 def test_a_stopped_run_gets_a_page_with_the_reason(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_many_large_frames_and_faces_stay_small(tmp_path: Path) -> None:
 def test_lightened_mesh_keeps_shape_flags_and_distances() -> None:
     mesh = spacecraft().subdivide().subdivide()
     v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    light = lighten(Shape(v, f, mesh.triangles_center[:, 0] > 0, v[:, 2]), most=6000)
+    light = decimated(Shape(v, f, mesh.triangles_center[:, 0] > 0, v[:, 2]), most=6000)
     assert len(light.faces) <= 6000
     middle = light.vertices[light.faces].mean(1)
     assert (light.observed == (middle[:, 0] > 0)).mean() > 0.98
@@ -295,7 +295,7 @@ def test_everything_a_run_may_have_stands_on_its_page(tmp_path: Path) -> None:
     found = parsed(add_everything(make_run(tmp_path / "run", count=10)))
     assert UNREADABLE not in found.words and "residuals" in found.sections and "comparison" in found.sections
     for said in (
-        "density assumed 1000 kg/m³, as water", "Confidence medium", "Shape against motion: consistent", "Against CAD:",
+        "density assumed: 1000 kg/m³ (water)", "Confidence medium", "Shape against motion: consistent", "Difference from CAD:",
         "mesh and motion together", "recommended", "Points in common", "Mean residual over the sensor",
     ):  # fmt: skip
         assert said in found.words, said

@@ -13,7 +13,7 @@ import pytest
 from fake_run import HOSTILE, make_run, spacecraft
 
 from massprops.report import write_report
-from massprops.report.meshes import Shape, lighten, read_shape
+from massprops.report.meshes import Shape, decimated, read_shape
 from massprops.report.viewer import viewer
 from massprops.run.stages.publish import mesh_ply
 
@@ -36,7 +36,7 @@ def test_origins_and_colours_come_from_the_mesh_file(tmp_path: Path) -> None:
     assert shape is not None and shape.inferred is not None and shape.rgb is not None
     assert np.array_equal(shape.inferred, origin == 2) and np.array_equal(shape.observed, origin == 1)
     assert np.array_equal(shape.rgb, rgb)
-    light = lighten(shape, 1500)
+    light = decimated(shape, 1500)
     assert light.rgb is not None and light.inferred is not None and len(light.faces) <= 1500
     clear = np.abs(light.vertices[:, 0]) > 0.2
     assert np.array_equal(light.rgb[clear, 0] > 100, light.vertices[clear, 0] > 0)

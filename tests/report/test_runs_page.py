@@ -26,7 +26,7 @@ def test_runs_are_listed_with_picture_verdict_and_volume(tmp_path: Path) -> None
     page = write_runs(tmp_path, runs_in(tmp_path)).read_text()
     assert page.count("<img alt=") == 2 and 'href="one/report.html"' in page and 'href="two/' not in page
     assert "low" in page and "window.hit=1</script>" not in page and "unit³" in page
-    assert "One of the two has no scale" in page
+    assert "One of the two has no length scale" in page
     with pytest.raises(InputError, match="no runs"):
         write_runs(tmp_path / "other", [])
 

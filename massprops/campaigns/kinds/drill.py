@@ -1,4 +1,4 @@
-"""Practice runs that cost, fail, hang, grow or die on demand: proves a cluster before real work is put on it."""
+"""Test runs that take time, fail, hang, use memory or die on request, to try out a cluster before real work."""
 
 from __future__ import annotations
 

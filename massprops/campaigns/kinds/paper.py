@@ -64,7 +64,7 @@ def set_up(values: dict[str, Any]) -> dict[str, Any]:
         InputError: the case has no such value, or it is of another kind.
     """
     paper = load_paper(values["paper"])
-    found = copy.deepcopy(paper.configuration(values["case"]))
+    found: dict[str, Any] = copy.deepcopy(paper.configuration(values["case"]))
     for name, value in values.items():
         if name in ("paper", "case"):
             continue
@@ -75,15 +75,15 @@ def set_up(values: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(part, dict) or last not in part:
             raise unknown(f"parameter of {values['paper']} {values['case']}", name, _flat(found))
         old = part[last]
-        if _sort(old) != _sort(value) and old is not None:
-            raise InputError(f"{name} {shown(value)}: give {_sort(old)} like {old!r}")
+        if _kind_name(old) != _kind_name(value) and old is not None:
+            raise InputError(f"{name} {shown(value)}: give {_kind_name(old)} like {old!r}")
         part[last] = value
     return found
 
 
-def _sort(value: Any) -> str:
+def _kind_name(value: Any) -> str:
     for kind, name in ((bool, "yes or no"), ((int, float), "a number"), (str, "a text"), (list, "a list")):
-        if isinstance(value, kind):  # type: ignore[arg-type]
+        if isinstance(value, kind):
             return name
     return "names with values"
 
@@ -114,7 +114,7 @@ def basis(plan: Any) -> Any:
 
 def runs(values: dict[str, Any], seeds: list[int], folder: Path | None) -> list[dict[str, Any]]:
     """The paper's own runs."""
-    return load_paper(values["paper"]).runs(set_up(values), list(seeds))
+    return list(load_paper(values["paper"]).runs(set_up(values), list(seeds)))
 
 
 def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
@@ -126,8 +126,8 @@ def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
         table = dict(paper.table(case, point.dictionaries()))
         changes = {k: v for k, v in point.cell.items() if k != "case"}
         if changes or plan.draw:
-            said = ", ".join([f"{k} {v}" for k, v in changes.items()] + [f"{k} drawn" for k in plan.draw])
-            table["title"] = f"{table['title']} — with {said}"
+            changed = ", ".join([f"{k} {v}" for k, v in changes.items()] + [f"{k} drawn" for k in plan.draw])
+            table["title"] = f"{table['title']} — with {changed}"
         found.append({"case": case, **table})
     return found
 

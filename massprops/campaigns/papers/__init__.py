@@ -1,4 +1,4 @@
-"""The papers, one file each, found by its name; and `smoother`, which is held against the Cramer-Rao bound.
+"""The papers, one file each, found by name; and `smoother`, which is compared with the Cramér-Rao bound.
 
 A file has `PAPER`, `CASES` (case -> one sentence), `RUNS` (case -> default number of runs), `configuration(case)` (the
 whole set-up as plain JSON), `runs(configuration, seeds) -> rows` (one flat row per seed, in order; a failed run is a row

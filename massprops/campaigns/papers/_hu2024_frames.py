@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.dynamics.inertia import DIRECTIONS
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
 from massprops.estimators.geometry.alignment import align, horn, inverse_of
-from massprops.estimators.momentum import DIRECTIONS
-from massprops.estimators.principal.frame import SignRule, paper_frame, sign_rule, unique_frame
+from massprops.estimators.unique_frame import SignRule, paper_frame, sign_rule, unique_frame
 
 SURE_AXES = np.radians(5.0)
 """1-sigma of the axes below which the frame is adopted and its sign rule kept."""

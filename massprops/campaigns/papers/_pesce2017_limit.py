@@ -1,4 +1,4 @@
-"""What no estimator can beat on pesce2017's own images: Kalman's filter linearised at the truth, run by run."""
+"""The best possible errors on pesce2017's images: Kalman's filter linearised at the truth, run by run."""
 
 from __future__ import annotations
 

@@ -390,4 +390,7 @@ def _normalised(e: np.ndarray, P: np.ndarray) -> np.ndarray:
     """e^T P^-1 e (B,), scaled first."""
     scale = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 1e-200))
     e = e / scale
-    return np.sum(e * np.linalg.solve(P / (scale[:, :, None] * scale[:, None, :]), e[..., None])[..., 0], axis=-1)
+    nees: np.ndarray = np.sum(
+        e * np.linalg.solve(P / (scale[:, :, None] * scale[:, None, :]), e[..., None])[..., 0], axis=-1
+    )
+    return nees

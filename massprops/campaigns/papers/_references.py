@@ -11,7 +11,7 @@ class Reference:
 
     Attributes:
         journal: with volume and page. doi: empty where none is known to us.
-        doi_seen: whether the DOI stands on the paper or its publisher's page; else it was noted from a citation.
+        doi_seen: whether the DOI was seen on the paper or its publisher's page; else it was noted from a citation.
     """
 
     authors: str
@@ -50,8 +50,7 @@ REFERENCES = {
         "Vision-based relative state and inertia ratio estimation of un-cooperative targets",
         "CSME International Congress, Toronto",
         2018,
-        "10.25071/10315/35405",
-        doi_seen=False,
+        "10.25071/10315/35405",  # as the repository of York University has it
     ),
     "hu2024": Reference(
         "Q. Hu, S. Wu, F. Meng, Z. Wu",

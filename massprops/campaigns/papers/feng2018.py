@@ -1,10 +1,10 @@
 """feng2018, figure 2: pose, motion, centre of mass and inertia of a tumbling body from four stereo features.
 
-What the paper leaves open, chosen here: the target's inertia; the four features, drawn for each run within half the
-reference dimension of the centre of mass along each axis; rates in deg/s (in rad/s the body would turn 190 degrees a
-step); the noise of image velocities, which only the paper's own chain takes, such that its rates come out nearly as
-good as printed. The paper's y axis looks at the target; here z does. Errors are the paper's (eq 30-32), attitudes counted from the given
-first one.
+The paper does not give the following, so it is chosen here: the inertia of the target; the four features, drawn for each run
+within half the reference dimension of the centre of mass along each axis; rates in deg/s (in rad/s the body would turn by
+190 degrees per step); the noise of image velocities, which only the paper's own chain uses, such that its rates become
+nearly as good as printed. In the paper the y axis points at the target; here z does. Errors are defined as in the paper
+(eq 30-32), with attitudes relative to the given first one.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.dynamics.inertia import physical
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -27,9 +28,9 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
 from massprops.estimators.geometry.alignment import q_method
 from massprops.estimators.methods import momentum_ls
-from massprops.estimators.momentum import momentum_inertia, physical, plain_inertia
-from massprops.estimators.problem import Problem
+from massprops.estimators.momentum import momentum_inertia, plain_inertia
 from massprops.estimators.result import Prior, ratios
+from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.dynamics.quaternion import rotate, rotation_matrix
-from massprops.estimators.principal.frame import ratios_of_moments
+from massprops.estimators.filters import Run
 
 SYMMETRIES = np.array(
     [
@@ -23,7 +24,7 @@ SYMMETRIES = np.array(
 
 
 def scores(
-    c: dict[str, Any], truth: dict[str, np.ndarray], f: np.ndarray, run: Any, unique: int, hidden: np.ndarray
+    c: dict[str, Any], truth: dict[str, np.ndarray], f: np.ndarray, run: Run, unique: int, hidden: np.ndarray
 ) -> dict[str, float]:
     """Errors of one filter, before, during and after the occlusions.
 
@@ -42,16 +43,17 @@ def scores(
     nearest = np.where(np.isfinite(angle).all(axis=1), angle.min(axis=1), 180.0)
     frame = SYMMETRIES[own]
     w = np.nan_to_num(np.linalg.norm(run.w - truth["w"] @ frame, axis=1), nan=1e3)
-    points = np.nan_to_num(np.linalg.norm(run.f - f @ frame, axis=1), nan=1e3)
+    points = np.nan_to_num(np.linalg.norm(run.last.features - f @ frame, axis=1), nan=1e3)
     moments = np.diag(frame.T @ np.diag(c["inertia_kg_m2"]) @ frame)
     k = np.abs(run.k - ratios_of_moments(moments)).max(axis=1)
     late = times > times[-1] - 10.0
     before = (times > c["occlusions_s"][0][0] - 10) & (times < c["occlusions_s"][0][0])
-    position = np.nan_to_num(np.linalg.norm(run.r - truth["r"], axis=1), nan=1e3)
-    velocity = np.nan_to_num(np.linalg.norm(run.v - truth["v"], axis=1), nan=1e3)
+    position = np.nan_to_num(np.linalg.norm(run.position - truth["r"], axis=1), nan=1e3)
+    velocity = np.nan_to_num(np.linalg.norm(run.velocity - truth["v"], axis=1), nan=1e3)
     body = np.einsum("nji,nj->ni", T, rotate(truth["q"], truth["w"]))
-    error = np.stack([run.w - body, run.r - truth["r"], run.v - truth["v"]], axis=1)
-    sigma = np.stack([run.sigma[:, 3:6], run.sigma[:, 11:14], run.sigma[:, 14:17]], axis=1)
+    error = np.stack([run.w - body, run.position - truth["r"], run.velocity - truth["v"]], axis=1)
+    at = run.last.places()
+    sigma = np.stack([run.sigma[:, at[name]] for name in ("w", "position", "velocity")], axis=1)
     seen = ~hidden & (times > 5.0)
     nees = np.mean((error[seen] / np.maximum(sigma[seen], 1e-300)) ** 2)
     named = moments[0] > moments[1] > moments[2]
@@ -74,8 +76,8 @@ def scores(
         "position end": rms(position[late]),
         "velocity end": rms(velocity[late]),
         "nees": float(min(nees, 1e9)) if np.isfinite(nees) else 1e9,
-        "innovation": float(run.innovation),
-        "refused": run.refused / max(run.refused + run.passed, 1),
+        "innovation": float(run.nis.sum() / max(run.used.sum(), 1)),
+        "refused": float(run.gated.sum() / max(run.gated.sum() + run.used.sum(), 1)),
     }
 
 

@@ -1,9 +1,9 @@
 """Kabir and Bai (2025): UKF and UKF-GP through a long occlusion, Figures 4 to 9.
 
-What the paper does not give is set here and said: the target stands 10 m ahead, the baseline is 1 m, the focal length
-1 rad; the signs of the features, lost in the text, are a choice; the filters begin from least squares, momentum and a
-fit of Euler's equations on the first 60 s (150 s at the slowest rate), since the printed start converges for half of
-the possible signs only.
+The paper does not give the following, so it is chosen here: the target is 10 m ahead, the baseline is 1 m, the focal
+length 1 rad; the signs of the features, which are lost in the text. The filters start from least squares, momentum and a
+fit of Euler's equations on the first 60 s (150 s at the slowest rate), because the printed start converges only for half
+of the possible signs.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def _gp_table(case: str, rows: list[dict[str, Any]], done: list[dict[str, Any]])
     set_up = configuration(case)
     f = set_up["tumbling_hz"]
     three = three_periods(f)
-    limit = model.foresight_limit(set_up, three, set_up["ahead_s"])
+    limit = model.prediction_limit(set_up, three, set_up["ahead_s"])
     lines = []
     for span in set_up["spans_s"]:
         rmse = np.array([row.get(f"rmse_{span}", np.nan) for row in done], float)
@@ -185,7 +185,7 @@ def _polhode_table(rows: list[dict[str, Any]], done: list[dict[str, Any]]) -> di
     for f in RATES:
         rmse = np.array([row.get(f"{f} rmse", np.nan) for row in done], float)
         own = configuration("polhode")["at"][str(f)]
-        limit = model.foresight_limit(own, three_periods(f), own["ahead_s"])
+        limit = model.prediction_limit(own, three_periods(f), own["ahead_s"])
         lines.append(
             [
                 f"{f} Hz",
@@ -217,8 +217,8 @@ def _occlusion_table(case: str, rows: list[dict[str, Any]], done: list[dict[str,
     for name in METHODS:
         for key, unit in (("w", "rad/s"), ("attitude", "rad"), ("k1", ""), ("k2", "")):
             values = np.array([row[f"{name}_{key}"] for row in done], float)
-            said = PRINTED_FILTER[f].get(f"{name}_{key}", "")
-            lines.append([name.replace("_", "-"), f"{key} [{unit}]" if unit else key, *_quantiles(values), said])
+            printed = PRINTED_FILTER[f].get(f"{name}_{key}", "")
+            lines.append([name.replace("_", "-"), f"{key} [{unit}]" if unit else key, *_quantiles(values), printed])
         nees = np.array([row[f"{name}_nees"] for row in done], float)
         lines.append([name.replace("_", "-"), "NEES / 8", *_quantiles(nees / 8.0), "1 when consistent"])
     for key in ("w", "attitude"):

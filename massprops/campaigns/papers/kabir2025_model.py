@@ -9,10 +9,10 @@ import numpy as np
 
 from massprops.dynamics.kernels import euler_acceleration, quaternion_rate
 from massprops.dynamics.quaternion import angle_between, multiply, normalise, rotate
-from massprops.estimators.problem import Problem
+from massprops.estimators.filters import Measurements, Noise, Run, Settings, State, filter_epochs
+from massprops.estimators.filters.foresight import Foresight, foresee_features
 from massprops.estimators.result import Prior
-from massprops.estimators.unscented import Measurements, Noise, Run, Settings, State, filter_epochs
-from massprops.estimators.unscented.foresight import Foresight, foresee_features
+from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole
 
 
@@ -65,7 +65,7 @@ def sigmas(configuration: dict[str, Any]) -> np.ndarray:
     return np.array([projection] * 4 + [disparity] + [configuration["sigma_flow"]] * 4)
 
 
-def foresight_limit(configuration: dict[str, Any], span: int, ahead: int) -> float:
+def prediction_limit(configuration: dict[str, Any], span: int, ahead: int) -> float:
     """Cramer-Rao limit of the images' rms error over `ahead` seconds after `span` [rad], for one feature.
 
     It holds for whoever knows Euler's equations and the position, and fits attitude, rates, ratios and feature; a
@@ -120,17 +120,22 @@ def begin(configuration: dict[str, Any], z: np.ndarray) -> tuple[State, int]:
     Raises:
         NotPossible: the first seconds show no rotation.
     """
+    from massprops.estimators.filters.setup import setup
     from massprops.estimators.start import first_guess
-    from massprops.estimators.unscented.setup import setup
 
     until = float(configuration["start_s"])
     problem = as_problem(configuration, z[: int(until) + 1])
     start = first_guess(problem, Prior(), until_s=until)
     ready = setup(problem, Prior(), start, most=len(configuration["features_m"]))
     full = ready.state
-    rows = np.r_[0:8, 14 : len(full.P)]
+    at, rows = np.arange(8, 14), np.r_[0:8, 14 : len(full.P)]
+    # what a known position and velocity tell of the rest
+    gain = full.P[np.ix_(rows, at)] @ np.linalg.inv(full.P[np.ix_(at, at)])
+    P = full.P[np.ix_(rows, rows)] - gain @ full.P[np.ix_(at, rows)]
     position = np.array(configuration["position_m"], float)
-    state = State(full.w, full.q, full.k, full.features, full.P[np.ix_(rows, rows)], position=position)
+    shift = gain @ np.concatenate([position - full.position, -full.velocity])
+    features = full.features + shift[8:].reshape(-1, 3)
+    state = State(full.w, full.q, full.k, features, 0.5 * (P + P.T), position=position)
     return state, ready.first
 
 

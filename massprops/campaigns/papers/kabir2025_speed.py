@@ -9,8 +9,8 @@ import numpy as np
 
 from massprops.campaigns.papers import kabir2025_model as model
 from massprops.campaigns.papers.kabir2025_setup import configuration
-from massprops.estimators.unscented import Measurements, Settings, State, filter_epochs
-from massprops.estimators.unscented.state import Noise
+from massprops.estimators.filters import Measurements, Settings, State, filter_epochs
+from massprops.estimators.filters.state import Noise
 
 SAMPLES = 1000
 AHEAD = 2000

@@ -1,8 +1,8 @@
 """Pesce, Lavagna and Bevilacqua (2017): stereo EKF and iterated EKF with inertia ratios, Tables 1 to 4.
 
-What the paper leaves open is set here and said: the leader is at perigee at the start, the target's inertia is the one
-it prints for the leader, and errors are means over 10 to 100 s (the paper says both "after 10 s" and "around steady
-state", so the last ten seconds stand beside them).
+The paper does not give the following, so it is chosen here: the leader is at perigee at the start; the inertia of the target
+is the one printed for the leader; errors are means over 10 to 100 s (the paper says both "after 10 s" and "around steady
+state", so the last ten seconds are shown as well).
 """
 
 from __future__ import annotations
@@ -168,8 +168,8 @@ def _notes(case: str, rows: list[dict[str, Any]], good: list[dict[str, Any]]) ->
     away = sum(max(abs(row["final_k1"]), abs(row["final_k2"])) > RUN_AWAY for row in good)
     notes.append(f"runs with k1 or k2 off by more than {RUN_AWAY} at 100 s: {away}")
     states = 30 if case == "C-paper" else 29
-    for name, size, said in (("nees_100s", states, "all states at 100 s"), ("nees_k_100s", 2, "k1, k2 at 100 s")):
-        notes.append(consistency(f"{FILTERS.get(case, 'iekf')}, {said}", np.array([row[name] for row in good]), size))
+    for name, size, label in (("nees_100s", states, "all states at 100 s"), ("nees_k_100s", 2, "k1, k2 at 100 s")):
+        notes.append(consistency(f"{FILTERS.get(case, 'iekf')}, {label}", np.array([row[name] for row in good]), size))
     if case[0] != "C":
         notes.append("theta: the images cannot show it in so slow a tumble; it stays what the first estimate was")
     if "best_k1" in good[0]:

@@ -1,9 +1,9 @@
-"""The smoother beside the Cramér-Rao bound: no paper's, but what every one of them is measured against.
+"""The smoother compared with the Cramér-Rao bound. It belongs to no paper, but the papers' filters are compared with it.
 
 Each seed draws a body, its motion, its distance and the noise (`massprops.simulation.tracks`). The bound is the inverse of
-the Fisher information of the same measurements at the true state, everything that the smoother seeks unknown: attitude,
+the Fisher information of the same measurements at the true state, with everything unknown that the smoother estimates: attitude,
 rates, path, inertia, every feature point, and with one camera its focal length and distortion. No unbiased estimate has
-a smaller covariance. A smoother that gives no ratios where the bound lies under its own limit has failed.
+a smaller covariance. A smoother that gives no ratios although the bound is below its own limit has failed.
 """
 
 from __future__ import annotations
@@ -102,12 +102,12 @@ def bound_of(problem: Any, state: Any) -> np.ndarray:
     from dataclasses import replace
 
     from massprops.dynamics.surroundings import Surroundings
-    from massprops.estimators.batch.linearise import linearise, predict
-    from massprops.estimators.batch.measurements import measurements_of
     from massprops.estimators.batch.one_camera import LENS
     from massprops.estimators.batch.solve import reduced_equations
-    from massprops.estimators.batch.state import ratio_slopes
     from massprops.model import model_of
+    from massprops.model.linearise import linearise, predict
+    from massprops.model.measurements import measurements_of
+    from massprops.model.state import ratio_slopes
 
     tracked = problem.has_tracks
     single = tracked and not problem.stereo

@@ -40,16 +40,16 @@ def render(data: RunData) -> str:
     distance = np.linalg.norm(offset, axis=1)
     direction = offset / np.where(distance > 0, distance, 1.0)[:, None]
     tumbling = data.facts["footage"].get("motion") == "tumbling"
-    whose = "The camera as the turning object sees it" if tumbling else "The camera round the object"
+    whose = "The camera, seen from the turning object" if tumbling else "The camera around the object"
     unit = data.length_unit if data.document else "units of the reconstruction"
     return (
         f'<div class="two"><div><h3>Path</h3>{_path(offset, data, middle)}<p class="soft">{whose}, in the mesh\'s axes; '
-        f"from first (blue) to last (orange). Distance {number(distance.min(), 3)} to {number(distance.max(), 3)} {text(unit)}"
+        f"from the first image (blue) to the last (orange). Distance {number(distance.min(), 3)} to {number(distance.max(), 3)} {text(unit)}"
         f"{'; in 3D under “Answer”, with “cameras” on' if data.shape is not None else ''}.</p></div>"
         f"<div><h3>Directions seen: {100 * coverage(direction):.0f} %</h3>{_map(direction)}"
         f'<p class="soft keys">{swatch("#0d5985", "a view is here")}{swatch("#a8d9e6", f"{SEEN_WITHIN:.0f}° from a view")}'
-        f"{swatch('#ed8c66', 'farther: seen at a slant or not at all')}</p><p class='soft'>All directions from the centre of "
-        "mass, equal areas (Mollweide); the middle is +x, the top +z, dots are the views.</p></div></div>"
+        f"{swatch('#ed8c66', 'farther: seen at a steep angle or not at all')}</p><p class='soft'>Every direction from the centre of "
+        "mass, on an equal-area map (Mollweide). The middle is +x, the top +z; dots are the views.</p></div></div>"
     )
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from massprops.exchange.compare import spoken
+from massprops.exchange.compare import quantity_label
 from massprops.report.data import RunData
 from massprops.report.html import Safe, between, number, table, text
 from massprops.report.viewer import viewer
 
-TITLE, ORDER = "Against CAD", 6
+TITLE, ORDER = "Comparison with CAD", 6
 NAMES = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
 
 
@@ -25,15 +25,17 @@ def render(data: RunData) -> str:
     if data.compared is not None and data.compared.distance is not None and limit:
         parts.append(viewer(data.compared, limit=limit))
     elif limit:
-        parts.append('<p>On the mesh: <a href="#summary">“deviation from CAD”</a> under the object.</p>')
+        parts.append(
+            '<p>To see the distances on the mesh, choose <a href="#summary">“deviation from CAD”</a> under the object above.</p>'
+        )
     parts.append(f"<h3>Surface distances</h3>{_distances(document.get('distances') or {})}")
-    parts.append(f"<h3>Quantities, by the mesh{_marked(document, 'mesh')}</h3>{_quantities(document['rows'])}")
+    parts.append(f"<h3>Quantities from the mesh{_marked(document, 'mesh')}</h3>{_quantities(document['rows'])}")
     if document.get("fused"):
-        title = f"Quantities, by mesh and motion together{_marked(document, 'fused')}"
+        title = f"Quantities from mesh and motion together{_marked(document, 'fused')}"
         parts.append(f"<h3>{title}</h3>{_quantities(document['fused'])}")
     parts.append(
-        "<p class='soft'>After alignment, in the CAD's axes. Products of inertia: error as a share of the mean diagonal element; "
-        "centre of mass: of the CAD's length. Axes: angle, whatever the sign.</p>"
+        "<p class='soft'>After alignment, in the axes of the CAD mesh. Errors of products of inertia are relative to the mean "
+        "diagonal element, errors of the centre of mass to the length of the CAD mesh. Axes: angle, ignoring the sign.</p>"
     )
     return "".join(parts)
 
@@ -43,17 +45,21 @@ def _marked(document: dict[str, Any], source: str) -> str:
 
 
 def _sentence(document: dict[str, Any]) -> str:
-    said = []
-    for source, who in (("rows", "By the mesh"), ("fused", "By mesh and motion together")):
+    sentences = []
+    for source, who in (("rows", "From the mesh"), ("fused", "From mesh and motion together")):
         rows = document.get(source) or []
         held = [r for r in rows if r.get("holds") is not None]
         volume = next((r for r in rows if r["quantity"] == "volume"), None)
         if volume:
-            said.append(f"{who}, the volume differs from the CAD's by {volume['error_text'].replace('-', '−')}")
+            sentences.append(
+                f"{who}, the volume differs from that of the CAD mesh by {volume['error_text'].replace('-', '−')}"
+            )
             yes = sum(bool(r["holds"]) for r in held)
-            said[-1] += f", and {yes} of {len(held)} intervals hold the CAD's value." if held else "."
-    said.append("The scale was fitted to the CAD." if document.get("free_scale") else "The run's own scale was kept.")
-    return f"<p>{text(' '.join(said))}</p>"
+            sentences[-1] += f", and {yes} of {len(held)} intervals contain the CAD value." if held else "."
+    sentences.append(
+        "The scale was fitted to the CAD mesh." if document.get("free_scale") else "The run's own scale was kept."
+    )
+    return f"<p>{text(' '.join(sentences))}</p>"
 
 
 def _quantities(rows: Sequence[dict[str, Any]]) -> str:
@@ -61,8 +67,8 @@ def _quantities(rows: Sequence[dict[str, Any]]) -> str:
     return table(
         [
             (
-                spoken(r["quantity"]),
-                "" if r.get("unit") == "deg" else number(r.get("cad")),
+                quantity_label(r["quantity"]),
+                "" if r.get("unit") == "deg" else number(_zeroed(r.get("cad"))),
                 "" if r.get("unit") == "deg" else number(r.get("ours")),
                 str(r.get("error_text", "")).replace("-", "−"),
                 str(r.get("unit", "")).replace("^2", "²").replace("^3", "³").replace("1", "").replace("deg", ""),
@@ -71,9 +77,14 @@ def _quantities(rows: Sequence[dict[str, Any]]) -> str:
             )
             for r in rows
         ],
-        ("quantity", "CAD", "this run", "error", "unit", "90 % interval", "holds CAD"),
+        ("quantity", "CAD", "this run", "error", "unit", "90 % interval", "contains CAD"),
         numeric=(1, 2, 3, 5),
     )
+
+
+def _zeroed(value: float | None) -> float | None:
+    """A CAD mesh about its own centre of mass has that at zero, but for the last bits."""
+    return 0.0 if value is not None and abs(value) < 1e-7 else value
 
 
 def _distances(distances: dict[str, Any]) -> str:
@@ -88,5 +99,5 @@ def _distances(distances: dict[str, Any]) -> str:
     rows = [(name, cell(distances["ours"][key]), cell(distances["cad"][key])) for key, name in NAMES.items()]
     return (
         table(rows, ("", "this run to CAD", "CAD to this run"))
-        + f"<p class='soft'>Percent of the CAD's greatest length, {number(length)} m. Positive: this run lies outside.</p>"
+        + f"<p class='soft'>Percentages are of the greatest length of the CAD mesh, {number(length)} m. Positive: this run's surface lies outside.</p>"
     )

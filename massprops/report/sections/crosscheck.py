@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import between, number, plot, swatch, table, text
-from massprops.report.meshes import Shape, lighten
+from massprops.report.html import between, number, table, text
+from massprops.report.meshes import Shape, decimated
+from massprops.report.plot import plot
 from massprops.report.ratio_plane import ratio_plane
 from massprops.report.viewer import viewer
 
@@ -17,8 +18,8 @@ MOST_FACES = 8000
 TITLE, ORDER = "Shape against motion", 5
 MEANING = {
     "consistent": "Mesh and motion agree within their uncertainties.",
-    "inconsistent": "Mesh and motion disagree: the mass is not spread evenly, or one of the two is wrong.",
-    "unobservable": "The motion does not show the inertia ratios: nothing can be said.",
+    "inconsistent": "Mesh and motion disagree: the density is not constant, or one of the two is wrong.",
+    "unobservable": "The motion does not show the inertia ratios, so nothing can be said.",
 }
 
 
@@ -31,8 +32,8 @@ def render(data: RunData) -> str:
     verdict = str(document["verdict"])
     kind = "done" if verdict == "consistent" else "warning"
     p = document.get("p_value")
-    said = f"<b>{text(verdict)}</b>. {text(document.get('reason') or MEANING.get(verdict, ''))}"
-    parts = [f'<div class="{kind}">{said}{f" (p = {number(p, 2)})" if p is not None else ""}</div>']
+    sentence = f"<b>{text(verdict)}</b>. {text(document.get('reason') or MEANING.get(verdict, ''))}"
+    parts = [f'<div class="{kind}">{sentence}{f" (p = {number(p, 2)})" if p is not None else ""}</div>']
     rows = [("mesh", _value(mesh, "k1"), _value(mesh, "k2"), "", "", "")]
     for e in estimators:
         angle, sigma = e.get("axis_misalignment_deg"), e.get("sigma_axis_deg")
@@ -44,17 +45,17 @@ def render(data: RunData) -> str:
                 _value(e, "k1"),
                 _value(e, "k2"),
                 shown,
-                yes.get(e.get("converged"), "–"),  # type: ignore[call-overload]
-                yes.get(e.get("observable"), "–"),  # type: ignore[call-overload]
+                yes.get(e.get("converged"), "–"),
+                yes.get(e.get("observable"), "–"),
             )
         )
-    head = ("method", "k1 (± 1σ)", "k2 (± 1σ)", "axes turned by", "converged", "observable")
-    parts += [f'<p class="soft">Or {text(hint)}.</p>' for hint in (document.get("hints") or [])[1:]]
+    head = ("method", "k1 (± 1σ)", "k2 (± 1σ)", "axes differ by", "converged", "observable")
+    parts += [f'<p class="soft">Another explanation: {text(hint)}.</p>' for hint in (document.get("hints") or [])[1:]]
     parts.append(
         f'<div class="narrow">{ratio_plane(mesh, estimators, str(document.get("rests_on") or ""))}</div>{table(rows, head)}'
     )
     parts += [
-        f'<p class="soft">{text(s.get("name"))} not run: {text(s.get("reason"))}.</p>'
+        f'<p class="soft">{text(s.get("name"))} was not run: {text(s.get("reason"))}.</p>'
         for s in document.get("skipped") or []
     ]
     parts.append(_together(data))
@@ -80,8 +81,8 @@ def _together(data: RunData) -> str:
     return (
         "<h3>Mesh and motion together</h3>"
         + table(shown, ("", "mesh alone", "90 % interval", "together", "90 % interval"))
-        + '<p class="soft">The motion moves the mesh along its own uncertainty, above all where nothing was measured; '
-        + f"by {text(fused.get('with'))}.</p>"
+        + '<p class="soft">The motion corrects the mesh within its uncertainty, mostly where nothing was measured. '
+        + f"Method: {text(fused.get('with'))}.</p>"
     )
 
 
@@ -96,12 +97,11 @@ def _axes(data: RunData) -> str:
     mesh_axes, motion = np.array(own, float), np.array(found[0]["principal_axes"], float)
     # an axis has no sense of direction: draw the motion's the same way round
     motion = motion * np.sign(np.sum(mesh_axes * motion, axis=0) + 1e-300)
-    plain = lighten(Shape(shape.vertices, shape.faces, np.ones(len(shape.faces), bool)), MOST_FACES)
-    keys = [swatch("#f27326", "axis of I1"), swatch("#40b359", "I2"), swatch("#4d8cfa", "I3")]
+    plain = decimated(Shape(shape.vertices, shape.faces, np.ones(len(shape.faces), bool)), MOST_FACES)
     return (
         "<h3>Principal axes on the mesh</h3>"
         + viewer(plain, centre=data.centre, axes=mesh_axes, others=motion)
-        + f'<p class="soft keys">{"".join(keys)}</p><p class="soft">Thick: by the mesh. Thin, dark and longer: by the '
+        + '<p class="soft">Thick: from the mesh. Thin, dark and longer: from the '
         + f"motion ({text(name)}).</p>"
     )
 
@@ -117,10 +117,11 @@ def _residuals(series: dict[str, Any]) -> str:
             curves.append((f"{name}: {number(series[key]['rms'], 3)} times the noise", times, size))
     if series.get("noise_deg"):
         curves.append(("noise of the attitudes", times, np.array(series["noise_deg"], float)))
-    drawn = plot(curves, "time [s]", "left of the attitude [°]")
+    drawn = plot(curves, "time [s]", "attitude residual [°]")
     return (
-        f'<h3>Residuals over time</h3><div class="narrow">{drawn}</div><p class="soft">The best free rotation with each '
-        "inertia, against the attitudes of the footage.</p>"
+        f'<h3>Residuals over time</h3><div class="narrow">{drawn}</div><p class="soft">Difference between the attitudes '
+        "in the footage and the best free rotation with each inertia. The inertia of the mesh is uncertain, so it may leave more "
+        "than the noise; the verdict takes both uncertainties into account.</p>"
     )
 
 

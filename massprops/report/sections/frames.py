@@ -35,19 +35,19 @@ def render(data: RunData) -> str:
             f'<figure{" class=lost" if lost else ""}><img loading="lazy" alt="{text(note)}" src="{data_uri(image)}">'
             f'<figcaption title="{text(note)}">{"not placed · " if lost else ""}{text(note)}</figcaption></figure>'
         )
-    said = f"{footage.get('used', len(frames))} of {footage.get('given', len(frames))} frames used"
+    summary = f"{footage.get('used', len(frames))} of {footage.get('given', len(frames))} frames used"
     if footage.get("motion"):
         means = {
-            "tumbling": "the object turns before a still camera",
-            "static": "the camera moves round a still object",
+            "tumbling": "the object turns in front of a still camera",
+            "static": "the camera moves around a still object",
         }
-        said += f"; taken as {footage['motion']}: {means.get(footage['motion'], '')}"
+        summary += f"; kind of motion: {footage['motion']}, {means.get(footage['motion'], '')}"
     if footage.get("motion_reason"):
-        said += f" ({footage['motion_reason']})"
+        summary += f" ({footage['motion_reason']})"
     if left_out := footage.get("left_out"):
-        said += ". Left out: " + ", ".join(f"{printable(e['source_name'])} ({e['reason']})" for e in left_out)
-    keys = swatch("#6edc60", "silhouette") + swatch("#e63c28", "cannot tell: may be the object, unlit")
-    return f'<p>{text(said)}.</p><p class="soft keys">{keys}</p><div class="sheet">{"".join(figures)}</div>'
+        summary += ". Left out: " + ", ".join(f"{printable(e['source_name'])} ({e['reason']})" for e in left_out)
+    keys = swatch("#6edc60", "silhouette") + swatch("#e63c28", "unclear: may be an unlit part of the object")
+    return f'<p>{text(summary)}.</p><p class="soft keys">{keys}</p><div class="sheet">{"".join(figures)}</div>'
 
 
 def _short(name: str) -> str:

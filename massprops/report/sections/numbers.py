@@ -20,7 +20,7 @@ def render(data: RunData) -> str:
     interval = d.get("interval_90") or {}
     inertia_unit = f"{mass} {length}²" if data.metric else "model"
     entries = [
-        ("volume", d["volume"], interval.get("volume"), f"{length}³", "Space inside the closed surface."),
+        ("volume", d["volume"], interval.get("volume"), f"{length}³", "Enclosed by the surface."),
         (
             "mass",
             d["mass"],
@@ -33,16 +33,16 @@ def render(data: RunData) -> str:
     for axis, value, bounds in zip("xyz", d["center_of_mass"], centre, strict=True):
         entries.append((f"centre of mass {axis}", value, bounds, length, "In the mesh's axes."))
     told = (
-        "Resistance to a turn about the axis that is easiest to turn about.",
-        "About the middle axis, where a free turn is unstable.",
-        "About the axis that is hardest to turn about, where a free turn settles.",
+        "About the axis that is easiest to turn about.",
+        "About the middle axis. Free rotation about it is unstable.",
+        "About the axis that is hardest to turn about. Free rotation that loses energy ends up there.",
     )
     moments = interval.get("principal_moments") or [None] * 3
     for i, value in enumerate(d["principal_moments"]):
         entries.append((f"I{i + 1}", value, moments[i], inertia_unit, told[i]))
     for key, meaning in (("k1", "ln(I1/I2)"), ("k2", "ln(I2/I3)")):
-        said = f"{meaning}. Free of scale and density: what a free motion shows too."
-        entries.append((key, d["inertia_ratios"][key], interval.get(key), "", said))
+        explanation = f"{meaning}. Independent of scale and density, and visible in free motion."
+        entries.append((key, d["inertia_ratios"][key], interval.get(key), "", explanation))
     absolute = ("k1", "k2", "centre of mass x", "centre of mass y", "centre of mass z")
     rows = [
         (
@@ -60,14 +60,14 @@ def render(data: RunData) -> str:
         [[axis, *(number(v, 4) for v in row)] for axis, row in zip("xyz", d["principal_axes"], strict=True)],
         ("", "axis of I1", "I2", "I3"),
     )
-    absent = "" if interval else "<p>No intervals: the surface was given, not measured.</p>"
+    absent = "" if interval else "<p>No intervals: the mesh was given, not measured.</p>"
     return (
         f'<div class="props">{table(rows, ("quantity", "value and 90 % interval", "relative, on a ruler of ±10 %"), numeric=(1,))}</div>'
         + absent
         + f'<div class="two"><div><h3>Inertia tensor [{text(inertia_unit)}]</h3>{tensor}'
-        + "<p class='soft'>About the centre of mass, in the mesh's axes; products as tensor elements, I_xy = −∫ x y dm.</p></div>"
-        + f"<div><h3>Principal axes</h3>{axes}<p class='soft'>Columns, in the mesh's axes. The largest component of the first "
-        + "and the third is positive; the second is the third × the first.</p></div></div>"
+        + "<p class='soft'>About the centre of mass, in the axes of the mesh. Products are tensor elements: I_xy = −∫ x y dm.</p></div>"
+        + f"<div><h3>Principal axes</h3>{axes}<p class='soft'>Unit columns in the axes of the mesh. Signs: the largest component of "
+        + "axes 1 and 3 is positive; axis 2 is axis 3 × axis 1.</p></div></div>"
         + (f"<p class='soft'>Frame: {text(d['frame'])}.</p>" if d.get("frame") else "")
     )
 

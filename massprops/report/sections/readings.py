@@ -8,7 +8,7 @@ from massprops.capture.images import printable
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, number, text
 
-TITLE, ORDER = "What the object may be", 0.5
+TITLE, ORDER = "Which object", 0.5
 
 
 def render(data: RunData) -> str:
@@ -20,8 +20,8 @@ def render(data: RunData) -> str:
     if not figures:
         return ""
     return (
-        "<p>Two readings fit these images, and nothing in them decides. The numbers of this page are those of the one "
-        "that is marked; for the other, give the same command with its option.</p>"
+        "<p>The images can be read in two ways, and nothing in them decides which is right. The numbers on this page are for "
+        "the marked one. To measure the other, run the same command with the option shown below it.</p>"
         f'<div class="sheet wide">{"".join(figures)}</div>'
     )
 

@@ -7,7 +7,8 @@ import base64
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import number, plot, swatch
+from massprops.report.html import number, swatch
+from massprops.report.plot import plot
 
 TITLE, ORDER = "Images and calibration", 4.5
 CELLS = (12, 9)
@@ -26,9 +27,9 @@ def render(data: RunData) -> str:
     if left.shape != points.obs_uv.shape:
         return ""
     return (
-        f'<div class="two"><div><h3>Residual of each image</h3>{_by_image(left, points.obs_view, len(data.views))}</div>'
-        f"<div><h3>Mean residual over the sensor</h3>{_over_sensor(data, left)}</div>"
-        f"<div><h3>Points in common</h3>{_overlap(data)}</div></div>"
+        f'<div class="two"><div><h3>Residual of each image</h3>{_by_image(left, points.obs_view, len(data.views))}'
+        f"<h3>Points in common</h3>{_overlap(data)}</div>"
+        f"<div><h3>Mean residual over the sensor</h3>{_over_sensor(data, left)}</div></div>"
     )
 
 
@@ -41,9 +42,10 @@ def _by_image(left: np.ndarray, view: np.ndarray, count: int) -> str:
     worst = int(np.nanargmax(rms))
     drawn = plot([("", np.arange(1, count + 1), rms)], "image", "rms [px]", 560, 220)
     return (
-        drawn + f'<p class="soft">Between the points and where each image shows them. The worst is image {worst + 1}, '
+        drawn
+        + f'<p class="soft">Distance between where a point is seen and where the model puts it. The worst is image {worst + 1}, '
         f"{number(float(rms[worst]), 2)} px; the median is {number(float(np.nanmedian(rms)), 2)} px, with "
-        f"{int(np.median(seen))} points in an image.</p>"
+        f"{int(np.median(seen))} points per image.</p>"
     )
 
 
@@ -70,8 +72,8 @@ def _over_sensor(data: RunData, left: np.ndarray) -> str:
         parts.append(f'<line class="arrow" x1="{x:.1f}" y1="{y:.1f}" x2="{x + dx:.1f}" y2="{y + dy:.1f}"/>')
         parts.append(f'<circle class="foot" cx="{x:.1f}" cy="{y:.1f}" r="1.8"/>')
     return "".join(parts) + (
-        f'</svg><p class="soft">The longest arrow is {number(longest, 2)} px. Arrows that turn or point outward together are '
-        "what a wrong lens model leaves; without order they are noise.</p>"
+        f'</svg><p class="soft">The longest arrow is {number(longest, 2)} px. If neighbouring arrows turn or point '
+        "outward together, the lens model is wrong. Arrows without order are noise.</p>"
     )
 
 

@@ -8,7 +8,7 @@ from massprops.report.data import RunData
 from massprops.report.html import Safe, number, table, text
 
 TITLE, ORDER = "How it was made", 9
-SOURCES = {"exif": "EXIF says", "given": "given", "alike": "images of the same shape say", "start": "started at"}
+SOURCES = {"exif": "EXIF says", "given": "given", "alike": "images of the same shape suggest", "start": "start value"}
 
 
 def render(data: RunData) -> str:
@@ -16,17 +16,17 @@ def render(data: RunData) -> str:
     parts = [_stages(data.manifest.get("stages") or {})]
     facts = _facts(data)
     if facts:
-        parts.append("<h3>Measured on the way</h3>" + table(facts, numeric=()))
+        parts.append("<h3>Intermediate results</h3>" + table(facts, numeric=()))
     source = (data.manifest.get("inputs") or {}).get("source")
     options = {k: v for k, v in (data.manifest.get("options") or {}).items() if v not in (None, "") and k != "source"}
     versions = data.manifest.get("versions") or {}
-    for name, said in (
+    for name, value in (
         ("Input", source or ""),
         ("Options", ", ".join(f"{k} = {v}" for k, v in options.items())),
         ("Versions", ", ".join(f"{k} {v}" for k, v in versions.items())),
     ):
-        if said:
-            parts.append(f'<p class="soft breaks"><b>{name}</b> {text(said)}</p>')
+        if value:
+            parts.append(f'<p class="soft breaks"><b>{name}</b> {text(value)}</p>')
     return "".join(parts)
 
 
@@ -71,7 +71,7 @@ def _facts(data: RunData) -> list[tuple[str, str]]:
         else None,
         *_cameras(sfm.get("cameras") or []),
         ("lens", str(sfm["lens"])) if sfm.get("lens") else None,
-        ("silhouettes by", str(silhouettes["method"])) if silhouettes.get("method") else None,
+        ("method of the silhouettes", str(silhouettes["method"])) if silhouettes.get("method") else None,
         ("depth maps", str(dense["references"])) if dense.get("references") is not None else None,
         ("dense points", f"{dense['points']:,}".replace(",", " ")) if isinstance(dense.get("points"), int) else None,
         ("surface measured", f"{100 * surface['observed_fraction']:.1f} % of its area")
@@ -86,8 +86,8 @@ def _cameras(cameras: list[dict[str, Any]]) -> list[tuple[str, str]]:
     rows = []
     for c in cameras if len(cameras) > 1 else ():
         prior, sigma = c.get("focal_prior_px"), c.get("focal_sigma_relative")
-        said = f"{c['focal_px'][0]:.1f} px" + (f" ± {100 * sigma:.2g} %" if sigma else "")
-        said += f" ({SOURCES.get(str(c.get('focal_source')), 'expected')} {prior:.1f})" if prior else ""
+        focal = f"{c['focal_px'][0]:.1f} px" + (f" ± {100 * sigma:.2g} %" if sigma else "")
+        focal += f" ({SOURCES.get(str(c.get('focal_source')), 'expected')} {prior:.1f})" if prior else ""
         device = f", {c['device']}" if c.get("device") else ""
-        rows.append((f"camera {c['id']}{device}", f"{c['images']} of {c['given']} images placed, {said}"))
+        rows.append((f"camera {c['id']}{device}", f"{c['images']} of {c['given']} images placed, {focal}"))
     return rows

@@ -14,18 +14,18 @@ from massprops.report.scene import read_scene
 from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Answer", 0
-MOMENTS = ("smallest principal moment", "middle one", "largest one")
+MOMENTS = ("smallest principal moment", "middle principal moment", "largest principal moment")
 RATIOS = {"k1": "ln(I1/I2)", "k2": "ln(I2/I3)"}
 BOXES = {"high": "done", "medium": "warning", "low": "stopped"}
 
 
 def render(data: RunData) -> str:
     """Confidence, cross-check and CAD in a sentence each; the numbers; the object; then warnings."""
-    said = [_stopped(data), _confidence(data), _crosscheck(data), _against_cad(data)]
+    parts = [_stopped(data), _confidence(data), _crosscheck(data), _against_cad(data)]
     numbers = _answer(data) if data.document else ""
     shown = _object(data)
     body = f'<div class="answer"><div>{numbers}</div><div>{shown}</div></div>' if numbers and shown else numbers + shown
-    return "".join(said) + body + _warnings(data)
+    return "".join(parts) + body + _warnings(data)
 
 
 def _stopped(data: RunData) -> str:
@@ -35,7 +35,7 @@ def _stopped(data: RunData) -> str:
     where = f" in stage <b>{text(stage)}</b>" if stage else ""
     return (
         f'<div class="stopped"><b>Done in part.</b> The run stopped{where}: {text(data.verdict.get("reason", ""))}. '
-        "What was computed before is below.</div>"
+        "What was computed before that is below.</div>"
     )
 
 
@@ -70,37 +70,35 @@ def _against_cad(data: RunData) -> str:
         return ""
     by = {r["quantity"]: r for r in rows}
     held = [bool(r["holds"]) for r in rows if r.get("holds") is not None]
-    parts = [
-        f"{name} {by[key]['error_text']}"
-        for key, name in (("volume", "volume"), ("I1", "I1"), ("I2", "I2"), ("I3", "I3"))
-    ]
-    parts += [f"{key} {by[key]['error_text']}" for key in ("k1", "k2")]
+    parts = [f"{name} {100 * by[name]['relative_error']:+.1f} %" for name in ("volume", "I1", "I2", "I3")]
+    parts += [f"{key} {by[key]['error']:+.4f}" for key in ("k1", "k2")]
     distance = found.get("distances") or {}
     if distance.get("length"):
         median = distance["ours"]["median"]
-        parts.append(f"surface {number(100 * median / distance['length'], 2)} % of the length in the median")
+        parts.append(f"median distance of the surfaces {number(100 * median / distance['length'], 2)} % of the length")
     kind = "done" if all(held) else "warning"
-    holds = f" {sum(held)} of {len(held)} intervals hold the CAD's value." if held else ""
-    return f'<div class="{kind}"><b>Against CAD:</b> {text(", ".join(parts)).replace("-", "−")}.{holds}</div>'
+    holds = f" {sum(held)} of {len(held)} intervals contain the CAD value." if held else ""
+    return f'<div class="{kind}"><b>Difference from CAD:</b> {text(", ".join(parts)).replace("-", "−")}.{holds}</div>'
 
 
 def _answer(data: RunData) -> str:
     d: dict[str, Any] = as_recommended(data.document)
     interval, length, mass = d.get("interval_90") or {}, data.length_unit, data.mass_unit
-    inertia = f"{mass} {length}²" if data.metric else "model"
+    inertia = f"{mass} {length}²"
     moments = interval.get("principal_moments") or [None] * 3
-    rows = [
-        _row("Volume", d["volume"], f"{length}³", interval.get("volume")),
-        _row("Mass", d["mass"], mass, interval.get("mass"), _density(data)),
-        *(_row(f"I{i + 1}", m, inertia, moments[i], MOMENTS[i]) for i, m in enumerate(d["principal_moments"])),
-        *(_row(k, d["inertia_ratios"][k], "", interval.get(k), note, relative=False) for k, note in RATIOS.items()),
-    ]
+    rows = [_row("Volume", d["volume"], f"{length}³", interval.get("volume"))]
+    if data.metric:  # without a length neither mass nor moments mean anything
+        rows.append(_row("Mass", d["mass"], mass, interval.get("mass"), _density(data)))
+    place = len(rows)
+    if data.metric:
+        rows += [_row(f"I{i + 1}", m, inertia, moments[i], MOMENTS[i]) for i, m in enumerate(d["principal_moments"])]
+    rows += [_row(k, d["inertia_ratios"][k], "", interval.get(k), note, relative=False) for k, note in RATIOS.items()]
     centre, wide = ", ".join(number(v, 4) for v in d["center_of_mass"]), interval.get("center_of_mass")
     off = "" if not wide else f"± {number(max(0.5 * (high - low) for low, high in wide), 2)} {length}"
-    named = Safe('Centre of mass<span class="below">mesh\'s axes</span>')
-    rows.insert(2, (named, Safe(f'<b class="triple">{centre}</b> {text(length)}<span class="below">{off}</span>')))
+    named = Safe('Centre of mass<span class="below">x, y, z in the axes of the mesh</span>')
+    rows.insert(place, (named, Safe(f'<b class="triple">{centre}</b> {text(length)}<span class="below">{off}</span>')))
     block = data.document.get("recommended") or {}
-    whose = f'<p class="soft">Values: {text(block["because"])}.</p>' if block.get("because") else ""
+    whose = f'<p class="soft">These values are {text(block["because"])}.</p>' if block.get("because") else ""
     observed = (d.get("surface") or {}).get("observed_fraction")
     seen = "" if observed is None else f"{100 * observed:.0f} % of the surface was measured{_rest(d)}. "
     return (
@@ -121,15 +119,17 @@ def _row(
     elif bounds:
         shown = f"{number(bounds[0], 3)} … {number(bounds[1], 3)}"
     below = f'<span class="below">{text(note)}</span>' if note else ""
-    said = f'<b>{number(value, 4)}</b> <span class="unit">{text(unit)}</span><span class="below">{shown}</span>'
-    return Safe(f"{text(name)}{below}"), Safe(said)
+    cell = f'<b>{number(value, 4)}</b> <span class="unit">{text(unit)}</span><span class="below">{shown}</span>'
+    return Safe(f"{text(name)}{below}"), Safe(cell)
 
 
 def _density(data: RunData) -> str:
     if not data.metric:
         return ""
-    said = f"{data.document['density']:g} kg/m³"
-    return f"density assumed {said}, as water" if data.document.get("density_assumed") else f"at a density of {said}"
+    density = f"{data.document['density']:g} kg/m³"
+    return (
+        f"density assumed: {density} (water)" if data.document.get("density_assumed") else f"at a density of {density}"
+    )
 
 
 def _rest(document: dict[str, Any]) -> str:
@@ -137,8 +137,8 @@ def _rest(document: dict[str, Any]) -> str:
     if surface.get("observed_fraction", 1.0) > 0.995:
         return ""
     inferred = surface.get("inferred_fraction") or 0.0
-    closed = f", {100 * inferred:.0f} % closed at its support" if inferred > 0.005 else ""
-    return f"{closed}, the rest filled in"
+    closed = f", {100 * inferred:.0f} % closed at the support" if inferred > 0.005 else ""
+    return f"{closed}, the rest is filled in"
 
 
 def _images(data: RunData) -> str:
@@ -147,7 +147,9 @@ def _images(data: RunData) -> str:
         return "From a finished mesh."
     if images.get("registered") is None:
         return f"{images.get('used')} of {images.get('given')} images used."
-    return f"{images.get('registered')} of {images.get('used')} images placed, out of {images.get('given')} given."
+    return (
+        f"{images.get('registered')} of {images.get('used')} images used were placed; {images.get('given')} were given."
+    )
 
 
 def _object(data: RunData) -> str:
@@ -163,8 +165,8 @@ def _object(data: RunData) -> str:
             scene=read_scene(data),
             limit=data.comparison.get("colour_limit"),
         )
-        + f'<p class="soft">Extent along the mesh\'s own axes: {" × ".join(number(float(v), 4) for v in size)} {unit}. Drag to '
-        + "turn; with Shift, the right button or two fingers to move; wheel or pinch to come closer.</p>"
+        + f'<p class="soft">Size along the axes of the mesh: {" × ".join(number(float(v), 4) for v in size)} {unit}. Drag to '
+        + "turn. Drag with Shift, the right button or two fingers to move. Use the wheel or pinch to zoom.</p>"
     )
 
 
@@ -174,8 +176,8 @@ def scale_in_words(data: RunData) -> str:
     source, sigma = scale.get("source", "none"), scale.get("relative_sigma")
     if not data.metric:
         return (
-            "<b>No scale was given.</b> Lengths are in model units (one unit is the object's greatest length), and only "
-            "ratios are claimed: k1, k2, the principal axes and the shape. For metres, run again with <code>--scale</code>, "
+            "<b>No length was given.</b> Lengths are in model units: one unit is the greatest length of the object. Only "
+            "ratios are meaningful: k1, k2, the principal axes and the shape. For metres, run again with <code>--scale</code>, "
             "<code>--distance</code> or <code>--marker</code>, or with a stereo baseline."
         )
     names = {
@@ -187,17 +189,17 @@ def scale_in_words(data: RunData) -> str:
     }
     known = names.get(str(source), str(source))
     if not sigma:
-        return f"<b>Metres</b> come from {text(known)}, taken as exact: the intervals hold no error of scale."
+        return f"<b>Metres</b> come from {text(known)}, which is taken as exact. The intervals contain no error of the scale."
     return (
-        f"<b>Metres</b> come from {text(known)}, one sigma {number(100 * sigma, 2)} %. It counts three times in the volume "
-        "and five times in the inertia, and not at all in k1 and k2."
+        f"<b>Metres</b> come from {text(known)} (1-sigma error {number(100 * sigma, 2)} %). That error counts three "
+        "times in the volume, five times in the inertia, and not at all in k1 and k2."
     )
 
 
 def _warnings(data: RunData) -> str:
     warnings = list(dict.fromkeys([*data.document.get("warnings", []), *_stage_warnings(data)]))
     if data.changed:
-        warnings.append(f"left out, since it is not what was written there: {', '.join(data.changed)}")
+        warnings.append(f"not shown, because the files were changed after the run: {', '.join(data.changed)}")
     return "".join(f'<div class="warning">{text(w)}</div>' for w in warnings)
 
 

@@ -1,0 +1,89 @@
+"""What a run folder contains, and the main keys of the JSON results; a test compares them with real results."""
+
+from __future__ import annotations
+
+RUN = {
+    "report.html": "the report, one page that opens offline",
+    "massprops.json": "the mass properties; see [below](#masspropsjson)",
+    "report.json": "`exit_code`, and if it is not 0 the `reason` and the `stage`",
+    "crosscheck.json": "shape against motion",
+    "compare.json, compare.ply, compare_legend.png": "after `massprops compare RUN CAD -o RUN`: the numbers, the mesh in "
+    "colours of its distance to the CAD mesh, and their legend",
+    "mesh.ply": "the mesh with the colours of the photographs; `origin` of each face: 0 filled in, 1 measured, 2 closed at "
+    "the support",
+    "mesh.glb": "the same mesh, for viewers",
+    "cloud.ply": "the points that stereo measured",
+    "masks/": "the silhouettes that were used, `NAME.png` for the frame NAME",
+    "sparse/": "cameras and points as a COLMAP model, in the units of `massprops.json`",
+    "sequence/": "tracks and attitudes as a [sequence](sequence.md), if the object moved",
+    "run.yaml": "options, hashes of the inputs, versions, time and memory of every stage",
+    "work/": "intermediate results, from which an interrupted run continues",
+    ".massprops/": "the record of which files massprops wrote, and `previous/` with replaced results",
+}
+
+RESULTS = {
+    "crosscheck.json": {
+        "verdict": "`consistent`, `inconsistent` or `unobservable`",
+        "reason": "one sentence",
+        "p_value": "probability of such a difference, or a larger one, if mesh and motion describe the same body",
+        "tests": "the same for single quantities",
+        "mesh": "`k1`, `k2`, `principal_axes` (unit columns), `center_of_mass` of the mesh, with sigmas",
+        "estimators": "the same from each estimator, and by how many degrees its axes differ",
+        "rests_on": "the estimator that decides the verdict",
+        "skipped": "estimators that could not run, with the reason",
+        "hints": "possible explanations of a contradiction, the likeliest first",
+        "fused": "mass properties from mesh and motion together, or `null`",
+        "centre_of_motion": "the point about which the body turns, in the axes of the mesh",
+        "residuals": "attitude residuals over time, with each inertia [deg]",
+    },
+    "compare.json": {
+        "rows": "one entry per quantity: `cad`, `ours`, `error`, `relative_error`, `unit`, `interval_90`, `holds`",
+        "fused": "the same for mesh and motion together, or `null`",
+        "recommended": "which of the two the run recommends: `mesh` or `fused`",
+        "distances": "between the surfaces in both directions [m]: median, signed mean, rms, 95 %, Hausdorff",
+        "transform": "4 x 4 matrix from the axes of the run to those of the CAD mesh",
+        "scale": "the factor in that matrix",
+        "free_scale": "whether that factor was fitted",
+        "colour_limit": "distance at which the colours of `compare.ply` end [m]",
+        "units": "`length` and `mass`",
+        "frame": "the axes of the numbers, in words",
+        "warnings": "one sentence each",
+    },
+    "estimates.json": {
+        "estimators": "one entry per method: `k1`, `k2`, `sigma_k1`, `sigma_k2`, `inertia` (trace 1), `principal_axes` (unit "
+        "columns), `rate`, `observable`, `reliable`, `because`, `history` (its CSV file)",
+        "skipped": "methods that could not run, with the reason",
+        "reason": "why no method gives the ratios, or empty",
+        "prior": "the verdict on the prior, or `null`",
+        "measured": "how many tracks, attitudes, ranges and rates there are",
+        "epochs": "number of moments",
+        "seconds": "length of the recording",
+        "source": "what was read",
+        "warnings": "one sentence each",
+    },
+    "diagnosis.json": {
+        "verdict": "`none`, `named`, `ambiguous` or `unexplained`",
+        "reason": "one sentence",
+        "effects": "each effect named: `parameters`, `sigma`, `units`, `delta_bic`, `held_out_gain`",
+        "candidates": "each effect that was tried, with how well it fits",
+        "gap": "residuals divided by the noise, `before` and `after`, for the `fitted` and the `held_out` data",
+        "where": "where and when the residuals are largest",
+        "skipped": "effects that were not tried, with the reason",
+        "corrected": "`k1`, `k2` and the rate, before and after",
+        "axes": "the body axes of the numbers, in words",
+        "model": "the file with the model that includes the effects",
+        "warnings": "one sentence each",
+    },
+}
+
+
+def text() -> str:
+    """The two sections, as Markdown."""
+    lines = ["## Files of a run\n", "| file | content |", "|---|---|"]
+    lines += [f"| {', '.join(f'`{n}`' for n in names.split(', '))} | {about} |" for names, about in RUN.items()]
+    lines.append("\n## JSON results\n")
+    lines.append("Every file has `format`, its kind and version. Numbers are in SI units unless the name has another one.")
+    for name, keys in RESULTS.items():
+        lines += [f"\n### `{name}`\n", "| key | meaning |", "|---|---|"]
+        lines += [f"| `{key}` | {about} |" for key, about in keys.items()]
+    return "\n".join(lines)

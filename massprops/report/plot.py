@@ -1,0 +1,46 @@
+"""A line plot as inline SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massprops.report.axes import Axes
+from massprops.report.html import round_marks, text
+
+
+def plot(
+    series: Sequence[tuple[str, np.ndarray, np.ndarray]],
+    x_label: str,
+    y_label: str,
+    width: int = 640,
+    height: int = 240,
+    bands: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]] = (),
+) -> str:
+    """Series of (name, x, y) as lines, bands of (x, low, high) as areas behind them; nothing without finite numbers."""
+    xs = np.concatenate([np.asarray(s[1], float) for s in series]) if series else np.zeros(1)
+    values = [np.asarray(s[2], float) for s in series] + [np.asarray(v, float) for b in bands for v in b[1:]]
+    ys = np.concatenate(values) if values else np.zeros(1)
+    ys = ys[np.isfinite(ys)]
+    if len(ys) == 0 or len(xs) == 0:
+        return ""
+    x0, x1 = float(xs.min()), float(xs.max())
+    y0, y1 = float(ys.min()), float(ys.max())
+    x1, pad = (x1 if x1 > x0 else x0 + 1), 0.05 * (y1 - y0) or 0.5 * abs(y0) or 0.5
+    axes = Axes((x0, x1), (y0 - pad, y1 + pad), (width, height), (80, 12, 10, 34))
+    parts = [
+        f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="{text(y_label)} over {text(x_label)}">',
+        axes.rows(round_marks(*axes.y)),
+        axes.columns(round_marks(*axes.x)),
+    ]
+    for x, low, high in bands:
+        low, high = (np.clip(np.asarray(v, float), *axes.y) for v in (low, high))
+        area = f"{axes.points(x, high)} {axes.points(x[::-1], low[::-1])}"
+        parts.append(f'<polygon class="band" points="{area}"/>')
+    for k, (_name, x, y) in enumerate(series):
+        good = np.isfinite(np.asarray(y, float))
+        parts.append(f'<polyline class="s{k % 8}" points="{axes.points(np.asarray(x)[good], np.asarray(y)[good])}"/>')
+    legend = "".join(f'<span class="key s{k % 8}">{text(name)}</span>' for k, (name, _, _) in enumerate(series) if name)
+    parts += [axes.titles(x_label, y_label), "</svg>", f'<div class="legend">{legend}</div>' if legend else ""]
+    return "".join(parts)
