@@ -82,6 +82,7 @@ fuzz: $(VENV)/.installed-dev
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check massprops cli tests
 	$(BIN)/ruff format --check massprops cli tests
+	ln -sfn ../cli typings/massprops_cli  # the name by which it is imported
 	$(BIN)/mypy
 	$(BIN)/python -m tests.house
 	$(BIN)/python -m pytest -q tests/core/test_import_graph.py

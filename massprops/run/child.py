@@ -43,14 +43,9 @@ def main() -> int:
             last[0] = now
             say({"progress": [int(done), int(total), str(what)]})
 
-    options = request["options"]
-    if options.get("distance") is not None:
-        options["distance"] = tuple(options["distance"])
-    for name in ("more", "object", "box"):
-        options[name] = tuple(options.get(name) or ())
     job = Job(
         run=Path(request["run"]),
-        options=ReconstructOptions(**options),
+        options=_options(request["options"]),
         out=Path(request["out"]),
         progress=progress,
         seed=request["seed"],
@@ -84,6 +79,15 @@ def main() -> int:
     except Exception as error:
         return _unexpected(say, error, job)
     return 0
+
+
+def _options(read: dict[str, Any]) -> ReconstructOptions:
+    """Options as they were before they became JSON, which knows no tuples."""
+    if read.get("distance") is not None:
+        read["distance"] = tuple(read["distance"])
+    for name in ("more", "object", "box"):
+        read[name] = tuple(read.get(name) or ())
+    return ReconstructOptions(**read)
 
 
 NO_PLACE = (errno.ENOSPC, errno.EACCES, errno.EPERM, errno.EROFS, errno.EDQUOT, errno.EFBIG)
