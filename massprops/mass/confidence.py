@@ -51,6 +51,8 @@ class Evidence:
         hollow_possible: share of the volume that an underside nobody saw may hide as empty, or filled-in sides of what was
             turned over.
         hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
+        hollow_elsewhere: a placement that could not be joined shows a hollow upper side.
+        contradicted: placements that could not be joined and have another volume or other moments.
     """
 
     half_width: float
@@ -68,6 +70,8 @@ class Evidence:
     misfit: int = 0
     hollow_possible: float = 0.0
     hollow_likely: float = 0.0
+    hollow_elsewhere: bool = False
+    contradicted: int = 0
 
 
 def confidence(evidence: Evidence) -> dict[str, Any]:
@@ -117,6 +121,8 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
         findings.append((2, _open_though_turned(e)))
     if e.unjoined:
         findings.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
+    if e.contradicted:
+        findings.append((2, "another placement of the object, measured by itself, has another volume or other moments"))
     level = max(rank for rank, _ in findings)
     because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
     if len(e.readings) > 1:
@@ -141,6 +147,11 @@ def _open_though_turned(e: Evidence) -> str:
 
 def _unseen(e: Evidence) -> list[str]:
     """What remains unknown when the underside was not seen."""
+    if e.hollow_likely > 0.02 and e.hollow_elsewhere:
+        return [
+            "another placement, which could not be joined, shows that it is hollow on a side that is not seen here: the "
+            f"interval reaches down to a thin shell, with {100 * e.hollow_likely:.0f} % less volume"
+        ]
     if e.hollow_likely > 0.02 and e.joined > 1:
         return [
             "what lies behind the filled-in sides may be empty: the interval reaches down to a body with "
