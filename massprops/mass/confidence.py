@@ -51,7 +51,7 @@ class Evidence:
         hollow_possible: share of the volume that an underside nobody saw may hide as empty, or filled-in sides of what was
             turned over.
         hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
-        hollow_elsewhere: a placement that could not be joined shows a hollow upper side.
+        hollow_elsewhere: a placement that could not be joined shows a hollow upper side, or was not measured.
         contradicted: placements that could not be joined and have another volume or other moments.
     """
 
@@ -149,8 +149,8 @@ def _unseen(e: Evidence) -> list[str]:
     """What remains unknown when the underside was not seen."""
     if e.hollow_likely > 0.02 and e.hollow_elsewhere:
         return [
-            "another placement, which could not be joined, shows that it is hollow on a side that is not seen here: the "
-            f"interval reaches down to a thin shell, with {100 * e.hollow_likely:.0f} % less volume"
+            "a side that was not seen here is shown by another placement, which could not be joined, and is hollow there or "
+            f"was not measured: the interval reaches down to a thin shell, with {100 * e.hollow_likely:.0f} % less volume"
         ]
     if e.hollow_likely > 0.02 and e.joined > 1:
         return [

@@ -73,8 +73,17 @@ def _measured(job: Job, number: int, focal_sigma: float) -> Unjoined | None:
     return Unjoined(body, rows, water > VESSEL * body[0], len(here))
 
 
-def on_support_hollows(surface: Surface, support: np.ndarray) -> Hollows:
-    """Space that may be empty in a body that stands on a plane (4,)."""
+def on_support_hollows(surface: Surface, support: np.ndarray, open_below: bool = False) -> Hollows:
+    """Space that may be empty in a body that stands on a plane (4,).
+
+    Args:
+        surface: of the body; support: the plane.
+        open_below: there is reason to think that the side it stands on is hollow, and then all of it may be a thin shell:
+            of a toy car the wheels, seen from both sides, were many times as thick as its walls.
+    """
     # neighbours together know their surface better than each of them
     noise = 0.5 * float(np.median(surface.cloud.sigma))
-    return hollows(surface.vertices, surface.faces, surface.observed, support, noise, surface.spacing)
+    found = hollows(
+        surface.vertices, surface.faces, surface.observed, support, noise, surface.spacing, walls_alike=not open_below
+    )
+    return Hollows(found.possible, found.possible) if open_below else found

@@ -64,7 +64,13 @@ class _Grid:
 
 
 def hollows(
-    vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, support: np.ndarray, noise: float, spacing: float
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    observed: np.ndarray,
+    support: np.ndarray,
+    noise: float,
+    spacing: float,
+    walls_alike: bool = True,
 ) -> Hollows:
     """What may be empty of a closed body that stands on a plane.
 
@@ -73,6 +79,7 @@ def hollows(
         support: (4,) the plane, its normal towards the body.
         noise: of the measured surface, the least thickness that it proves.
         spacing: of the vertices.
+        walls_alike: its walls are as thick as those that were seen from both sides; else as thin as the noise.
     """
     grid, local = grid_of(vertices, support)
     cell, height, face = columns_of(grid, local, faces)
@@ -83,7 +90,7 @@ def hollows(
     index = np.argwhere(solid)
     loose = np.zeros(solid.shape, bool)
     walls = np.flatnonzero(observed)
-    wall = wall_thickness(vertices, faces[walls])
+    wall = wall_thickness(vertices, faces[walls]) if walls_alike else 0.0
     sheet = wall if wall > RESOLVED * spacing else noise
     loose[tuple(index.T)] = ~within(grid.world(index), vertices, faces[walls], sheet)
     open_below = np.zeros(grid.shape[0] * grid.shape[1], bool)

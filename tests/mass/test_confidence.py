@@ -87,4 +87,4 @@ def test_where_many_replicates_collapse_the_body_may_be_as_small_as_you_like() -
 
 def test_a_hollow_that_another_placement_shows_is_said() -> None:
     found = confidence(Evidence(0.03, 0, 0, 40, 40, unjoined=1, hollow_likely=0.5, hollow_elsewhere=True))
-    assert "another placement" in found["because"][-1] and "50 % less volume" in found["because"][-1]
+    assert "by another placement" in found["because"][-1] and "50 % less volume" in found["because"][-1]

@@ -58,6 +58,18 @@ def test_a_cup_keeps_the_wall_that_was_seen_from_both_sides():
     assert volume - found.possible[0] > wall
 
 
+def test_where_a_hollow_is_known_of_walls_are_not_as_thick_as_those_that_were_seen():
+    """As of a toy car: its wheels were seen from both sides, and its body is a shell open below."""
+    wheel = [(0, 0), (1, 0), (1, 1.5), (0.6, 1.5), (0.6, 0.7), (0, 0.7)]
+    vertices, faces, seen = turned_body(wheel)
+    volume = mesh_integrals(vertices, faces)[0]
+    alike, thin = (
+        hollows(vertices, faces, seen, PLANE, 0.01, EDGE / 16, walls_alike=w).possible[0] / volume
+        for w in (True, False)
+    )
+    assert alike < 0.5 < 0.9 < thin
+
+
 def test_water_stands_in_a_cup_and_not_on_a_drum():
     held = [water_held(*turned_body(p)[:2], PLANE, EDGE / 16) for p in (CUP, DRUM)]
     assert held[0] == pytest.approx(np.pi * 0.9**2 * 1.0, rel=0.05) and held[1] == 0

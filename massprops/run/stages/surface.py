@@ -76,12 +76,11 @@ def run(job: Job) -> dict[str, Any]:
     focal_sigma = FOCAL_SIGMA if focal is None else float(focal)
     rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
     others = unjoined(job, place, focal_sigma)
-    hollow = _hollows(surface, place)
-    vessel = any(other.vessel for other in others)
-    # the side that it stood on is the upper side of another placement, and was seen hollow there
-    likely = hollow.possible if vessel else hollow.likely
+    # the side that it stood on is the upper side of another placement, hollow there or not measured
+    open_below = len(others) < len(place["unjoined"]) or any(other.vessel for other in others)
+    hollow = _hollows(surface, place, open_below)
     body = mesh_integrals(surface.vertices, surface.faces)
-    rows = hollowed(rows, body, likely, job.seed)
+    rows = hollowed(rows, body, hollow.likely, job.seed)
     rows, contradicted = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     np.savez(
         job.out / "surface.npz",
@@ -96,8 +95,8 @@ def run(job: Job) -> dict[str, Any]:
         surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
     )
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": likely[0] / body[0]}
-    facts |= {"hollow_elsewhere": vessel, "contradicted": contradicted}
+    facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": hollow.likely[0] / body[0]}
+    facts |= {"hollow_elsewhere": open_below, "contradicted": contradicted}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
@@ -164,8 +163,8 @@ def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]
     return cloud.take(np.flatnonzero(~flat)), cloud.take(np.flatnonzero(flat))
 
 
-def _hollows(surface: Surface, place: dict[str, Any]) -> Hollows:
-    """Space of which nothing proves that it is material. `place` is `join.json`."""
+def _hollows(surface: Surface, place: dict[str, Any], open_below: bool = False) -> Hollows:
+    """Space of which nothing proves that it is material. `place` is `join.json`; open_below: of `on_support_hollows`."""
     from massprops.mass.confidence import FILLED
     from massprops.run.unjoined import on_support_hollows
     from massprops.surface.behind_fill import behind_fill
@@ -178,7 +177,7 @@ def _hollows(surface: Surface, place: dict[str, Any]) -> Hollows:
         noise = 0.5 * float(np.median(surface.cloud.sigma))
         space = behind_fill(surface.vertices, surface.faces, surface.observed, noise, surface.spacing)
         return Hollows(space, space)
-    return on_support_hollows(surface, np.array(place["support_plane"], float))
+    return on_support_hollows(surface, np.array(place["support_plane"], float), open_below)
 
 
 def _filled(surface: Surface) -> float:
