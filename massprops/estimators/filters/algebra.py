@@ -129,4 +129,4 @@ def middle(values: np.ndarray) -> float:
             sorted_values[j + 1] = sorted_values[j]
             j -= 1
         sorted_values[j + 1] = x
-    return 0.5 * (sorted_values[(n - 1) // 2] + sorted_values[n // 2])
+    return float(0.5 * (sorted_values[(n - 1) // 2] + sorted_values[n // 2]))

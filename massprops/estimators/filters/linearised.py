@@ -78,7 +78,7 @@ def most_near(value: np.ndarray, spread: np.ndarray, noise: np.ndarray, gate: fl
     for c in range(value.shape[0]):
         if not value[c] * value[c] <= gate * gate * (spread[c] + noise[c]):
             bad += 1
-    return 2 * bad <= value.shape[0]
+    return bool(2 * bad <= value.shape[0])
 
 
 def correct(
