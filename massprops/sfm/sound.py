@@ -166,8 +166,8 @@ def require_sound(found: Sound, moving: str = "the camera moves around the objec
             f"them; make sure that {moving}, and not only pans or zooms"
         )
     raise NotPossible(
-        f"only {left} of {total} images hold together: the others share too few points that three images show; give "
-        "more images with more overlap (under 15 degrees between neighbours)"
+        f"the images do not hold together: {total} could be placed, and {left or 'none'} of them by points that three "
+        "images show; give more images with more overlap (under 15 degrees between neighbours)"
     )
 
 

@@ -43,8 +43,12 @@ def surface_of_outlines(
     Raises:
         NotPossible: too few silhouettes, or no body common to them.
     """
-    if sum(bool((m == 255).any()) for m in masks) < LEAST_VIEWS:
-        raise NotPossible(f"surface: fewer than {LEAST_VIEWS} silhouettes, too few for a shape from outlines alone")
+    seen = sum(bool((m == 255).any()) for m in masks)
+    if seen < LEAST_VIEWS:
+        raise NotPossible(
+            f"next to nothing of the surface was measured, and {seen} silhouettes are too few for a shape from outlines "
+            f"alone ({LEAST_VIEWS} are needed): give more images with more overlap (under 15 degrees between neighbours)"
+        )
     views, masks = with_margins(views, masks)
     hull = consistent(make_hull(views, masks, middle[None], support=support), views, masks, middle, radius)
     progress(1, 3, "hull")
