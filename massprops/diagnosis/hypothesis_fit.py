@@ -156,7 +156,9 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
         if still and before is not None and abs(found.evidence - before.evidence) < SETTLED:
             break
     if found is None:
-        raise NotPossible("the motion leads the fit astray: the record may hold more than one body's motion")
+        raise NotPossible(
+            "no rotation of a rigid body comes near this record, which may hold more than one body or flight: cut it to one"
+        )
     return found
 
 

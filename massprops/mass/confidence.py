@@ -107,16 +107,24 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
             e.misfit / max(e.images, 1),
             0.0,
             MOSTLY_OTHER,
-            f"{e.misfit} images show what may be another object: nothing of it fits the one measured, however it is turned",
+            f"{e.misfit} images show what may be another object: it does not fit the one measured, however it is turned",
         ),
         _finding(
-            1.0 - e.valid, 0.05, 0.5, "the surface is so uncertain that some of its variants are not closed bodies"
+            1.0 - e.valid,
+            0.05,
+            0.5,
+            "the surface is so uncertain that some of its variants are not closed bodies: take more images, from more sides",
         ),
     ]
     if e.joined > 1 and e.filled > FILLED:
         findings.append((2, _open_though_turned(e)))
     if e.unjoined:
-        findings.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
+        findings.append(
+            (
+                1,
+                f"{e.unjoined} other placements of the object could not be joined to the one used: what they show is missing",
+            )
+        )
     level = max(rank for rank, _ in findings)
     because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
     if len(e.readings) > 1:

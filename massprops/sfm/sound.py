@@ -238,4 +238,6 @@ def flat_remarks(points: SparsePoints, focal_sigma: float) -> list[str]:
             "all that the images have in common lies in one plane, which leaves the focal length open; give it with "
             "--focal, or let something that stands out of the plane be in view"
         )
-    return ["all that the images have in common lies in one plane: the focal length rests on its perspective alone"]
+    return [
+        "all that the images have in common lies in one plane, which makes the focal length less certain; --focal gives it"
+    ]

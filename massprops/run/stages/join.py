@@ -30,7 +30,7 @@ AROUND = 1.5
 TOO_COARSE = "only the outline of one of them is known, and that is too coarse to join it"
 """A padlock whose dark shackle was missing in most silhouettes fitted best, and by its paint too, the wrong way round."""
 LOOKS_ALIKE = (
-    "the way of turning it that fits best has both see the same sides, and these have next to no features in common: two "
+    "turned the way that fits best, both would show the same sides, and yet they have next to no features in common: two "
     "sides of the object look alike"
 )
 FEW_POINTS = 100
