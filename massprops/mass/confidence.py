@@ -75,7 +75,7 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
     e = evidence
     lost = 1.0 - e.used / e.images if e.images else 0.0
     findings = [
-        _finding(e.half_width, WIDE, TOO_WIDE, f"the volume is known to ±{100 * e.half_width:.0f} %"),
+        _finding(e.half_width, WIDE, TOO_WIDE, _known(e.half_width)),
         _finding(
             e.filled,
             FILLED,
@@ -134,6 +134,12 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
     if not because:
         because = [findings[0][1]]
     return {"level": LEVELS[level], "because": because + _unseen(e)}
+
+
+def _known(half_width: float) -> str:
+    if half_width > 1.0:
+        return "the images leave open how large the volume is: its interval is wider than twice the volume itself"
+    return f"the volume is known to ±{100 * half_width:.0f} %"
 
 
 def _open_though_turned(e: Evidence) -> str:

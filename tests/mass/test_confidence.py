@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprops.mass.confidence import Evidence, confidence
-from massprops.mass.integrals import mesh_integrals
+from massprops.mass.integrals import mesh_integrals, scale_integrals
 from massprops.mass.intervals import intervals, valid_bodies
 from massprops.mass.properties import properties_of_integrals
 
@@ -82,3 +82,11 @@ def test_where_many_replicates_collapse_the_body_may_be_as_small_as_you_like() -
     assert many["volume"][0] == 0.0 and [low for low, _ in many["principal_moments"]] == [0.0] * 3
     assert many["k1"][1] == many["k2"][1] == 0.0
     assert many["volume"][1] == few["volume"][1], "what did not collapse says how large it may be"
+    twice = scale_integrals(own, 2.0)
+    for given, rows in ((True, np.vstack([good, lost])), (False, np.vstack([good, lost[:4]]))):
+        within = intervals(rows, whole, twice)
+        held = [within["volume"][1], *(high for _, high in within["principal_moments"])]
+        largest = np.array([8 * whole.volume, *(32 * whole.principal_moments)])
+        assert np.allclose(held, largest) if given else np.all(held < 0.5 * largest), (
+            "no larger than its silhouettes allow"
+        )

@@ -9,6 +9,7 @@ import numpy as np
 
 from massprops.errors import NotPossible
 from massprops.mass.integrals import mesh_integrals
+from massprops.mass.intervals import collapse
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 
@@ -45,9 +46,10 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length) and surface.json."""
+    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json."""
     from massprops.surface.cloud import Cloud
     from massprops.surface.hollow import hollowed
+    from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
     from massprops.surface.unlit import spare_unlit
@@ -84,6 +86,8 @@ def run(job: Job) -> dict[str, Any]:
         inferred=surface.inferred,
         replicate_integrals=rows,
         replicate_length=lengths,
+        # what the body is within at most, where its replicates leave that open
+        outer_integrals=outer_integrals(surface.hull, surface.vertices) if collapse(rows) else np.zeros(10),
     )
     facts = _facts(
         surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
