@@ -101,7 +101,9 @@ def _first(problem: Problem, early: np.ndarray) -> Start:
     if np.isfinite(problem.rates[early]).all(axis=1).sum() >= FEWEST:
         return _from_rates(problem, early)
     if problem.has_tracks and not problem.stereo:
-        raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
+        raise NotPossible(
+            "tracks of one camera need attitude0: run 'massprops reconstruct' on the footage, and give that run"
+        )
     raise NotPossible(
         f"fewer than {FEWEST} epochs show the attitude: give more in which both cameras see three features off a line"
     )

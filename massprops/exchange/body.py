@@ -149,7 +149,7 @@ def body_of(
     if not is_physical(moments):
         said = ", ".join(f"{m:.4g}" for m in moments)
         raise InputError(
-            f"principal moments {said} break the triangle inequality (two must exceed the third): make the run again"
+            f"principal moments {said} break the triangle inequality, so no body has them: make the run again"
         )
     if mass is not None:
         inertia, own, document = inertia * (mass / own), mass, {**document, "density_assumed": False}

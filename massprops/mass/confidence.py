@@ -19,6 +19,11 @@ LOST, MOSTLY_LOST = 0.1, 0.5
 AGREES, DIFFERS = 0.95, 0.88
 """Intersection over union of the mesh's silhouettes and the images' own, median over the images, below which confidence
 is medium and low. Bodies near the truth had 0.96 and more, a glossy plate with a hole torn into it 0.63."""
+CONTRADICT, MANY_CONTRADICT = 0.2, 0.3
+"""Share of the images that show sky where stereo measured a point, of all points but the worst hundredth, above which
+confidence is medium and low. With cameras near the truth it was 0 to 0.16 (two bodies before black sky, a figure, a stamp, a
+skull); with cameras up to 11 degrees off, of heavily compressed video, 0.32 and 0.23; with an object that had been moved
+between the photographs 0.44."""
 CUT, MOSTLY_CUT = 0.1, 0.5
 """Share of the images in which the object goes on beyond the frame, likewise."""
 OTHER_SCENE, MOSTLY_OTHER = 0.1, 0.3
@@ -44,6 +49,7 @@ class Evidence:
         joined: placements that the mesh is made of.
         valid: share of the replicates that are bodies at all.
         overlap: intersection over union of the mesh's silhouettes and the images' own, median over the images.
+        contradicting: share of the images in which a measured point may lie outside the silhouette, so that it is kept.
         cut: images in which the object goes on beyond the frame.
         scenes: images of each set that hangs together, the one that was used first.
         misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
@@ -68,13 +74,32 @@ class Evidence:
     misfit: int = 0
     hollow_possible: float = 0.0
     hollow_likely: float = 0.0
+    contradicting: float = 0.0
 
 
 def confidence(evidence: Evidence) -> dict[str, Any]:
     """`confidence` of `massprops.json`: {"level": "high" | "medium" | "low", "because": [text]}."""
     e = evidence
-    lost = 1.0 - e.used / e.images if e.images else 0.0
-    findings = [
+    findings = [*_of_surface(e), *_of_images(e)]
+    if e.joined > 1 and e.filled > FILLED:
+        findings.append((2, _open_though_turned(e)))
+    if e.unjoined:
+        said = f"{e.unjoined} other placements of the object could not be joined to the one used: what they show is missing"
+        findings.append((1, said))
+    level = max(rank for rank, _ in findings)
+    because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
+    if len(e.readings) > 1:
+        level = 2
+        other = " or ".join(e.readings[1:])
+        because.insert(0, f"it is not clear which object is meant: {e.readings[0]} (measured here), or {other}")
+    if not because:
+        because = [findings[0][1]]
+    return {"level": LEVELS[level], "because": because + _unseen(e)}
+
+
+def _of_surface(e: Evidence) -> list[tuple[int, str]]:
+    """Rank and words of what the surface itself says."""
+    return [
         _finding(e.half_width, WIDE, TOO_WIDE, _known(e.half_width)),
         _finding(
             e.filled,
@@ -83,13 +108,33 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
             f"{100 * e.filled:.0f} % of the surface was filled in, not measured"
             + (DULL if e.filled > MOSTLY_FILLED else ""),
         ),
-        _finding(lost, LOST, MOSTLY_LOST, f"{e.images - e.used} of {e.images} images could not be used"),
         _finding(
             1.0 - e.overlap,
             1.0 - AGREES,
             1.0 - DIFFERS,
             f"the mesh and the object's silhouettes in the images overlap by only {100 * e.overlap:.0f} %",
         ),
+        _finding(
+            e.contradicting,
+            CONTRADICT,
+            MANY_CONTRADICT,
+            f"measured points lie outside the silhouettes of up to {100 * e.contradicting:.0f} % of the images: the cameras "
+            "or the silhouettes are wrong; film with less compression and blur, or check the silhouettes",
+        ),
+        _finding(
+            1.0 - e.valid,
+            0.05,
+            0.5,
+            "the surface is so uncertain that some of its variants are not closed bodies: take more images, from more sides",
+        ),
+    ]
+
+
+def _of_images(e: Evidence) -> list[tuple[int, str]]:
+    """Rank and words of what the images say."""
+    lost = 1.0 - e.used / e.images if e.images else 0.0
+    return [
+        _finding(lost, LOST, MOSTLY_LOST, f"{e.images - e.used} of {e.images} images could not be used"),
         _finding(
             e.cut / max(e.used, 1),
             CUT,
@@ -109,31 +154,7 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
             MOSTLY_OTHER,
             f"{e.misfit} images show what may be another object: it does not fit the one measured, however it is turned",
         ),
-        _finding(
-            1.0 - e.valid,
-            0.05,
-            0.5,
-            "the surface is so uncertain that some of its variants are not closed bodies: take more images, from more sides",
-        ),
     ]
-    if e.joined > 1 and e.filled > FILLED:
-        findings.append((2, _open_though_turned(e)))
-    if e.unjoined:
-        findings.append(
-            (
-                1,
-                f"{e.unjoined} other placements of the object could not be joined to the one used: what they show is missing",
-            )
-        )
-    level = max(rank for rank, _ in findings)
-    because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
-    if len(e.readings) > 1:
-        level = 2
-        other = " or ".join(e.readings[1:])
-        because.insert(0, f"it is not clear which object is meant: {e.readings[0]} (measured here), or {other}")
-    if not because:
-        because = [findings[0][1]]
-    return {"level": LEVELS[level], "because": because + _unseen(e)}
 
 
 def _known(half_width: float) -> str:

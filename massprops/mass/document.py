@@ -81,7 +81,7 @@ def read_document(path: Path) -> dict[str, Any]:
     if not is_physical(moments):
         said = ", ".join(f"{m:.4g}" for m in moments)
         raise InputError(
-            f"{path}: principal moments {said} break the triangle inequality (two must exceed the third): make the run again"
+            f"{path}: principal moments {said} break the triangle inequality, so no body has them: make the run again"
         )
     axes = found.principal_axes
     if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6):

@@ -175,7 +175,7 @@ def load_model(path: str | Path) -> Model:
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):
             said = ", ".join(f"{m:.4g}" for m in moments)
             raise InputError(
-                f"{path}: principal moments {said} break the triangle inequality (two must exceed the third): correct inertia"
+                f"{path}: principal moments {said} break the triangle inequality, so no body has them: correct inertia"
             )
     attitude = document.attitude
     if attitude is not None:

@@ -43,7 +43,7 @@ def test_the_candidates_are_in_the_units_of_the_body():
     assert said.startswith(
         "symmetric: the body looks alike every 90 degrees about the axis of I1, so that 12 of 60 images would"
     )
-    assert "nothing but their matches places 3 of them" in said
+    assert "for 3 of them nothing but their own matches" in said
     assert "between -4 and +12 %" in said
 
 

@@ -108,3 +108,16 @@ def test_no_body_is_larger_than_what_its_outlines_leave_room_for() -> None:
         own = central_inertia(mesh_integrals(np.asarray(mesh.vertices), np.asarray(mesh.faces)), 1.0)
         assert own[0] <= volume < most * own[0]
         assert np.all(np.linalg.eigvalsh(own[2]) <= np.linalg.eigvalsh(inertia))
+
+
+def test_a_hull_tells_how_many_views_contradict_what_was_measured() -> None:
+    mesh = trimesh.creation.box((2.2, 1.0, 0.5)).subdivide().subdivide().subdivide()
+    views, masks = outlines(mesh, 20)
+    points = np.asarray(mesh.vertices, float)
+    assert make_hull(views, masks, points).sparing(points).contradicting == 0.0
+    # a third of the cameras are 20 degrees off
+    R, t = views.R.copy(), views.t.copy()
+    turn = trimesh.transformations.rotation_matrix(np.radians(20), [0.3, 1.0, 0.2])[:3, :3]
+    R[::3] = R[::3] @ turn
+    moved = replace(views, R=R, t=t)
+    assert 0.2 < make_hull(moved, masks, points).sparing(points).contradicting <= 0.35

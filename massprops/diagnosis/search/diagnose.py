@@ -331,7 +331,9 @@ def _document(
     if s.verdict == "ambiguous":
         for rival in s.rivals:
             effects += [e for e in _entries(rival, s) if e["name"] not in {x["name"] for x in effects}]
-    candidates = [_entry(x, s) for x in sorted(s.tried, key=lambda x: x.bic)]
+    # an effect may be fitted from several starts: the best of these is listed
+    tried = {x.names: x for x in sorted(s.tried, key=lambda x: -x.bic)}
+    candidates = [_entry(x, s) for x in sorted(tried.values(), key=lambda x: x.bic)]
     after = named or (best if s.verdict == "unexplained" else base)
     document = {
         "format": "massprops-diagnosis/1",

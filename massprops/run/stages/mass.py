@@ -115,6 +115,7 @@ def _evidence(
         joined=len(join["joined"]),
         valid=valid,
         overlap=float(surface.get("silhouette_overlap", 1.0)),
+        contradicting=float(surface.get("contradicting_views", 0.0)),
         cut=len(silhouettes.get("cut_off") or []),
         scenes=tuple(m["images"] for m in sfm.get("models") or []),
         misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),

@@ -296,6 +296,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "silhouette_overlap": float(np.nanmedian(list(overlap.values()))),
         "silhouette_overlap_by_image": {k: round(float(o), 4) for k, o in overlap.items() if np.isfinite(o)},
         "views_that_carve": surface.hull.need,
+        "contradicting_views": surface.hull.contradicting,
         "warnings": warnings,
         "partial": partial,
     }
