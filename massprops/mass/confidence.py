@@ -96,19 +96,7 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
             MOSTLY_CUT,
             f"the object reaches the edge of the frame in {e.cut} of {e.used} images: step back, keep hands and arms out",
         ),
-        _finding(
-            max(e.scenes[1:], default=0) / max(e.images, 1),
-            OTHER_SCENE,
-            MOSTLY_OTHER,
-            f"the images fall into scenes that do not connect ({', '.join(map(str, e.scenes))} images); the largest was used: "
-            "give one object in one place, or each placement as a separate INPUT",
-        ),
-        _finding(
-            e.misfit / max(e.images, 1),
-            0.0,
-            MOSTLY_OTHER,
-            f"{e.misfit} images show what may be another object: it does not fit the one measured, however it is turned",
-        ),
+        *_other_scenes(e),
         _finding(
             1.0 - e.valid,
             0.05,
@@ -134,6 +122,25 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
     if not because:
         because = [findings[0][1]]
     return {"level": LEVELS[level], "because": because + _unseen(e)}
+
+
+def _other_scenes(e: Evidence) -> list[tuple[int, str]]:
+    """What is found of images that do not show the object as the others do."""
+    return [
+        _finding(
+            max(e.scenes[1:], default=0) / max(e.images, 1),
+            OTHER_SCENE,
+            MOSTLY_OTHER,
+            f"the images fall into scenes that do not connect ({', '.join(map(str, e.scenes))} images); the largest was used: "
+            "give one object in one place, or each placement as a separate INPUT",
+        ),
+        _finding(
+            e.misfit / max(e.images, 1),
+            0.0,
+            MOSTLY_OTHER,
+            f"{e.misfit} images show what may be another object: it does not fit the one measured, however it is turned",
+        ),
+    ]
 
 
 def _open_though_turned(e: Evidence) -> str:
