@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from massprops.core.text import counted
+
 WIDE, TOO_WIDE = 0.05, 0.20
 """Half width of the 90 % interval of the volume, relative, above which confidence is medium and low: what a table-top
 model should reach, and what an estimate by eye and ruler does."""
@@ -107,7 +109,8 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
             e.misfit / max(e.images, 1),
             0.0,
             MOSTLY_OTHER,
-            f"{e.misfit} images show what may be another object: nothing of it fits the one measured, however it is turned",
+            counted(e.misfit, "image shows", "images show")
+            + " what may be another object: nothing of it fits the one measured, however it is turned",
         ),
         _finding(
             1.0 - e.valid, 0.05, 0.5, "the surface is so uncertain that some of its variants are not closed bodies"
@@ -116,7 +119,8 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
     if e.joined > 1 and e.filled > FILLED:
         findings.append((2, _open_though_turned(e)))
     if e.unjoined:
-        findings.append((1, f"{e.unjoined} other placements of the object could not be joined to the one used"))
+        other = counted(e.unjoined, "other placement", "other placements")
+        findings.append((1, f"{other} of the object could not be joined to the one used"))
     level = max(rank for rank, _ in findings)
     because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
     if len(e.readings) > 1:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.core.text import counted
 from massprops.sequence.data import AttitudeSeries, Camera, Environment, RangeSeries, Sequence, Tracks
 from massprops.sfm.points import SparsePoints, residuals
 from massprops.views import Views
@@ -125,7 +126,12 @@ def to_sequence(
     order = order[(_once(points, error) & tracked[points.obs_view])[order]]
     if not tracked.all():
         warnings.append(
-            f"{int(np.sum(~tracked))} images of other cameras, zooms or orientations have no tracks in the sequence folder"
+            counted(
+                int(np.sum(~tracked)),
+                "image of another camera, zoom or orientation has",
+                "images of other cameras, zooms or orientations have",
+            )
+            + " no tracks in the sequence folder"
         )
     v, p = points.obs_view[order], points.obs_point[order]
     tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
