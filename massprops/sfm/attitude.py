@@ -125,14 +125,8 @@ def to_sequence(
     order = np.lexsort((points.id[points.obs_point], number[points.obs_view], stamps[points.obs_view]))
     order = order[(_once(points, error) & tracked[points.obs_view])[order]]
     if not tracked.all():
-        warnings.append(
-            counted(
-                int(np.sum(~tracked)),
-                "image of another camera, zoom or orientation has",
-                "images of other cameras, zooms or orientations have",
-            )
-            + " no tracks in the sequence folder"
-        )
+        lost = counted(int(np.sum(~tracked)), "image has", "images have")
+        warnings.append(f"{lost} no tracks in the sequence folder: another camera, zoom or orientation")
     v, p = points.obs_view[order], points.obs_point[order]
     tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
     attitude = None
