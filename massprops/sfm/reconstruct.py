@@ -19,6 +19,7 @@ from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.joined_models import join_models
 from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.loops import close_loops, match_predicted, spread_deg
@@ -113,6 +114,7 @@ def reconstruct(
         model = close_loops(model, given)
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
+        model = join_models(model, _apart(model, found.models), given)
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
     result = finish(model, footage, found.mapping, options, sizes, warnings, progress)
     against = contradictions(model, found.database)
