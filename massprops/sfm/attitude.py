@@ -133,8 +133,8 @@ def to_sequence(
     if still is None:
         fallback = cameras[0].sigma_px / cameras[0].intrinsics[0] if 0 in cameras else 1e-3
         attitude = _attitudes(views, stamps, number == 0, attitude_sigma, fallback)
-    else:
-        warnings.append(f"{still}: no attitude history is written")
+    else:  # its clock and tracks are of no use to anybody
+        warnings = [f"{still}: no attitude history is written"]
     return Sequence(
         cameras=cameras,
         tracks=tracks,
