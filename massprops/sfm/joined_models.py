@@ -32,8 +32,12 @@ from massprops.views import Views
 FEWEST = 3
 """Images that make a model."""
 
-PARTNERS = 40
-"""Placed images with which each image of the smaller model is compared, those that look most alike."""
+ACROSS = 400
+"""Pairs of an image of the smaller model and a placed one that are compared, those that look most alike: a tenth of a second
+each."""
+
+WITHIN = 12
+"""Images of the smaller model with which each of its own is compared."""
 
 LEAST = 8
 """Distances by which the size of the smaller model is told."""
@@ -121,13 +125,13 @@ def _linked(model: pycolmap.Reconstruction, fresh: list[str], given: ModelInputs
 
 
 def _pairs(fresh: list[str], placed: list[str], features: dict[str, tuple[np.ndarray, np.ndarray]], seed: int) -> Names:
-    pairs = [(fresh[i], fresh[j]) for i, j in pairing.exhaustive(len(fresh))]
-    names = fresh + placed
-    signatures = pairing.signatures([features[n][1] for n in names], seed)
+    signatures = pairing.signatures([features[n][1] for n in fresh + placed], seed)
+    pairs = [(fresh[i], fresh[j]) for i, j in pairing.similar(signatures[: len(fresh)], WITHIN, 1)]
     alike = signatures[: len(fresh)] @ signatures[len(fresh) :].T
-    for i, row in enumerate(alike):
-        pairs += [(fresh[i], placed[j]) for j in np.argsort(-row, kind="stable")[:PARTNERS].tolist()]
-    return pairs
+    first = np.argsort(-alike, axis=None, kind="stable")[:ACROSS]
+    return pairs + [
+        (fresh[i], placed[j]) for i, j in zip(*(k.tolist() for k in np.unravel_index(first, alike.shape)), strict=True)
+    ]
 
 
 def _largest(

@@ -49,7 +49,7 @@ def test_a_view_in_both_models_tells_place_and_size():
 
 
 def test_distances_that_do_not_tell_the_size_join_nothing():
-    views, points = scene.make(12, 300, seed=2)  # not a surface: what is beside each other is not equally far
+    views, points = scene.make(12, 140, seed=2)  # not a surface: what is beside each other is not equally far
     larger, smaller = part(views, points, range(8), 2, 0), part(views, points, range(7, 12), 2, 1)
     assert link(larger, smaller) is None
     views, points = surface(1500, 1)
