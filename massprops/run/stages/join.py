@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.text import counted
 from massprops.mass.integrals import centroid
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame, undistorted_mask
@@ -53,7 +54,8 @@ def run(job: Job) -> dict[str, Any]:
     sparse.save(job.out / "points.npz")
     for gone in facts["unjoined"]:
         job.warn(
-            f"{gone['images']} images show another placement of the object, which could not be joined: {gone['reason']}"
+            counted(int(gone["images"]), "image shows", "images show")
+            + f" another placement of the object, which could not be joined: {gone['reason']}"
         )
     (job.out / "join.json").write_text(json.dumps(facts, indent=1))
     return {"joined": len(facts["joined"]), "unjoined": len(facts["unjoined"])}

@@ -99,9 +99,10 @@ def _evidence(
     job: Job, surface: dict[str, Any], half_width: float, valid: float, readings: list[dict[str, Any]]
 ) -> Evidence:
     """What the confidence is judged by; half_width: of the volume's interval, valid: share of possible replicates."""
-    sfm, join, silhouettes = (
-        json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join", "silhouettes")
+    sfm, shape, join, silhouettes = (
+        json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "shape", "join", "silhouettes")
     )
+    contradicted, contradicting = _contradicted(sfm, shape)
     _, inferred, filled = _shares(surface)
     return Evidence(
         half_width=half_width,
@@ -115,12 +116,28 @@ def _evidence(
         joined=len(join["joined"]),
         valid=valid,
         overlap=float(surface.get("silhouette_overlap", 1.0)),
-        contradicting=float(surface.get("contradicting_views", 0.0)),
+        outside=float(surface.get("contradicting_views", 0.0)),
         cut=len(silhouettes.get("cut_off") or []),
         scenes=tuple(m["images"] for m in sfm.get("models") or []),
         misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),
         readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
+        contradicted=contradicted,
+        contradicting=contradicting,
     )
+
+
+def _contradicted(sfm: dict[str, Any], shape: dict[str, Any]) -> tuple[float, str]:
+    """Share of the matches that contradict where images of one placement are, and two such images in words.
+
+    An object that was turned over in a room that stayed contradicts across its placements, each of which is solved by itself.
+    """
+    together = [set(p["images"]) for p in shape.get("placements") or []]
+    share, first = 0.0, ""
+    for pair in sfm.get("contradicted_pairs") or []:
+        if not together or any(images.issuperset(pair["images"]) for images in together):
+            share += float(pair["share"])
+            first = first or " and ".join(name.rsplit("/", 1)[-1] for name in pair["images"])
+    return share, first
 
 
 def readings_of(shape: dict[str, Any], factor: float) -> list[dict[str, Any]]:
