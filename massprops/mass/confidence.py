@@ -65,6 +65,8 @@ class Evidence:
         hollow_possible: share of the volume that an underside nobody saw may hide as empty, or filled-in sides of what was
             turned over.
         hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
+        hollow_elsewhere: a placement that could not be joined shows a hollow upper side.
+        unlike: placements that could not be joined and have another volume or other moments.
     """
 
     half_width: float
@@ -82,9 +84,11 @@ class Evidence:
     misfit: int = 0
     hollow_possible: float = 0.0
     hollow_likely: float = 0.0
+    hollow_elsewhere: bool = False
     outside: float = 0.0
     contradicted: float = 0.0
     contradicting: str = ""
+    unlike: int = 0
 
 
 def confidence(evidence: Evidence) -> dict[str, Any]:
@@ -97,6 +101,8 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
     if e.unjoined:
         other = counted(e.unjoined, "other placement", "other placements")
         findings.append((1, f"{other} of the object could not be joined to the one used: what they show is missing"))
+    if e.unlike:
+        findings.append((2, "another placement of the object, measured by itself, has another volume or other moments"))
     level = max(rank for rank, _ in findings)
     because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
     if len(e.readings) > 1:
@@ -138,7 +144,7 @@ def _of_surface(e: Evidence) -> list[tuple[int, str]]:
         _finding(
             e.outside,
             OUTSIDE,
-            MANY_OUTSIDE,
+            MOSTLY_OUTSIDE,
             f"measured points lie outside the silhouettes of up to {100 * e.outside:.0f} % of the images: the cameras "
             "or the silhouettes are wrong; film with less compression and blur, or check the silhouettes",
         ),
@@ -198,6 +204,11 @@ def _open_though_turned(e: Evidence) -> str:
 
 def _unseen(e: Evidence) -> list[str]:
     """What remains unknown when the underside was not seen."""
+    if e.hollow_likely > 0.02 and e.hollow_elsewhere:
+        return [
+            "another placement, which could not be joined, shows that it is hollow on a side that is not seen here: the "
+            f"interval reaches down to a thin shell, with {100 * e.hollow_likely:.0f} % less volume"
+        ]
     if e.hollow_likely > 0.02 and e.joined > 1:
         return [
             "what lies behind the filled-in sides may be empty: the interval reaches down to a body with "

@@ -20,6 +20,7 @@ from massprops.mass.properties import properties_of_integrals
         (Evidence(0.03, 0.70, 0.0, 40, 40), "low", "70 % of the surface"),
         (Evidence(0.03, 0.05, 0.0, 40, 31), "medium", "9 of 40 images"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1), "medium", "1 other placement of"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1, unlike=1), "low", "another volume"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, joined=2), "high", "±3 %"),
         (Evidence(0.15, 0.41, 0.0, 48, 48, joined=2), "low", "may be hollow"),
         (Evidence(0.15, 0.41, 0.0, 48, 48), "medium", "±15 %"),
@@ -95,3 +96,8 @@ def test_where_many_replicates_collapse_the_body_may_be_as_small_as_you_like() -
         assert np.allclose(held, largest) if given else np.all(held < 0.5 * largest), (
             "no larger than its silhouettes allow"
         )
+
+
+def test_a_hollow_that_another_placement_shows_is_said() -> None:
+    found = confidence(Evidence(0.03, 0, 0, 40, 40, unjoined=1, hollow_likely=0.5, hollow_elsewhere=True))
+    assert "another placement" in found["because"][-1] and "50 % less volume" in found["because"][-1]

@@ -81,12 +81,13 @@ def _joined(
     for done, k in enumerate(order[1:]):
         job.progress(done, len(order) - 1, "joining placements")
         if any(placements[i]["method"] != "measured" for i in (first, k)):
-            facts["unjoined"].append({"images": len(index[k]), "fits": True, "reason": TOO_COARSE})
+            gone = {"images": len(index[k]), "placement": k, "fits": True, "reason": TOO_COARSE}
+            facts["unjoined"].append(gone)
             continue
         there = views.take(index[k])
         said, R, t = _laid(job, base, (_placed(job, there, k, supports[k]), _side(job, there, k)))
         if "reason" in said:
-            facts["unjoined"].append({"images": len(index[k]), **said})
+            facts["unjoined"].append({"images": len(index[k]), "placement": k, **said})
         else:
             begin = sum(len(p[0]) for p in parts)
             said["joint"]["views"] = [begin, begin + len(index[k]) - 1]

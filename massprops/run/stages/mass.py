@@ -110,6 +110,8 @@ def _evidence(
         inferred=inferred,
         hollow_possible=float(surface.get("hollow_possible", 0.0)),
         hollow_likely=float(surface.get("hollow_likely", 0.0)),
+        hollow_elsewhere=bool(surface.get("hollow_elsewhere", False)),
+        unlike=int(surface.get("contradicted", 0)),
         images=int(sfm["given"]),
         used=sum(p["images"] for p in join["joined"]),
         unjoined=len(join["unjoined"]),
