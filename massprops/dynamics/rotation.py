@@ -68,7 +68,7 @@ class Acting:
                 for e, place, own in self
                 if hasattr(e, name)
             ]
-            for name in ("torque", "inertia", "internal", "internal_rate")
+            for name in ("torque", "inertia", "internal", "internal_rate", "moving_inertia")
         }
 
 
@@ -83,6 +83,8 @@ def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence[Any])
     having = acting.having
     for inertia, place, _ in having["inertia"]:
         six = inertia(t, six, p[place])
+    for moving, place, own in having["moving_inertia"]:
+        six = moving(six, y[own], p[place])
     for internal, place, own in having["internal"]:
         ax, ay, az = internal(t, y[own], p[place])
         hx, hy, hz = hx - ax, hy - ay, hz - az
@@ -121,6 +123,8 @@ def start_state(
         if hasattr(effect, "internal_start"):
             z = effect.internal_start(w0, p[place])
             extra.extend(z)
+        if hasattr(effect, "moving_inertia"):
+            now = effect.moving_inertia(now, z, p[place])
         if hasattr(effect, "internal"):
             add = [a + b for a, b in zip(add, effect.internal(0.0, z, p[place]), strict=True)]
     h = symmetric_times(*now, *w0)

@@ -16,10 +16,14 @@ from massprops.sequence.data import Environment
 INERTIA = np.array([[0.8, 0.05, -0.1], [0.05, 1.0, 0.02], [-0.1, 0.02, 1.2]])
 
 
-@pytest.mark.parametrize("name", ["", "viscous-damping", "energy-dissipation"])
+@pytest.mark.parametrize("name", ["", "viscous-damping", "energy-dissipation", "spring-mass-damper"])
 def test_kernel_and_plain_march_agree(name: str) -> None:
     rng = np.random.default_rng(4)
-    values = {name: np.array([0.01, 0.1][: len(effects()[name].PARAMETERS)])} if name else {}
+    values = (
+        {name: np.array([0.01, 0.1, 0.3, 0.2, 0.4, 0.1, 0.2, 0.02, 0.05, 0.01][: len(effects()[name].PARAMETERS)])}
+        if name
+        else {}
+    )
     model = model_of(values)
     acting, p = model.acting, list(model.flat(True))
     around = Surroundings(Environment())
