@@ -61,6 +61,12 @@ class Cluster:
         with Client(self.address, set_as_default=False) as client:
             client.wait_for_workers(count, timeout=60)
 
+    def wait_until_all_work(self) -> None:
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            until(lambda: all(client.processing().values()), "work for every worker")
+
     def close(self) -> None:
         for process in (*self.workers, self.scheduler):
             process.kill()
@@ -293,6 +299,7 @@ def test_results_on_a_worker_that_can_no_longer_be_reached_are_made_elsewhere(
     thread = threading.Thread(target=run_campaign, args=(plan, out), kwargs={"scheduler": cluster.address})
     thread.start()
     until(lambda: len(stored(out)) == 8, "the runs before the gate")
+    cluster.wait_until_all_work()
     deaf.send_signal(signal.SIGUSR1)  # both workers wait at the gate, and their results will
     gate.touch()
     thread.join(120)

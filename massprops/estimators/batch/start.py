@@ -127,7 +127,8 @@ def _gyroscope_frame(problem: Problem, start: Start) -> np.ndarray:
     if both.sum() < 3:
         return np.eye(3)
     U, _, Vt = np.linalg.svd(problem.rates[rows[both]].T @ start.w[both])
-    return U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    found: np.ndarray = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return found
 
 
 def _turn(w: np.ndarray) -> float:

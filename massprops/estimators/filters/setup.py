@@ -226,7 +226,8 @@ def _with_frame(
 ) -> np.ndarray:
     """Adds the doubt about where the principal axes lie in the body: it turns attitude, rates, axes and features."""
     J = _lever(len(P), features, w, frame)
-    return P + (J * axes_sigma**2) @ J.T
+    found: np.ndarray = P + (J * axes_sigma**2) @ J.T
+    return found
 
 
 def _sigmas(prior: Prior, start: Any, inertia: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -160,7 +160,8 @@ class _Fit:
         weight, _ = line_weights(orders, 1.3 * self.z)
         keep = weight * np.trace(self.chol @ self.chol.T) > 1e-3 * self.noise / n
         keep[0] = True
-        return orders[keep]
+        found: np.ndarray = orders[keep]
+        return found
 
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Eigenvalues (d,), eigenvectors (d, d) of B and weight per column (r,)."""
