@@ -27,11 +27,6 @@ except ImportError:
             parser.Parser.__init__(self)
 
 
-TOO_DEEP = f"nested more than {DEEPEST} levels deep"
-IN_OUR_WORDS = {"exceeded maximum nesting depth": TOO_DEEP}
-"""libyaml has a limit of its own, of a thousand levels, which it may meet as it reads ahead."""
-
-
 class Bounded(Composer, SafeConstructor, Resolver, Parser):
     """The safe loader that refuses what goes beyond a limit."""
 
@@ -59,7 +54,7 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
             return Composer.compose_node(self, parent, index)
         self.level += 1
         if self.level > DEEPEST:
-            self.refuse(TOO_DEEP, event)
+            self.refuse(f"nested more than {DEEPEST} levels deep", event)
         before = self.values
         if anchor is not None:
             self.open.add(anchor)

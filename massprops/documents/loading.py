@@ -41,15 +41,14 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     """As `load_yaml`, of a text; `where` stands in messages."""
     import yaml
 
-    from massprops.documents.bounded_yaml import IN_OUR_WORDS, Bounded
+    from massprops.documents.bounded_yaml import Bounded
 
     try:
         content = yaml.load(text, Loader=Bounded)  # type: ignore[arg-type]
     except yaml.MarkedYAMLError as error:
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        problem = error.problem or "unknown fault"
         raise InputError(
-            f"{where}: not YAML that can be read{line}: {shown(IN_OUR_WORDS.get(problem, problem))}"
+            f"{where}: not YAML that can be read{line}: {shown(error.problem or 'unknown fault')}"
         ) from None
     except (yaml.YAMLError, RecursionError) as error:
         raise InputError(f"{where}: not YAML that can be read: {shown(error)}") from None
