@@ -8,7 +8,7 @@ A user's own effect is such a file too: `--effect FILE.py` (`massprops.effect_fi
 point of the group `massprops.effects`, whose value is a module, for good.
 
 Functions of the motion, component by component (`massprops.dynamics.kernels`), p a sequence of parameters, `around` a
-`massprops.dynamics.surroundings.Sky`; the first four are compiled as well (`massprops.dynamics.march`):
+`massprops.dynamics.surroundings.Sky`; the first four are compiled as well (`massprops.dynamics.compiled_integration`):
 
 - `torque(t, q, w, p, inertia, around)`: external torque, body axes, over the body's mean moment [rad/s^2];
 - `inertia(t, six, p)`: (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) at time t in place of `six`;

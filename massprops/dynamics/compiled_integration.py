@@ -112,7 +112,7 @@ def _slope(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def march(
+def integrate(
     y0: np.ndarray,
     start: np.ndarray,
     size: np.ndarray,
@@ -151,7 +151,7 @@ def march(
     return out
 
 
-def marched(
+def integrated(
     y0: Sequence[float],
     start: np.ndarray,
     size: np.ndarray,
@@ -160,17 +160,17 @@ def marched(
     acting: Acting,
     around: Surroundings,
 ) -> np.ndarray:
-    """`march` for a list of effects in their surroundings.
+    """`integrate` for a list of effects in their surroundings.
 
     Args:
-        acting: `rotation.Acting`; around: `Surroundings`; the others as of `march`.
+        acting: `rotation.Acting`; around: `Surroundings`; the others as of `integrate`.
     """
     times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
     sky = around.sky(times, acting.orbiting)
     position = np.stack([np.broadcast_to(x, times.shape) for x in sky.position], axis=-1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
-        return march(
+        return integrate(
             np.array(y0, float), start, size, six, np.asarray(p, float), tuple(tuple(functions(n).values()) for n in SIGNATURES),
             tuple(_places(n, acting) for n in SIGNATURES),
             sky._replace(position=(0.0, 0.0, 0.0)), position,
