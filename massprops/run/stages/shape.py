@@ -16,6 +16,7 @@ import numpy as np
 
 from massprops.capture.choice import Located, locate, parse
 from massprops.core.files import hash_of, write_image
+from massprops.core.text import counted
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
@@ -104,7 +105,8 @@ def run(job: Job) -> dict[str, Any]:
         lost.append({"images": odd, "reason": "they share no features with any placement"})
     for gone in lost:
         job.warn(
-            f"{len(gone['images'])} images show the object in a placement that could not be solved: {gone['reason']}"
+            counted(len(gone["images"]), "image shows", "images show")
+            + f" the object in a placement that could not be solved: {gone['reason']}"
         )
     return _said(job, {"placements": placements, "lost": lost})
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from massprops.errors import NotPossible
 from massprops.mass.integrals import mesh_integrals
+from massprops.mass.intervals import collapse
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 
@@ -45,11 +46,12 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length) and surface.json."""
+    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json."""
     from massprops.run.unjoined import unjoined
     from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
+    from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
     from massprops.surface.unlit import spare_unlit
@@ -72,8 +74,7 @@ def run(job: Job) -> dict[str, Any]:
             f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
             "closed body was measured; give images with more overlap and from more sides"
         )
-    focal = json.loads((job.work("sfm") / "sfm.json").read_text()).get("focal_sigma_relative")
-    focal_sigma = FOCAL_SIGMA if focal is None else float(focal)
+    focal_sigma = _focal_sigma(job)
     rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
     others = unjoined(job, place, focal_sigma)
     # the side that it stood on is the upper side of another placement, hollow there or not measured
@@ -90,6 +91,8 @@ def run(job: Job) -> dict[str, Any]:
         inferred=surface.inferred,
         replicate_integrals=rows,
         replicate_length=lengths,
+        # what the body is within at most, where its replicates leave that open
+        outer_integrals=outer_integrals(surface.hull, surface.vertices) if collapse(rows) else np.zeros(10),
     )
     facts = _facts(
         surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
@@ -101,6 +104,12 @@ def run(job: Job) -> dict[str, Any]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _focal_sigma(job: Job) -> float:
+    """Relative 1-sigma of the focal length."""
+    focal = json.loads((job.work("sfm") / "sfm.json").read_text()).get("focal_sigma_relative")
+    return FOCAL_SIGMA if focal is None else float(focal)
 
 
 def _symmetric(
@@ -299,6 +308,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "silhouette_overlap": float(np.nanmedian(list(overlap.values()))),
         "silhouette_overlap_by_image": {k: round(float(o), 4) for k, o in overlap.items() if np.isfinite(o)},
         "views_that_carve": surface.hull.need,
+        "contradicting_views": surface.hull.contradicting,
         "warnings": warnings,
         "partial": partial,
     }
