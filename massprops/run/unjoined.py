@@ -73,6 +73,13 @@ def _measured(job: Job, number: int, focal_sigma: float) -> Unjoined | None:
     return Unjoined(body, rows, water > VESSEL * body[0], len(here))
 
 
+def underside_open(place: dict[str, Any], others: list[Unjoined]) -> bool:
+    """Whether the side that the object stood on may be hollow: it is the upper side of a placement that could not be joined,
+    and hollow there or not measured. `place` is `join.json`, `others` of `unjoined`.
+    """
+    return len(others) < len(place["unjoined"]) or any(other.vessel for other in others)
+
+
 def on_support_hollows(surface: Surface, support: np.ndarray, open_below: bool = False) -> Hollows:
     """Space that may be empty in a body that stands on a plane (4,).
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +15,7 @@ import trimesh
 from surface.synthetic_dense import boxes, cameras, observe
 
 from massprops.run.job import Job, ReconstructOptions
-from massprops.run.unjoined import unjoined
+from massprops.run.unjoined import Unjoined, on_support_hollows, underside_open, unjoined
 from massprops.surface.cloud import Cloud
 
 WALL, LONG, HIGH = 0.06, 1.0, 0.4
@@ -61,3 +63,21 @@ def test_a_placement_that_is_left_is_measured_and_its_hollow_seen(
     assert found.body[0] == pytest.approx(body.volume, rel=0.12)
     assert found.rows.shape == (1000, 10)
     assert unjoined(job, {"unjoined": []}, 0.001) == []
+
+
+def test_an_underside_that_an_unmeasured_placement_shows_may_be_hollow() -> None:
+    """As of a toy car on its back, of which an outline alone was known: standing, it was filled to the table."""
+    block, tray = (Unjoined(np.ones(10), np.ones((1, 10)), vessel, 20) for vessel in (False, True))
+    one = {"unjoined": [{"images": 20}]}
+    assert underside_open(one, []) and underside_open(one, [tray])
+    assert not underside_open(one, [block]) and not underside_open({"unjoined": []}, [])
+
+
+def test_a_body_that_is_open_below_may_be_a_thin_shell() -> None:
+    body = BLOCK.subdivide_to_size(0.1)
+    seen = ~((body.face_normals[:, 2] < -0.5) & (body.triangles_center[:, 2] < 1e-6))
+    made = {"vertices": body.vertices, "faces": body.faces, "observed": seen, "spacing": 0.02}
+    surface: Any = SimpleNamespace(cloud=SimpleNamespace(sigma=np.full(9, 0.01)), **made)
+    plane = np.array([0.0, 0.0, 1.0, 0.0])
+    assert on_support_hollows(surface, plane).likely[0] == 0
+    assert on_support_hollows(surface, plane, open_below=True).likely[0] > 0.8 * body.volume

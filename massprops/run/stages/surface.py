@@ -47,7 +47,7 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 def run(job: Job) -> dict[str, Any]:
     """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json."""
-    from massprops.run.unjoined import unjoined
+    from massprops.run.unjoined import underside_open, unjoined
     from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
@@ -77,8 +77,7 @@ def run(job: Job) -> dict[str, Any]:
     focal_sigma = _focal_sigma(job)
     rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
     others = unjoined(job, place, focal_sigma)
-    # the side that it stood on is the upper side of another placement, hollow there or not measured
-    open_below = len(others) < len(place["unjoined"]) or any(other.vessel for other in others)
+    open_below = underside_open(place, others)
     hollow = _hollows(surface, place, open_below)
     body = mesh_integrals(surface.vertices, surface.faces)
     rows = hollowed(rows, body, hollow.likely, job.seed)
