@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +17,8 @@ from massprops.capture.choice import Located, Pointed, check_early, locate, pars
 from massprops.capture.readings import Found, Scene, described, find_object, picture
 from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
+from massprops.run.stages import shape
+from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
 SIZE = (320, 240)
@@ -208,6 +212,20 @@ def test_a_plate_that_turns_carries_what_is_on_it_though_its_rim_lies_below() ->
     assert found.readings == [] and found.split.plane is not None and abs(found.split.plane[3] + 0.08) < 0.01
     assert find_object(points, keep_support=True, turning=True).split.plane is None
     assert find_object(on_plate(BLUE), turning=True).split.plane is None, "a flange with its boss is one thing"
+
+
+def test_what_turns_with_its_plate_is_not_a_body_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stage asks for it where a still camera sees things turn, and only there."""
+    points = on_plate()
+    none = np.zeros(len(points.xyz) + 1, int)
+    cloud = Cloud(points.xyz, points.normal, np.full(len(points.xyz), 0.003), none, np.zeros(0, int))
+    monkeypatch.setattr(shape, "_dense", lambda *_: (cloud, points.rgb))
+    job: Any = SimpleNamespace(seed=0)
+    rough = [shape._rough_support(job, VIEWS, points.region, job, turning=turning) for turning in (True, False)]
+    assert rough[0] is not None and rough[1] is None
+    still = {"background": "still", "motion": "tumbling", "masks_given": False}
+    assert shape._turns(still) and not shape._turns(still | {"motion": "static"})
+    assert not shape._turns(still | {"background": "black"}) and not shape._turns(still | {"masks_given": True})
 
 
 def test_a_box_is_no_stand_of_itself() -> None:
