@@ -13,6 +13,7 @@ from massprops.capture.cameras import CameraPrior, group, unusable, with_focal
 from massprops.capture.images import inspect, list_images, load, printable, reduce
 from massprops.capture.keyframes import choose, edge_width, sharpness, view_motion
 from massprops.capture.video import read_video
+from massprops.core.text import counted
 from massprops.errors import InputError, NotPossible
 
 LOOK = 320
@@ -129,7 +130,9 @@ def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
             "images or a sequence folder"
         )
     if len(files) < FEWEST:
-        raise InputError(f"{folder}: {len(files)} images are too few for a shape; take at least 20 from all sides")
+        raise InputError(
+            f"{folder}: {counted(len(files), 'image is', 'images are')} too few for a shape; take at least 20 from all sides"
+        )
     photographs, left_out = [], []
     for file in files:
         try:

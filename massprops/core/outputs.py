@@ -43,6 +43,8 @@ from massprops.errors import InputError
 OWN = ".massprops"
 """The folder of the record inside an output folder."""
 FORMAT = "massprops-outputs/1"
+LONGEST_NAME = 255
+"""Bytes of a file's name, on the usual file systems."""
 LARGEST_RECORD = 100_000_000
 """Bytes; some 400 000 files."""
 ENDING_S = 20.0
@@ -118,6 +120,8 @@ class Outputs:
             place = OWN
         if place == OWN:
             raise InputError(f"{self.folder}: {name!r} leads outside this folder")
+        if max(len(os.fsencode(part)) for part in Path(name).parts) > LONGEST_NAME:
+            raise InputError(f"{self.folder}: a name of over {LONGEST_NAME} bytes cannot be written: {name[:30]!r}...")
 
     def check(self, by: str, names: Iterable[str], inputs: Iterable[Path] = (), force: bool = False) -> None:
         """Refuses files that this command must not replace.

@@ -93,8 +93,8 @@ def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
         )
     if size <= SMALLEST_SIZE:
         raise InputError(
-            f"mesh is {size:.3g} long: corners closer than 1e-8 are taken for one: export it in a smaller unit and give "
-            "--scale"
+            f"mesh is less than {SMALLEST_SIZE:.0e} long: corners closer than 1e-8 are taken for one: export it in a "
+            "smaller unit and give --scale"
         )
     spread = np.linalg.svd(vertices - middle, compute_uv=False)
     if len(vertices) < 4 or spread[2] <= FLAT * spread[0]:

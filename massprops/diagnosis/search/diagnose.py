@@ -170,7 +170,7 @@ def diagnose_problem(
     from massprops.diagnosis.search.worth import explained
 
     # many fits are to come: the free body goes by the compiled kernel, too
-    importlib.import_module("massprops.dynamics.march")
+    importlib.import_module("massprops.dynamics.compiled_integration")
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     case, base = mended(case, base)
