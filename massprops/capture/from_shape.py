@@ -211,21 +211,26 @@ class Paint:
         return Paint(np.where(seen, density[0] / np.maximum(density[0] + density[1], 1e-30), 0.0))
 
 
-def unsure(image: np.ndarray, found: np.ndarray, painted: Paint) -> np.ndarray:
+def unsure(image: np.ndarray, found: np.ndarray, painted: Paint, away: np.ndarray) -> np.ndarray:
     """(h, w) bool: what has the object's colours and no others', hangs together with the silhouette, and is not in it.
 
     It may be a part of the object that no stereo has measured, such as a handle seen in one image only, or another thing of
-    its colour: the image does not say which.
+    its colour: the image does not say which. No stereo measures a black cloth or a shadow, so what is surely not the object
+    in the image says as well which colours are others'.
 
     Args:
         image: (h, w, 3) uint8, undistorted; found: (h, w) bool of `refine`.
         painted: of the object and its surroundings.
+        away: (h, w) bool: surely not the object.
     """
     import cv2
 
     size = equivalent_diameter(found)
     side = max(3, round(2 * BAND * size) | 1)
-    alike = ((painted.share[colour_cells(image)] > ITS_OWN) & ~found).astype(np.uint8)
+    cells = colour_cells(image)
+    # an unmeasured part may reach far, so that its colours are rarer away from the object, and not absent there
+    here = Paint.learn(image[found], image[away]).share[cells] > 0.5
+    alike = ((painted.share[cells] > ITS_OWN) & here & ~found).astype(np.uint8)
     # along the outline a fringe always has the object's colours
     alike = cv2.morphologyEx(alike, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
     grown = cv2.dilate(alike, np.ones((side, side), np.uint8)) > 0

@@ -85,12 +85,26 @@ def test_an_unmeasured_part_of_the_objects_colour_is_left_open() -> None:
     image[beside & ~body] = [150, 60, 50]
     image = np.clip(image, 0, 255).astype(np.uint8)
     painted = Paint.learn(image[body], np.concatenate([image[~(body | handle | apart)], image[beside & ~body]]))
-    left_open = unsure(image, body, painted)
+    away = far_from(depth_of(body))
+    left_open = unsure(image, body, painted, away)
     assert left_open[handle & ~body].mean() > 0.95
     assert not left_open[apart | body].any() and not left_open[beside & ~handle].any()
     assert left_open[~(handle | body)].mean() < 0.05
     # nothing is known of colours that no point has
-    assert not unsure(image, body, Paint.learn(image[:0].reshape(-1, 3), image[apart])).any()
+    assert not unsure(image, body, Paint.learn(image[:0].reshape(-1, 3), image[apart]), away).any()
+
+
+def test_a_black_cloth_that_no_stereo_measured_is_not_the_objects() -> None:
+    """A body with dark holes on a cloth as dark, which has no points: the image shows it wherever the object surely is not."""
+    rng = np.random.default_rng(3)
+    body, hole, cloth = disc(160, 120, 45), disc(150, 120, 18), np.zeros(SHAPE, bool)
+    cloth[100:] = True
+    image = np.where((body & ~hole)[..., None], [60, 90, 190], [120, 120, 110])
+    image[(cloth & ~body) | hole] = 12
+    image = np.clip(image + 3.0 * rng.standard_normal((*SHAPE, 3)), 0, 255).astype(np.uint8)
+    painted = Paint.learn(image[body], image[~(body | cloth)])
+    assert unsure(image, body, painted, np.zeros(SHAPE, bool))[cloth & ~body].mean() > 0.5
+    assert not unsure(image, body, painted, far_from(depth_of(body))).any()
 
 
 def test_views_that_show_the_object_elsewhere() -> None:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import scene
 import test_mapping
 from scipy.spatial.transform import Rotation
@@ -99,3 +100,23 @@ def test_what_matches_nothing_where_it_is_put_is_not_joined(tmp_path, monkeypatc
     given, _ = split(tmp_path / "b", 400, monkeypatch)
     models = given.found.models
     assert join_models(models[0], models[1:], given).num_reg_images() == 7
+
+
+def test_photographs_are_joined_and_frames_of_a_video_are_not(tmp_path, monkeypatch):
+    from massprops.sfm import reconstruct
+
+    given, _ = split(tmp_path / "c", 10, monkeypatch)
+    asked = []
+
+    def last(model, *rest):
+        raise StopIteration
+
+    monkeypatch.setattr(reconstruct, "_best", lambda *rest: given.found)
+    monkeypatch.setattr(reconstruct, "close_loops", lambda model, given: model)
+    monkeypatch.setattr(reconstruct, "add_left_out_images", lambda model, given: model)
+    monkeypatch.setattr(reconstruct, "finish", last)
+    monkeypatch.setattr(reconstruct, "join_models", lambda model, apart, given: asked.append(len(apart)) or model)
+    for kind in ("images", "video"):
+        with pytest.raises(StopIteration):
+            reconstruct.reconstruct(replace(given.footage, kind=kind), tmp_path, SfmOptions(threads=1))
+    assert asked == [1]

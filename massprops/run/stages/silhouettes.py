@@ -188,12 +188,13 @@ def _placement(
         uv = camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2]
         at, deep = project(own, K, R, t)
         uv_all, bgr_all = np.concatenate([uv, at]), np.concatenate([colour[ahead], own_colour])
-        shown = shows_points(image, uv_all, bgr_all, far_from(depth))
+        far = far_from(depth)
+        shown = shows_points(image, uv_all, bgr_all, far)
         known = trimap(depth, uv, camera[:, 2], shown[: len(uv)])
         solid = refine(image, known)
         mask = np.where(solid, 255, 0).astype(np.uint8)
         if painted is not None:
-            mask[unsure(image, solid, painted)] = 128
+            mask[unsure(image, solid, painted, far)] = 128
         hidden = hidden_share(depth, at, deep, shown[len(uv) :])
         return {"mask": mask, "overlap": np.array(overlap(solid, known.drawn)), "hidden": np.array(hidden)}
 
