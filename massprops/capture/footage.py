@@ -13,6 +13,7 @@ from massprops.capture.cameras import CameraPrior, group, unusable, with_focal
 from massprops.capture.images import inspect, list_images, load, printable, reduce
 from massprops.capture.keyframes import choose, edge_width, sharpness, view_motion
 from massprops.capture.video import read_video
+from massprops.core.text import counted
 from massprops.errors import InputError, NotPossible
 
 LOOK = 320
@@ -129,7 +130,9 @@ def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
             "images or a sequence folder"
         )
     if len(files) < FEWEST:
-        raise InputError(f"{folder}: {len(files)} images are too few for a shape; take at least 20 from all sides")
+        raise InputError(
+            f"{folder}: {counted(len(files), 'image is', 'images are')} too few for a shape; take at least 20 from all sides"
+        )
     photographs, left_out = [], []
     for file in files:
         try:
@@ -360,7 +363,7 @@ def choose_all(sources: list[Source], judged: list[Judged], most: int) -> list[C
     mine, theirs = same_instant(first.index, first.timestamp_ns, other.index, other.timestamp_ns)
     if len(mine) < 3:
         raise InputError(
-            f"{len(mine)} frames of cam0 and cam1 were taken together; a stereo pair needs equal timestamps"
+            f"only {len(mine)} frames of cam0 and cam1 have the same time; give both cameras' timestamps by one clock"
         )
     return [
         Chosen(first.index[mine], first.timestamp_ns[mine], first.sharp[mine], first.warnings),

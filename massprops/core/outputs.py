@@ -488,8 +488,8 @@ def verify(folder: Path, *names: str) -> None:
     outputs = Outputs(folder)
     if outputs.pending is not None:
         raise InputError(
-            f"{folder}: the command that writes this folder is at work, or was ended while it replaced its files: "
-            "give it again"
+            f"{folder}: a command is writing this folder, or was stopped while it replaced files there: wait for it, or give "
+            "it again"
         )
     below = tuple(name for name in names if name.endswith("/"))
     chosen = [*names, *(name for name in outputs.files if below and name.startswith(below))]
@@ -563,7 +563,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _no_record(path: Path) -> InputError:
-    return InputError(f"{path}: damaged, so it is not known who wrote the files here: choose another place with -o")
+    return InputError(
+        f"{path}: damaged, so nothing tells which files here are massprops's: choose another place with -o"
+    )
 
 
 def _inside(name: str) -> str:

@@ -25,6 +25,11 @@ def _code(character: str) -> str:
     return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}"
 
 
+def counted(number: int, one: str, many: str) -> str:
+    """A number with the words that go with it: "1 image was", "2 images were"."""
+    return f"{number} {one if number == 1 else many}"
+
+
 def clock(seconds: float) -> str:
     """A duration as text."""
     if seconds < 60:

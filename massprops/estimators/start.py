@@ -101,8 +101,12 @@ def _first(problem: Problem, early: np.ndarray) -> Start:
     if np.isfinite(problem.rates[early]).all(axis=1).sum() >= FEWEST:
         return _from_rates(problem, early)
     if problem.has_tracks and not problem.stereo:
-        raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
-    raise NotPossible(f"fewer than {FEWEST} epochs show the attitude: three features off a line in both cameras needed")
+        raise NotPossible(
+            "tracks of one camera need attitude0: run 'massprops reconstruct' on the footage, and give that run"
+        )
+    raise NotPossible(
+        f"fewer than {FEWEST} epochs show the attitude: give more in which both cameras see three features off a line"
+    )
 
 
 def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
@@ -114,9 +118,12 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
     warnings = []
     lost = int((np.isfinite(points).all(axis=-1).sum(axis=1) >= 3).sum() - motion.used.sum())
     if lost > 0:
-        warnings.append(f"{lost} epochs share too few features with the rest: left out of the first guess")
+        warnings.append(f"{lost} epochs share too few features with the others and are left out of the first guess")
     if motion.scale > 2.0:
-        warnings.append(f"triangulated points scatter {np.sqrt(motion.scale):.1f} times more than sigma_px says")
+        warnings.append(
+            f"triangulated points scatter {np.sqrt(motion.scale):.1f} times as much as sigma_px allows: check sigma_px and "
+            "the calibration"
+        )
     used = motion.used
     rows, times = rows[used], problem.times[rows[used]]
     q, origin = motion.q[used], motion.origin[used]

@@ -89,7 +89,7 @@ def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
     far = float(np.linalg.norm(middle))
     if far > max(FARTHEST * size, SMALLEST_SIZE):
         raise InputError(
-            f"mesh of length {size:.3g} lies {far:.3g} from its origin, where its corners fall on each other: move it there"
+            f"mesh of length {size:.3g} lies {far:.3g} from its origin, too far to keep its corners apart: move it to the origin"
         )
     if size <= SMALLEST_SIZE:
         raise InputError(

@@ -35,6 +35,7 @@ class Scene:
         points: (p, 3) of the cloud; colours: (p, 3) uint8.
         seen_in: (v,) images that measured each vertex of the shape, or None.
         film: frames in the order of time.
+        still: the body stood still, so that the film goes round it.
     """
 
     frusta: np.ndarray = field(default_factory=lambda: np.zeros((0, 5, 3)))
@@ -42,6 +43,7 @@ class Scene:
     colours: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     seen_in: np.ndarray | None = None
     film: tuple[Frame, ...] = ()
+    still: bool = False
 
 
 def read_scene(data: RunData) -> Scene:
@@ -55,7 +57,8 @@ def read_scene(data: RunData) -> Scene:
         points, colours = xyz[keep] * data.factor, rgb[keep]
         if data.shape is not None:
             seen_in = seen_in_images(data.shape.vertices, xyz * data.factor, views)
-    return Scene(frusta, points, colours, seen_in, film_of(data))
+    still = data.facts.get("footage", {}).get("motion") == "static"
+    return Scene(frusta, points, colours, seen_in, film_of(data), still)
 
 
 def frusta_of(data: RunData) -> np.ndarray:

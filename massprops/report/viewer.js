@@ -170,7 +170,8 @@ document.querySelectorAll(".viewer").forEach((host) => {
   // ---- the motion, as the camera saw it, beside the footage
   const film = host.querySelector(".film"), play = host.querySelector("[data-play]"), time = host.querySelector("input[type=range]");
   let running = 0;
-  const stop = () => { if (running) { clearInterval(running); running = 0; press(play, false); play.textContent = "play the motion"; } };
+  const begin = play && play.textContent;
+  const stop = () => { if (running) { clearInterval(running); running = 0; press(play, false); play.textContent = begin; } };
   const at = (i) => {
     const f = data.film[i];
     // a camera looks along +z with y down; the page looks along -z with y up

@@ -58,7 +58,7 @@ def viewer(
         '<img class="film" alt="the frame of the footage at this time" hidden>'
         '<p class="note" hidden>This browser cannot show 3D, because WebGL is off.</p>'
         "<noscript>The mesh cannot be shown, because scripts are off.</noscript></div>"
-        f"{_controls(content, modes)}{_keys(shape, modes, limit, bool(content['axes']))}"
+        f"{_controls(content, modes, scene.still)}{_keys(shape, modes, limit, bool(content['axes']))}"
         f'<script type="application/json">{json.dumps(content, allow_nan=False)}</script></div>'
     )
 
@@ -93,7 +93,7 @@ def _modes(shape: Shape, scene: Scene, limit: float | None) -> list[str]:
     return [mode for mode in MODES if there[mode]]
 
 
-def _controls(content: dict[str, Any], modes: list[str]) -> str:
+def _controls(content: dict[str, Any], modes: list[str], still: bool) -> str:
     def buttons(kind: str, names: dict[str, str], pressed: str = "") -> str:
         state = {k: f' aria-pressed="{"true" if k == pressed else "false"}"' if pressed else "" for k in names}
         return "".join(f'<button type="button" data-{kind}="{k}"{state[k]}>{v}</button>' for k, v in names.items())
@@ -113,8 +113,9 @@ def _controls(content: dict[str, Any], modes: list[str]) -> str:
     ]
     film = ""
     if content["film"]:
+        does = "go round the object, image by image" if still else "play the motion"
         film = (
-            '<div class="controls clock"><button type="button" data-play aria-pressed="false">play the motion</button>'
+            f'<div class="controls clock"><button type="button" data-play aria-pressed="false">{does}</button>'
             f'<input type="range" min="0" max="{len(content["film"]) - 1}" value="0" step="1" autocomplete="off" '
             'aria-label="time of the footage"><output>–</output></div>'
         )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from massprops.core.text import counted
 from massprops.sequence.data import AttitudeSeries, Camera, Environment, RangeSeries, Sequence, Tracks
 from massprops.sfm.points import SparsePoints, residuals
 from massprops.views import Views
@@ -124,17 +125,16 @@ def to_sequence(
     order = np.lexsort((points.id[points.obs_point], number[points.obs_view], stamps[points.obs_view]))
     order = order[(_once(points, error) & tracked[points.obs_view])[order]]
     if not tracked.all():
-        warnings.append(
-            f"{int(np.sum(~tracked))} images of other cameras, zooms or orientations have no tracks in the sequence folder"
-        )
+        lost = counted(int(np.sum(~tracked)), "image has", "images have")
+        warnings.append(f"{lost} no tracks in the sequence folder: another camera, zoom or orientation")
     v, p = points.obs_view[order], points.obs_point[order]
     tracks = Tracks(stamps[v], number[v], points.id[p], points.obs_uv[order])
     attitude = None
     if still is None:
         fallback = cameras[0].sigma_px / cameras[0].intrinsics[0] if 0 in cameras else 1e-3
         attitude = _attitudes(views, stamps, number == 0, attitude_sigma, fallback)
-    else:
-        warnings.append(f"{still}: no attitude history is written")
+    else:  # its clock and tracks are of no use to anybody
+        warnings = [f"{still}: no attitude history is written"]
     return Sequence(
         cameras=cameras,
         tracks=tracks,

@@ -32,10 +32,11 @@ between photographs while the room stayed, none of a tumbling spacecraft."""
 @dataclass(frozen=True)
 class Contradictions:
     """share: of the matches, those in pairs of which the model bears out less than half; pairs: names of such pairs, those
-    with most matches first."""
+    with most matches first; shares: of the matches, those in each of these pairs."""
 
     share: float
     pairs: tuple[tuple[str, str], ...]
+    shares: tuple[float, ...] = ()
 
     def said(self, source: dict[str, str]) -> list[str]:
         """The warning, if any; source gives the user's name of each image."""
@@ -73,4 +74,5 @@ def contradictions(model: pycolmap.Reconstruction, database: Path) -> Contradict
                 against.append((len(matches), views.names[row[a]], views.names[row[b]]))
     against.sort(key=lambda c: (-c[0], c[1:]))
     share = sum(n for n, _, _ in against) / max(total, 1)
-    return Contradictions(float(share), tuple((a, b) for _, a, b in against))
+    shares = tuple(n / max(total, 1) for n, _, _ in against)
+    return Contradictions(float(share), tuple((a, b) for _, a, b in against), shares)

@@ -11,13 +11,15 @@ import numpy as np
 import pycolmap
 
 from massprops.core.progress import Progress, silent
+from massprops.core.text import counted
 from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, SfmOptions, attempt, may_distort, steady
-from massprops.sfm.contradictions import MANY, contradictions
+from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.joined_models import join_models
 from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.loops import close_loops, match_predicted, spread_deg
@@ -67,7 +69,7 @@ class SfmResult:
         precision: of the last adjustment.
         cameras: the one with most images first.
         warnings: one line each.
-        contradicted: share of the matches in pairs that contradict the model.
+        against: the pairs of images whose matches contradict the model.
         masked: only features within the silhouettes were used.
     """
 
@@ -78,7 +80,7 @@ class SfmResult:
     precision: Precision
     cameras: tuple[SolvedCamera, ...]
     warnings: tuple[str, ...]
-    contradicted: float = 0.0
+    against: Contradictions = Contradictions(0.0, ())
     masked: bool = False
 
 
@@ -112,15 +114,19 @@ def reconstruct(
         model = close_loops(model, given)
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
-    placed = {model.image(i).name for i in model.reg_image_ids()}
-    # a smaller model whose images the largest has taken in is none any more
-    apart = [m for m in found.models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
-    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *apart))
+        model = join_models(model, _apart(model, found.models), given)
+    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
     result = finish(model, footage, found.mapping, options, sizes, warnings, progress)
     against = contradictions(model, found.database)
     more = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
-    return replace(result, contradicted=against.share, masked=masked, warnings=(*result.warnings, *more))
+    return replace(result, against=against, masked=masked, warnings=(*result.warnings, *more))
+
+
+def _apart(model: pycolmap.Reconstruction, models: list[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    """The smaller models, without those whose images the largest has taken in."""
+    placed = {model.image(i).name for i in model.reg_image_ids()}
+    return [m for m in models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
 
 
 def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
@@ -229,7 +235,8 @@ def finish(
         )
     if len(views) < sizes[0][0]:
         warnings.append(
-            f"{sizes[0][0] - len(views)} images were taken out again: too few points hold them to the others"
+            counted(sizes[0][0] - len(views), "image was", "images were")
+            + " taken out again: too few points tie it to the rest"
         )
     warnings += _remarks(sizes, len(views), used, turned)
     return SfmResult(model, views, points, sizes, accuracy, cameras, tuple(warnings))
@@ -305,7 +312,10 @@ def _remarks(sizes: tuple[tuple[int, int], ...], registered: int, used: int, tur
     out = []
     if len(sizes) > 1:
         rest = ", ".join(str(n) for n, _ in sizes[1:])
-        out.append(f"the images fell into {len(sizes)} models; the largest has {registered} images, the others {rest}")
+        out.append(
+            f"the images fell into {len(sizes)} models that do not connect: the largest, of {registered} images, is used, "
+            f"and not the others ({rest}); more overlap between neighbouring images would connect them"
+        )
     if registered < 0.5 * used:
         out.append(f"only {registered} of {used} images could be placed; sides seen in the others are missing")
     if turned < 60:

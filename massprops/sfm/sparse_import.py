@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from massprops.core.text import counted
 from massprops.documents.loading import shown
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.footage import FootageRecord
@@ -111,7 +112,8 @@ def _left_out(in_footage: list[bool], kept: int, frames: int) -> list[str]:
     warnings = []
     if not all(in_footage):
         warnings.append(
-            f"{in_footage.count(False)} images of the imported model are not in the footage and were left out"
+            counted(in_footage.count(False), "image of the imported model is", "images of the imported model are")
+            + " not in the footage: left out"
         )
     if kept < sum(in_footage):
         warnings.append(

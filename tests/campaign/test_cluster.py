@@ -259,7 +259,9 @@ def test_a_scheduler_that_ends_or_is_too_slow_while_it_is(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("distributed.Client", Client)
     monkeypatch.setattr(backend, "_check_scheduler", lambda address: None)
-    with pytest.raises(NotPossible, match=r"went away \(.+\): finished runs are kept; the same command continues"):
+    with pytest.raises(
+        NotPossible, match=r"went away \(.+\): start it and give the same command again; finished runs are kept"
+    ):
         backend.Cluster("tcp://127.0.0.1:1")
 
 

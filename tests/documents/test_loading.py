@@ -36,7 +36,7 @@ REFUSED = {
     "set": ("a: !!set {x}", "is not read"),
     "list as name": ("? [1]\n: 2", "as a name"),
     "twice": ("a: 1\nb: 2\na: 3", "line 3: 'a' is given twice"),
-    "list": ("- 1", "expected names with values, found a list"),
+    "list": ("- 1", "holds a list: give names with values"),
     "control characters": ("a: \x1b[31m", "not YAML"),
     "two documents": ("a: 1\n---\nb: 2", "another document"),
 }
@@ -72,7 +72,7 @@ def test_plain_values_come_back() -> None:
         ('{"a": NaN}', "NaN is no JSON"),
         ('{"a": ' + "9" * 5000 + "}", "5000 digits"),
         ('{"a": 1e999}', "too large"),
-        ("[1]", "found a list"),
+        ("[1]", "holds a list"),
         ("{", "not JSON"),
     ],
 )

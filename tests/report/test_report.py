@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -15,10 +16,11 @@ import yaml
 from fake_run import HOSTILE, add_crosscheck, add_everything, make_run, spacecraft
 
 from massprops.report import write_report
+from massprops.report.data import read_run
 from massprops.report.html import between, number, text
 from massprops.report.meshes import Shape, decimated, read_shape
 from massprops.report.page import UNREADABLE, all_sections, page
-from massprops.report.scene import Scene
+from massprops.report.scene import Frame, Scene, read_scene
 from massprops.report.sections.cameras import coverage, mollweide
 from massprops.report.sections.numbers import bar
 from massprops.report.viewer import viewer
@@ -222,6 +224,18 @@ def test_viewer_data_unpacks_to_the_mesh() -> None:
     assert np.allclose(data["axes"], axes.T)
     assert np.allclose(np.array(data["centre"]) * size + middle, [0.1, 0.2, 0.3], atol=1e-4)
     assert data["reach"] > np.linalg.norm(data["frusta"][0][0])
+
+
+def test_what_stood_still_is_not_said_to_move(run: Path) -> None:
+    mesh = spacecraft()
+    shape = Shape(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.ones(len(mesh.faces), bool))
+    film = tuple(Frame("data:,", f"{i} s", np.eye(3)) for i in range(2))
+    assert "play the motion" in viewer(shape, scene=Scene(film=film))
+    still = viewer(shape, scene=Scene(film=film, still=True))
+    assert "go round the object" in still and "play the motion" not in still
+    data = read_run(run)
+    facts = {**data.facts, "footage": {**data.facts["footage"], "motion": "static"}}
+    assert read_scene(replace(data, facts=facts)).still and not read_scene(data).still
 
 
 def test_coverage_of_caps() -> None:

@@ -46,7 +46,7 @@ def test_mixed_photographs_become_cameras(tmp_path: Path) -> None:
         options = checked_options(mixed(sequence, tmp_path / "my photos"), {"threads": 1})
         outcome = run_stages(run, options, {"photos": "one"}, order=("capture", "sfm"))
     assert outcome.exit_code == 0, outcome.reason
-    assert any(w.startswith("1 images were left out: Фото broken.jpg") for w in outcome.warnings)
+    assert any(w.startswith("1 image was left out: Фото broken.jpg") for w in outcome.warnings)
     footage = json.loads((run / "work/capture/footage.json").read_text())
     sfm = json.loads((run / "work/sfm/sfm.json").read_text())
     assert footage["kind"] == "images" and sfm["registered"] == 12 and sfm["scale_metres_per_unit"] is None

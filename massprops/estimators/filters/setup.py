@@ -76,13 +76,13 @@ def setup(
         NotPossible: no rotation or no inertia in the first guess.
     """
     if not len(start.q):
-        raise NotPossible("the first guess found no rotation to start from")
+        raise NotPossible("the first epochs show no rotation to start from: give a longer record, or more features")
     fit = free_fit(problem, start)
     inertia = start.inertia if fit is None else fit.inertia
     if prior.inertia is not None:
         inertia = prior.inertia
     if inertia is None:
-        raise NotPossible("the first guess found no inertia to start from")
+        raise NotPossible("the first epochs show no inertia to start from: give a longer record, or --prior")
     moments, frame = principal(inertia)
     k = ratios_of_moments(moments)
     row, first, q, w = _first_rotation(problem, start, fit)

@@ -16,6 +16,7 @@ from massprops.capture.inputs import Input, open_inputs, same_cameras
 from massprops.capture.motion import Scene, camera_places, judge
 from massprops.core.files import write_image
 from massprops.core.inputs import read_image
+from massprops.core.text import counted
 from massprops.errors import InputError
 from massprops.memory import refuse_beyond
 from massprops.run.job import Job
@@ -46,7 +47,7 @@ def run(job: Job) -> dict[str, Any]:
         (f"{name}/{e[0]}" if placed else e[0], e[1]) for j, name in zip(judged, called, strict=True) for e in j.left_out
     ]
     if left_out:
-        job.warn(f"{len(left_out)} images were left out: {said(left_out)}")
+        job.warn(f"{counted(len(left_out), 'image was', 'images were')} left out: {said(left_out)}")
     ordered = sources[0].video is not None or sources[0].kind == "sequence"
     places = [camera_places(j.grey) if ordered else np.zeros(len(j.grey), int) for j in judged]
     step = max(1, len(judged[0].grey) // 60)
@@ -333,7 +334,8 @@ def _enter_beside(job: Job, groups: dict[tuple[Any, ...], list[dict[str, Any]]],
             frame["beside"] = name
         share = 100 * float(cut[key].beside.mean())
         job.warn(
-            f"something bright stays at the image's edge: silhouettes say nothing in that {share:.0f} % of the image"
+            f"something bright stays at the image's edge, such as a planet's limb: {share:.0f} % of the image is not used "
+            "for silhouettes"
         )
 
 

@@ -70,7 +70,11 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "points": len(result.points.xyz),
         "reprojection_error_px": _mean_error(result.points),
         "residual_rms_px": result.precision.rms_px,
-        "contradicted_share": result.contradicted,
+        "contradicted_share": result.against.share,
+        "contradicted_pairs": [
+            {"images": list(pair), "share": share}
+            for pair, share in zip(result.against.pairs, result.against.shares, strict=True)
+        ],
         "masked": result.masked,
         "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),

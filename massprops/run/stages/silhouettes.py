@@ -25,6 +25,7 @@ from massprops.capture.from_shape import (
 from massprops.core.files import write_image
 from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
+from massprops.core.text import counted
 from massprops.errors import NotPossible
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
@@ -54,7 +55,8 @@ def run(job: Job) -> dict[str, Any]:
         method = "drawn from the shape, refined by the images"
         if left_out:
             job.warn(
-                f"{len(left_out)} images show the object in another place than the others and are left out: "
+                counted(len(left_out), "image shows", "images show")
+                + " the object in another place than the others, left out: "
                 + ", ".join(left_out[:5])
                 + (" ..." if len(left_out) > 5 else "")
             )
@@ -204,7 +206,7 @@ def _placement(
     covered = [views.names[i] for i in index[something_before(hidden)]]
     if covered:
         job.warn(
-            f"something that is not the object, such as a hand, is in front of it in {len(covered)} images "
+            f"something that is not the object, such as a hand, is in front of it in {counted(len(covered), 'image', 'images')} "
             f"({', '.join(covered[:3])}{', ...' if len(covered) > 3 else ''}): leave them out, or correct their masks "
             "('massprops masks')"
         )
