@@ -35,7 +35,8 @@ def _attitudes_of_tracks(sequence: Sequence) -> AttitudeSeries:
     problem = problem_of(sequence)
     if not problem.stereo:
         raise NotPossible(
-            "tracks of one camera show no attitude: run 'massprops reconstruct' on its footage, give that run"
+            "tracks of one camera show no motion without attitude0, which 'massprops reconstruct' writes for an object that "
+            "tumbles"
         )
     poses = first_guess(problem, Prior()).poses
     if poses is None:

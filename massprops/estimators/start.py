@@ -102,7 +102,8 @@ def _first(problem: Problem, early: np.ndarray) -> Start:
         return _from_rates(problem, early)
     if problem.has_tracks and not problem.stereo:
         raise NotPossible(
-            "tracks of one camera need attitude0: run 'massprops reconstruct' on the footage, and give that run"
+            "tracks of one camera show no motion without attitude0, which 'massprops reconstruct' writes for an object that "
+            "tumbles"
         )
     raise NotPossible(
         f"fewer than {FEWEST} epochs show the attitude: give more in which both cameras see three features off a line"

@@ -186,10 +186,10 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
 HEAD = [
     *(
         "method",
+        "reliable",
         "k1 (± 1σ)",
         "k2 (± 1σ)",
         "rate [°/s]",
-        "reliable",
         "squared innovations, 1 expected",
         "processor time a step [µs]",
     )
@@ -217,10 +217,10 @@ def _row(e: dict[str, Any], error: dict[str, Any] | None) -> list[Any]:
     """One method's row; error: its errors against the truth, None where there is none."""
     row = [
         e["name"],
+        _reliable(e),
         _with_sigma(e["k1"], e["sigma_k1"]),
         _with_sigma(e["k2"], e["sigma_k2"]),
         number(np.degrees(e["rate"]["speed_rad_s"]), 4) if e["rate"] else "–",
-        _reliable(e),
         number(e["innovation"], 3),
         number(e["cpu_us_per_step"], 3),
     ]

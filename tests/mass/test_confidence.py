@@ -25,7 +25,7 @@ from massprops.mass.properties import properties_of_integrals
         (Evidence(0.15, 0.41, 0.0, 48, 48, joined=2), "low", "may be hollow"),
         (Evidence(0.15, 0.41, 0.0, 48, 48), "medium", "±15 %"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, valid=0.3), "low", "not closed bodies"),
-        (Evidence(0.03, 0.05, 0.0, 40, 40, outside=0.25), "medium", "up to 25 % of the images"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, outside=0.2), "medium", "up to 20 % of the images"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, outside=0.35), "low", "cameras or the silhouettes are wrong"),
         (Evidence(1.5, 0.05, 0.0, 40, 40), "low", "leave open how large the volume is"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, contradicted=0.07, contradicting="a and b"), "medium", "between a and b"),

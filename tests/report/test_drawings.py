@@ -8,6 +8,7 @@ from massprops.report.estimates import _doubts, _reliable
 from massprops.report.html import unit
 from massprops.report.plot import plot
 from massprops.report.ratio_plane import ratio_plane
+from massprops.report.sections.comparison import _sides
 
 
 def test_a_line_ends_where_a_number_is_missing() -> None:
@@ -40,3 +41,11 @@ def test_an_ellipse_within_reach_is_drawn_whole() -> None:
     inside = [p for p in page.split('<polygon class="ring s1"')[1].split('points="')[1].split('"')[0].split()]
     x = np.array([float(p.split(",")[0]) for p in inside])
     assert x.min() >= 62 and x.max() <= 470, "the second method's ellipse lies within the pane"
+
+
+def test_a_comparison_shows_first_what_the_run_recommends() -> None:
+    row = {"quantity": "volume", "error_text": "+1 %"}
+    both = {"rows": [row], "fused": [row]}
+    assert [key for key, _ in _sides({**both, "recommended": "fused"})] == ["fused", "rows"]
+    assert [key for key, _ in _sides({**both, "recommended": "mesh"})] == ["rows", "fused"]
+    assert [key for key, _ in _sides({"rows": [row], "fused": None, "recommended": "mesh"})] == ["rows"]

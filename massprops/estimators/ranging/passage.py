@@ -52,7 +52,7 @@ def start_of(problem: Problem, prior: Prior, start: Any) -> Any:
     from massprops.estimators.start import first_guess
 
     if not problem.has_attitude:
-        raise NotPossible("attitude0 is missing: run 'massprops reconstruct' on the footage, and give that run")
+        raise NotPossible("attitude0 is missing, which 'massprops reconstruct' writes for an object that tumbles")
     return start if getattr(start, "features", None) is not None else first_guess(problem, prior)
 
 
