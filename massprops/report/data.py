@@ -91,13 +91,16 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _read_manifest(path: Path) -> dict[str, Any]:
-    """`run.yaml`, or {} when it is absent or broken."""
+    """`run.yaml`, or {} when it is absent or broken. What it says of the stage that makes the page is of an earlier page."""
     try:
         manifest = load_yaml(path)
     except InputError:
         return {}
     parts = ("inputs", "stages", "versions", "options")
-    return {} if any(not isinstance(manifest.get(part) or {}, dict) for part in parts) else manifest
+    if any(not isinstance(manifest.get(part) or {}, dict) for part in parts):
+        return {}
+    (manifest.get("stages") or {}).pop("report", None)
+    return manifest
 
 
 def _factor(scale: dict[str, Any]) -> float:

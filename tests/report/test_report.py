@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from fake_run import HOSTILE, add_crosscheck, add_everything, make_run, spacecraft
 
 from massprops.report import write_report
@@ -91,6 +92,14 @@ def test_a_whole_run_has_every_section_and_its_numbers(run: Path) -> None:
     assert "0.410 px" in found.words and "123 456" in found.words
     assert UNREADABLE not in found.words
     assert sum(tag == "figure" for tag, _ in found.tags) == 12
+
+
+def test_a_page_made_again_does_not_tell_of_the_one_before(run: Path) -> None:
+    first = write_report(run).read_text()
+    manifest = yaml.safe_load((run / "run.yaml").read_text())
+    manifest["stages"]["report"] = {"status": "failed", "warnings": ["the disk was full"]}
+    (run / "run.yaml").write_text(yaml.safe_dump(manifest))
+    assert write_report(run).read_text() == first
 
 
 def test_nothing_is_asked_from_outside(run: Path) -> None:

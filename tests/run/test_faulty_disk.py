@@ -234,7 +234,7 @@ def test_signals_at_random_moments_of_every_stage(tmp_path: Path, footage: Path)
     rng = np.random.default_rng(int(os.environ.get("SEED", "18")))
     refused = 0
     with quick_disk(tmp_path) as place:
-        base, out = place / "base", place / "out"
+        base, out = place / "whole" / "out", place / "out"  # a page tells the name of its folder
         command = [*COMMAND, *reconstruct(footage, out)]
         begun = time.monotonic()
         code = subprocess.run([*COMMAND, *reconstruct(footage, base)], capture_output=True, check=False).returncode
