@@ -97,8 +97,11 @@ def plan(record: Record, inertia: np.ndarray) -> Plan:
     )
     usable, skipped = usable_effects(record)
     effects = [m for m in usable if not hasattr(m, "momentum_moved")]
+    # `shows_from` means a size that enters linearly
     skipped |= {
-        m.NAME: "is not linear in its size: no plan says from which on it shows" for m in usable if m not in effects
+        m.NAME: "its size does not enter linearly, so a plan cannot say from which size on it shows"
+        for m in usable
+        if m not in effects
     }
     terms, owners = [], []
     for effect in effects:

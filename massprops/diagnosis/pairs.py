@@ -61,7 +61,10 @@ def pairs(
     along = record if record.rows.rates else unknown.record
     starts = [Start(inertia=unknown.inertia, left=1.0), BALL, *(again(f) for f in singles[:FIRSTS])]
     alone = {f.names[0]: f.hypothesis.terms[0] for f in singles if f.hypothesis.terms}
-    every = [_forced(along, effect, unknown, alone.get(effect.NAME)) for effect in usable]
+    first = {n for f in singles[:FIRSTS] for n in f.names}
+    # an effect without a scan begins where it is by itself: far from its place where it explains little, and each fit is slow
+    trusted = [m for m in usable if not hasattr(m, "momentum_moved") or m.NAME in first]
+    every = [_forced(along, effect, unknown, alone.get(effect.NAME)) for effect in trusted]
     forced = [f for f in every if f]
     begun = [_begun(along, a, b, starts, gap) for a, b in combinations(forced, 2)]
     begun = sorted((f for f in begun if f and can_be(f[0])), key=lambda f: -f[0].evidence)

@@ -24,10 +24,12 @@ CALLED = {"sunlight": "solar-pressure-on-facets"}
 def _judged(records: list) -> tuple[int, int, int]:
     """Prints a line for each of (label, truth, sequence); how many are right, named wrong, and all that show an effect."""
     right, wrong, shown = 0, 0, 0
+    spent = []
     for label, truth, sequence in records:
         begun = os.times()
         document = diagnose_by_balance(sequence).document
         cpu = sum(os.times()[:2]) - sum(begun[:2])
+        spent.append(cpu)
         names = [e["name"] for e in document["effects"]]
         gap = document["gap"]
         good = document["verdict"] == "none" if truth == "none" else sorted(names) == sorted(truth.split(" + "))
@@ -42,7 +44,9 @@ def _judged(records: list) -> tuple[int, int, int]:
             f"{'' if counts else '  (not counted)'}",
             flush=True,
         )
-    print(f"right {right} of {shown}, named wrong {wrong}")
+    print(
+        f"right {right} of {shown}, named wrong {wrong}; CPU median {np.median(spent):.0f} s, most {max(spent):.0f} s"
+    )
     return right, wrong, shown
 
 
@@ -104,6 +108,22 @@ def test_strangers_are_not_misnamed(capsys) -> None:
         print()
         _, wrong, shown = _judged([(f"{k}:{s}", "in no catalogue", recorded(k, s)) for s in SEEDS for k in STRANGERS])
     assert wrong <= 0.1 * shown
+
+
+def test_what_swings_in_basilisk_and_mujoco(capsys) -> None:
+    """Panels, slosh and sliding masses. Basilisk's seeds 1 and 2 and MuJoCo's 1 to 7 served while the effect was built."""
+    pytest.importorskip("Basilisk")
+    pytest.importorskip("mujoco")
+    from diagnosis.basilisk_worlds import SWINGING, recorded
+    from diagnosis.pair_worlds import slid
+
+    name = "spring-mass-damper"
+    records = [(f"{k}:{s}", name, recorded(k, s)) for s in SEEDS for k in SWINGING]
+    records += [(f"sliding:{s}", name, slid(s)[0]) for s in SEEDS]
+    with capsys.disabled():
+        print()
+        right, wrong, shown = _judged(records)
+    assert right >= 0.5 * shown and wrong <= 0.1 * shown
 
 
 def test_bodies_moved_by_mujoco(capsys) -> None:

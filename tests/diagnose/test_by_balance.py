@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term
+from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search import by_balance
 from massprops.diagnosis.search.by_balance import begun_by_balance, fits_by_balance
 from massprops.diagnosis.search.case import Case, case_of
+from massprops.diagnosis.search.refit import refit
 from massprops.diagnosis.selection import Candidate, Selection, rms
 from massprops.effects import effects
 from massprops.model.problem import problem_of
@@ -26,6 +29,14 @@ TORQUE = "constant-body-torque"
 def case(**asked: object) -> Case:
     made = simulate_tracks(TrackScenario(frames=160, seed=3, **asked))  # type: ignore[arg-type]
     return case_of(problem_of(made.sequence))
+
+
+def best_of(name: str, record: object, watch: object = None) -> Selection:
+    """What a selection holds where one effect is tried over what its scan offers, and named."""
+    ball = Start(inertia=np.eye(3), left=1.0)
+    base = fit_hypothesis(record, Hypothesis(latent=False), ball)
+    found = Candidate(alone=best_fit(record, effects()[name], base))
+    return Selection(base=base, unknown=base, tried=(found,), verdict="named", named=(found,))
 
 
 def torque_alone(record: object, watch: object = None) -> Selection:
@@ -47,9 +58,36 @@ def test_a_fit_to_the_pixels_begins_near_its_end(sensors: dict, monkeypatch: pyt
     whole = case(effects=(f"{TORQUE}:12",), **sensors)
     ((added, _),) = begun_by_balance(whole, [effects()[TORQUE]])
     assert [a.name for a in added] == [TORQUE]
-    (found,) = fits_by_balance(whole, [effects()[TORQUE]], lambda *_: None, np.inf)
+    given = fits_by_balance(whole, [effects()[TORQUE]], lambda *_: None, np.inf)
+    (found,) = given.fits
+    assert given.forced
     assert found.fitted < 1.05 and found.fit.iterations <= 6
     assert begun_by_balance(whole, []) == [], "nothing but that may be named"
+
+
+def test_sunlight_on_faces_is_found_in_tracks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its parameters stay as the balance found them, under a prior that pixels have not, and count as many as are determined."""
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import seen_by_cameras
+
+    name = "solar-pressure-on-facets"
+    monkeypatch.setattr(by_balance, "select", partial(best_of, name))
+    whole = case_of(problem_of(seen_by_cameras("sunlight", 1)))
+    base = refit(whole, whole.first.state, ())
+    (found,) = fits_by_balance(whole, [effects()[name]], lambda *_: None, np.inf).fits
+    assert found.fitted < 1.05 and found.held < 1.12 < 2.0 < base.held
+    (added,) = found.added
+    assert 3.0 < added.given < 68.0 and not found.fit.free[17:].any()
+    assert found.bic < base.bic - added.given * np.log(whole.fitted.count)
+
+
+def test_an_effect_that_an_unknown_torque_beats_begins_no_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing_named(record: object, watch: object = None) -> Selection:
+        return replace(torque_alone(record), verdict="unexplained", named=())
+
+    monkeypatch.setattr(by_balance, "select", nothing_named)
+    found = fits_by_balance(case(effects=(f"{TORQUE}:12",)), [effects()[TORQUE]], lambda *_: None, np.inf)
+    assert found.fits == () and found.forced
 
 
 def test_the_attitudes_of_a_free_body_leave_nothing_to_begin_with() -> None:

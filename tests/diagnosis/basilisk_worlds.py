@@ -290,3 +290,15 @@ def recorded(kind: str, seed: int, sigma: float = SIGMA, seconds: float = 900.0,
     )
     series = AttitudeSeries(np.round(times * 1e9).astype(np.int64), noisy, np.full(len(times), sigma))
     return Sequence(attitude=series, environment=around)
+
+
+def seen_by_cameras(kind: str, seed: int, seconds: float = 900.0, period: float = 3.0) -> Sequence:
+    """What two cameras at rest see of the body: tracks and ranges with noise, and the Sun's direction."""
+    from dataclasses import replace
+
+    from diagnose.mujoco_bodies import DISTANCE_M, Motion, seen
+
+    times, q = moved(kind, seed, seconds, period)
+    at = np.tile([0.0, 0.0, DISTANCE_M], (len(times), 1))
+    tracks = seen(Motion(times, rotation_matrix(q), at, at, 0.0 * at, 0.0 * times, 0.0 * times), seed)
+    return replace(tracks, environment=Environment(sun_direction=SUN / np.linalg.norm(SUN)))

@@ -8,7 +8,7 @@ the attitudes are a free body's, what the pixels hold beyond it is the sensors' 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 import numpy as np
@@ -18,50 +18,84 @@ from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.refit import Added, Scored, near, refit, with_effects
-from massprops.diagnosis.selection import select
+from massprops.diagnosis.selection import Selection, select, within_noise
 from massprops.effects import effects, forms
 from massprops.errors import NotPossible
 from massprops.model.state import BatchState
 
 FITTED = 3
-"""Of what the balance tried, the likeliest that are fitted to the pixels."""
+"""Of what the balance may name, the likeliest that are fitted to the pixels."""
 Watch = Callable[[str, int, int], None]
 
 
-def fits_by_balance(case: Case, usable: list[ModuleType], watch: Watch, against: float) -> list[Scored]:
-    """Fits to the pixels of what the balance of momentum likes best, the best first; none where it likes nothing.
+@dataclass(frozen=True, kw_only=True)
+class ByBalance:
+    """What the balance of momentum gave.
+
+    Attributes:
+        fits: to the pixels, of what it likes best, the best first; forced: whether the attitudes are those of no free body,
+            so that something acts on the motion.
+    """
+
+    fits: tuple[Scored, ...] = ()
+    forced: bool = False
+
+
+def fits_by_balance(case: Case, usable: list[ModuleType], watch: Watch, against: float) -> ByBalance:
+    """Fits to the pixels of what the balance of momentum likes best; none where it likes nothing.
 
     Args:
         usable: effects that may be named; against: cost of a fit that these are to come near.
     """
-    found = []
-    for k, (added, start) in enumerate(begun_by_balance(case, usable, watch)):
+    selected = _selected(case, watch)
+    if selected is None:
+        return ByBalance()
+    found: list[Scored] = []
+    for k, (added, start) in enumerate(_begun(case, selected, usable)):
         watch(f"from the balance of momentum: {' + '.join(a.name for a in added)}", k, FITTED)
         found.append(refit(case, start, added, against=near(min([against, *(s.fit.cost for s in found)]))))
-    return sorted(found, key=lambda s: s.bic)
+    return ByBalance(fits=tuple(sorted(found, key=lambda s: s.bic)), forced=not within_noise(selected.base))
 
 
 def begun_by_balance(
     case: Case, usable: list[ModuleType], watch: Watch = lambda what, done, total: None
 ) -> list[tuple[tuple[Added, ...], BatchState]]:
     """Effects in their forms, with the states that the balance of momentum finds: the likeliest first."""
+    selected = _selected(case, watch)
+    return [] if selected is None else _begun(case, selected, usable)
+
+
+def _selected(case: Case, watch: Watch) -> Selection | None:
+    """What the balance of momentum says of the attitudes; None where they are too few or too far apart."""
     if case.shown is None:
-        return []
+        return None
     try:
-        found = select(record_of_attitudes(case.shown, case.problem.environment), watch)
-    except NotPossible:  # too few attitudes, or too far apart
-        return []
+        return select(record_of_attitudes(case.shown, case.problem.environment), watch)
+    except NotPossible:
+        return None
+
+
+def _begun(case: Case, found: Selection, usable: list[ModuleType]) -> list[tuple[tuple[Added, ...], BatchState]]:
+    # an effect that an unknown torque beats may still fit the pixels, where no such torque is its rival
     names = {m.NAME for m in usable}
-    fits = sorted((c.alone for c in found.tried if set(c.alone.names) <= names), key=lambda f: -f.evidence)
-    better = [f for f in fits if f.evidence > found.base.evidence]
-    return [(_added(f), _state(case, f)) for f in better[:FITTED]]
+    fits = [c.alone for c in found.named if set(c.alone.names) <= names]
+    return [(_added(f), _state(case, f)) for f in fits[:FITTED]]
 
 
 def _added(fit: HypothesisFit) -> tuple[Added, ...]:
     """In the simplest form, but for a wheel of any history."""
     every = effects()
     last = {"internal-rotor": forms(every["internal-rotor"]) - 1} if fit.hypothesis.wheel else {}
-    return tuple(Added(every[n], last.get(n, 0)) for n in fit.names)
+    return tuple(Added(every[n], last.get(n, 0), _given(fit, n)) for n in fit.names)
+
+
+def _given(fit: HypothesisFit, name: str) -> float | None:
+    """How many parameters of an effect the attitudes determine, where its prior says more of them than each one's size: a fit
+    to the pixels has no such prior, so they stay. None where it finds them itself."""
+    if not hasattr(effects()[name], "momentum_prior"):
+        return None
+    post = fit.posterior
+    return float(np.sum(1.0 - np.diag(post.covariance[name]) / post.sd[name] ** 2))
 
 
 def _state(case: Case, fit: HypothesisFit) -> BatchState:

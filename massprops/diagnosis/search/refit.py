@@ -26,10 +26,16 @@ IMPLAUSIBLE = 3.0
 
 @dataclass(frozen=True)
 class Added:
-    """An effect in a form: 0 the simplest."""
+    """An effect in a form: 0 the simplest.
+
+    Attributes:
+        given: None where a fit finds its parameters; where they stay as the balance of momentum found them under a prior,
+            how many independent ones that was (MacKay's number of well-determined parameters).
+    """
 
     effect: ModuleType
     form: int = 0
+    given: float | None = None
 
     @property
     def name(self) -> str:
@@ -101,11 +107,12 @@ def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
 
 def free_of(case: Case, state: BatchState, added: tuple[Added, ...], hold: str = "") -> np.ndarray:
     """(size,) which parameters may move; `hold`: kind of the effects' parameters that keep their values."""
-    form = {a.name: a.form for a in added}
+    own = {a.name: a for a in added}
     mask = list(case.first.free)
     for module in state.model.modules:
-        own = zip(module.PARAMETERS, searched(module, form[module.NAME]), strict=True)
-        mask += [yes and q.kind != hold for q, yes in own]
+        found = own[module.NAME].given is None
+        each = zip(module.PARAMETERS, searched(module, own[module.NAME].form), strict=True)
+        mask += [found and yes and q.kind != hold for q, yes in each]
     return np.array(mask)
 
 
@@ -140,7 +147,8 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     value, _ = believed(found.state, case.belief)
     unit = found.unit
     parameters = int(np.linalg.matrix_rank(unit, tol=1e-10)) if np.isfinite(unit).all() else len(unit)
-    bic = n * np.log(max(ms, 1e-12) + float(value @ value) / n) + parameters * np.log(n)
+    spent = parameters + sum(a.given or 0.0 for a in added)
+    bic = n * np.log(max(ms, 1e-12) + float(value @ value) / n) + spent * np.log(n)
     held = residuals(case.problem, case.held, found.predicted)
     usable = bool(np.isfinite(found.information).all() and np.isfinite(found.cost))
     covariance = covariance_of(found) if usable else np.full((len(found.free),) * 2, np.inf)

@@ -18,7 +18,7 @@ from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Sco
 from massprops.diagnosis.search.score import score_tests
 from massprops.diagnosis.search.stepwise import stepwise
 from massprops.diagnosis.search.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
-from massprops.effects import effects, forms, places_of
+from massprops.effects import changes_motion, effects, forms, places_of
 from massprops.model import lacks
 from massprops.model.linearise import residuals
 from massprops.model.measurements import measurements_of
@@ -94,13 +94,17 @@ class _Course:
         self.out.tried.extend(found)
         self.join(found)
 
-    def balance(self) -> None:
-        """Effects, and pairs of them, as the balance of momentum finds them in the attitudes."""
-        found = fits_by_balance(self.case, self.usable, self.watch, min(s.fit.cost for s in [self.base, *self.first]))
+    def balance(self) -> bool:
+        """Effects, and pairs of them, as the balance of momentum finds them in the attitudes; whether these say that something
+        acts on the motion."""
+        cost = min(s.fit.cost for s in [self.base, *self.first])
+        by_balance = fits_by_balance(self.case, _of_the_motion(self.case), self.watch, cost)
+        found = list(by_balance.fits)
         self.out.tried += found
         self.longer += [s for s in found if len(s.added) == 1]
         self.join([s for s in found if len(s.added) == 1])
         self.good = sorted([*self.good, *self._needed([s for s in found if len(s.added) > 1])], key=lambda s: s.bic)
+        return by_balance.forced
 
     def pair(self, violated: bool) -> None:
         """Two effects at once: a second beside each of the best, until a pair is settled."""
@@ -143,23 +147,39 @@ def select(
         return None
     out.tried += first
     course = _Course(case=case, base=base, watch=watch, usable=usable, out=out, first=first)
-    course.good = [s for s in first if may_be(s, base)]
-    leading, far = _nearness(case, first, base, [m for m in usable if forms(m) > 1])
-    if not any(settled(s) for s in course.good):
+    course.join(first)
+    _more_than_one(course, violated)
+    if explained(base) and not violated and not any(explained(s) for s in course.good):
+        return out
+    return _concluded(case, base, course.good, out)
+
+
+def _more_than_one(course: _Course, violated: bool) -> None:
+    """Longer forms and pairs, where no single effect in its simple form is enough: as the balance of momentum finds them in the
+    attitudes, and where it says that nothing acts on the motion, or finds too little, by a search."""
+    case, base, first = course.case, course.base, course.first
+    leading, far = _nearness(case, first, base, [m for m in course.usable if forms(m) > 1])
+    beyond = False
+    if not any(settled(s) for s in course.good) and not violated and not explained(base):
+        # attitudes that show a torque, and nothing in the catalogue explains it: a longer search has no more to try
+        beyond = course.balance() and not any(explained(s) for s in course.good)
+    if not beyond and not any(settled(s) for s in course.good):
         course.lengthen(leading)
-    if course.good and not any(settled(s) for s in course.good):
+    if not beyond and course.good and not any(settled(s) for s in course.good):
         course.pair(violated)
     if course.good:
-        steps = stepwise(case, ([s for s in course.good if explained(s)] or course.good)[0], usable, watch)
-        out.tried += steps
+        steps = stepwise(
+            case, ([s for s in course.good if explained(s)] or course.good)[0], course.usable, course.watch
+        )
+        course.out.tried += steps
         course.join(steps)
-    if not any(explained(s) for s in course.good):
-        if explained(base) and not violated:
-            return out
-        course.balance()
-    if not any(explained(s) for s in course.good):
+    if not beyond and not any(explained(s) for s in course.good) and (violated or not explained(base)):
         course.lengthen(far)
-    return _concluded(case, base, course.good, out)
+
+
+def _of_the_motion(case: Case) -> list[ModuleType]:
+    """The effects that act on the motion, with what the case knows: those too that only the balance of momentum finds."""
+    return [m for m in effects().values() if changes_motion(m) and not lacks(m, set(case.there))]
 
 
 def _usable(case: Case) -> tuple[list[ModuleType], dict[str, str]]:
