@@ -48,7 +48,8 @@ def comparison_table(document: dict[str, Any]) -> str:
     lines = []
     for source in sorted(tables, key=lambda name: name != chosen):
         if tables[source]:
-            lines += [*_quantities(tables[source], TITLES[source]), ""]
+            mark = " (recommended)" if source == chosen and all(tables.values()) else ""
+            lines += [*_quantities(tables[source], TITLES[source] + mark), ""]
     return "\n".join(lines + _distances(document))
 
 

@@ -118,7 +118,8 @@ def _several(sources: list[Path], out: Path | None, force: bool, json_output: bo
 
 def diagnosis_table(document: dict[str, Any]) -> str:
     """A few lines: verdict, effects with their parameters, the gap."""
-    rows = [f"  verdict   {document['verdict']}: {document['reason']}"]
+    names = ", ".join(dict.fromkeys(e["name"] for e in document["effects"]))
+    rows = [f"  verdict   {document['verdict']}{': ' + names if names else ''}. {document['reason']}"]
     for effect in document["effects"]:
         gain = effect["held_out_gain"]
         held = "nothing held out" if gain is None else f"held-out gain {gain:+.2f}"
@@ -141,7 +142,8 @@ def diagnosis_table(document: dict[str, Any]) -> str:
     for place in document["where"][:3]:
         what = place.get("direction") or (f"feature {place['features'][0]}" if place["features"] else "")
         a, b = place["interval_s"]
-        rows.append(f"  worst: {place['channel']} {what} from {a:.4g} to {b:.4g} s, z {place['z']:.0f}")
+        where = f"{place['channel']} {what}".strip()
+        rows.append(f"  unlike a free body: {where} from {a:.4g} to {b:.4g} s, by {place['z']:.0f} standard deviations")
     return "\n".join(rows)
 
 

@@ -12,6 +12,7 @@ from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, tell, warn
 
 D = defaults(estimate)
+DEGREES = 57.29577951308232
 
 
 def command(
@@ -85,7 +86,7 @@ def estimate_table(document: dict[str, Any]) -> str:
         f"  {'method':<20}{'k1':>19}{'k2':>19}{'rate [deg/s]':>14}  converged  observable  reliable{'us/step':>10}"
     ]
     for e in document["estimators"]:
-        rate = f"{57.29577951308232 * e['rate']['speed_rad_s']:.4f}" if e["rate"] else "-"
+        rate = f"{DEGREES * e['rate']['speed_rad_s']:.4f}" if e["rate"] else "-"
         cpu = f"{e['cpu_us_per_step']:.0f}" if e["cpu_us_per_step"] is not None else "-"
         lines.append(
             f"  {e['name']:<20}{value(e, 'k1'):>19}{value(e, 'k2'):>19}{rate:>14}  {yes[e['converged']]:<11}"
@@ -100,7 +101,26 @@ def estimate_table(document: dict[str, Any]) -> str:
     if prior is not None:
         p = f", p = {prior['p_value']:.2g}" if prior["p_value"] is not None else ""
         lines.append(f"  prior: {prior['verdict']}{p}; axes from {prior['frame']}")
-    for name, error in (document.get("against_truth") or {}).items():
-        errors = ", ".join(f"{key} {value:.3g}" for key, value in error.items() if value is not None)
-        lines.append(f"  {name}, error against the truth: {errors}")
-    return "\n".join(lines)
+    return "\n".join(lines + _against_truth(document.get("against_truth") or {}))
+
+
+ERRORS = (
+    ("k1_error", "k1", 1.0),
+    ("k2_error", "k2", 1.0),
+    ("attitude_rms_rad", "attitude [deg]", DEGREES),
+    ("rate_rms_rad_s", "rate [deg/s]", DEGREES),
+    ("position_rms_m", "position [m]", 1.0),
+    ("axes_error_deg", "axes [deg]", 1.0),
+)
+"""Errors against the truth: key of the document, title, and factor to the title's unit."""
+
+
+def _against_truth(found: dict[str, dict[str, float | None]]) -> list[str]:
+    """One line a method; nothing where there is no truth."""
+    if not found:
+        return []
+    lines = [f"  {'error against the truth':<24}" + "".join(f"{title:>16}" for _, title, _ in ERRORS)]
+    for name, error in found.items():
+        shown = ("-" if (v := error.get(key)) is None else f"{factor * v:.3g}" for key, _, factor in ERRORS)
+        lines.append(f"  {name:<24}" + "".join(f"{cell:>16}" for cell in shown))
+    return lines

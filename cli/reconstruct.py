@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from massprops import reconstruct
+from massprops.errors import InputError
 from massprops.run.job import ReconstructOptions
 from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
 from massprops_cli.terminal import say, tell, warn, warn_of_density
@@ -86,7 +87,7 @@ def _print(run: Run, json_output: bool) -> None:
     from massprops_cli.crosscheck import verdict_line
     from massprops_cli.table import mass_table
 
-    if (run.folder / "massprops.json").is_file() and "mass" in run.stages and run.stages["mass"]["status"] == "done":
+    if _has_properties(run):
         warn_of_density(run.density_assumed and run.metric)
         if json_output:
             say(json.dumps(run.properties))
@@ -97,3 +98,20 @@ def _print(run: Run, json_output: bool) -> None:
         say(json.dumps({"exit_code": run.exit_code, "reason": run.reason}))
     if not json_output:
         say(f"report: {run.folder / 'report.html'}")
+
+
+def _has_properties(run: Run) -> bool:
+    """Whether this run left mass properties.
+
+    Raises:
+        InputError: they are not what it wrote. Where the run stopped, as on a full disk, that was told before.
+    """
+    path = run.folder / "massprops.json"
+    if not path.is_file() or run.stages.get("mass", {}).get("status") != "done":
+        return False
+    try:
+        return bool(run.properties)
+    except InputError:
+        if not run.exit_code:
+            raise
+        return False

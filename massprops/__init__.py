@@ -1,8 +1,9 @@
 """Measure the mass properties of an object from a video of it, and from the way it moves.
 
 These functions do what the commands do: `reconstruct`, `estimate`, `crosscheck`, `diagnose`, `compare`, `export`,
-`simulate`, `mass_properties`, `masks`, `campaign`, `reproduce`. `sequence_from_arrays` takes your own tracks,
-attitudes or rates. `import massprops` is fast, because each function imports what it needs when it is called.
+`simulate`, `mass_properties`, `masks`, `campaign`, `reproduce`. `open_run` opens a run that was made earlier, and
+`sequence_from_arrays` takes your own tracks, attitudes or rates. `import massprops` is fast, because each function
+imports what it needs when it is called.
 """
 
 # pycolmap's extension exports its own zlib: the system's must be loaded before it, or the heap is corrupted.
@@ -17,6 +18,7 @@ from massprops.api.verbs import (
     export,
     masks,
     mass_properties,
+    open_run,
     reconstruct,
     reproduce,
     sequence_from_arrays,
@@ -38,6 +40,7 @@ __all__ = [
     "export",
     "mass_properties",
     "masks",
+    "open_run",
     "reconstruct",
     "reproduce",
     "sequence_from_arrays",

@@ -69,6 +69,7 @@ HOOKS: dict[str, tuple[int, Hook]] = {
     "internal": (3, lambda m, t, q, w, p: m.internal(t, w, p)),
     "internal_start": (3, lambda m, t, q, w, p: m.internal_start(w, p)),
     "internal_rate": (3, lambda m, t, q, w, p: m.internal_rate(t, w, w, p)),
+    "moving_inertia": (6, lambda m, t, q, w, p: m.moving_inertia((0.9, 1.0, 1.1, 0.01, 0.0, 0.02), w, p)),
     "jump": (3, lambda m, t, q, w, p: m.jump(p)),
     "swing": (3, lambda m, t, q, w, p: m.swing(p)),
     "displacement": (3, lambda m, t, q, w, p: m.displacement(t, p)),
@@ -186,6 +187,8 @@ def _columns(effect: ModuleType) -> str:
             parts = effect.momentum_columns(t, np.broadcast_to(np.eye(3), (EPOCHS, 3, 3)).copy(), w, held)
         except Exception as error:  # noqa: BLE001  a user's own code
             return f"momentum_columns() fails: {first_line(error)}"
+        if callable(getattr(effect, "momentum_moved", None)):
+            return _moved(effect, held, parts)
         wanted = (EPOCHS, 3, len(names))
         if not isinstance(parts, dict) or not parts or not set(parts) <= {"torque", "momentum", "internal", "rate"}:
             return "momentum_columns() must give a dictionary with torque, momentum, internal or rate"
@@ -228,3 +231,17 @@ def superposes(effect: ModuleType) -> bool:
 
     left, right = torque(2.0 * a + b), 2.0 * torque(a) + torque(b)
     return bool(np.allclose(left, right, rtol=1e-9, atol=1e-12 * float(np.abs(right).max() or 1.0)))
+
+
+def _moved(effect: ModuleType, held: dict[str, float], parts: Any) -> str:
+    """What is wrong with `momentum_moved`, given the columns about the first values of the scan."""
+    sides = list(parts.values()) if isinstance(parts, dict) else []
+    count = len(sides[0]) if sides and isinstance(sides[0], list) else (np.shape(sides[0]) or (0,))[-1] if sides else 0
+    if not count or not all(_is_columns(v, count) for v in sides):
+        return f"momentum_columns() must give arrays of ({EPOCHS}, 3, any) for {EPOCHS} times"
+    try:
+        moved = effect.momentum_moved(dict(held), np.full(count, 0.1))
+        fine = all(np.isfinite(moved[name]) for name in effect.MOMENTUM_UNKNOWNS)
+    except Exception as error:  # noqa: BLE001  a user's own code
+        return f"momentum_moved() fails: {first_line(error)}"
+    return "" if fine else "momentum_moved() must give a finite number for each of MOMENTUM_UNKNOWNS"

@@ -38,7 +38,7 @@ def read_effect(path: str | Path, seconds: float = SECONDS) -> ModuleType:
     if not path.is_file() or path.suffix != ".py":
         raise InputError(f"--effect {path}: no such Python file; 'massprops effects' says what one holds")
     if path.stat().st_size > LARGEST_BYTES:
-        raise InputError(f"--effect {path}: larger than {LARGEST_BYTES / 1e6:.0f} MB")
+        raise InputError(f"--effect {path}: too large; an effect file has at most {LARGEST_BYTES / 1e6:.0f} MB")
     wrong = _tried_apart(path, seconds)
     if wrong:
         raise InputError(f"--effect {path}: {wrong}")
@@ -61,7 +61,7 @@ def with_effects(paths: Sequence[str | Path]) -> Iterator[list[ModuleType]]:
         for path in paths:
             effect = read_effect(path)
             if any(effect.NAME == other.NAME for other in found):
-                raise InputError(f"--effect {path}: another file has the NAME {effect.NAME!r} too")
+                raise InputError(f"--effect {path}: another file has the NAME {effect.NAME!r} too: rename one of them")
             add(effect)
             found.append(effect)
         try:
@@ -73,7 +73,7 @@ def with_effects(paths: Sequence[str | Path]) -> Iterator[list[ModuleType]]:
             for effect in found:
                 if effect.__file__ in files:
                     raise NotPossible(
-                        f"effect {effect.NAME} of {effect.__file__} failed: {first_line(error)}"
+                        f"effect {effect.NAME} failed: {first_line(error)}: correct {effect.__file__}"
                     ) from None
             raise
     finally:
@@ -97,11 +97,11 @@ def _tried_apart(path: Path, seconds: float) -> str:
                 timeout=seconds, check=False,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            return f"it does not end: its trial took more than {seconds:g} s"
+            return f"it took more than {seconds:g} s when tried: make it faster, or look for a loop that does not end"
         if result.is_file() and done.returncode == 0:
             return result.read_text(errors="replace")[:300]
         return (
-            f"its trial ended without a result (exit {done.returncode}): it takes more than {CPU_SECONDS} s or "
+            f"it gave no result when tried (exit {done.returncode}): it takes more than {CPU_SECONDS} s or "
             f"{MEMORY_BYTES / 1e9:.0f} GB, or ends the process"
         )
 

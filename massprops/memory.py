@@ -32,5 +32,5 @@ def refuse_beyond(needed: float, what: str, advice: str) -> None:
     """
     if needed > SHARE * machine_bytes():
         raise InputError(
-            f"{what} would take {needed / 1e9:.1f} GB of memory, of {machine_bytes() / 1e9:.1f} GB here: {advice}"
+            f"{what} would take {needed / 1e9:.1f} GB of memory, and this machine has {machine_bytes() / 1e9:.1f} GB: {advice}"
         )

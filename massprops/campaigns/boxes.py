@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from massprops.report.axes import Axes
-from massprops.report.html import number, round_marks, text
+from massprops.report.html import round_marks, text
 
 HEIGHT, MARGIN = 240, (68, 12, 10, 20)
 MOST_DOTS = 60
@@ -35,13 +35,13 @@ def box_plot(named: list[tuple[str, np.ndarray]], title: str, width: int = 640) 
     step = (width - MARGIN[0] - MARGIN[1]) / len(named)
     names_below = len(named) <= 8 and all(len(name) * 7 < step for name, _ in named)
     parts = [f'<svg class="plot" viewBox="0 0 {width} {HEIGHT}" role="img" aria-label="box plot of {text(title)}">']
-    parts.append(axes.rows(_ticks(*axes.y, log), lambda tick: number(10.0**tick if log else tick, 3)))
+    parts.append(axes.rows(_ticks(*axes.y, log), lambda tick: _shown(10.0**tick if log else tick)))
     for k, (name, values) in enumerate(named):
         x = float(axes.right(k + 0.5))
         parts.append(_box(x, min(26.0, 0.3 * step), values, lambda v: axes.down(scaled(v)), k))
         shown = name if names_below else str(k + 1)
         parts.append(f'<text x="{x:.1f}" y="{HEIGHT - 5}" text-anchor="middle">{text(shown)}</text>')
-    parts.append(f"{axes.titles('', title)}</svg>")
+    parts.append("</svg>")
     if not names_below:
         listed = "".join(
             f'<span class="key s{k % 6}">{k + 1}: {text(name)}</span>' for k, (name, _) in enumerate(named)
@@ -67,6 +67,11 @@ def _box(x: float, half: float, values: np.ndarray, py: Callable[[float], Any], 
     for value in (*below[: MOST_DOTS // 2], *above[::-1][: MOST_DOTS // 2]):
         lines.append(f'<circle {style} cx="{x:.1f}" cy="{float(py(value)):.1f}" r="1.8"/>')
     return "".join(lines)
+
+
+def _shown(tick: float) -> str:
+    """A round number in few letters, for the narrow room left of an axis."""
+    return f"{tick:.3g}".replace("-", "−")
 
 
 def _ticks(low: float, high: float, log: bool) -> list[float]:

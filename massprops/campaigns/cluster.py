@@ -124,8 +124,8 @@ class Cluster:
         found = self._ask_each(versions, threads)
         if len(self.deaf) == len(found):
             raise InputError(
-                f"--scheduler {self.place}: none of its {len(found)} workers can be reached from it: let it connect to "
-                "their ports (dask worker --worker-port)"
+                f"--scheduler {self.place}: it can reach none of its {len(found)} workers: open their ports to it (option "
+                "--worker-port of dask worker)"
             )
         for address, theirs in found.items():
             if address in self.deaf:
@@ -236,7 +236,8 @@ class Cluster:
 
     def _lost(self, why: object) -> NotPossible:
         return NotPossible(
-            f"the scheduler at {self.place} went away ({_line(why)}): finished runs are kept; the same command continues"
+            f"the scheduler at {self.place} went away ({_line(why)}): start it and give the same command again; finished "
+            "runs are kept"
         )
 
     def close(self) -> None:

@@ -198,11 +198,13 @@ def check_size(plan: Plan, yes: bool) -> None:
     longest = plan.runs if plan.runs is not None else max(len(plan.seeds({**plan.fixed, **c})) for c in plan.cells())
     if plan.total > MOST_RUNS and not yes:
         raise InputError(
-            f"{plan.where}: {plan.total} runs ({plan.points} points of the grid): give --yes if that is meant, "
-            f"else shorten the grid or the runs"
+            f"{plan.where}: this makes {plan.total} runs ({plan.points} points of the grid): give --yes to start them, or "
+            "shorten the grid or lower 'runs'"
         )
     if plan.seed + longest - 1 > LARGEST_SEED:
-        raise InputError(f"{plan.where}: seeds up to {plan.seed + longest - 1}: the largest is {LARGEST_SEED}")
+        raise InputError(
+            f"{plan.where}: seeds go up to {plan.seed + longest - 1}, and the largest is {LARGEST_SEED}: lower 'seed' or 'runs'"
+        )
 
 
 def _known_keys(

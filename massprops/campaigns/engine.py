@@ -170,7 +170,9 @@ def rows_of(chunk: Chunk, reply: Any) -> list[Row]:
         NotPossible: the worker itself failed, which says nothing about the runs.
     """
     if _killed(reply):
-        return [Row(chunk.point, seed, {}, "every worker that it was given to died") for seed in chunk.seeds]
+        return [
+            Row(chunk.point, seed, {}, "every worker that began it ended before it was done") for seed in chunk.seeds
+        ]
     if isinstance(reply, BaseException):
         message = " ".join(str(reply).split())[:300]
         raise NotPossible(

@@ -24,7 +24,7 @@ def write_report(folder: Path, plan: Plan, points: list[Point], result: dict[str
     sections = [
         ("result", "Result", _result(result)),
         ("boxes", "Box plots", _boxes(plan, points)),
-        ("percentiles", "Percentiles", _percentiles(result)),
+        ("percentiles", "Percentiles", _percentiles(plan, result)),
         ("failures", "Failures", _failures(points)),
         ("cost", "Cost", _cost(points, store)),
         ("configuration", "Configuration", f"<pre>{text(json.dumps(result['configuration'], indent=2))}</pre>"),
@@ -38,14 +38,15 @@ def write_report(folder: Path, plan: Plan, points: list[Point], result: dict[str
 
 def _result(result: dict[str, Any]) -> str:
     done, failed = result["done"], result["failed"]
-    tiles = [("runs", f"{done} of {result['runs']}"), ("failed", str(failed)), ("points", str(len(result["points"])))]
+    points = str(len(result["points"]))
+    tiles = [("runs", f"{done} of {result['runs']}"), ("failed", str(failed)), ("points of the grid", points)]
     parts = ['<div class="tiles">']
     parts += [f'<div class="tile"><span>{name}</span><div class="big">{value}</div></div>' for name, value in tiles]
     parts.append("</div>")
     if done < result["runs"]:
         parts.append('<div class="warning">This campaign is not finished: the same command continues it.</div>')
     for own in result["tables"]:
-        rows = [[cell_text(c) for c in row] for row in own["rows"]]
+        rows = [[number(c, 3) if isinstance(c, float) else cell_text(c) for c in row] for row in own["rows"]]
         parts.append(f"<h3>{text(own['title'])}</h3>{table(rows, own['columns'])}")
         parts += [f'<p class="soft">{text(note)}</p>' for note in own.get("notes", ())]
     return "".join(parts)
@@ -59,14 +60,19 @@ def _boxes(plan: Plan, points: list[Point]) -> str:
     for name in names:
         plot = box_plot([(p.label, p.values(name)) for p in points[:MOST_POINTS]], name)
         if plot:
-            plots.append(f"<div><h3>{text(name)}</h3>{plot}</div>")
+            plots.append(f"<div><h3>{text(_title(plan, name))}</h3>{plot}</div>")
     if not plots:
         return ""
     note = "Box: 25 to 75 %, line: median, whiskers: 5 and 95 %, dots: runs outside them. Failed runs are left out."
     return f'<p class="soft">{note}</p><div class="two">{"".join(plots)}</div>'
 
 
-def _percentiles(result: dict[str, Any]) -> str:
+def _title(plan: Plan, column: str) -> str:
+    """A column in words, where its kind has some."""
+    return str(getattr(load_kind(plan.kind), "TITLES", {}).get(column, column.replace("_", " ")))
+
+
+def _percentiles(plan: Plan, result: dict[str, Any]) -> str:
     points = result["points"]
     names = list(dict.fromkeys(name for p in points for name in p["columns"]))[:MOST_COLUMNS]
     head = ("", "runs", "failed", "mean", *(f"{p} %" if p < 100 else "max" for p in PERCENTILES))
@@ -78,7 +84,8 @@ def _percentiles(result: dict[str, Any]) -> str:
             label = Point(0, point["parameters"], {}).label
             marks = [number(s[f"p{p}"], 4) for p in PERCENTILES]
             rows.append((label, s["n"], point["failed"], number(s["mean"], 4), *marks))
-        parts.append(f"<h3>{text(name)}</h3>{table(rows, head)}")
+        title = f"{text(_title(plan, name))} <code>{text(name)}</code>"
+        parts.append(f"<details><summary>{title}</summary>{table(rows, head)}</details>")
     if len(points) > MOST_POINTS:
         parts.append(f'<p class="soft">The first {MOST_POINTS} of {len(points)} points; all are in table.json.</p>')
     return "".join(parts)

@@ -363,7 +363,7 @@ def choose_all(sources: list[Source], judged: list[Judged], most: int) -> list[C
     mine, theirs = same_instant(first.index, first.timestamp_ns, other.index, other.timestamp_ns)
     if len(mine) < 3:
         raise InputError(
-            f"{len(mine)} frames of cam0 and cam1 were taken together; a stereo pair needs equal timestamps"
+            f"only {len(mine)} frames of cam0 and cam1 have the same time; give both cameras' timestamps by one clock"
         )
     return [
         Chosen(first.index[mine], first.timestamp_ns[mine], first.sharp[mine], first.warnings),

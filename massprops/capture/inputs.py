@@ -33,7 +33,9 @@ def open_inputs(paths: Sequence[Path], focal: float | None = None) -> list[Input
     seen = [p.resolve() for p in paths]
     for k, path in enumerate(paths):
         if seen.index(seen[k]) != k:
-            raise InputError(f"{path}: given twice: each INPUT is a placement of the object of its own")
+            raise InputError(
+                f"{path}: given twice: each INPUT must show another placement of the object; leave one out"
+            )
     out = []
     for k, (path, label) in enumerate(zip(paths, labels(paths), strict=True)):
         if path.is_dir() and any((path / f"cam{i}").is_dir() for i in (0, 1)):

@@ -24,6 +24,7 @@ from massprops.capture.support import (
     on_plane,
     planes,
     split,
+    thin_cells,
 )
 from massprops.dense.region import Region
 from massprops.errors import NotPossible
@@ -50,6 +51,8 @@ ALIKE = 0.6
 """Overlap of the colours of stand and carried (Bhattacharyya) above which they are one thing: a plate with its handle, a
 machined part with its boss."""
 COLOUR_BINS = 8
+LOWEST = 1.0
+"""Percentile of heights at which a plate ends: what lies below it are wrong matches."""
 LEDGE = 0.5
 """Points half-way between support and top, over those on the top, above which there is no ledge but a slope: 0.02 for
 rendered blocks, 5 for a fringe of table points at the foot of a printed box."""
@@ -99,6 +102,7 @@ def find_object(
     keep_support: bool = False,
     seed: int = 0,
     known: np.ndarray | None = None,
+    turning: bool = False,
 ) -> Found:
     """The object among the points of a region.
 
@@ -108,11 +112,14 @@ def find_object(
         keep_support: what it stands on belongs to it, down to the lowest plane seen.
         seed: of the draws.
         known: (4,) support of another placement in the same room.
+        turning: the camera stood still, and what was measured turned before it.
 
     Raises:
         NotPossible: the user points at the support or at nothing.
     """
     plane = find_support(scene.xyz, scene.normal, scene.views.centres, scene.region, seed)
+    if turning and plane is None and not keep_support:
+        plane = turning_plate(scene, seed)
     if known is not None and (plane is None or plane[:3] @ known[:3] < PARALLEL) and _bears(scene, known):
         plane = known
     if keep_support and plane is not None:
@@ -245,8 +252,6 @@ def _in_box(scene: Scene, piece: np.ndarray, at: Located) -> np.ndarray:
 
 def lowest_support(scene: Scene, plane: np.ndarray, seed: int = 0) -> np.ndarray:
     """The lowest plane seen that is parallel to a support and below it, or the support itself."""
-    from massprops.capture.support import thin_cells
-
     few = thin_cells(scene.xyz, scene.region.radius / 150)
     xyz, normal = scene.xyz[few], scene.normal[few]
     middle = scene.region.centre
@@ -292,6 +297,29 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         if _carried(scene, own, rise, step, top) and _colours_alike(scene.rgb[own], upper, ~upper) < ALIKE:
             found.append((float(upper.mean() * lower.mean() + upper.mean()), top))
     return max(found, key=lambda f: f[0])[1] if found else None
+
+
+def turning_plate(scene: Scene, seed: int = 0) -> np.ndarray | None:
+    """The top (4,) of a turntable's plate on which something of another colour stands, or None.
+
+    Where the camera stays and things turn, stereo measures nothing of the room: what carries the plate is not seen, and
+    the plate's rim lies below its top, so that the top is no support by `find_support`.
+
+    Args:
+        scene: the points of all that turns.
+        seed: of the draws.
+    """
+    few = thin_cells(scene.xyz, scene.region.radius / 150)
+    everyone = np.ones(len(scene.xyz), bool)
+    for plane in planes(scene.xyz[few], scene.normal[few], scene.region.radius, seed):
+        if np.mean(scene.views.centres @ plane[:3] + plane[3] > 0) < CAMERAS_ABOVE:
+            continue
+        # down to the foot of the rim
+        foot = np.append(plane[:3], plane[3] - np.percentile(scene.xyz @ plane[:3] + plane[3], LOWEST))
+        top = stand_top(scene, everyone, foot, seed)
+        if top is not None:
+            return top
+    return None
 
 
 def _carried(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:

@@ -175,7 +175,8 @@ def main_object(masks: list[np.ndarray], what: str) -> str | None:
             apart += share >= 0.2
     if lit and apart > 0.6 * len(lit):
         raise InputError(
-            f"{what}: several objects in view ({apart} of {len(lit)} frames looked at); crop to one, or give its silhouettes with --masks"
+            f"{what}: several objects are in view in {apart} of the {len(lit)} frames looked at; crop to one, or give its "
+            "silhouettes with --masks"
         )
     if lit and second_seen > 0.6 * len(lit):
         return f"a second, smaller thing is in view in {second_seen} of {len(lit)} frames looked at; give --masks to leave it out"

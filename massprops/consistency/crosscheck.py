@@ -99,7 +99,7 @@ def crosscheck(
 
     folder = Path(run)
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such run folder")
+        raise InputError(f"{folder}: no such folder; give a run that 'massprops reconstruct' made")
     outputs = Outputs(folder)
     verify(folder, *READ, *(["sequence/"] if sequence is None else []))
     if write:  # before the work is done

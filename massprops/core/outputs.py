@@ -43,6 +43,8 @@ from massprops.errors import InputError
 OWN = ".massprops"
 """The folder of the record inside an output folder."""
 FORMAT = "massprops-outputs/1"
+LONGEST_NAME = 255
+"""Bytes of a file's name, on the usual file systems."""
 LARGEST_RECORD = 100_000_000
 """Bytes; some 400 000 files."""
 ENDING_S = 20.0
@@ -118,6 +120,8 @@ class Outputs:
             place = OWN
         if place == OWN:
             raise InputError(f"{self.folder}: {name!r} leads outside this folder")
+        if max(len(os.fsencode(part)) for part in Path(name).parts) > LONGEST_NAME:
+            raise InputError(f"{self.folder}: a name of over {LONGEST_NAME} bytes cannot be written: {name[:30]!r}...")
 
     def check(self, by: str, names: Iterable[str], inputs: Iterable[Path] = (), force: bool = False) -> None:
         """Refuses files that this command must not replace.
@@ -484,8 +488,8 @@ def verify(folder: Path, *names: str) -> None:
     outputs = Outputs(folder)
     if outputs.pending is not None:
         raise InputError(
-            f"{folder}: the command that writes this folder is at work, or was ended while it replaced its files: "
-            "give it again"
+            f"{folder}: a command is writing this folder, or was stopped while it replaced files there: wait for it, or give "
+            "it again"
         )
     below = tuple(name for name in names if name.endswith("/"))
     chosen = [*names, *(name for name in outputs.files if below and name.startswith(below))]
@@ -559,7 +563,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _no_record(path: Path) -> InputError:
-    return InputError(f"{path}: damaged, so it is not known who wrote the files here: choose another place with -o")
+    return InputError(
+        f"{path}: damaged, so nothing tells which files here are massprops's: choose another place with -o"
+    )
 
 
 def _inside(name: str) -> str:

@@ -49,7 +49,7 @@ def crop(colour: np.ndarray, mask: np.ndarray, K: np.ndarray, factor: float, pad
 
     rows, columns = np.flatnonzero((mask > 0).any(1)), np.flatnonzero((mask > 0).any(0))
     if len(rows) == 0:
-        raise NotPossible("a silhouette is empty")
+        raise NotPossible("the silhouette of an image is empty: give silhouettes with --masks, or leave that image out")
     top, left = max(rows[0] - pad, 0), max(columns[0] - pad, 0)
     bottom, right = min(rows[-1] + pad + 1, mask.shape[0]), min(columns[-1] + pad + 1, mask.shape[1])
     colour, mask = colour[top:bottom, left:right], mask[top:bottom, left:right]

@@ -111,7 +111,8 @@ def diagnose_several(
     for name, sequence in sequences.items():
         if not decides(sequence):
             raise InputError(
-                f"{name}: records given together hold body rates alone over at most ten turns, or attitudes"
+                f"{name}: several records are compared by attitudes, or by body rates over at most ten turns, and this one "
+                "holds neither: diagnose it by itself"
             )
     found = [diagnose_by_balance(s, progress) for s in sequences.values()]
     joint = together([f.selection for f in found])
@@ -140,8 +141,8 @@ def _record(sequence: Sequence) -> tuple[Record, Lever | None]:
 
 def _blind(turn: float) -> str:
     return (
-        f"not observable: the body turns by {np.degrees(turn):.0f} deg only, too little to tell free rotation, or what is "
-        "missing from it, from anything else"
+        f"not observable: the body turns by {np.degrees(turn):.0f} deg only, too little to show whether an effect is "
+        "missing: give a longer record"
     )
 
 

@@ -61,7 +61,8 @@ def reason(s: Selection) -> str:
     if s.verdict == "named":
         return _sentence(s.named[0])
     if s.verdict == "ambiguous":
-        return f"this record cannot tell apart: {', '.join(c.name for c in s.named)}; a longer record, or one with another start, may"
+        names = ", ".join(c.name for c in s.named)
+        return f"this record cannot tell apart: {names}; a longer record, or one with another start, may"
     best = s.tried[0]
     null = max(s.unknowns, key=lambda f: f.evidence)
     said = (
@@ -70,9 +71,10 @@ def reason(s: Selection) -> str:
         else "nothing is known of"
     )
     return (
-        f"a free rigid body leaves {fitted_rms(s.base, s.noise):.1f} times the noise, and no effect of the catalogue accounts for "
-        f"it: {best.name} comes nearest, leaves {fitted_rms(best.alone, s.noise):.1f} by itself, and "
-        f"{best.evidence - null.evidence:+.0f} of log evidence against a torque that {said}"
+        f"a free rigid body leaves residuals of {fitted_rms(s.base, s.noise):.1f} times the noise, and no effect of the "
+        f"catalogue accounts for them. {best.name} comes nearest: by itself it leaves "
+        f"{fitted_rms(best.alone, s.noise):.1f}, and its log evidence is {best.evidence - null.evidence:+.0f} against a "
+        f"torque that {said}"
     )
 
 

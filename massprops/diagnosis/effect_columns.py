@@ -12,9 +12,16 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 - `momentum_variants(held, gap)`: others worth a fit once one is found, gap the time between measurements [s];
 - `momentum_steps(held, gap)`: by name, the step with which a value that was scanned is moved to its best.
 
+- `momentum_moved(held, unknowns)`: for unknowns that do not enter linearly, whose columns are derivatives about `held`: the values
+  that the unknowns lead to, by name, about which the next pass is linearised. Their number may change with `held`.
+
 - `unit_torques(t, q, w, around)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each;
 - `momentum_prior()`: (k, j) matrix that makes the k parameters of j unknowns which are independent and of one size, where
   physics says more of them together than that each may be anything.
+
+- `momentum_sd(held)`: prior standard deviations of the unknowns where physics says them; else one size of all is found.
+
+- `can_be(inertia, w, values)`: whether a body of inertia (3, 3) that turns at w (n, 3) can have the values of `MOMENTUM_UNKNOWNS`.
 
 With `parts` in `held` the unknowns come once for each part, and a parameter is their sum.
 """
@@ -62,9 +69,37 @@ class Term:
         return int(dict(self.held).get("parts", 1))
 
     def values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (k,) and their covariance (k, k) from all unknowns: their sums over the parts, or by the prior."""
+        """Parameters (k,) and their covariance (k, k) from all unknowns: their sums over the parts, or by the prior, or where the
+        unknowns are steps, what they lead to."""
+        if self.moves:
+            return self._moved_values(unknowns, covariance)
         add = np.tile(np.eye(len(self.unknowns)), self.parts) if self.prior is None else self.prior
         return add @ unknowns, add @ covariance @ add.T
+
+    @property
+    def sd(self) -> np.ndarray | None:
+        """Prior standard deviations of the unknowns, or None where their size is found."""
+        offered = getattr(self.effect, "momentum_sd", None)
+        return None if offered is None else np.asarray(offered(dict(self.held)))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the values that its columns belong to move with every pass."""
+        return hasattr(self.effect, "momentum_moved")
+
+    def moved(self, unknowns: np.ndarray) -> Term:
+        """The effect about the values that the unknowns lead to."""
+        return term_of(self.effect, self.effect.momentum_moved(dict(self.held), unknowns))
+
+    def _moved_values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def at(x: np.ndarray) -> np.ndarray:
+            held = self.effect.momentum_moved(dict(self.held), x)
+            return np.array([held[name] for name in self.unknowns])
+
+        now = at(unknowns)
+        size = 1e-4 * np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+        slopes = np.stack([(at(unknowns + e) - now) / s for e, s in zip(np.diag(size), size, strict=True)], axis=1)
+        return now, slopes @ covariance @ slopes.T
 
     @property
     def prior(self) -> np.ndarray | None:

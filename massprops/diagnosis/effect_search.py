@@ -132,6 +132,9 @@ def can_be(found: HypothesisFit) -> bool:
             lowest = least[name]
             if lowest is not None and value + wide * s < lowest:
                 return False
+        possible = getattr(term.effect, "can_be", None)
+        if possible is not None and not possible(found.inertia, found.rate, found.values[term.name]):
+            return False
         if hasattr(term.effect, "inertia") and not _is_a_body(found, term):
             return False
     return True

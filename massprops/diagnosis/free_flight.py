@@ -101,7 +101,7 @@ def check_free_flight(sequence: Sequence, record: Record) -> Lever | None:
     found = lever_of(sequence, record)
     if found is not None and found.left > HELD:
         raise NotPossible(
-            f"imu0 feels {found.left:.1f} m/s^2 that no lever from the centre of mass explains: this is no free flight; cut "
-            "the record to the flight"
+            f"imu0 measures {found.left:.1f} m/s^2 that no distance from the centre of mass explains, so this is no free "
+            "flight: cut the record to the flight"
         )
     return found

@@ -152,12 +152,23 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
             break
         if not record.rows.rates:
             record = found.record
+        hypothesis = _moved(found)
         still = before is not None and np.abs(found.shape - before.shape).max() < 0.02
         if still and before is not None and abs(found.evidence - before.evidence) < SETTLED:
             break
     if found is None:
-        raise NotPossible("the motion leads the fit astray: the record may hold more than one body's motion")
+        raise NotPossible(
+            "no rotation of a rigid body comes near this record, which may hold more than one body or flight: cut it to one"
+        )
     return found
+
+
+def _moved(found: HypothesisFit) -> Hypothesis:
+    """The hypothesis about the values that a pass led to, for effects that are not linear in theirs."""
+    own = found.hypothesis
+    if not any(t.moves for t in own.terms):
+        return own
+    return replace(own, terms=tuple(t.moved(found.posterior.mean[t.name]) if t.moves else t for t in own.terms))
 
 
 def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[HypothesisFit, _Guess]:
@@ -262,7 +273,9 @@ def _parts(
         out.append(("wheel", *_answers(balance, history), steps, "sparse"))
         out.append(("wheel axis", *_answers(balance, turned), AXIS_SD, "fixed"))
     for name, forcing in acting.items():
-        out.append((name, *_answers(balance, forcing), _size(forcing, speed), "common"))
+        known = hypothesis.term(name).sd
+        size, kind = (_size(forcing, speed), "common") if known is None else (known, "fixed")
+        out.append((name, *_answers(balance, forcing), size, kind))
     for name, shapes in _unknown_torques(record, hypothesis):
         out.append((name, *_answers(balance, torque_forcing(path, shapes)), 3e-3 * speed**2, "common"))
     return out

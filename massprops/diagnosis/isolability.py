@@ -95,7 +95,11 @@ def plan(record: Record, inertia: np.ndarray) -> Plan:
     balance = Balance(
         path=record.path, shape=shape, momentum=rate @ balance_inertia(inertia), rate=rate, rows=record.rows
     )
-    effects, skipped = usable_effects(record)
+    usable, skipped = usable_effects(record)
+    effects = [m for m in usable if not hasattr(m, "momentum_moved")]
+    skipped |= {
+        m.NAME: "is not linear in its size: no plan says from which on it shows" for m in usable if m not in effects
+    }
     terms, owners = [], []
     for effect in effects:
         every = scan(effect, record.times, rate[record.rows.at])

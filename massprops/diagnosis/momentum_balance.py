@@ -14,7 +14,7 @@ estimate toward bodies along whose axes noise is explained by itself. What is le
 - A gyroscope's path is its own rates integrated. White noise of the rates turns it by sigma sqrt(dt t), some 1e-4 rad in
   a throw, and is left out. Scale and misalignment turn it by a part of the whole angle: they have columns.
 - A path through attitudes is off by a turn phi, which is the row itself: phi' = w - u - u x phi, u the path's rate, and
-  w answers it by I^-1 (R^T L) x phi. Columns of w and phi come together from one march along the path; solving again
+  w answers it by I^-1 (R^T L) x phi. Columns of w and phi come together from one integration along the path; solving again
   along the path that was found is Gauss and Newton's method for the likelihood of the attitudes.
 
 The inertia enters by the logarithm of its second moments of mass, so that every step leads to a body that can be; about

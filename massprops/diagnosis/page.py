@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.diagnosis.page_parts import assemble, law, not_tried, notes, verdict, wheel
+from massprops.diagnosis.page_parts import GAP, assemble, law, not_tried, notes, verdict, wheel
 from massprops.report.html import number, table, text
 from massprops.report.plot import plot
 
@@ -43,7 +43,7 @@ def _gap(d: BalanceDiagnosis) -> str:
         for name, fit in (("before", s.base), ("after", shown))
     ]
     return (
-        "<p>Root-mean-square residuals in units of the noise.</p>"
+        f"<p>{GAP}</p>"
         + table(rows, ("data", "before", "after", "after, beside an unknown torque", "noise floor"))
         + plot(series, "time [s]", "residual, rms / σ")
     )
@@ -59,7 +59,11 @@ def _where(doc: dict[str, Any]) -> str:
         )
         for w in doc["where"]
     ]
-    return table(rows, ("channel", "interval", "z", "rms / σ"), numeric=(2, 3))
+    note = (
+        "Where a free rigid body fails most. z: how far beyond chance, in standard deviations. rms / σ: size of the "
+        "residuals over the noise."
+    )
+    return f'<p class="soft">{note}</p>' + table(rows, ("measured", "time", "z", "rms / σ"), numeric=(2, 3))
 
 
 def _candidates(doc: dict[str, Any]) -> str:
@@ -74,8 +78,14 @@ def _candidates(doc: dict[str, Any]) -> str:
         )
         for c in doc["candidates"]
     ]
-    head = ("effect", "log evidence", "against an unknown torque", "chance of nothing", "left", "held out")
-    return table(rows, head, numeric=(1, 2, 3, 4, 5)) + not_tried(doc)
+    head = ("effect", "log evidence", "against an unknown torque", "p-value", "fitted", "held out")
+    note = (
+        "Log evidence: against a free rigid body, and against a smooth torque of which nothing is known; an effect is "
+        "named only if both are well above 0. p-value: chance that a free rigid body leaves as much. Fitted, held out: "
+        "residuals over the noise, of the data in the fit and of data that it has not seen."
+    )
+    listed = table(rows, head, numeric=(1, 2, 3, 4, 5))
+    return (f'<p class="soft">{note}</p>{listed}' if rows else "<p>No effect was tried.</p>") + not_tried(doc)
 
 
 def _wheel(d: BalanceDiagnosis) -> str:

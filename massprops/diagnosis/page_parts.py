@@ -7,11 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from massprops.report.html import number, table, text
+from massprops.report.html import number, table, text, unit
 from massprops.report.page import document as whole_page
 from massprops.report.plot import plot
 
 KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": "warning"}
+MEANS = {
+    "none": "a free rigid body is enough: no effect is missing in its model",
+    "named": "this effect explains what a free rigid body does not",
+    "ambiguous": "each of several effects explains what a free rigid body does not",
+    "unexplained": "no known effect explains what a free rigid body does not",
+}
+GAP = "Root-mean-square residuals over the stated noise: 1 is as good as can be."
 
 
 def assemble(sections: Sequence[tuple[str, str, str]]) -> str:
@@ -23,13 +30,18 @@ def assemble(sections: Sequence[tuple[str, str, str]]) -> str:
 
 def verdict(doc: dict[str, Any]) -> str:
     """The verdict in a sentence, and the parameters of what was named; those that the data do not show have no number."""
-    said = f'<div class="{KIND[doc["verdict"]]}"><b>{text(doc["verdict"])}</b>. {text(doc["reason"])}</div>'
+    names = ", ".join(dict.fromkeys(e["name"] for e in doc["effects"]))
+    title = doc["verdict"] + (f": {names}" if names else "")
+    said = (
+        f'<div class="{KIND[doc["verdict"]]}"><b>{text(title)}</b> ({MEANS[doc["verdict"]]}). '
+        f"{text(_sentence(doc['reason']))}</div>{_predicted(doc['gap']['held_out'])}"
+    )
     rows = [
         (
             e["name"],
             name,
             "not shown" if v is None else f"{number(v, 4)} ± {number(e['sigma'][name], 2)}",
-            e["units"][name],
+            unit(e["units"][name]),
         )
         for e in doc["effects"]
         for name, v in e["parameters"].items()
@@ -37,7 +49,25 @@ def verdict(doc: dict[str, Any]) -> str:
     if not rows:
         return said
     found = table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,))
-    return said + found + f"<p>{text(doc['axes'])}</p>"
+    return said + found + f'<p class="soft">{text(_sentence(doc["axes"]))}</p>'
+
+
+def _sentence(words: str) -> str:
+    """With a capital and a full stop."""
+    return words[:1].upper() + words[1:] + ("" if words.endswith((".", "?")) else ".")
+
+
+def _predicted(held: dict[str, Any]) -> str:
+    """How data that no fit has seen are predicted; empty where none were held out."""
+    before, after = (number(held[k], 3) for k in ("before", "after"))
+    if "–" in (before, after):
+        return ""
+    if before == after:
+        return f"<p>Data that no fit has seen are predicted to {before} times the noise.</p>"
+    return (
+        f"<p>Data that no fit has seen are predicted to {after} times the noise with it, and to {before} times without "
+        "it.</p>"
+    )
 
 
 def law(doc: dict[str, Any]) -> str:
@@ -56,7 +86,7 @@ def law(doc: dict[str, Any]) -> str:
         (
             t["term"],
             f"{number(t['coefficient'], 4)} ± {number(t['sigma'], 2)}",
-            t["unit"],
+            unit(t["unit"]),
             number(t["probability"], 3),
         )
         for t in found["terms"]
@@ -79,7 +109,7 @@ def wheel(times: np.ndarray, momentum: np.ndarray) -> str:
 
 def not_tried(doc: dict[str, Any]) -> str:
     skipped = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in doc["skipped"].items())
-    return f"<p>Not tried:</p><ul>{skipped}</ul>" if skipped else ""
+    return f"<p>Not tried, for want of data:</p><ul>{skipped}</ul>" if skipped else ""
 
 
 def notes(doc: dict[str, Any]) -> str:

@@ -96,7 +96,9 @@ def record_of_rates(series: RateSeries) -> Record:
     block = max(1, len(stamp) // MOST_ROWS)
     count = len(stamp) // block
     if count < FEWEST_ROWS:
-        raise NotPossible(f"imu0 holds {len(stamp)} rates: a diagnosis needs at least {FEWEST_ROWS}")
+        raise NotPossible(
+            f"imu0 holds {len(stamp)} rates and a diagnosis needs at least {FEWEST_ROWS}: give a longer record"
+        )
     seconds = (stamp - stamp[0]) * 1e-9
     times = seconds[: count * block].reshape(count, block).mean(axis=1)
     rates = w[: count * block].reshape(count, block, 3).mean(axis=1)
@@ -104,7 +106,7 @@ def record_of_rates(series: RateSeries) -> Record:
     turn = float(np.max(np.diff(times) * np.linalg.norm(rates[1:], axis=1)))
     if turn > LARGEST_TURN:
         raise NotPossible(
-            f"the body turns by {np.degrees(turn):.0f} deg between two rates of imu0: a faster record would show its motion"
+            f"the body turns by {np.degrees(turn):.0f} deg between two rates of imu0, too far to follow: give a faster record"
         )
     path = path_from_rates(times, rates)
     noise = np.full(count, series.sigma / np.sqrt(block)) if series.sigma else local_noise(rates)
@@ -146,13 +148,17 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment, rates:
     step = max(1, len(stamp) // MOST_ROWS)
     stamp, q, sigma = stamp[::step], q[::step], sigma[::step]
     if len(stamp) < FEWEST_ROWS:
-        raise NotPossible(f"attitude0 holds {len(stamp)} attitudes: a diagnosis needs at least {FEWEST_ROWS}")
+        raise NotPossible(
+            f"attitude0 holds {len(stamp)} attitudes and a diagnosis needs at least {FEWEST_ROWS}: give a longer record"
+        )
     times = (stamp - stamp[0]) * 1e-9
     q = multiply(chaser_path(environment, times).q, q)
     local = from_attitude(times, q, sigma[:, None, None] ** 2 * np.eye(3))
     fine = np.isfinite(local.w).all(axis=1)
     if fine.sum() < FEWEST_ROWS:
-        raise NotPossible("attitude0 is too thin to show a rate")
+        raise NotPossible(
+            "the attitudes of attitude0 lie too far apart to show a rate: give a record with more of them"
+        )
     w = np.stack([np.interp(times, times[fine], local.w[fine, k]) for k in range(3)], axis=1)
     # the attitudes themselves, not smoothed: smoothing bends the path where something happens at once
     gyroscope = None if rates is None else _beside(times, rates, series.timestamp_ns[0])

@@ -83,6 +83,25 @@ def joined(forcings: list[Forcing]) -> Forcing | None:
     return Forcing(momentum=side("momentum"), internal=side("internal"), rate=side("rate"))
 
 
+def _moved(terms: tuple[Term, ...], unknowns: np.ndarray) -> tuple[Term, ...]:
+    """A single effect about the values that its unknowns lead to, where these are steps."""
+    return tuple(t.moved(unknowns) for t in terms) if len(terms) == 1 and terms[0].moves else terms
+
+
+def _widths(terms: tuple[Term, ...], wide: np.ndarray) -> np.ndarray:
+    """Prior standard deviations of the terms' unknowns, those of `wide` where the effect says none."""
+    out, first = wide.copy(), 0
+    for term in terms:
+        known = term.sd
+        if known is not None:
+            count = len(known)
+            out[first : first + count] = known
+        else:
+            count = len(term.unknowns) * term.parts if term.prior is None else term.prior.shape[1]
+        first += count
+    return out
+
+
 def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -> Screened:
     path, speed = record.path, record.speed
     shape, rate = shape_of(start.inertia), path.w
@@ -98,7 +117,7 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
         X = along[rows.at].reshape(len(over), -1) * over[:, None]
         y = (rows.measured - balance.constant(L0)).reshape(-1) * over + X[:, :INERTIA] @ shape
         scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-300)
-        wide = np.concatenate([sd, 1e3 / scale[len(sd) :]])
+        wide = np.concatenate([sd, _widths(terms, 1e3 / scale[len(sd) :])])
         A = np.concatenate([X * wide, np.eye(len(wide))])
         x = wide * np.linalg.lstsq(A, np.concatenate([y, np.zeros(len(wide))]), rcond=None)[0]
         left, unknowns = y - X @ x, len(x)
@@ -115,6 +134,6 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
         count
     )
     return Screened(
-        terms=terms, score=float(score), left=float(np.sqrt(mean_square)),
+        terms=_moved(terms, x[len(sd) :]), score=float(score), left=float(np.sqrt(mean_square)),
         start=Start(inertia=inertia_of(shape), left=float(np.sqrt(mean_square))),
     )  # fmt: skip

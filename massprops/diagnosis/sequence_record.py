@@ -21,7 +21,9 @@ def record_of_sequence(sequence: Sequence) -> Record:
         return record_of_attitudes(_attitudes_of_tracks(sequence), sequence.environment)
     if sequence.rates is not None and len(sequence.rates.w):
         return record_of_rates(sequence.rates)
-    raise NotPossible("the sequence holds no attitudes, no body rates and no stereo tracks")
+    raise NotPossible(
+        "the sequence holds no attitudes, no body rates and no stereo tracks: give it attitude0, imu0 or tracks0"
+    )
 
 
 def _attitudes_of_tracks(sequence: Sequence) -> AttitudeSeries:
@@ -32,8 +34,11 @@ def _attitudes_of_tracks(sequence: Sequence) -> AttitudeSeries:
 
     problem = problem_of(sequence)
     if not problem.stereo:
-        raise NotPossible("one camera shows attitudes only after 'massprops reconstruct': give its run folder")
+        raise NotPossible(
+            "tracks of one camera show no motion without attitude0, which 'massprops reconstruct' writes for an object that "
+            "tumbles"
+        )
     poses = first_guess(problem, Prior()).poses
     if poses is None:
-        raise NotPossible("the tracks show no attitudes")
+        raise NotPossible("the tracks show no attitude: at each epoch both cameras must see three features off a line")
     return AttitudeSeries(problem.stamp_ns[poses.rows], poses.q, np.asarray(poses.sigma))

@@ -132,7 +132,9 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
     """
     warnings = [f"{n}: {w}" for n, d in zip(names, documents, strict=True) for w in d["warnings"]]
     if found.common.agreement < criteria.DISAGREE:
-        warnings.append("the records do not agree on one inertia: are they of one body, with the same axes?")
+        warnings.append(
+            "the records do not agree on one inertia: check that they are of one body, in the same body axes"
+        )
     value, sigma = common_ratios(found.common)
     return {
         "format": "massprops-diagnoses/1",

@@ -58,7 +58,9 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 def parse_json(text: str, where: str) -> dict[str, Any]:
     """As `load_json`, of a text."""
     if _depth(text) > DEEPEST:
-        raise InputError(f"{where}: nested more than {DEEPEST} levels deep")
+        raise InputError(
+            f"{where}: nested more than {DEEPEST} levels deep, more than such a document ever is: give another"
+        )
     try:
         content = json.loads(text, parse_constant=_no_constant, parse_int=_whole, parse_float=_finite)
     except (ValueError, RecursionError) as error:
@@ -77,7 +79,10 @@ def load_text(path: Path) -> str:
     try:
         size = path.stat().st_size
         if size > LARGEST_BYTES:
-            raise InputError(f"{path}: {size / 1e6:.1f} MB; such a document has at most {LARGEST_BYTES / 1e6:.0f} MB")
+            raise InputError(
+                f"{path}: {size / 1e6:.1f} MB is too large for such a document, which has at most "
+                f"{LARGEST_BYTES / 1e6:.0f} MB: give another file"
+            )
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not text in UTF-8 (byte {error.start}): save it as UTF-8") from None
@@ -88,7 +93,7 @@ def load_text(path: Path) -> str:
 def _mapping(content: Any, where: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         kind = "list" if isinstance(content, list) else "text" if isinstance(content, str) else type(content).__name__
-        raise InputError(f"{where}: expected names with values, found a {kind}")
+        raise InputError(f"{where}: holds a {kind}: give names with values, as 'name: value'")
     return content
 
 

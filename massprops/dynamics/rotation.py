@@ -2,7 +2,7 @@
 
 The state is attitude and total angular momentum in body axes, over the body's mean moment of inertia: momentum stays
 continuous when the mass distribution changes or a wheel spins up, the angular velocity does not. The one function
-`slope` is the physics, for any number of moments at once; `march` goes through a record by it.
+`slope` is the physics, for any number of moments at once; `integrate` goes through a record by it.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Acting:
                 for e, place, own in self
                 if hasattr(e, name)
             ]
-            for name in ("torque", "inertia", "internal", "internal_rate")
+            for name in ("torque", "inertia", "internal", "internal_rate", "moving_inertia")
         }
 
 
@@ -83,6 +83,8 @@ def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence[Any])
     having = acting.having
     for inertia, place, _ in having["inertia"]:
         six = inertia(t, six, p[place])
+    for moving, place, own in having["moving_inertia"]:
+        six = moving(six, y[own], p[place])
     for internal, place, own in having["internal"]:
         ax, ay, az = internal(t, y[own], p[place])
         hx, hy, hz = hx - ax, hy - ay, hz - az
@@ -121,6 +123,8 @@ def start_state(
         if hasattr(effect, "internal_start"):
             z = effect.internal_start(w0, p[place])
             extra.extend(z)
+        if hasattr(effect, "moving_inertia"):
+            now = effect.moving_inertia(now, z, p[place])
         if hasattr(effect, "internal"):
             add = [a + b for a, b in zip(add, effect.internal(0.0, z, p[place]), strict=True)]
     h = symmetric_times(*now, *w0)
@@ -220,8 +224,8 @@ def trajectory(
         around: surroundings.
     """
     # a free body is done with before the kernel would be compiled: it goes by it, with the same numbers, where it is there
-    wanted = bool(acting.effects) or "massprops.dynamics.march" in sys.modules
-    march = _marched if wanted and _in_catalogue(acting) else _plain_march
+    wanted = bool(acting.effects) or "massprops.dynamics.compiled_integration" in sys.modules
+    integrate = _integrated_compiled if wanted and _in_catalogue(acting) else _integrated_plainly
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]
     y = start_state([float(v) for v in q0], [float(v) for v in w0], six, acting, values)
@@ -234,7 +238,7 @@ def trajectory(
             effect, place = acting.effects[jumps[k]], acting.places[jumps[k]]
             before[k] = y
             y = struck(y, effect, values[place])
-        states[k : end + 1] = march(y, steps.start[k:end], steps.size[k:end], six, values, acting, around)
+        states[k : end + 1] = integrate(y, steps.start[k:end], steps.size[k:end], six, values, acting, around)
         y = states[end].tolist()
     at = states[steps.after]
     columns = [at[:, i] for i in range(at.shape[1])]
@@ -247,13 +251,13 @@ def _in_catalogue(acting: Acting) -> bool:
     return not any(is_users(effect) for effect in acting.effects)
 
 
-def _marched(*given: Any) -> np.ndarray:
-    from massprops.dynamics.march import marched
+def _integrated_compiled(*given: Any) -> np.ndarray:
+    from massprops.dynamics.compiled_integration import integrated
 
-    return marched(*given)
+    return integrated(*given)
 
 
-def _plain_march(
+def _integrated_plainly(
     y0: list[Any],
     start: np.ndarray,
     size: np.ndarray,
@@ -262,7 +266,7 @@ def _plain_march(
     acting: Acting,
     around: Surroundings,
 ) -> np.ndarray:
-    """`march` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
+    """`integrate` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
     y, out = y0, [y0]
     for t, h in zip(start.tolist(), size.tolist(), strict=True):
         ways: list[list[Any]] = []

@@ -281,6 +281,6 @@ def _outputs(
     rate = W_y @ S
     for j in range(d):
         rate[..., 6 + j] += velocity(y, list(six + 1j * STEP * moves[j]), p)
-    for j in sorted(_of_effects(acting, ("inertia", "internal")) - fixed):
+    for j in sorted(_of_effects(acting, ("inertia", "internal", "moving_inertia")) - fixed):
         rate[..., 6 + d + j] += velocity(y, list(six), stepped(p, j))
     return turn, rate

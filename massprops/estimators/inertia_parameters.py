@@ -37,7 +37,8 @@ PLANE = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 def within(parameters: np.ndarray) -> np.ndarray:
     """The parameters (..., 2 or 5), moved towards zero where they leave the bodies that are looked for."""
     if parameters.shape[-1] == GENERAL:
-        return np.clip(parameters, -LARGEST_GENERAL, LARGEST_GENERAL)
+        found: np.ndarray = np.clip(parameters, -LARGEST_GENERAL, LARGEST_GENERAL)
+        return found
     for _ in range(3):
         most = np.abs(np.stack(coupling(parameters), axis=-1)).max(axis=-1, keepdims=True)
         parameters = parameters * np.where(most > LARGEST_A, LARGEST_A / most, 1.0)
@@ -78,7 +79,8 @@ def inertia(parameters: np.ndarray) -> np.ndarray:
     xx, yy, zz, xy, xz, yz = components(parameters)
     rows = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     whole = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    return whole / (xx + yy + zz)[..., None, None]
+    found: np.ndarray = whole / (xx + yy + zz)[..., None, None]
+    return found
 
 
 def ratios_of(parameters: np.ndarray) -> np.ndarray:

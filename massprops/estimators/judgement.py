@@ -29,6 +29,8 @@ from massprops.model.problem import Problem
 
 FARTHEST = 4.9
 """|k| of no real body: moments that differ by a factor of 130 belong to a needle or to a filter that ran away."""
+INCOMPLETE = "the model lacks something, which 'massprops diagnose' looks for"
+"""What innovations say that are larger than the noise, or alike from epoch to epoch."""
 LARGEST_SQUARE = 4.0
 """Mean squared innovation, times the epochs over which it stays alike, beyond which sigmas are short by 2."""
 SURELY = 4.0
@@ -124,10 +126,10 @@ def _size(found: Estimate, problem: Problem) -> str:
         return ""
     size = f"{np.sqrt(found.innovation):.2g} times as large as the stated noise allows"
     if memory == 1.0:
-        return f"the innovations are {size}: the model lacks something, try diagnose"
+        return f"the innovations are {size}: {INCOMPLETE}"
     return (
-        f"the innovations are {size} and stay alike over {memory:.0f} epochs, so the sigmas are about "
-        f"{np.sqrt(found.innovation * memory):.1f} times too small: the model lacks something, try diagnose"
+        f"the innovations are {size} and are correlated over {memory:.0f} epochs, so the sigmas are about "
+        f"{np.sqrt(found.innovation * memory):.1f} times too small: {INCOMPLETE}"
     )
 
 
@@ -198,4 +200,4 @@ def _halves(found: Estimate) -> str:
         return ""
     square = float(apart @ np.linalg.pinv(spread, hermitian=True) @ apart)
     p = float(chi2.sf(square, len(apart))) if np.isfinite(square) else 0.0
-    return f"{what} (p = {p:.1g}): the model lacks something, try diagnose" if p < UNLIKELY else ""
+    return f"{what} (p = {p:.1g}): {INCOMPLETE}" if p < UNLIKELY else ""

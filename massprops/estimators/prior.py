@@ -96,7 +96,9 @@ def read_filter(path: str | Path) -> FilterPrior:
     content = load_yaml(path)
     if content.get("format", FORMAT) != FORMAT:
         found = shown(content["format"])
-        raise InputError(f"{path}: format {found} is not {FORMAT!r}; write it with export --to filter")
+        raise InputError(
+            f"{path}: its format is {found}, not {FORMAT!r}: write it with 'massprops export RUN --to filter'"
+        )
     document = read(FilterFile, content, str(path))
     inertia = _inertia(path, document)
     k_cov = _covariance(path, "k_covariance", document.k_covariance)
@@ -143,7 +145,7 @@ def _inertia(path: Path, document: FilterFile) -> np.ndarray | None:
     else:
         inertia = document.inertia
         if not np.allclose(inertia, inertia.T, rtol=1e-6, atol=1e-9 * float(np.abs(inertia).max())):
-            raise InputError(f"{path}: inertia is not symmetric")
+            raise InputError(f"{path}: inertia is not symmetric: make I_xy = I_yx, I_xz = I_zx, I_yz = I_zy")
     inertia = 0.5 * (inertia + inertia.T)
     moments = np.linalg.eigvalsh(inertia)
     if moments[0] <= 0:
@@ -151,7 +153,7 @@ def _inertia(path: Path, document: FilterFile) -> np.ndarray | None:
     if moments[0] + moments[1] < moments[2] * (1 - 1e-6):
         said = ", ".join(f"{m:.4g}" for m in moments / moments.sum())
         raise InputError(
-            f"{path}: principal moments in the ratio {said} break the triangle inequality: no body has them"
+            f"{path}: principal moments in the ratio {said} break the triangle inequality: correct inertia"
         )
     if k is not None and not np.allclose(ratios(inertia)[0], k, atol=1e-3):
         found = ratios(inertia)[0]
@@ -167,7 +169,7 @@ def _covariance(path: Path, key: str, matrix: np.ndarray | None) -> np.ndarray |
     if matrix is None:
         return None
     if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-12 * float(np.abs(matrix).max() or 1.0)):
-        raise InputError(f"{path}: {key} is not symmetric")
+        raise InputError(f"{path}: {key} is not symmetric: make it equal to its transpose")
     matrix = 0.5 * (matrix + matrix.T)
     if np.linalg.eigvalsh(matrix)[0] < -1e-9 * max(float(np.trace(matrix)), 0.0) or (np.diag(matrix) <= 0).any():
         raise InputError(f"{path}: {key} is not a covariance: its variances must be above 0")
@@ -200,7 +202,7 @@ def judge(given: FilterPrior, reference: Estimate | None, start: Any, problem: P
         return PriorTest("used", prior, frame=frame)
     sound = reference is not None and reference.converged and reference.observable
     if not sound or reference is None or reference.inertia is None or reference.k_covariance is None:
-        why = "no estimate without it to hold it against"
+        why = "no estimate without it can be trusted, so nothing tests it"
         return PriorTest("unchecked", prior, frame=frame, warnings=(f"the prior was used unchecked: {why}",))
     k_cov = np.diag(np.square(prior.k_sigma)) if prior.k_sigma is not None else np.zeros((2, 2))
     if given.k_covariance is not None:
@@ -224,8 +226,8 @@ def judge(given: FilterPrior, reference: Estimate | None, start: Any, problem: P
         return test
     line = (
         f"the data contradict the prior (k1 = {k[0]:.4f}, k2 = {k[1]:.4f} against {reference.k1:.4f}, "
-        f"{reference.k2:.4f} from {reference.name} without it; chi-square {chi2:.1f} of {degrees}, p = {p:.1g}): "
-        "its inertia and features were left out"
+        f"{reference.k2:.4f} from {reference.name} without it; chi-square {chi2:.1f} of {degrees}, p = {p:.1g}), so its "
+        "inertia and features are left out; check that it is of this body"
     )
     bare = Prior(process_noise=prior.process_noise)
     return replace(test, verdict="rejected", prior=bare, warnings=(line,))

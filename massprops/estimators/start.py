@@ -101,8 +101,13 @@ def _first(problem: Problem, early: np.ndarray) -> Start:
     if np.isfinite(problem.rates[early]).all(axis=1).sum() >= FEWEST:
         return _from_rates(problem, early)
     if problem.has_tracks and not problem.stereo:
-        raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
-    raise NotPossible(f"fewer than {FEWEST} epochs show the attitude: three features off a line in both cameras needed")
+        raise NotPossible(
+            "tracks of one camera show no motion without attitude0, which 'massprops reconstruct' writes for an object that "
+            "tumbles"
+        )
+    raise NotPossible(
+        f"fewer than {FEWEST} epochs show the attitude: give more in which both cameras see three features off a line"
+    )
 
 
 def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
@@ -114,9 +119,12 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
     warnings = []
     lost = int((np.isfinite(points).all(axis=-1).sum(axis=1) >= 3).sum() - motion.used.sum())
     if lost > 0:
-        warnings.append(f"{lost} epochs share too few features with the rest: left out of the first guess")
+        warnings.append(f"{lost} epochs share too few features with the others and are left out of the first guess")
     if motion.scale > 2.0:
-        warnings.append(f"triangulated points scatter {np.sqrt(motion.scale):.1f} times more than sigma_px says")
+        warnings.append(
+            f"triangulated points scatter {np.sqrt(motion.scale):.1f} times as much as sigma_px allows: check sigma_px and "
+            "the calibration"
+        )
     used = motion.used
     rows, times = rows[used], problem.times[rows[used]]
     q, origin = motion.q[used], motion.origin[used]
@@ -269,7 +277,8 @@ def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:
     longest = span * max(tilt, 1e-9) ** 2 / max(total, 1e-300)
     shortest = 2 * np.pi / speed
     count = max(1, int(np.floor(span / max(4.0 * longest, shortest))))
-    return np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
+    found: np.ndarray = np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
+    return found
 
 
 def within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:

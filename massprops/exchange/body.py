@@ -95,7 +95,7 @@ def read_body(
 
     source = Path(source)
     if mass is not None and not (np.isfinite(mass) and mass > 0):
-        raise InputError(f"--mass {mass}: a body's mass is a positive number of kilograms")
+        raise InputError(f"--mass {mass}: give a number of kilograms above 0")
     if source.is_dir():
         mesh_file, document_file = source / "mesh.ply", source / "massprops.json"
         if not document_file.is_file() or not mesh_file.is_file():
@@ -147,7 +147,10 @@ def body_of(
         raise InputError("inertia in massprops.json is not a finite symmetric matrix: make the run again")
     moments = np.linalg.eigvalsh(inertia)
     if not is_physical(moments):
-        raise InputError(f"principal moments {moments.tolist()} break the triangle inequality: no body has them")
+        said = ", ".join(f"{m:.4g}" for m in moments)
+        raise InputError(
+            f"principal moments {said} break the triangle inequality, so no body has them: make the run again"
+        )
     if mass is not None:
         inertia, own, document = inertia * (mass / own), mass, {**document, "density_assumed": False}
     return Body(name, metric, float(own), com, inertia, document, mesh, run)

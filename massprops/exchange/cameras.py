@@ -43,7 +43,7 @@ def read_cameras(body: Body, to: str) -> Cameras:
     try:
         views = Views.load(work / "sfm" / "views.npz")
     except (OSError, ValueError, KeyError):
-        raise InputError(f"{body.run}: --to {to} needs the run's cameras, and work/sfm has none") from None
+        raise InputError(f"{body.run}: no cameras in work/sfm, which --to {to} needs: make the run again") from None
     path = work / "scale" / "scale.json"
     factor = read(ScaleStageFile, load_json(path), str(path)).factor if path.is_file() else 1.0
     try:

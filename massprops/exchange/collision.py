@@ -51,5 +51,6 @@ def collision_mesh(mesh: trimesh.Trimesh, most_faces: int = MOST_FACES) -> trime
         if worst < TOLERANCE:
             return light
     raise NotPossible(
-        f"no collision mesh of {most_faces} faces keeps the inertia within 1 % (best {100 * worst:.2g} %)"
+        f"no collision mesh of {most_faces} faces keeps the inertia within 1 % (best {100 * worst:.2g} %): export to csv or "
+        "json, which have none"
     )

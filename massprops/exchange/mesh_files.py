@@ -59,11 +59,11 @@ def read_mesh(path: str | Path, process: bool = True) -> trimesh.Trimesh:
     if not hasattr(mesh, "faces") or len(mesh.faces) == 0:
         raise InputError(f"{path}: has no faces; give a surface, not a point cloud")
     if np.shape(mesh.vertices)[1:] != (3,):
-        raise InputError(f"{path}: has corners that are no three numbers; export it again")
+        raise InputError(f"{path}: has corners without three coordinates; export it again")
     if not np.isfinite(mesh.vertices).all():
         raise InputError(f"{path}: has coordinates that are not finite; export it again")
     if np.asarray(mesh.faces).min() < 0 or np.asarray(mesh.faces).max() >= len(mesh.vertices):
-        raise InputError(f"{path}: has faces of corners that are not there; export it again")
+        raise InputError(f"{path}: has faces with corners that the file does not hold; export it again")
     return mesh
 
 

@@ -79,8 +79,9 @@ def read_document(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: inertia is not symmetric: make the run again")
     moments = np.linalg.eigvalsh(inertia)
     if not is_physical(moments):
+        said = ", ".join(f"{m:.4g}" for m in moments)
         raise InputError(
-            f"{path}: principal moments {moments.tolist()} break the triangle inequality: no body has them"
+            f"{path}: principal moments {said} break the triangle inequality, so no body has them: make the run again"
         )
     axes = found.principal_axes
     if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6):

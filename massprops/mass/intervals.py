@@ -7,8 +7,8 @@ is the body's own greatest length (no scale, or a length of the whole body that 
 divided by its own length; when the scale comes from elsewhere (baseline, range, distance, marker) by the mesh's.
 
 An interval is the 5th to the 95th percentile of the replicates, stretched where needed to hold the estimate. Replicates
-that are no bodies have collapsed: where they are more than the 5 % below, volume, mass and moments may be anything down to
-zero, and the ratios anything that a body may have.
+that are no bodies have collapsed: where they are more than the 5 % below, volume, mass and moments may be anything from
+zero to those of the silhouettes' hull, and the ratios anything that a body may have.
 """
 
 from __future__ import annotations
@@ -51,45 +51,61 @@ def scaled_replicates(
     return scale_integrals(rows, drawn * (length / lengths) if own_length else drawn)
 
 
-def intervals(rows: np.ndarray, estimate: MassProperties, level: float = 0.9) -> dict[str, list[Any]]:
+TAIL = 0.05
+"""Share of the replicates beyond either end of an interval."""
+
+
+def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | None = None) -> dict[str, list[Any]]:
     """`interval_90` of `massprops.json`: lowest and highest value of each quantity.
 
     Args:
         rows: (r, 10) replicates [final units].
         estimate: what the mesh itself gives.
-        level: share of replicates between the ends.
+        outer: (10,) integrals of what the body is within [final units], where replicates collapse.
     """
-    valid = valid_bodies(rows)
-    collapsed, rows = 1.0 - float(valid.mean()), rows[valid]
+    vague = collapse(rows)
+    rows = rows[valid_bodies(rows)]
     mass, centre, inertia = central_inertia(rows, estimate.density)
     moments = np.linalg.eigvalsh(inertia)
     ratios = inertia_ratios(moments)
     middle = inertia_ratios(estimate.principal_moments)
 
-    tail = 0.5 - level / 2
-    vague = collapsed > tail
-
     def bounds(draws: np.ndarray, value: np.ndarray | float) -> Any:
-        low, high = np.quantile(draws, [tail, 1.0 - tail], axis=0)
+        low, high = np.quantile(draws, [TAIL, 1.0 - TAIL], axis=0)
         return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
 
-    def down_to_nothing(draws: np.ndarray, value: np.ndarray | float) -> Any:
+    def within(draws: np.ndarray, value: np.ndarray | float, most: np.ndarray | float) -> Any:
         known = np.array(bounds(draws, value))
-        known[..., 0] = 0.0 if vague else known[..., 0]
+        if vague:
+            known[..., 0], known[..., 1] = 0.0, np.maximum(known[..., 1], most)
         return known.tolist()
 
     def ratio(draws: np.ndarray, value: float) -> Any:
         return [float(min(draws.min(), value)), 0.0] if vague else bounds(draws, value)
 
+    largest = (
+        _largest(outer, estimate.density) if vague and outer is not None and outer[0] > 0 else (0.0, 0.0, np.zeros(3))
+    )
     return {
-        "volume": down_to_nothing(rows[:, 0], estimate.volume),
-        "mass": down_to_nothing(mass, estimate.mass),
+        "volume": within(rows[:, 0], estimate.volume, largest[0]),
+        "mass": within(mass, estimate.mass, largest[1]),
         "center_of_mass": bounds(centre, estimate.center_of_mass),
         "inertia": bounds(inertia, estimate.inertia),
-        "principal_moments": down_to_nothing(moments, estimate.principal_moments),
+        "principal_moments": within(moments, estimate.principal_moments, largest[2]),
         "k1": ratio(ratios[:, 0], middle[0]),
         "k2": ratio(ratios[:, 1], middle[1]),
     }
+
+
+def collapse(rows: np.ndarray) -> bool:
+    """Whether more replicates (r, 10) are no bodies than lie below an interval."""
+    return 1.0 - float(valid_bodies(rows).mean()) > TAIL
+
+
+def _largest(outer: np.ndarray, density: float) -> tuple[float, float, np.ndarray]:
+    """Volume, mass and principal moments (3,) of integrals (10,)."""
+    mass, _, inertia = central_inertia(outer, density)
+    return float(outer[0]), float(mass), np.linalg.eigvalsh(inertia)
 
 
 def valid_bodies(rows: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ class Measured(Shown):
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume [m^3]."""
         return float(self._value("volume"))
 
     @property
@@ -39,7 +39,7 @@ class Measured(Shown):
 
     @property
     def density(self) -> float:
-        """[kg/m^3]; 1000 (water) if none was given, see `density_assumed`."""
+        """Density [kg/m^3]; 1000 (water) if none was given, see `density_assumed`."""
         return float(self.properties["density"])
 
     @property
@@ -49,22 +49,22 @@ class Measured(Shown):
 
     @property
     def center_of_mass(self) -> np.ndarray:
-        """(3,) in the mesh's axes [m]."""
+        """(3,) the centre of mass in the mesh's axes [m]."""
         return self._array("center_of_mass")
 
     @property
     def inertia(self) -> np.ndarray:
-        """(3, 3) about the centre of mass in the mesh's axes, tensor signs [kg m^2]."""
+        """(3, 3) inertia tensor about the centre of mass in the mesh's axes, tensor signs [kg m^2]."""
         return self._array("inertia")
 
     @property
     def principal_moments(self) -> np.ndarray:
-        """(3,) ascending [kg m^2]."""
+        """(3,) principal moments of inertia, ascending [kg m^2]."""
         return self._array("principal_moments")
 
     @property
     def principal_axes(self) -> np.ndarray:
-        """(3, 3) unit columns in the mesh's axes, right-handed."""
+        """(3, 3) principal axes as unit columns in the mesh's axes, right-handed."""
         return self._array("principal_axes")
 
     @property

@@ -110,11 +110,16 @@ def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
     if not (np.isfinite(density) and density > 0):
         raise InputError(f"density {density} kg/m^3 is not a positive number: give --density above 0")
     if not row[0] > 0:
-        raise InputError(f"mesh encloses a volume of {row[0]:.3g}: its faces must point outward and close")
+        raise InputError(
+            f"mesh encloses a volume of {row[0]:.3g}, not above 0: turn its faces outward, or close its holes"
+        )
     mass, centre, inertia = central_inertia(row, density)
     moments, axes = principal_frame(inertia)
     if not is_physical(moments):
-        raise InputError(f"moments {moments.tolist()} belong to no body: the mesh intersects itself or is inside out")
+        said = ", ".join(f"{m:.4g}" for m in moments)
+        raise InputError(
+            f"mesh has moments {said}, which no body has: it intersects itself or is inside out; export it as a solid"
+        )
     k1, k2 = inertia_ratios(moments)
     return MassProperties(
         float(density), float(row[0]), float(mass), centre, inertia, moments, axes, float(k1), float(k2)
@@ -134,6 +139,6 @@ def mass_properties(mesh: trimesh.Trimesh, density: float = 1000.0) -> MassPrope
     """
     if not mesh.is_volume:
         raise InputError(
-            f"mesh of {len(mesh.faces)} faces is not closed and outward: repair it, or export it as a solid"
+            f"mesh of {len(mesh.faces)} faces has holes, or faces that point inward: repair it, or export it as a solid"
         )
     return properties_of_integrals(mesh_integrals(mesh.vertices, mesh.faces), density)

@@ -89,12 +89,12 @@ def _refuse_shapeless(mesh: trimesh.Trimesh) -> None:
     far = float(np.linalg.norm(middle))
     if far > max(FARTHEST * size, SMALLEST_SIZE):
         raise InputError(
-            f"mesh of length {size:.3g} lies {far:.3g} from its origin, where its corners fall on each other: move it there"
+            f"mesh of length {size:.3g} lies {far:.3g} from its origin, too far to keep its corners apart: move it to the origin"
         )
     if size <= SMALLEST_SIZE:
         raise InputError(
-            f"mesh is {size:.3g} long: corners closer than 1e-8 are taken for one: export it in a smaller unit and give "
-            "--scale"
+            f"mesh is less than {SMALLEST_SIZE:.0e} long: corners closer than 1e-8 are taken for one: export it in a "
+            "smaller unit and give --scale"
         )
     spread = np.linalg.svd(vertices - middle, compute_uv=False)
     if len(vertices) < 4 or spread[2] <= FLAT * spread[0]:

@@ -73,16 +73,16 @@ def undecided(symmetric: Sequence[dict[str, Any]], bounds: dict[str, list[Any]])
 
 
 def _sentence(one: dict[str, Any], body: MassProperties, images: int) -> str:
-    """For example: symmetric: 4-fold about the axis of I1: 31 of 88 images fit as well 90 degrees on; ..."""
+    """For example: symmetric: the body looks alike every 90 degrees about the axis of I1, so that 31 of 88 images ..."""
     alike, apart = len(one["images_alike"]), len(one["images_apart"])
     said = (
-        f"symmetric: {one['fold']}-fold about the axis of {one['about']}: {alike} of {images} images fit as well "
-        f"{360 / one['fold']:.0f} degrees on; "
+        f"symmetric: the body looks alike every {360 / one['fold']:.0f} degrees about the axis of {one['about']}, so that "
+        f"{alike} of {images} images would fit as well turned by as much; "
     )
     if not apart:
-        said += "what their neighbours in time show beside the like sides places them"
+        said += "what their neighbours in time show besides tells which way is right"
     else:
-        said += f"nothing but their matches places {apart} of them"
+        said += f"for {apart} of them nothing but their own matches tells which way is right"
     other = one["candidates"]
     if len(other) < len(CANDIDATES):
         return said

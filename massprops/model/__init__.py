@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.documents.fields import no_key
 from massprops.documents.loading import shown
 from massprops.documents.model import FORMAT
 from massprops.dynamics.rotation import Acting
@@ -93,7 +94,7 @@ def model_of(sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = N
     known = effects()
     for name in sizes:
         if name not in known:
-            raise InputError(f"effect {name!r} is not known; there are {', '.join(known)}")
+            raise InputError(f"{no_key(name, known, 'effect')}; 'massprops effects' lists them")
     modules = [known[n] for n in known if n in sizes]
     values = []
     for module in modules:
@@ -135,17 +136,17 @@ def load_model(path: str | Path) -> Model:
     Raises:
         InputError: not such a file, an unknown effect, or a parameter missing.
     """
-    from massprops.documents.fields import Number, no_key, read, unread
+    from massprops.documents.fields import Number, read, unread
     from massprops.documents.loading import load_yaml
     from massprops.documents.model import ModelFile
 
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such model file")
+        raise InputError(f"{path}: no such model file; 'massprops diagnose' writes one, model.yaml")
     content = load_yaml(path)
     if content.get("format") != FORMAT:
         found = shown(content.get("format"))
-        raise InputError(f"{path}: format {found}; expected {FORMAT!r}, as 'massprops diagnose' writes")
+        raise InputError(f"{path}: its format is {found}, not {FORMAT!r}: give a model.yaml of 'massprops diagnose'")
     document = read(ModelFile, unread(ModelFile, content, str(path))[0], str(path))
     known = effects()
     sizes: dict[str, np.ndarray | None] = {}
@@ -172,7 +173,10 @@ def load_model(path: str | Path) -> Model:
     if inertia is not None:
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):
-            raise InputError(f"{path}: principal moments {moments.tolist()} break the triangle inequality")
+            said = ", ".join(f"{m:.4g}" for m in moments)
+            raise InputError(
+                f"{path}: principal moments {said} break the triangle inequality, so no body has them: correct inertia"
+            )
     attitude = document.attitude
     if attitude is not None:
         size = float(np.linalg.norm(attitude))

@@ -157,8 +157,10 @@ def _with_usable_tracks(sequence: Sequence, warnings: list[str]) -> Sequence:
         return sequence
     if not len(tracks.feature):
         if sequence.attitude is None and sequence.rates is None:
-            raise InputError(f"{_name(sequence)}: tracks0 is empty, and there is no attitude0 or imu0")
-        warnings.append("tracks0 is empty: ignored")
+            raise InputError(
+                f"{_name(sequence)}: tracks0 is empty, and there is no attitude0 or imu0: give one of the three"
+            )
+        warnings.append("tracks0 is empty and is not used")
         return replace(sequence, tracks=None)
     if 0 not in sequence.cameras:
         raise InputError(f"{_name(sequence)}: tracks0 needs cam0/sensor.yaml with intrinsics: [fu, fv, cu, cv]")
@@ -174,12 +176,14 @@ def _epochs(sequence: Sequence) -> np.ndarray:
     moving = (sequence.tracks, sequence.rates, sequence.attitude)
     stamps = [s.timestamp_ns for s in moving if s is not None]
     if not stamps:
-        raise InputError(f"{_name(sequence)}: no tracks0, attitude0 or imu0: nothing to estimate from")
+        raise InputError(f"{_name(sequence)}: nothing to estimate from: give tracks0, attitude0 or imu0")
     if sequence.range is not None:
         stamps.append(sequence.range.timestamp_ns)
     stamp: np.ndarray = np.unique(np.concatenate(stamps))
     if len(stamp) < FEWEST_EPOCHS:
-        raise InputError(f"{_name(sequence)}: {len(stamp)} epochs; motion needs at least {FEWEST_EPOCHS}")
+        raise InputError(
+            f"{_name(sequence)}: {len(stamp)} epochs are too few to show a motion: give at least {FEWEST_EPOCHS}"
+        )
     return stamp
 
 
@@ -227,7 +231,7 @@ def _tracks(
     known, place, count = np.unique(tracks.feature, return_inverse=True, return_counts=True)
     good = count >= 3
     if not good.all():
-        warnings.append(f"tracks0: {int((~good).sum())} features seen fewer than three times left out")
+        warnings.append(f"tracks0: {int((~good).sum())} features were seen fewer than three times and are left out")
     if good.sum() > most:
         warnings.append(f"tracks0: the {most} longest of {int(good.sum())} tracks are used")
         order = np.lexsort((known, -count))
@@ -267,7 +271,7 @@ def _sigma_px(camera: Camera, number: int, warnings: list[str]) -> float:
 
 def no_sigma_px(number: int) -> str:
     """The warning for a camera that states no noise."""
-    return f"cam{number} states no sigma_px: {DEFAULT_SIGMA_PX} px assumed"
+    return f"cam{number} states no sigma_px: {DEFAULT_SIGMA_PX} px is assumed"
 
 
 def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
@@ -287,7 +291,7 @@ def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
     while length < len(times) // 8 and float(np.mean(left[length:] * left[:-length])) > CORRELATED * square:
         length += 1
     if length == 1:
-        warnings.append(f"imu0 states no noise: {np.sqrt(square):.3g} rad/s estimated from the data")
+        warnings.append(f"imu0 states no noise: {np.sqrt(square):.3g} rad/s is estimated from the data")
         return replace(rates, sigma=float(np.sqrt(square))), 1
     block = max(1, min(length // 4, len(times) // MOST_MEANS))
     count = len(times) // block
@@ -300,8 +304,8 @@ def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
     sigma = float(np.sqrt(np.mean(means(left) ** 2) * max(1.0, length / block)))
     stamp = rates.timestamp_ns[0] + np.round(means(times) * 1e9).astype(np.int64)
     warnings.append(
-        f"imu0 states no noise: {sigma:.3g} rad/s estimated for means over {block} samples, whose errors stay alike over "
-        f"{length} samples"
+        f"imu0 states no noise: {sigma:.3g} rad/s is estimated for means over {block} samples, with errors that are "
+        f"correlated over {length} samples"
     )
     return RateSeries(stamp, means(w), sigma), int(np.ceil(length / block))
 

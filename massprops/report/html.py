@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -59,6 +60,11 @@ def number(value: float | None, digits: int = 5) -> str:
         return rounded.replace("-", "−")
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     return f"{mantissa}×10{str(int(exponent)).translate(RAISED)}".replace("-", "−")
+
+
+def unit(written: str) -> str:
+    """A unit with its powers raised: s^-1 as s⁻¹."""
+    return re.sub(r"\^(-?\d+)", lambda power: power[1].translate(RAISED), written)
 
 
 def between(bounds: Sequence[float] | None, digits: int = 5) -> str:

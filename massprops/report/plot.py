@@ -10,6 +10,13 @@ from massprops.report.axes import Axes
 from massprops.report.html import round_marks, text
 
 
+def _pieces(y: np.ndarray) -> list[np.ndarray]:
+    """Indices of each unbroken run of finite numbers; of a lone one twice, so that it is seen as a dot."""
+    good = np.flatnonzero(np.isfinite(y))
+    runs = np.split(good, np.flatnonzero(np.diff(good) > 1) + 1)
+    return [np.repeat(run, 2) if len(run) == 1 else run for run in runs if len(run)]
+
+
 def plot(
     series: Sequence[tuple[str, np.ndarray, np.ndarray]],
     x_label: str,
@@ -18,7 +25,10 @@ def plot(
     height: int = 240,
     bands: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]] = (),
 ) -> str:
-    """Series of (name, x, y) as lines, bands of (x, low, high) as areas behind them; nothing without finite numbers."""
+    """Series of (name, x, y) as lines, bands of (x, low, high) as areas behind them; nothing without finite numbers.
+
+    A line ends where a number is missing and begins again after it.
+    """
     xs = np.concatenate([np.asarray(s[1], float) for s in series]) if series else np.zeros(1)
     values = [np.asarray(s[2], float) for s in series] + [np.asarray(v, float) for b in bands for v in b[1:]]
     ys = np.concatenate(values) if values else np.zeros(1)
@@ -39,8 +49,9 @@ def plot(
         area = f"{axes.points(x, high)} {axes.points(x[::-1], low[::-1])}"
         parts.append(f'<polygon class="band" points="{area}"/>')
     for k, (_name, x, y) in enumerate(series):
-        good = np.isfinite(np.asarray(y, float))
-        parts.append(f'<polyline class="s{k % 8}" points="{axes.points(np.asarray(x)[good], np.asarray(y)[good])}"/>')
+        for piece in _pieces(np.asarray(y, float)):
+            points = axes.points(np.asarray(x)[piece], np.asarray(y)[piece])
+            parts.append(f'<polyline class="s{k % 8}" points="{points}"/>')
     legend = "".join(f'<span class="key s{k % 8}">{text(name)}</span>' for k, (name, _, _) in enumerate(series) if name)
     parts += [axes.titles(x_label, y_label), "</svg>", f'<div class="legend">{legend}</div>' if legend else ""]
     return "".join(parts)

@@ -48,7 +48,7 @@ def ratio_plane(own: dict[str, Any], estimators: list[dict[str, Any]], reference
     low, high = _bounds(core)
     middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-4)
     near = [m for m in marks if (np.abs(m.k - middle) <= REACH * half).all()]
-    low, high = _bounds([*core, *(Mark(m.name, m.k, m.k[None], m.style) for m in near)])
+    low, high = _bounds([*core, *(_within(m, middle, REACH * half) for m in near)])
     pad = 0.08 * np.maximum(high - low, 1e-4)
     (x0, y0), (x1, y1) = low - pad, high + pad
     axes = Axes((x0, x1), (y0, y1), SIZE, MARGIN)
@@ -101,6 +101,12 @@ def _outline(entry: dict[str, Any], k: np.ndarray) -> np.ndarray:
 
 def _finite(value: Any) -> float:
     return float(value) if isinstance(value, int | float) and np.isfinite(value) else np.nan
+
+
+def _within(one: Mark, middle: np.ndarray, reach: np.ndarray) -> Mark:
+    """The mark, without its ellipse where that goes beyond the reach (2,) about the middle (2,)."""
+    whole = (np.abs(one.outline - middle) <= reach).all()
+    return one if whole else Mark(one.name, one.k, one.k[None], one.style)
 
 
 def _bounds(marks: list[Mark]) -> tuple[np.ndarray, np.ndarray]:

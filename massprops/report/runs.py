@@ -115,7 +115,7 @@ class _Run:
             parts.append(f"shape against motion: {text(self.crosscheck['verdict'])}")
         if self.verdict.get("exit_code"):
             parts.append(f'<span class="bad">{text(self.verdict.get("reason", "stopped"))}</span>')
-        return Safe("; ".join(parts) or "–")
+        return Safe("; ".join(parts) or ("a finished mesh, not judged" if self.document else "–"))
 
     @property
     def picture(self) -> Safe:
@@ -148,7 +148,7 @@ def _listed(runs: list[_Run]) -> str:
         )
         for r in runs
     ]
-    return table(rows, ("run", "volume (± 90 %), confidence", "k1", "k2"), numeric=(2, 3), label="runs")
+    return table(rows, ("run", "volume ± 90 %, confidence", "k1", "k2"), numeric=(2, 3), label="runs")
 
 
 def _apart(ratio: float) -> str:
@@ -157,7 +157,7 @@ def _apart(ratio: float) -> str:
 
 
 def _compared(a: _Run, b: _Run) -> str:
-    """Quantity by quantity, and whether the two intervals overlap."""
+    """Quantity by quantity, and whether the two agree within their intervals."""
     rows = []
     for quantity in QUANTITIES:
         one, two = a.value(quantity), b.value(quantity)
@@ -165,8 +165,10 @@ def _compared(a: _Run, b: _Run) -> str:
         if one is not None and two is not None:
             apart = f"{two - one:+.4f}" if quantity.startswith("k") or not one else _apart(two / one)
             first, second = a.bounds(quantity), b.bounds(quantity)
-            if first and second and None not in (*first, *second):
-                meet = "yes" if first[0] <= second[1] and second[0] <= first[1] else "no"
+            # a value without an interval, as of a CAD mesh, is held against the other's
+            (low, high), (other_low, other_high) = first or (one, one), second or (two, two)
+            if (first or second) and None not in (low, high, other_low, other_high):
+                meet = "yes" if low <= other_high and other_low <= high else "no"
         unit = a.unit_of(quantity) if a.metric == b.metric else ""
         rows.append(
             (
@@ -181,5 +183,5 @@ def _compared(a: _Run, b: _Run) -> str:
         "" if a.metric == b.metric else "<p>One of the two has no length scale, so only k1 and k2 can be compared.</p>"
     )
     return note + table(
-        rows, ("", "second minus first", a.path.name, b.path.name, "intervals overlap"), label="two runs"
+        rows, ("", "second minus first", a.path.name, b.path.name, "agree within 90 %"), label="two runs"
     )

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Run(Measured):
-    """A finished or stopped run; volume, inertia and the rest are attributes, see `massprops.mass.measured.Measured`.
+    """A finished or stopped run, with its volume, inertia and the rest as attributes: those that the run recommends.
 
     Attributes:
         folder: the run folder.
@@ -43,7 +43,7 @@ class Run(Measured):
 
     @cached_property
     def properties(self) -> dict[str, Any]:
-        """`massprops.json`.
+        """The whole `massprops.json`.
 
         Raises:
             InputError: the run has none.
@@ -74,7 +74,7 @@ class Run(Measured):
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
-        """`mesh.ply`, in the units of `properties`."""
+        """The closed mesh, `mesh.ply`, in the units of `properties`."""
         import trimesh
 
         path = self.folder / "mesh.ply"

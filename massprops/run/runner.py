@@ -73,7 +73,7 @@ def run_stages(
     A stage is current when its folder is there under the key of its inputs (the package's version, its options, and
     the keys of the stages it reads), and its files, in `work/` and published, are what it wrote. A stage that cannot
     finish ends the chain; `ALWAYS` stages still run on what is there, and are never kept as current then. Of `EXTRA`
-    stages a failure is a warning, and they are tried again.
+    stages a failure is a warning, and they are tried again, as are those that had to do without them.
 
     An input that is refused before any stage is done leaves an earlier run in the folder as it was. From the first
     stage that is done, the folder is the new run's, and what the earlier one left goes out of sight.
@@ -194,14 +194,19 @@ class _Chain:
             entry.pop("key", None)
         elif code and not outcome.exit_code:
             outcome.exit_code, outcome.reason = code, reason
-        if outcome.exit_code:
+        if outcome.exit_code or self._lacks_what_it_reads(name):
             entry.pop("key", None)
-            if name not in ALWAYS:
-                for later in self.order:  # what follows is made of what is there: only of what is sound
-                    if not self.outputs.intact(f"work/{later}"):
-                        self._drop(later)
-                self._write_stopped(outcome.exit_code, outcome.reason, name)
+        if outcome.exit_code and name not in ALWAYS:
+            for later in self.order:  # what follows is made of what is there: only of what is sound
+                if not self.outputs.intact(f"work/{later}"):
+                    self._drop(later)
+            self._write_stopped(outcome.exit_code, outcome.reason, name)
         return True
+
+    def _lacks_what_it_reads(self, name: str) -> bool:
+        """Whether a stage had to do without what another one makes, and is to be made again once that is there."""
+        made = (self.outcome.stages.get(read) for read in self.stages[name].READS)
+        return any(entry is not None and "key" not in entry for entry in made)
 
     def _begin(self) -> None:
         """From here on the folder is this run's: what an earlier one left, and is not of it, goes out of sight."""

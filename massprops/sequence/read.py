@@ -44,7 +44,7 @@ def read_sequence(folder: str | Path) -> Sequence:
     if (folder / "sequence").is_dir() and not (folder / "tracks0").is_dir():
         folder = folder / "sequence"
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such sequence folder")
+        raise InputError(f"{folder}: no such folder; give a sequence folder or a run folder")
     warnings: list[str] = []
     cameras = {i: _camera(folder / f"cam{i}", warnings) for i in (0, 1) if _there(folder / f"cam{i}" / "sensor.yaml")}
     sequence = Sequence(
@@ -75,7 +75,7 @@ def _there(path: Path) -> bool:
         if place.is_symlink() and not place.exists():
             raise InputError(f"{place}: a link that leads nowhere: mend it, or remove it")
     if path.exists():
-        raise InputError(f"{path}: is no regular file: give a file, or remove it")
+        raise InputError(f"{path}: is a folder, pipe or device: put a file in its place, or remove it")
     return False
 
 
@@ -90,9 +90,11 @@ def _camera(folder: Path, warnings: list[str]) -> Camera:
     pose = document.T_BS if document.T_BS is not None else np.eye(4)
     turn = pose[:3, :3]
     if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) or np.linalg.det(turn) < 0:
-        raise InputError(f"{path}: T_BS does not hold a rotation")
+        raise InputError(
+            f"{path}: the left three columns of T_BS are no rotation: give the sensor's axes as a rotation matrix"
+        )
     if not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-3):
-        raise InputError(f"{path}: the last row of T_BS is not 0, 0, 0, 1")
+        raise InputError(f"{path}: the last row of T_BS must be 0, 0, 0, 1")
     size = document.resolution if document.resolution is not None else np.maximum(2 * intrinsics[2:], 1.0)
     return Camera(
         resolution=(int(size[0]), int(size[1])),

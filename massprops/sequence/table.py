@@ -56,7 +56,10 @@ def read_table(path: Path, table: Table) -> Rows:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     if path.stat().st_size > LARGEST_FILE:
-        raise InputError(f"{path}: {path.stat().st_size / 1e9:.1f} GB is too large for a sequence table")
+        raise InputError(
+            f"{path}: {path.stat().st_size / 1e9:.1f} GB is too large for a sequence table, of which at most "
+            f"{LARGEST_FILE / 1e9:.1f} GB are read: cut the record"
+        )
     try:
         with path.open(encoding="utf-8-sig", errors="replace", newline=None) as file:
             return _read(path, table, enumerate(_lines(path, file), 1))
@@ -67,7 +70,7 @@ def read_table(path: Path, table: Table) -> Rows:
 def _lines(path: Path, file: Iterator[str]) -> Iterator[str]:
     for line in file:
         if len(line) > LONGEST_LINE:
-            raise InputError(f"{path}: a line of more than {LONGEST_LINE} characters: not a table")
+            raise InputError(f"{path}: a line of more than {LONGEST_LINE} characters, so no table: save it as CSV")
         if "\0" in line:
             raise InputError(f"{path}: not plain text (UTF-16 or binary): save it as CSV in UTF-8")
         yield line.strip()

@@ -37,9 +37,11 @@ def check_lengths(folder: Path) -> None:
                 if walk(data) > len(data):
                     raise ValueError
         except (ValueError, struct.error, OverflowError):
-            raise InputError(f"{path}: damaged, it announces more than it holds; export the model again") from None
+            raise InputError(
+                f"{path}: damaged: it holds less than its own counts say; export the model again"
+            ) from None
         except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+            raise InputError(f"{path}: cannot be read ({error.strerror}); export the model again") from None
 
 
 def write_model(model: Any, folder: Path) -> None:

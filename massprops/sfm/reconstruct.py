@@ -312,7 +312,10 @@ def _remarks(sizes: tuple[tuple[int, int], ...], registered: int, used: int, tur
     out = []
     if len(sizes) > 1:
         rest = ", ".join(str(n) for n, _ in sizes[1:])
-        out.append(f"the images fell into {len(sizes)} models; the largest has {registered} images, the others {rest}")
+        out.append(
+            f"the images fell into {len(sizes)} models that do not connect: the largest, of {registered} images, is used, "
+            f"and not the others ({rest}); more overlap between neighbouring images would connect them"
+        )
     if registered < 0.5 * used:
         out.append(f"only {registered} of {used} images could be placed; sides seen in the others are missing")
     if turned < 60:

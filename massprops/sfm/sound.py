@@ -165,9 +165,15 @@ def require_sound(found: Sound, moving: str = "the camera moves around the objec
             f"the images show no parallax: the rays to {found.parallel} points are parallel, so no shape follows from "
             f"them; make sure that {moving}, and not only pans or zooms"
         )
+    # a model that was thinned out before may have no images left to count
+    which = (
+        f"only {left} of {total} images hold together: the others"
+        if total >= 3
+        else "no three images hold together: they"
+    )
     raise NotPossible(
-        f"only {left} of {total} images hold together: the others share too few points that three images show; give "
-        "more images with more overlap (under 15 degrees between neighbours)"
+        f"{which} share too few points that three images show; give more images with more overlap (under 15 degrees "
+        "between neighbours)"
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.documents.fields import no_key
 from massprops.dynamics.surroundings import Surroundings
 from massprops.effects import effects
 from massprops.errors import InputError
@@ -29,24 +30,26 @@ def asked_for(
     for text in s.effects:
         name, _, size = text.partition(":")
         if name not in known:
-            raise InputError(f"effect {name!r} is not known; there are {', '.join(known)}")
+            raise InputError(f"{no_key(name, known, 'effect')}; 'massprops effects' lists them")
         missing = lacks(known[name], there)
         if missing:
-            raise InputError(f"effect {name} {missing}, which this scenario has not")
+            raise InputError(
+                f"effect {name} {missing}, which this scenario does not have: add it, or leave the effect out"
+            )
         sizes[name], moves[name] = None, 6.0
         try:
             if "=" in size:
                 given = {k.strip(): float(v) for k, v in (part.split("=") for part in size.split(","))}
                 names = [q.name for q in known[name].PARAMETERS]
                 if set(given) - set(names):
-                    raise InputError(f"effect {text}: parameters of {name} are {', '.join(names)}")
+                    raise InputError(f"effect {text}: no such parameter; {name} has {', '.join(names)}")
                 sizes[name] = np.array([given.get(n, 0.0) for n in names])
             elif size:
                 moves[name] = float(size)
         except ValueError:
             raise InputError(f"effect {text}: give NAME:PIXELS or NAME:parameter=value,...") from None
         if not 0 < moves[name] <= 1000:
-            raise InputError(f"effect {text}: give pixels above 0, at most 1000")
+            raise InputError(f"effect {text}: give a number of pixels above 0 and at most 1000")
     return sizes, moves
 
 

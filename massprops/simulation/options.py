@@ -46,7 +46,7 @@ def changes(asked: Mapping[str, Any], tracks: bool, mark: str = "") -> dict[str,
     of_tracks = {field: asked[name] for name, field in OF_TRACKS.items() if asked[name] is not None}
     if of_tracks and not tracks:
         *most, last = (mark + name for name in OF_TRACKS)
-        raise InputError(f"{', '.join(most)} and {last} are for the scenario 'tracks'")
+        raise InputError(f"{', '.join(most)} and {last} are for the scenario 'tracks' alone: leave them out")
     given = {field: asked[name] for name, field in OF_SCENARIO.items()}
     return given | of_tracks | {"effects": _several(asked["effects"])}
 

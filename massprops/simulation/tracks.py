@@ -146,7 +146,9 @@ def _inertia(s: TrackScenario, rng: np.random.Generator) -> tuple[np.ndarray, np
     else:
         moments = np.sort(np.array(s.moments, float))
         if not (moments[0] > 0 and moments[0] + moments[1] > moments[2]):
-            raise InputError(f"moments {s.moments}: break the triangle inequality")
+            raise InputError(
+                f"moments {s.moments} break the triangle inequality: give three above 0 of which any two exceed the third"
+            )
     axes = rotation_matrix(normalise(rng.standard_normal(4)))
     inertia = (axes * (3.0 * moments / moments.sum())) @ axes.T
     return inertia_of(0.5 * np.trace(inertia) * np.eye(3) - inertia), axes

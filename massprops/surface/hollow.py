@@ -217,6 +217,29 @@ def _reached(loose: np.ndarray, solid: np.ndarray, open_below: np.ndarray) -> np
     return np.isin(piece, first[first > 0])
 
 
+def water_held(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray, spacing: float) -> float:
+    """Volume of the water that stands in a body's upper side.
+
+    Args:
+        vertices: (v, 3); faces: (f, 3), closed and wound outward.
+        support: (4,) the plane it stands on, its normal towards the body.
+        spacing: of the vertices: pools nowhere deeper than `RESOLVED` of it are roughness.
+    """
+    grid, local = grid_of(vertices, support)
+    cell, height, _ = columns_of(grid, local, faces)
+    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
+    count = np.diff(np.append(start, len(cell)))
+    ground = _ground(grid, cell, height, start, count)
+    return float(_water(ground, RESOLVED * spacing)[0].sum() * np.prod(grid.step[:2]))
+
+
+def _ground(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """(a, b) height of the upper side over the plane, 0 beside the body; columns as for `_vessel`."""
+    ground = np.zeros(tuple(int(n) for n in grid.shape[:2]))
+    ground.ravel()[cell[start]] = np.maximum(height[start + count - 1], 0.0)
+    return ground
+
+
 def _vessel(
     grid: _Grid,
     cell: np.ndarray,
@@ -233,8 +256,7 @@ def _vessel(
         least: depth that a pool must have somewhere.
     """
     shape = tuple(int(n) for n in grid.shape[:2])
-    ground, there = np.zeros(shape), np.zeros(shape, bool)
-    ground.ravel()[cell[start]] = np.maximum(height[start + count - 1], 0.0)
+    ground, there = _ground(grid, cell, height, start, count), np.zeros(shape, bool)
     there.ravel()[cell[start]] = True
     depth, deepest = _water(ground, max(least, 1e-6 * float(ground.max(initial=1.0))))
     thick = np.zeros(shape)

@@ -43,8 +43,12 @@ def surface_of_outlines(
     Raises:
         NotPossible: too few silhouettes, or no body common to them.
     """
-    if sum(bool((m == 255).any()) for m in masks) < LEAST_VIEWS:
-        raise NotPossible(f"surface: fewer than {LEAST_VIEWS} silhouettes, too few for a shape from outlines alone")
+    seen = sum(bool((m == 255).any()) for m in masks)
+    if seen < LEAST_VIEWS:
+        raise NotPossible(
+            f"next to nothing of the surface was measured, and {seen} silhouettes are too few for a shape from outlines "
+            f"alone ({LEAST_VIEWS} are needed): give more images with more overlap (under 15 degrees between neighbours)"
+        )
     views, masks = with_margins(views, masks)
     hull = consistent(make_hull(views, masks, middle[None], support=support), views, masks, middle, radius)
     progress(1, 3, "hull")
@@ -105,7 +109,7 @@ def _uncovered(hull: Hull, views: Views, masks: list[np.ndarray], middle: np.nda
     """Share of the silhouettes' pixels, mean over the views, that no part of the hull lies behind."""
     import cv2
 
-    grid, step = _grid(middle, radius, STEPS)
+    grid, step = grid_about(middle, radius, STEPS)
     inside = grid.reshape(-1, 3)[hull.value(grid.reshape(-1, 3)) < 0.5 * step / hull.pixel]
     share = []
     for i, mask in enumerate(masks):
@@ -122,7 +126,7 @@ def _uncovered(hull: Hull, views: Views, masks: list[np.ndarray], middle: np.nda
     return float(np.mean(share))
 
 
-def _grid(middle: np.ndarray, radius: float, steps: int) -> tuple[np.ndarray, float]:
+def grid_about(middle: np.ndarray, radius: float, steps: int) -> tuple[np.ndarray, float]:
     """(steps, steps, steps, 3) points of a cube about the ball, and their distance."""
     flat = np.linspace(-radius, radius, steps)
     return middle + np.stack(np.meshgrid(flat, flat, flat, indexing="ij"), axis=-1), float(flat[1] - flat[0])
@@ -166,7 +170,7 @@ def body_of_hull(hull: Hull, middle: np.ndarray, radius: float) -> HullBody:
 def _value(hull: Hull, middle: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
     """The hull's value on a fine grid (g, g, g), exact near the hull and that of a neighbour elsewhere, and the grid's
     step: a pixel, if that is not too many."""
-    coarse, wide = _grid(middle, radius, STEPS)
+    coarse, wide = grid_about(middle, radius, STEPS)
     value = hull.value(coarse.reshape(-1, 3)).reshape(coarse.shape[:3])
     finer = int(np.clip(np.ceil(wide / hull.pixel), 1, FINER))
     steps = finer * (STEPS - 1) + 1

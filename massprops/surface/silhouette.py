@@ -21,6 +21,10 @@ STEP = 4.0
 """Distances to the outline are kept as int8 in quarters of a pixel."""
 
 
+FEWEST_AGREE, MARGIN = 3, 2
+"""How many views must agree at least that a point is empty, and by how many more than contradict a measured point."""
+
+
 @dataclass(frozen=True)
 class Hull:
     """Signed distances to every silhouette's outline.
@@ -42,6 +46,12 @@ class Hull:
     pixel: float
     support: np.ndarray | None = None
 
+    @property
+    def contradicting(self) -> float:
+        """Share of the views that show sky where the body was measured, of all but the worst hundredth of its points; 0
+        where no more do than one silhouette in error explains."""
+        return 0.0 if self.need <= FEWEST_AGREE else (self.need - MARGIN) / len(self.maps)
+
     def value(self, xyz: np.ndarray) -> np.ndarray:
         """(m,) the `need`-th largest distance to an outline [px]: positive where the hull is not.
 
@@ -52,12 +62,12 @@ class Hull:
             return value
         return np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
 
-    def sparing(self, measured: np.ndarray, least: int = 3) -> Hull:
-        """The same with the smallest `need`, at least `least`, that spares 99 % of the measured points (m, 3) by two
-        views."""
+    def sparing(self, measured: np.ndarray, least: int = FEWEST_AGREE) -> Hull:
+        """The same with the smallest `need`, at least `least`, that spares 99 % of the measured points (m, 3) by
+        `MARGIN` views."""
         sample = np.ascontiguousarray(measured[:: max(1, len(measured) // 4000)])
         false = _votes(sample, self.maps, self.size, self.P, 1.5)
-        return replace(self, need=max(least, int(np.quantile(false, 0.99)) + 2))
+        return replace(self, need=max(least, int(np.quantile(false, 0.99)) + MARGIN))
 
 
 def make_hull(

@@ -56,6 +56,17 @@ def test_no_name_is_a_function_or_a_module_depending_on_what_was_imported() -> N
     assert isinstance(massprops.mass, ModuleType)
 
 
+def test_a_run_opens_again(tmp_path: Path) -> None:
+    import trimesh
+
+    made = massprops.mass_properties(trimesh.creation.box((1, 2, 3)), tmp_path / "run", density=2.0)
+    again = massprops.open_run(str(tmp_path / "run"))
+    assert again.volume == made.volume and again.exit_code == 0 and again.reason == "" and again.mesh.is_volume
+    assert "volume 6 m^3" in repr(again) and "<table>" in again._repr_html_()
+    with pytest.raises(massprops.InputError, match="no run in this folder; give one"):
+        massprops.open_run(tmp_path)
+
+
 def test_importing_the_package_loads_nothing_heavy() -> None:
     heavy = ("numpy", "scipy", "cv2", "pycolmap", "open3d", "numba", "trimesh", "yaml", "rich", "typer")
     code = f"import sys, massprops; print([m for m in {heavy!r} if m in sys.modules])"

@@ -61,6 +61,12 @@ class Cluster:
         with Client(self.address, set_as_default=False) as client:
             client.wait_for_workers(count, timeout=60)
 
+    def wait_until_all_work(self) -> None:
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            until(lambda: all(client.processing().values()), "work for every worker")
+
     def close(self) -> None:
         for process in (*self.workers, self.scheduler):
             process.kill()
@@ -253,7 +259,9 @@ def test_a_scheduler_that_ends_or_is_too_slow_while_it_is(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("distributed.Client", Client)
     monkeypatch.setattr(backend, "_check_scheduler", lambda address: None)
-    with pytest.raises(NotPossible, match=r"went away \(.+\): finished runs are kept; the same command continues"):
+    with pytest.raises(
+        NotPossible, match=r"went away \(.+\): start it and give the same command again; finished runs are kept"
+    ):
         backend.Cluster("tcp://127.0.0.1:1")
 
 
@@ -293,6 +301,7 @@ def test_results_on_a_worker_that_can_no_longer_be_reached_are_made_elsewhere(
     thread = threading.Thread(target=run_campaign, args=(plan, out), kwargs={"scheduler": cluster.address})
     thread.start()
     until(lambda: len(stored(out)) == 8, "the runs before the gate")
+    cluster.wait_until_all_work()
     deaf.send_signal(signal.SIGUSR1)  # both workers wait at the gate, and their results will
     gate.touch()
     thread.join(120)

@@ -191,6 +191,25 @@ def test_a_plate_with_a_handle_of_its_own_colour_is_one_thing() -> None:
     assert found.readings == [] and found.split.member[(on_stand(BLUE).rgb == BLUE).all(1)].mean() > 0.7
 
 
+def on_plate(colour: tuple[int, int, int] = RED) -> Scene:
+    """A box of some colour on a blue plate that turns: nothing is measured of the room, and the plate's rim is seen."""
+    points = on_stand(colour)
+    seen = np.flatnonzero(((points.rgb == BLUE) | (points.rgb == RED)).all(1) & (points.normal[:, 2] > -0.5))
+    return replace(points, xyz=points.xyz[seen], normal=points.normal[seen], rgb=points.rgb[seen])
+
+
+def test_a_plate_that_turns_carries_what_is_on_it_though_its_rim_lies_below() -> None:
+    """As a glossy figure on a printed turntable, measured with the plate and twice as large."""
+    points = on_plate()
+    whole = find_object(points)
+    assert whole.split.plane is None and whole.split.member.mean() > 0.9, "the rim lies below: this is no support"
+    found = find_object(points, turning=True)
+    assert share(found, points, RED) > 0.85 and share(found, points, BLUE) < 0.02
+    assert found.readings == [] and found.split.plane is not None and abs(found.split.plane[3] + 0.08) < 0.01
+    assert find_object(points, keep_support=True, turning=True).split.plane is None
+    assert find_object(on_plate(BLUE), turning=True).split.plane is None, "a flange with its boss is one thing"
+
+
 def test_a_box_is_no_stand_of_itself() -> None:
     rng = np.random.default_rng(5)
     own = box(rng, 8000, np.array([0.15, 0.1, 0.12]), np.array([0, 0, 0.12]))

@@ -162,7 +162,7 @@ def test_bad_masks(tmp_path: Path, capfd: pytest.CaptureFixture[str], case: str)
 def test_several_objects(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     both = [np.maximum(view(7.0 * i, 1, (30, 60), 20), view(-9.0 * i, 2, (130, 60), 20)) for i in range(8)]
     said = massprops(capfd, "reconstruct", folder(tmp_path / "f", both), "-o", tmp_path / "run", "-q")
-    assert_one_line(said, 2, "several objects in view", "crop to one")
+    assert_one_line(said, 2, "several objects are in view", "crop to one")
 
 
 OPTIONS = {

@@ -227,4 +227,4 @@ def test_crosscheck_without_a_sequence(tmp_path: Path, capfd: pytest.CaptureFixt
     run = made_run(tmp_path / "run")
     assert_one_line(massprops(capfd, "crosscheck", run, "-q"), 2, "no sequence/ in this run", "--sequence")
     said = massprops(capfd, "crosscheck", run, "-q", "--sequence", tmp_path / "nowhere")
-    assert_one_line(said, 2, "no such sequence folder")
+    assert_one_line(said, 2, "give a sequence folder or a run folder")

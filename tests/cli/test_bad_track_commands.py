@@ -90,7 +90,7 @@ CASES: dict[str, tuple[Callable[[Path], object], int, str]] = {
     "nan pixels": (lambda s: edit_rows(s, every(9, replaced(3, "nan"))), LEFT_OUT, "left out"),
     "infinite pixels": (lambda s: edit_rows(s, every(9, replaced(4, "inf"))), LEFT_OUT, "left out"),
     "pixels far away": (lambda s: edit_rows(s, every(9, replaced(4, "1e30"))), LEFT_OUT, "left out"),
-    "a feature seen once": (lambda s: edit_rows(s, seen_once), LEFT_OUT, "1 features seen fewer than three times"),
+    "a feature seen once": (lambda s: edit_rows(s, seen_once), LEFT_OUT, "1 features were seen fewer than three times"),
     "two features": (lambda s: edit_rows(s, lambda rows: [r for r in rows if r[2] in "02"]), 3, "three features"),
     "collinear": (lambda s: edit_rows(s, collinear), 3, "off a line"),
     "no baseline": (lambda s: shutil.copy(s / "cam0/sensor.yaml", s / "cam1/sensor.yaml"), 2, "baseline"),

@@ -9,7 +9,8 @@
                 what a power cut would take
    SHIM_TRACE   file that says what every change was: "N VERB PATH"
 
-   A process that is forked from one that had none of these calls shim_begin() once it has set them. */
+   A process that is forked from one that had none of these calls shim_begin() once it has set them, and shim_end() where
+   its changes are to be neither counted nor made to fail from then on. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -46,6 +47,8 @@ __attribute__((constructor)) void shim_begin(void) {
   if (getenv("SHIM_TRACE")) trace_fd = open(getenv("SHIM_TRACE"), O_WRONLY | O_APPEND | O_CLOEXEC);
   counter = p;
 }
+
+void shim_end(void) { counter = NULL; }
 
 static void note(char what, int fd) {
   struct stat st;

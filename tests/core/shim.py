@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -76,19 +77,28 @@ class Faulty:
         place = str(folder.resolve())
         return sorted((int(n), verb, os.path.relpath(path, place)) for n, verb, path in rows)
 
-    def cut_power(self, folder: Path) -> list[str]:
+    def loose(self, folder: Path) -> list[str]:
+        """The files below a folder that the last command wrote and did not bring to the disk."""
+        inodes: set[int] = set()
+        for line in self.log.read_text().splitlines():
+            what, inode = line.split()
+            (inodes.add if what == "w" else inodes.discard)(int(inode))
+        files = (p for p in sorted(folder.rglob("*")) if p.is_file() and p.stat().st_ino in inodes)
+        return [str(p.relative_to(folder)) for p in files]
+
+    def cut_power(self, folder: Path, earlier: Sequence[str] = ()) -> list[str]:
         """Takes the data of every file that the last command did not bring to the disk, as a power cut may.
 
         The names stay: a file system may write a rename before the data of the file that is renamed.
 
+        Args:
+            folder: where the command wrote.
+            earlier: files that earlier commands left loose; those that are still there go, too.
+
         Returns:
             the files that are empty now.
         """
-        loose: set[int] = set()
-        for line in self.log.read_text().splitlines():
-            what, inode = line.split()
-            (loose.add if what == "w" else loose.discard)(int(inode))
-        lost = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.stat().st_ino in loose]
-        for path in lost:
-            os.truncate(path, 0)
-        return [str(p.relative_to(folder)) for p in lost]
+        lost = sorted({*self.loose(folder), *(name for name in earlier if (folder / name).is_file())})
+        for name in lost:
+            os.truncate(folder / name, 0)
+        return lost

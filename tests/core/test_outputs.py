@@ -117,6 +117,12 @@ def test_only_regular_files_are_written_and_no_link_is_followed(tmp_path: Path) 
     assert stat.S_ISFIFO((folder / "pipe").lstat().st_mode)
 
 
+def test_a_name_that_no_disk_takes_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="over 255 bytes"), claim(tmp_path / "out", "c", [f"a/{'ä' * 130}"]):
+        pass
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("name", ["../x", "a/../../x", "/x", "", ".massprops/x", ".massprops/../../x"])
 def test_no_name_leads_out_of_the_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="leads outside this folder"), claim(tmp_path / "out", "c", [name]):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 
+from massprops.consistency import fusion
 from massprops.consistency.fusion import Draws, fuse, inertia_from, measured, ten_numbers
 from massprops.consistency.mesh_side import MeshSide
 from massprops.mass.integrals import central_inertia, mesh_integrals, offset_response
@@ -97,6 +99,19 @@ def test_the_more_they_differ_the_more_the_mesh_gives_way_and_the_wider_is_the_i
         share.append((fused["inertia_ratios"]["k1"] - found.k1) / (step * sigma[0]))
         width.append(np.ptp(fused["interval_90"]["k1"]))
     assert share[1] > share[0] and width[1] > 1.3 * width[0]
+
+
+def test_a_faint_motion_moves_a_mesh_little_and_leaves_its_interval_wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimate believes meshes to be better than they state, and its interval does not."""
+    found, draws, side, _, _ = drawn_body(2)
+    own, sigma = log_components(found.inertia, side.axes), np.sqrt(np.diag(side.covariance))
+    motion = measured(own + sigma, np.diag((0.5 * sigma) ** 2))
+    as_measured = fuse(draws, side, motion)
+    monkeypatch.setattr(fusion, "SHAPE_PRIOR", fusion.SHAPE_AS_STATED)
+    as_stated = fuse(draws, side, motion)
+    shifts = [f["inertia_ratios"]["k1"] - found.k1 for f in (as_measured, as_stated)]
+    widths = [float(np.ptp(f["interval_90"]["k1"])) for f in (as_measured, as_stated)]
+    assert 0 < shifts[0] < 0.7 * shifts[1] and abs(widths[0] / widths[1] - 1) < 0.05
 
 
 def test_bodies_that_no_replicate_was_made_for() -> None:

@@ -48,10 +48,13 @@ def test_the_files_are_there_and_say_the_same(damped) -> None:
     gap = document["gap"]
     assert gap["noise_floor"] == 1.0 and gap["held_out"]["after"] < gap["held_out"]["before"]
     assert load_model(out / "model.yaml").names[0] == document["effects"][0]["name"]
+    names = [c["name"] for c in document["candidates"]]
+    assert len(names) == len(set(names)), "an effect fitted from two starts is listed once"
     head, first = (out / "residual.csv").read_text().splitlines()[:2]
     assert head.startswith("#timestamp [ns],channel") and first.split(",")[1] == "tracks"
     page = (out / "report.html").read_text()
-    assert "viscous-damping" in page and "<svg" in page and "http" not in page.split("<body")[1].split("www.w3.org")[0]
+    assert f"<b>{document['verdict']}: viscous-damping" in page and "tracks held out, rms" in page and "s⁻¹" in page
+    assert "<svg" in page and "http" not in page.split("<body")[1].split("www.w3.org")[0]
 
 
 @needs_browser

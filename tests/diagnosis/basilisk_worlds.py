@@ -25,7 +25,7 @@ def _nanoseconds(seconds: float) -> int:
 
 
 def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and attitudes (n, 4), body to inertial, of a body with some of `KINDS` or `STRANGERS`, joined by +, acting."""
+    """Times (n,) and attitudes (n, 4), body to inertial, of a body with some of `KINDS`, `SWINGING` or `STRANGERS`, joined by +, acting."""
     from Basilisk.simulation import spacecraft
     from Basilisk.utilities import SimulationBaseClass
 
@@ -49,7 +49,7 @@ def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> 
     hub.hub.sigma_BNInit = [[v] for v in sigma]
     hub.hub.omega_BN_BInit = [[v] for v in w]
     world.AddModelToTask("t", hub)
-    kept = [{**KINDS, **STRANGERS}[k](world, hub, rng, inertia, w) for k in kind.split("+")]
+    kept = [{**KINDS, **STRANGERS, **SWINGING}[k](world, hub, rng, inertia, w) for k in kind.split("+")]
     recorder = hub.scStateOutMsg.recorder(_nanoseconds(period))
     world.AddModelToTask("t", recorder)
     world.InitializeSimulation()
@@ -219,6 +219,51 @@ def _unsteady(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarra
     return _steered(hub, world, lambda t, R: size * np.sin(rate * t + phase).sum(axis=1))
 
 
+def _direction(rng: np.random.Generator) -> np.ndarray:
+    x = rng.standard_normal(3)
+    return np.asarray(x / np.linalg.norm(x))
+
+
+def _panel(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """A thin panel on a hinge with a spring and a damper, bent a little at the start."""
+    from Basilisk.simulation import hingedRigidBodyStateEffector
+
+    panel = hingedRigidBodyStateEffector.HingedRigidBodyStateEffector()
+    mass, half, across = rng.uniform(1.5, 3.0), rng.uniform(0.5, 0.8), rng.uniform(0.5, 1.0)
+    frequency, ratio = np.linalg.norm(w) * rng.uniform(2.0, 6.0), rng.uniform(0.02, 0.2)
+    panel.mass, panel.d = mass, half
+    # thin: its second moment across its plane is nothing
+    moments = mass / 3.0 * np.array([across**2, half**2, across**2 + half**2])
+    panel.IPntS_S = np.diag(moments).tolist()
+    about_hinge = moments[1] + mass * half**2
+    panel.k, panel.c = about_hinge * frequency**2, 2.0 * ratio * about_hinge * frequency
+    panel.r_HB_B = [[v] for v in 0.4 * _direction(rng)]
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    panel.dcm_HB = (turn * np.sign(np.linalg.det(turn))).tolist()
+    panel.thetaInit = rng.uniform(-0.05, 0.05)
+    hub.addStateEffector(panel)
+    world.AddModelToTask("t", panel)
+    return {"kept": panel}
+
+
+def _slosh(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """Fuel that sloshes, as a mass on a line with a spring and a damper."""
+    from Basilisk.simulation import linearSpringMassDamper
+
+    fuel = linearSpringMassDamper.LinearSpringMassDamper()
+    mass, frequency = rng.uniform(1.5, 4.0), np.linalg.norm(w) * rng.uniform(1.3, 4.0)
+    fuel.massInit, fuel.k = mass, mass * frequency**2
+    fuel.c = 2.0 * rng.uniform(0.02, 0.3) * mass * frequency
+    fuel.r_PB_B = [[v] for v in rng.uniform(0.3, 0.8) * _direction(rng)]
+    fuel.pHat_B = [[v] for v in _direction(rng)]
+    fuel.rhoInit, fuel.rhoDotInit = rng.uniform(-0.02, 0.02), 0.0
+    hub.addStateEffector(fuel)
+    world.AddModelToTask("t", fuel)
+    return {"kept": fuel}
+
+
+SWINGING: dict[str, Callable[..., dict]] = {"panel": _panel, "slosh": _slosh}
+"""What the catalogue calls spring-mass-damper."""
 STRANGERS: dict[str, Callable[..., dict]] = {"jet-in-sunlight": _jet_in_sunlight, "unsteady": _unsteady}
 """What no effect of the catalogue is."""
 KINDS: dict[str, Callable[..., dict]] = {

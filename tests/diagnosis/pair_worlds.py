@@ -172,6 +172,36 @@ def _boom(rng: np.random.Generator, world: World) -> Acting:
     )  # fmt: skip
 
 
+def sliding(rng: np.random.Generator, world: World) -> tuple[Acting, dict[str, np.ndarray]]:
+    """A mass on a rail with a spring and a damper, and the parameters of `spring-mass-damper` that it is."""
+    way, at, kilos = _way(rng), rng.uniform(0.3, 0.8) * _way(rng), rng.uniform(1.0, 3.0)
+    frequency, ratio = np.linalg.norm(world.rate) * rng.uniform(1.2, 6.0), rng.uniform(0.02, 0.5)
+    stiff, damping = kilos * frequency**2, 2.0 * ratio * frequency * kilos
+    x, y, z = at
+    inside = (
+        f'<body pos="{x} {y} {z}"><joint type="slide" axis="{way[0]} {way[1]} {way[2]}" stiffness="{stiff}" damping="{damping}"/>'
+        f'<inertial pos="0 0 0" mass="{kilos}" diaginertia="0.01 0.01 0.01"/></body>'
+    )
+    reduced = kilos * MASS_KG / (kilos + MASS_KG)
+    inertia = world.inertia + reduced * (at @ at * np.eye(3) - np.outer(at, at)) + 0.01 * np.eye(3)
+    truth = {
+        "inertia": 3.0 * inertia / np.trace(inertia),
+        "arm": np.sqrt(3.0 * reduced / np.trace(inertia)) * at,
+        "along": way,
+        "frequency": np.sqrt(stiff / reduced),
+        "damping": damping / reduced,
+    }
+    return Acting(inside=inside, speeds=(0.0,)), truth
+
+
+def slid(seed: int) -> tuple[Sequence, World, dict[str, np.ndarray]]:
+    """The record of a body with a sliding mass, and what it is."""
+    rng = np.random.default_rng([seed, 101])
+    world = _world(rng)
+    acting, truth = sliding(rng, world)
+    return _sequence(*moved(world, [acting]), world.sun, np.random.default_rng([seed, 102])), world, truth
+
+
 MUJOCO: dict[str, Callable[[np.random.Generator, World], Acting]] = {
     "constant-body-torque": _leak, "magnetic-dipole-torque": _dipole, "sunlight": _sunlight, "viscous-damping": _viscous,
     "drag-by-axis": _drag, "eddy-current-torque": _eddies, "gravity-gradient-torque": _gravity, "impulse": _firing,

@@ -65,7 +65,7 @@ def test_it_may_fail_for_some_parameters(problem: Problem, tmp_path: Path) -> No
 
 
 FAILS = {
-    "raises": ("    return", "    raise OSError('gone')\n    return", NotPossible, "fails at its own start: OSError: gone"),
+    "raises": ("    return", "    raise OSError('gone')\n    return", NotPossible, "fails with its own start values: OSError: gone"),
     "gives another shape": ("axis=1)}", "axis=1)[:3]}", NotPossible, "rates must be"),
     "gives what was not measured": (
         "    return", '    return {"attitude": np.ones((len(times), 4))}\n    return', InputError, "nothing that this sequence",

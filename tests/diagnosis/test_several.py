@@ -63,4 +63,4 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
     assert abs(document["k1"]["value"] - truth[0]) < 4 * document["k1"]["sigma"] + 0.01
     write_sequence(tmp_path / "long", Sequence(rates=tumble(rate=20.0, seconds=12.0)))
     assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "long"), "-q"]) == 2
-    assert "given together" in capsys.readouterr().err
+    assert "diagnose it by itself" in capsys.readouterr().err

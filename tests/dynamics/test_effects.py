@@ -23,7 +23,7 @@ from massprops.sequence.data import Environment, Orbit
 NAMES = {
     "gravity-gradient-torque", "constant-body-torque", "viscous-damping", "eddy-current-torque",
     "solar-radiation-torque", "magnetic-dipole-torque", "energy-dissipation", "internal-rotor", "impulse",
-    "inertia-change", "nonuniform-density", "drag-by-axis", "solar-pressure-on-facets", "lens-distortion", "focal-length-error", "baseline-error",
+    "inertia-change", "nonuniform-density", "drag-by-axis", "spring-mass-damper", "solar-pressure-on-facets", "lens-distortion", "focal-length-error", "baseline-error",
     "stereo-time-offset", "chaser-rotation-drift", "rolling-shutter", "range-bias",
 }  # fmt: skip
 AROUND = Surroundings(

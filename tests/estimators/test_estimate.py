@@ -167,7 +167,7 @@ def test_prior_axes_are_tied_by_common_features(two_methods: None, tmp_path: Pat
         ({"features": {"ids": [1, 1], "xyz": [[0, 0, 0], [1, 0, 0]]}}, "different"),
         ({"features": {"ids": [1, 2], "xyz": [[0, 0, 0]]}}, "for each of the 2 ids"),
         ({"frame": {"mark": [["a"]]}}, "mark"),
-        ({"format": "massprops/1"}, "export --to filter"),
+        ({"format": "massprops/1"}, "export RUN --to filter"),
     ],
 )
 def test_prior_that_no_body_has_is_one_clear_line(tmp_path: Path, changes: dict, said: str) -> None:

@@ -70,7 +70,7 @@ def test_size_and_correlation_count_together(problem: Problem) -> None:
     loud = judged(sound(residuals=white, innovation=5.0), problem)
     assert not loud.reliable and "2.2 times as large" in loud.because
     alike = judged(sound(residuals=slow, innovation=1.0), problem)
-    assert not alike.reliable and "stay alike over" in alike.because
+    assert not alike.reliable and "are correlated over" in alike.because
     assert judged(sound(residuals=slow, innovation=0.05), problem).reliable, "sigmas widened for it are as they should"
 
 

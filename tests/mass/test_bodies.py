@@ -58,7 +58,7 @@ def moved(scale: float = 1.0, shift: float = 0.0) -> trimesh.Trimesh:
     ("mesh", "says"),
     [
         (trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], process=False), "is flat"),
-        (moved(1e-9), "long: corners closer than 1e-8"),
+        (moved(1e-9), "less than 1e-06 long: corners closer than 1e-8"),
         (moved(1.0, 1e8), "from its origin"),
         (trimesh.Trimesh(1e15 * box().vertices, box().faces, process=False), "coordinates up to 5e+14"),
         (trimesh.util.concatenate([box(), box(inward=True)]), "encloses no volume|inside out"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprops.mass.confidence import Evidence, confidence
-from massprops.mass.integrals import mesh_integrals
+from massprops.mass.integrals import mesh_integrals, scale_integrals
 from massprops.mass.intervals import intervals, valid_bodies
 from massprops.mass.properties import properties_of_integrals
 
@@ -20,10 +20,14 @@ from massprops.mass.properties import properties_of_integrals
         (Evidence(0.03, 0.70, 0.0, 40, 40), "low", "70 % of the surface"),
         (Evidence(0.03, 0.05, 0.0, 40, 31), "medium", "9 of 40 images"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1), "medium", "1 other placement of"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1, unlike=1), "low", "another volume"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, joined=2), "high", "±3 %"),
         (Evidence(0.15, 0.41, 0.0, 48, 48, joined=2), "low", "may be hollow"),
         (Evidence(0.15, 0.41, 0.0, 48, 48), "medium", "±15 %"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, valid=0.3), "low", "not closed bodies"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, outside=0.2), "medium", "up to 20 % of the images"),
+        (Evidence(0.03, 0.05, 0.0, 40, 40, outside=0.35), "low", "cameras or the silhouettes are wrong"),
+        (Evidence(1.5, 0.05, 0.0, 40, 40), "low", "leave open how large the volume is"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, contradicted=0.07, contradicting="a and b"), "medium", "between a and b"),
         (Evidence(0.3, 0.7, 0.0, 40, 40, contradicted=0.23), "low", "23 % of what matches"),
         (Evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.92), "medium", "overlap by only 92 %"),
@@ -84,3 +88,16 @@ def test_where_many_replicates_collapse_the_body_may_be_as_small_as_you_like() -
     assert many["volume"][0] == 0.0 and [low for low, _ in many["principal_moments"]] == [0.0] * 3
     assert many["k1"][1] == many["k2"][1] == 0.0
     assert many["volume"][1] == few["volume"][1], "what did not collapse says how large it may be"
+    twice = scale_integrals(own, 2.0)
+    for given, rows in ((True, np.vstack([good, lost])), (False, np.vstack([good, lost[:4]]))):
+        within = intervals(rows, whole, twice)
+        held = [within["volume"][1], *(high for _, high in within["principal_moments"])]
+        largest = np.array([8 * whole.volume, *(32 * whole.principal_moments)])
+        assert np.allclose(held, largest) if given else np.all(held < 0.5 * largest), (
+            "no larger than its silhouettes allow"
+        )
+
+
+def test_a_hollow_that_another_placement_shows_is_said() -> None:
+    found = confidence(Evidence(0.03, 0, 0, 40, 40, unjoined=1, hollow_likely=0.5, hollow_elsewhere=True))
+    assert "another placement" in found["because"][-1] and "50 % less volume" in found["because"][-1]

@@ -40,8 +40,10 @@ def test_the_candidates_are_in_the_units_of_the_body():
     assert one["candidates"]["common"]["volume"] == pytest.approx(2.0)
     assert one["candidates"]["together"]["volume"] == pytest.approx(2.0 + 4 * 0.5 * 0.1 * 1.6)
     (said,) = sentences([one], whole, 60)
-    assert said.startswith("symmetric: 4-fold about the axis of I1: 12 of 60 images fit as well 90 degrees on")
-    assert "nothing but their matches places 3 of them" in said
+    assert said.startswith(
+        "symmetric: the body looks alike every 90 degrees about the axis of I1, so that 12 of 60 images would"
+    )
+    assert "for 3 of them nothing but their own matches" in said
     assert "between -4 and +12 %" in said
 
 

@@ -38,4 +38,8 @@ def test_two_runs_are_compared(tmp_path: Path) -> None:
     document["recommended"]["interval_90"]["volume"] = [1.4 * document["volume"], 1.6 * document["volume"]]
     (runs[1] / "massprops.json").write_text(json.dumps(document))
     page = write_runs(tmp_path, runs).read_text()
+    del document["recommended"]["interval_90"]["volume"]
+    (runs[1] / "massprops.json").write_text(json.dumps(document))
+    agree = write_runs(tmp_path, runs).read_text().split("<td>volume [m³]</td>")[1].split("</tr>")[0]
+    assert agree.endswith("<td class=n>no</td>"), "a value without an interval is held against the other's"
     assert "+50.00 %" in page and "+0.00 %" in page and ">no<" in page and ">yes<" in page

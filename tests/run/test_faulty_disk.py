@@ -16,7 +16,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +33,14 @@ from warm import Warm
 
 KINDS = ("ENOSPC", "EIO", "kill", "power")
 SAMPLES = int(os.environ.get("SAMPLES", "1"))
-"""Changes of a reconstruction from the beginning that fail, in each of the ways: most of 19 000 are those of a database."""
+"""Changes of a reconstruction from the beginning that fail, in each of the ways: most of some 3400 are those of a database."""
 EVERY = int(os.environ.get("EVERY", "1"))
 """Of a campaign and a diagnosis every so many changes fail: 1 in every way, more in one way after the other."""
-WAYS = int(os.environ.get("WAYS", str(len(KINDS))))
-"""In which each sort of change of a stage fails: fewer are taken in turn."""
-LONG = ("sfm", "surface")
-"""Stages that take longer than all others together: each sort of change fails once, in one way after the other."""
 STAGES = tuple(os.environ.get("STAGES", " ".join(ORDER)).split())
-"""Of a reconstruction, those that are struck or made again by themselves."""
+"""Of a reconstruction, those that are struck."""
 TIMES = re.compile(r"\d[\d.]*(?: ?µs| ?us| ?ms| ?s| ?MB)\b")
+SHOWN_TIMES = re.compile(rf"<td class=n>[\d.]+</td>|width:[\d.]+%|{TIMES.pattern}")
+"""As a report shows them: its table of stages, and bars beside."""
 
 Results = Callable[[Path], dict[str, Any]]
 
@@ -80,7 +78,7 @@ def of_run(out: Path) -> dict[str, Any]:
     for entry in crosscheck.get("estimators", []):
         entry.pop("cpu_us_per_step", None)
     found["crosscheck.json"] = crosscheck
-    found["report.html"] = "report.html" in found  # it tells the times, too
+    found["report.html"] = SHOWN_TIMES.sub("", found.get("report.html", b"").decode())
     return found
 
 
@@ -93,12 +91,13 @@ def one_fault(
     whole: dict[str, Any],
     results: Results,
     code: int = 0,
+    earlier: Sequence[str] = (),
 ) -> None:
-    """The command with its n-th change failing, then as it is."""
+    """The command with its n-th change failing, then as it is; a power cut takes the files named besides."""
     done = faulty(out, command, n, "kill" if kind == "power" else kind)
     where = f"change {n}, {kind}"
     if kind == "power":
-        faulty.cut_power(out)
+        faulty.cut_power(out, earlier)
     if done.returncode >= 0:  # a failure is told in one line after the warnings, or was made good
         assert done.returncode in (0, 2, 3), (where, done.stderr)
         assert "Traceback" not in done.stderr and "unexpected" not in done.stderr, (where, done.stderr)
@@ -193,64 +192,6 @@ def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def reconstruct(footage: Path, out: Path) -> list[str]:
     return ["reconstruct", str(footage), "-o", str(out), "-q", "--scale", "1", "--threads", "1"]
-
-
-def sort_of(verb: str, path: str, stage: str) -> tuple[str, str]:
-    """Changes of one sort are of one verb and of one kind of file; the runner's own files are alike in all stages."""
-    name = re.sub(r"\d+", "#", re.sub(r"[0-9a-f]{24,}", "HEX", re.sub(rf"\b{stage}\b", "STAGE", path)))
-    return verb, re.sub(r"(previous/)\S+", r"\1...", name)
-
-
-class Choice:
-    """Which changes fail, and in which ways: of each sort the first, the middle and the last, in every way.
-
-    What an earlier stage has shown is tried once more, in one way after the other.
-    """
-
-    def __init__(self) -> None:
-        self.seen: set[tuple[str, str]] = set()
-        self.turn = 0
-
-    def __call__(self, changes: list[tuple[int, str, str]], stage: str) -> list[tuple[int, str]]:
-        sorts: dict[tuple[str, str], list[int]] = {}
-        for n, verb, path in changes:
-            sorts.setdefault(sort_of(verb, path, stage), []).append(n)
-        chosen = []
-        for sort, numbers in sorts.items():
-            self.turn += 1
-            if sort in self.seen or stage in LONG:
-                chosen.append((numbers[self.turn * 7 % len(numbers)], KINDS[self.turn % len(KINDS)]))
-            else:
-                places = sorted({numbers[0], numbers[len(numbers) // 2], numbers[-1]})
-                for k, n in enumerate(places):
-                    chosen += [(n, KINDS[(self.turn + k + way) % len(KINDS)]) for way in range(WAYS)]
-        self.seen |= set(sorts)
-        return chosen
-
-
-@pytest.mark.bench
-def test_every_stage_of_a_reconstruction(tmp_path: Path, footage: Path) -> None:
-    """Each stage is made again by itself in a finished run, on a disk that fails at each sort of change."""
-    with quick_disk(tmp_path) as place:
-        base, out, choice = place / "base", place / "out", Choice()
-        with Warm(tmp_path / "shim", reconstruct(footage, base)) as warm:
-            code, whole = warm(base, reconstruct(footage, base)).returncode, of_run(base)
-            assert set(whole["run.yaml"]["stages"]) == set(ORDER)
-            for stage in STAGES:
-                shutil.copytree(base, out)
-                shutil.rmtree(out / "work" / stage)
-                warm(out, reconstruct(footage, out))
-                count, chosen = warm.count, choice(warm.changes(out), stage)
-                assert of_run(out) == whole, stage
-                shutil.rmtree(out)
-                for n, kind in chosen:
-                    shutil.copytree(base, out)
-                    shutil.rmtree(out / "work" / stage)
-                    one_fault(warm, out, reconstruct(footage, out), n, kind, whole, of_run, code)
-                    shutil.rmtree(out)
-                    print(f"{stage}: change {n} of {count}, {kind}", flush=True)
-                ways = ", ".join(f"{sum(k == kind for _, k in chosen)} {kind}" for kind in KINDS)
-                print(f"{stage}: {count} changes, {len(chosen)} faults ({ways})", flush=True)
 
 
 @pytest.mark.bench

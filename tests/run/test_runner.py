@@ -164,6 +164,29 @@ def test_a_run_stands_without_an_extra_stage_which_is_tried_again(run: Path, pac
     assert calls(run) == ["first", "crosscheck", "crosscheck"]
 
 
+def test_what_had_to_do_without_an_extra_stage_is_made_again_with_it(run: Path, tmp_path: Path, package: str) -> None:
+    """Three stages in a row: the page shows what the crosscheck left, and was kept without it."""
+    (tmp_path / package / "middle.py").write_text(
+        'READS, OPTIONS = ("crosscheck",), ()\ndef run(job):\n    return {}\n'
+    )
+    (tmp_path / package / "report.py").write_text(
+        'READS, OPTIONS = ("middle",), ()\ndef run(job):\n'
+        '    (job.run / "page").write_text(str((job.run / "work/crosscheck").exists()))\n    return {}\n'
+    )
+
+    def again() -> str:
+        order = ("first", "crosscheck", "middle", "report")
+        assert run_stages(run, ReconstructOptions(), {"a": "1"}, order=order, package=package).exit_code == 0
+        return (run / "page").read_text()
+
+    (run / "wrong").touch()
+    assert again() == "False"
+    (run / "wrong").unlink()
+    assert again() == "True"
+    (run / "page").write_text("kept")
+    assert again() == "kept"
+
+
 def test_a_changed_input_runs_everything_again(run: Path, package: str) -> None:
     go(run, package)
     run_stages(run, ReconstructOptions(), {"a": "2"}, order=ORDER, package=package)

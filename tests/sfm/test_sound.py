@@ -170,6 +170,7 @@ def test_only_what_is_degenerate_is_taken_out():
         (lambda v, p: (replace(v, K=v.K * [[[20.0], [20.0], [1.0]]]), p), "focal length .* bound.*--focal"),
         (lambda v, p: (replace(v, R=v.R[:1].repeat(8, 0), t=v.t[:1].repeat(8, 0)), p), "no parallax"),
         (lambda v, p: (v, p.observed(p.obs_view < 2)), "only 0 of 8 images hold together"),
+        (lambda v, p: (v.take(np.arange(0)), p.observed(p.obs_view < 0)), "^no three images hold together: they share"),
     ],
 )
 def test_the_footage_is_named_as_the_reason(spoil, said):

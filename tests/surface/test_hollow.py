@@ -7,7 +7,7 @@ import trimesh
 from massprops.mass.confidence import Evidence, confidence
 from massprops.mass.integrals import mesh_integrals
 from massprops.mass.intervals import valid_bodies
-from massprops.surface.hollow import hollowed, hollows, wall_thickness
+from massprops.surface.hollow import hollowed, hollows, wall_thickness, water_held
 
 TURN = trimesh.transformations.random_rotation_matrix(np.random.default_rng(0).random(3))[:3, :3]
 SHIFT = np.array([0.3, 2.0, -1.0])
@@ -56,6 +56,11 @@ def test_a_cup_keeps_the_wall_that_was_seen_from_both_sides():
     floor = np.pi * 0.9**2 * 0.4
     assert found.likely[0] == pytest.approx(floor, rel=0.15)
     assert volume - found.possible[0] > wall
+
+
+def test_water_stands_in_a_cup_and_not_on_a_drum():
+    held = [water_held(*turned_body(p)[:2], PLANE, EDGE / 16) for p in (CUP, DRUM)]
+    assert held[0] == pytest.approx(np.pi * 0.9**2 * 1.0, rel=0.05) and held[1] == 0
 
 
 def test_what_is_left_without_the_hollow_is_the_sheet():

@@ -10,7 +10,9 @@ import trimesh
 from surface.synthetic_dense import cameras, sphere_directions
 
 from massprops.geometry.rasterise import silhouette
+from massprops.mass.integrals import central_inertia, mesh_integrals
 from massprops.surface.error_modes import hidden_depth
+from massprops.surface.outer import outer_integrals
 from massprops.surface.outline_cloud import ball_of_outlines, consistent, surface_of_outlines, with_margins
 from massprops.surface.silhouette import make_hull
 from massprops.surface.spread import replicates
@@ -94,3 +96,28 @@ def test_a_body_near_the_edge_of_the_image_is_bounded() -> None:
     cut = masks[0].copy()
     cut[0, 10] = 255
     assert with_margins(views, [cut, *masks[1:]])[1][0][0, 0] == 128
+
+
+def test_no_body_is_larger_than_what_its_outlines_leave_room_for() -> None:
+    mesh = trimesh.creation.box((1.6, 1.0, 0.5))
+    mesh.apply_translation([0.2, -0.1, 0.1])
+    for n, most in ((6, 4.0), (60, 1.6)):
+        views, masks = outlines(mesh, n)
+        room = outer_integrals(make_hull(views, masks, np.zeros((1, 3))), np.asarray(mesh.vertices))
+        volume, _, inertia = central_inertia(room, 1.0)
+        own = central_inertia(mesh_integrals(np.asarray(mesh.vertices), np.asarray(mesh.faces)), 1.0)
+        assert own[0] <= volume < most * own[0]
+        assert np.all(np.linalg.eigvalsh(own[2]) <= np.linalg.eigvalsh(inertia))
+
+
+def test_a_hull_tells_how_many_views_contradict_what_was_measured() -> None:
+    mesh = trimesh.creation.box((2.2, 1.0, 0.5)).subdivide().subdivide().subdivide()
+    views, masks = outlines(mesh, 20)
+    points = np.asarray(mesh.vertices, float)
+    assert make_hull(views, masks, points).sparing(points).contradicting == 0.0
+    # a third of the cameras are 20 degrees off
+    R, t = views.R.copy(), views.t.copy()
+    turn = trimesh.transformations.rotation_matrix(np.radians(20), [0.3, 1.0, 0.2])[:3, :3]
+    R[::3] = R[::3] @ turn
+    moved = replace(views, R=R, t=t)
+    assert 0.2 < make_hull(moved, masks, points).sparing(points).contradicting <= 0.35

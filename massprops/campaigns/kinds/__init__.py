@@ -8,7 +8,8 @@ A file has
 `basis(plan)`: plain data the result depends on besides the configuration, for the hash;
 `runs(parameters, seeds, folder) -> rows`: one flat row per seed in order, `error` in a row that failed; `folder` is
 where a run may leave files, or None;
-`tables(plan, points)`: tables of its own, [] for none; `boxes(plan)`: columns to draw, None for all.
+`tables(plan, points)`: tables of its own, [] for none; `boxes(plan)`: columns to draw, None for all;
+`TITLES`, if it likes: columns in words, for the report.
 What is the same whatever is asked is written with `always`.
 """
 

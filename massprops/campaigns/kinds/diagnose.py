@@ -103,4 +103,10 @@ def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
     return [{"title": "What was named against what acted", "columns": columns, "rows": rows, "notes": [note]}]
 
 
+TITLES = {
+    "fitted_before": "residuals before, fitted data [noise]",
+    "fitted_after": "residuals after, fitted data [noise]",
+    "held_out_before": "residuals before, held-out data [noise]",
+    "held_out_after": "residuals after, held-out data [noise]",
+}
 boxes = always(["fitted_before", "fitted_after", "held_out_before", "held_out_after"])

@@ -204,4 +204,15 @@ def _root(values: np.ndarray) -> float | None:
     return float(np.sqrt(np.mean(np.sort(values**2)))) if len(values) else None
 
 
+TITLES = {
+    "k1_error": "error of k1",
+    "k2_error": "error of k2",
+    "sigma_k1": "stated 1-sigma of k1",
+    "sigma_k2": "stated 1-sigma of k2",
+    "nees_k": "NEES of k1 and k2 together (2 expected)",
+    "w_deg_s": "error of the angular velocity [deg/s]",
+    "attitude_deg": "error of the attitude [deg]",
+    "position_m": "error of the position [m]",
+    "innovation": "squared innovations over what they should be",
+}
 boxes = always(["k1_error", "k2_error", "nees_k", "w_deg_s", "attitude_deg", "position_m"])

@@ -10,8 +10,7 @@ class Reference:
     """Of one paper.
 
     Attributes:
-        journal: with volume and page. doi: empty where none is known to us.
-        doi_seen: whether the DOI was seen on the paper or its publisher's page; else it was noted from a citation.
+        journal: with volume and page. doi: empty where none was seen on the paper or its publisher's page.
     """
 
     authors: str
@@ -19,7 +18,6 @@ class Reference:
     journal: str
     year: int
     doi: str = ""
-    doi_seen: bool = True
 
 
 REFERENCES = {
@@ -28,8 +26,6 @@ REFERENCES = {
         "Stereovision-based pose and inertia estimation of unknown and uncooperative space objects",
         "Advances in Space Research 59, 236-251",
         2017,
-        "10.1016/j.asr.2016.10.002",
-        doi_seen=False,
     ),
     "kabir2025": Reference(
         "R. H. Kabir, X. Bai",

@@ -79,7 +79,10 @@ class _Residuals:
             off = (p.uv - given["tracks"]) / p.sigma_px[:, None, None]
             add(np.where(np.isfinite(off), off, LARGEST), p.seen)
         if not parts:
-            raise InputError(f"--simulator {self.simulator.text}: it gives nothing that this sequence measures")
+            raise InputError(
+                f"--simulator {self.simulator.text}: it gives nothing that this sequence measures; it must give attitude, "
+                "rates or tracks as the sequence does"
+            )
         self.epoch = np.concatenate(epochs)
         return np.concatenate(parts)
 
@@ -100,7 +103,9 @@ class _Residuals:
             side, sign = (above, 1.0) if above is not None else (below, -1.0)
             if side is None or here is None:
                 name = self.simulator.parameters[k].name
-                raise NotPossible(f"--simulator {self.simulator.text}: it fails on both sides of {name}: {self.why}")
+                raise NotPossible(
+                    f"--simulator {self.simulator.text}: it fails if {name} is changed a little either way: {self.why}"
+                )
             columns.append(sign * (side - here) / STEP)
         return np.stack(columns, axis=1)
 
@@ -133,7 +138,7 @@ def _least(rows: _Residuals, x: np.ndarray, most: int) -> tuple[np.ndarray, np.n
     """Parameters, residuals (r,) and their derivatives (r, p) at the least cost near a start."""
     r = rows(x)
     if r is None:
-        raise NotPossible(f"--simulator {rows.simulator.text}: it fails at its own start: {rows.why}")
+        raise NotPossible(f"--simulator {rows.simulator.text}: it fails with its own start values: {rows.why}")
     J, damping = rows.jacobian(x), 1e-3
     for _ in range(most):
         H, g = J.T @ J, J.T @ r

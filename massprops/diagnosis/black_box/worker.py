@@ -84,7 +84,7 @@ class Simulator:
             self._child.stdin.write(request.encode())
             self._child.stdin.flush()
         except OSError:
-            raise NotPossible(f"--simulator {self.text}: its process ended") from None
+            raise NotPossible(f"--simulator {self.text}: its process ended: call it by itself to see why") from None
         answer = self._read("it does not answer")
         if "wrong" in answer:
             return str(answer["wrong"])
@@ -108,7 +108,9 @@ class Simulator:
             part = os.read(handle, 1 << 20) if ready else b""
             if not part:
                 self.close()
-                why = "its process ended" if ready else f"{what} within {self.seconds:g} s"
+                why = (
+                    "its process ended: call it by itself to see why" if ready else f"{what} within {self.seconds:g} s"
+                )
                 raise NotPossible(f"--simulator {self.text}: {why}")
             self._left += part
         line, _, self._left = self._left.partition(b"\n")

@@ -59,7 +59,7 @@ class Law:
         if self.evidence < self.unknown.evidence + criteria.BEATS_UNKNOWN:
             return "an unknown torque explains the record better"
         if self.alone.record.stated and not within_noise(self.alone):
-            return f"it leaves {_rms(self.alone.residual):.2f} of the stated noise: something else acts too"
+            return f"it leaves residuals of {_rms(self.alone.residual):.2f} times the stated noise: something else acts too"
         if self.probability.min() < LIKELY:
             return "other terms explain the record nearly as well: it does not tell them apart"
         return ""

@@ -60,12 +60,12 @@ def body_picture(
     for row, (name, rms, z) in enumerate(rows):
         for column, (right, up) in enumerate(VIEWS):
             x0, y0 = SIDE * (column + 0.5), SIDE * (row + 0.5)
-            scale = 0.44 * SIDE / reach
+            scale = 0.42 * SIDE / reach
             toward = 3 - right - up
             parts.append(
                 f'<line class="grid" x1="{x0 - 0.46 * SIDE:.1f}" x2="{x0 + 0.46 * SIDE:.1f}" y1="{y0:.1f}" y2="{y0:.1f}"/>'
                 f'<line class="grid" x1="{x0:.1f}" x2="{x0:.1f}" y1="{y0 - 0.46 * SIDE:.1f}" y2="{y0 + 0.46 * SIDE:.1f}"/>'
-                f'<text x="{x0 - 0.46 * SIDE:.1f}" y="{y0 - 0.4 * SIDE:.1f}">{name}: {"xyz"[right]} right, {"xyz"[up]} up</text>'
+                f'<text x="{x0 - 0.46 * SIDE:.1f}" y="{y0 - 0.44 * SIDE:.1f}">{name}: {"xyz"[right]} right, {"xyz"[up]} up</text>'
             )
             parts += [
                 f'<circle cx="{x0 + scale * p[right]:.1f}" cy="{y0 - scale * p[up]:.1f}" r="1" fill="#8885"/>'
@@ -80,7 +80,7 @@ def body_picture(
                 )
     parts.append("</svg>")
     return (
-        f"<p>Features on the body, seen along its axes (larger is nearer); green at the noise, red at {number(worst, 3)} "
+        f"<p>Features on the body, seen along its axes (larger is nearer). Green: at the noise. Red: {number(worst, 3)} "
         "times the noise.</p>" + "".join(parts)
     )
 

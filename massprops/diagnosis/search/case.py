@@ -80,16 +80,20 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
         body = problem.body
         sigma = body.inertia_sigma or ASSUMED_SIGMA
         if not body.inertia_sigma:
-            warnings.append(f"body.yaml states no inertia_sigma: {100 * ASSUMED_SIGMA:g} % assumed")
+            warnings.append(f"body.yaml states no inertia_sigma: {100 * ASSUMED_SIGMA:g} % is assumed")
         assumed = 3.0 * body.inertia / np.trace(body.inertia)
         belief = Belief(assumed, max(sigma, 1e-5))
         if first.body_frame == "own" and not problem.has_rates:
             first = _in_body_axes(first, assumed)
     if len(problem.times) < FEWEST_TO_HOLD:
-        warnings.append(f"{len(problem.times)} epochs are too few to hold any out: nothing tests the prediction")
+        warnings.append(
+            f"{len(problem.times)} epochs are too few to hold any out, so no data test the prediction; a longer record would"
+        )
     fitted, held, scored = _split(problem, first)
     if fitted.count < 30:
-        raise NotPossible("too few measurements for a diagnosis")
+        raise NotPossible(
+            f"{fitted.count} measurements are too few for a diagnosis, which needs 30: give a longer record"
+        )
     return Case(
         problem,
         around,
@@ -147,7 +151,7 @@ def without_features(case: Case, wrong: np.ndarray) -> Case:
     first = replace(case.first, observed=case.first.observed & ~wrong[None, None, :])
     fitted, held, scored = _split(case.problem, first)
     names = ", ".join(str(k) for k in case.problem.features[wrong])
-    said = f"features {names} do not move with the body: left out"
+    said = f"features {names} do not move with the body and are left out"
     return replace(case, first=first, fitted=fitted, held=held, scored=scored, warnings=(*case.warnings, said))
 
 

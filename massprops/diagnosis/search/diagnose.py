@@ -170,7 +170,7 @@ def diagnose_problem(
     from massprops.diagnosis.search.worth import explained
 
     # many fits are to come: the free body goes by the compiled kernel, too
-    importlib.import_module("massprops.dynamics.march")
+    importlib.import_module("massprops.dynamics.compiled_integration")
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     case, base = mended(case, base)
@@ -219,7 +219,9 @@ def _begin(
         if again or best[1].fitted < ASTRAY or not case.first.observed.any():
             break
     if best is None:
-        raise refused or NotPossible("nothing in the sequence shows how the body moves")
+        raise refused or NotPossible(
+            "nothing in the sequence shows how the body moves: give attitudes, body rates or tracks"
+        )
     return best
 
 
@@ -234,7 +236,10 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
 
     if not case.around.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
         return case, _selected(case, base, progress)
-    said = "the path is straight, unlike free fall beside the chaser: one of the two seems to be held"
+    said = (
+        "the target moves straight and not as in free fall beside the chaser, so a straight path is used; check the orbit in "
+        "environment.yaml"
+    )
     other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))
     other_base = refit(other, base.fit.state, (), most=40)
     much = case.fitted.count
@@ -296,8 +301,8 @@ def _blind(case: Case, base: Scored) -> str:
     turned = case.speed * case.span
     if turned < MOST_HIDDEN_TURN:
         return (
-            f"not observable: the body turns by {np.degrees(turned):.0f} deg only, too little to tell free rotation, or "
-            "what is missing from it, from anything else"
+            f"not observable: the body turns by {np.degrees(turned):.0f} deg only, too little to show whether an effect is "
+            "missing: give a longer record"
         )
     return ""
 
@@ -326,7 +331,9 @@ def _document(
     if s.verdict == "ambiguous":
         for rival in s.rivals:
             effects += [e for e in _entries(rival, s) if e["name"] not in {x["name"] for x in effects}]
-    candidates = [_entry(x, s) for x in sorted(s.tried, key=lambda x: x.bic)]
+    # an effect may be fitted from several starts: the best of these is listed
+    tried = {x.names: x for x in sorted(s.tried, key=lambda x: -x.bic)}
+    candidates = [_entry(x, s) for x in sorted(tried.values(), key=lambda x: x.bic)]
     after = named or (best if s.verdict == "unexplained" else base)
     document = {
         "format": "massprops-diagnosis/1",

@@ -27,7 +27,7 @@ def with_track_noise(sequence: Sequence, problem: Problem) -> Problem:
             continue
         sigma[place] = found
         warnings = [w for w in warnings if w != no_sigma_px(k)]
-        warnings.append(f"cam{k} states no sigma_px: {found:.3g} px estimated from the tracks")
+        warnings.append(f"cam{k} states no sigma_px: {found:.3g} px is estimated from the tracks")
     return replace(problem, sigma_px=sigma, warnings=tuple(warnings))
 
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from massprops.diagnosis.page_parts import assemble, law, not_tried, notes, verdict, wheel
+from massprops.diagnosis.page_parts import GAP, assemble, law, not_tried, notes, verdict, wheel
 from massprops.diagnosis.search.body_picture import body_picture
 from massprops.diagnosis.search.result import Diagnosis
-from massprops.model.linearise import Residuals
+from massprops.model.linearise import Residuals, residuals
 from massprops.model.measurements import Measurements
-from massprops.report.html import number, table, text
+from massprops.report.html import Safe, number, table, text
 from massprops.report.plot import plot
 
 BINS = 120
@@ -60,12 +60,19 @@ def _gap(d: Diagnosis) -> str:
         for part in ("fitted", "held_out")
     ]
     parts = [
-        "<p>Root-mean-square residuals in units of the stated noise.</p>",
+        f"<p>{GAP}</p>",
         table(rows, ("data", "before", "after", "noise floor")),
     ]
     base, best = d.selection.base, d.selection.best or d.selection.base
-    for channel, series in _over_time(d.case.problem.times, d.case.fitted, base.fit.residuals, best.fit.residuals):
-        parts.append(plot(series, "time [s]", f"{channel}, rms / σ"))
+    problem = d.case.problem
+    predicted = (residuals(problem, d.case.held, s.fit.predicted) for s in (base, best))
+    plots = []
+    for what, found in (
+        ("", _over_time(problem.times, d.case.fitted, base.fit.residuals, best.fit.residuals)),
+        (" held out", _over_time(problem.times, d.case.held, *predicted)),
+    ):
+        plots += [f"<div>{plot(series, 'time [s]', f'{channel}{what}, rms / σ')}</div>" for channel, series in found]
+    parts.append(f'<div class="two">{"".join(plots)}</div>')
     return "".join(parts)
 
 
@@ -95,7 +102,7 @@ def _over_time(times: np.ndarray, m: Measurements, before: Residuals, after: Res
 def _where(d: Diagnosis) -> str:
     rows = []
     for w in d.document["where"]:
-        place = w.get("direction") or ""
+        place = (w.get("direction") or "").replace("-", "−")
         if "region" in w:
             place = "image {:.0f}–{:.0f} × {:.0f}–{:.0f} px".format(
                 w["region"][0], w["region"][2], w["region"][1], w["region"][3]
@@ -113,8 +120,14 @@ def _where(d: Diagnosis) -> str:
                 number(w["bias"], 2),
             )
         )
-    head = ("channel", "interval", "place", "z", "rms / σ", "mean / σ")
-    return table(rows, head, numeric=(3, 4, 5)) + _arrows(d) + _on_the_body(d)
+    head = ("measured", "time", "place", "z", "rms / σ", "mean / σ")
+    note = (
+        "Where the model without the effect fails most. z: how far beyond chance, in standard deviations. rms / σ: size "
+        "of the residuals over the noise. mean / σ: their mean, which is 0 if they lean no way. Places +x, −y, …: the "
+        "features on that side of the body."
+    )
+    pictures = "".join(f"<div>{p}</div>" for p in (_arrows(d), _on_the_body(d)) if p)
+    return f'<p class="soft">{note}</p>{table(rows, head, numeric=(3, 4, 5))}<div class="two">{pictures}</div>'
 
 
 def _on_the_body(d: Diagnosis) -> str:
@@ -147,7 +160,8 @@ def _arrows(d: Diagnosis) -> str:
     height = float(np.clip(height, 120, 700))
     side = np.array([width, height]) / ARROWS
     parts = [
-        f'<svg class="plot" viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="mean residuals on the image plane of cam0">'
+        f'<svg class="plot" viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="mean residuals on the image plane of cam0">',
+        f'<rect class="pane" width="{width:.0f}" height="{height:.0f}"/>',
     ]
     for mean, colour in zip(means, ("#c0392b", "#27ae60"), strict=True):
         for k in np.flatnonzero(count >= 5):
@@ -158,27 +172,31 @@ def _arrows(d: Diagnosis) -> str:
             )
     parts.append("</svg>")
     return (
-        f"<p>Mean residuals on cam0's image plane, before (red) and after (green); the longest arrow is {number(longest, 3)} px.</p>"
+        f"<p>Mean residuals on the image of cam0, before (red) and after (green). The longest line is {number(longest, 3)} px.</p>"
         + "".join(parts)
     )
 
 
 def _candidates(doc: dict[str, Any]) -> str:
-    rows = [
-        (
-            c["name"],
+    if not doc["candidates"]:
+        return "<p>A free rigid body is enough, so no effect was tried.</p>" + not_tried(doc)
+    rows = []
+    for c in doc["candidates"]:
+        why = f'<span class="below">implausible: {text(c["implausible"])}</span>' if c["implausible"] else ""
+        numbers = (
             number(c["delta_bic"], 5),
             number(c["fitted"], 4),
             number(c["held_out"], 4),
             number(c["whiteness"], 3),
-            c["implausible"] or "",
         )
-        for c in doc["candidates"]
-    ]
-    head = ("effects", "BIC gained", "fitted", "held out", "correlation z", "implausible")
-    return (
-        table(rows, head, numeric=(1, 2, 3, 4)) if rows else "<p>The base model is enough, so no effect was tried.</p>"
-    ) + not_tried(doc)
+        rows.append((Safe(text(c["name"]) + why), *numbers))
+    note = (
+        "BIC gained: by how much the Bayesian information criterion falls; large is good. Fitted, held out: residuals over "
+        "the noise, of the data in the fit and of data that it has not seen. Correlation: of one residual with the next, "
+        "in standard deviations; near 0 is good."
+    )
+    head = ("effects", "BIC gained", "fitted", "held out", "correlation")
+    return f'<p class="soft">{note}</p>' + table(rows, head, numeric=(1, 2, 3, 4)) + not_tried(doc)
 
 
 def _motion(d: Diagnosis) -> str:
@@ -189,8 +207,8 @@ def _motion(d: Diagnosis) -> str:
     return (
         f"<p>Angular momentum changes by {number(100 * h['size_drift'], 3)} % in size and {number(h['direction_drift_deg'], 3)}° in "
         f"direction over the record, energy by {number(100 * h['energy_drift'], 3)} %, under the model chosen.</p>"
-        + plot(series, "time [s]", "momentum, inertial")
-        + plot([("energy", h["times"], h["energy"])], "time [s]", "energy over its start")
+        + f'<div class="two"><div>{plot(series, "time [s]", "momentum, inertial axes")}</div>'
+        + f"<div>{plot([('energy', h['times'], h['energy'])], 'time [s]', 'energy over that at the start')}</div></div>"
         + _rotor(d)
     )
 

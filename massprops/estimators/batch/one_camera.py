@@ -67,7 +67,7 @@ def fit_tracks(
     )
     state, observed = place_points(problem, state, around)
     if observed.any(axis=(0, 1)).sum() < FEWEST_FEATURES:
-        raise NotPossible("too few features could be placed on the body")
+        raise NotPossible(f"fewer than {FEWEST_FEATURES} features could be placed on the body: give longer tracks")
     known = {} if model is None else dict(zip(model.names, model.values, strict=True))
     state = replace(state, model=model_of({**known, **{name: None for name in LENS if name not in known}}))
     free = np.ones(state.size, bool)

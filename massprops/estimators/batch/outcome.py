@@ -9,6 +9,7 @@ from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.solve import Fit, covariance_of
 from massprops.estimators.batch.start import BatchStart
+from massprops.estimators.judgement import INCOMPLETE
 from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem
 from massprops.model.state import inertia_directions, ratio_slopes
@@ -103,10 +104,10 @@ def _sigmas(
 def _unfit(found: Fit) -> str:
     """Why the fit does not explain the data; empty when it does."""
     if not (found.converged and np.isfinite(found.cost)):
-        return f"no rest after {found.iterations} iterations"
+        return f"the fit did not settle in {found.iterations} iterations"
     misfit = found.chi2 / found.freedom
     if misfit > MISFIT:
-        return f"residuals are {np.sqrt(misfit):.2g} times the stated noise: the model lacks something, try diagnose"
+        return f"residuals are {np.sqrt(misfit):.2g} times the stated noise: {INCOMPLETE}"
     return ""
 
 

@@ -80,7 +80,8 @@ class Fit:
     @property
     def unit(self) -> np.ndarray:
         """(f, f) the information in units of its scale."""
-        return self.information / self.scale[:, None] / self.scale
+        found: np.ndarray = self.information / self.scale[:, None] / self.scale
+        return found
 
     @property
     def freedom(self) -> int:

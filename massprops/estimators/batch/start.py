@@ -95,9 +95,9 @@ def batch_start(
         state, observed = place_points(problem, state, around)
         lost = int((problem.seen.any(axis=(0, 1)) & ~observed.any(axis=(0, 1))).sum())
         if lost:
-            notes.append(f"{lost} features could not be placed: left out")
+            notes.append(f"{lost} features could not be placed on the body and are left out")
         if not observed.any():
-            raise NotPossible("no feature could be placed on the body")
+            raise NotPossible("no feature could be placed on the body: give longer tracks, or cameras further apart")
     return BatchStart(state, _free(problem, "tracks" in channels), channels, frame, observed, tuple(notes))
 
 
@@ -127,7 +127,8 @@ def _gyroscope_frame(problem: Problem, start: Start) -> np.ndarray:
     if both.sum() < 3:
         return np.eye(3)
     U, _, Vt = np.linalg.svd(problem.rates[rows[both]].T @ start.w[both])
-    return U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    found: np.ndarray = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return found
 
 
 def _turn(w: np.ndarray) -> float:

@@ -73,7 +73,7 @@ class Layout:
 
     @cached_property
     def size(self) -> int:
-        return self.k.stop + 3 * self.features
+        return int(self.k.stop + 3 * self.features)
 
     @cached_property
     def free(self) -> Layout:
@@ -95,7 +95,8 @@ class State:
     @property
     def velocity(self) -> np.ndarray:
         """(B, 3) of the centre of mass [m/s], inertial axes."""
-        return self.U + cross(self.W, self.r)
+        found: np.ndarray = self.U + cross(self.W, self.r)
+        return found
 
     @property
     def body_rate(self) -> np.ndarray:
@@ -237,7 +238,7 @@ def to_additive(layout: Layout, q: np.ndarray, P: np.ndarray) -> np.ndarray:
     """A covariance with the attitude's turn as one with its four components; along q the mean of the others."""
     free = layout.free
     J = additive_columns(layout, q)
-    out = J @ P @ np.swapaxes(J, -1, -2)
+    out: np.ndarray = J @ P @ np.swapaxes(J, -1, -2)
     mean = np.trace(P[:, free.theta, free.theta], axis1=1, axis2=2) / 12.0
     out[:, layout.theta, layout.theta] += mean[:, None, None] * q[:, :, None] * q[:, None, :]
     return out

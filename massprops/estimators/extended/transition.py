@@ -193,6 +193,6 @@ def _additive(layout: Layout, F: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> 
     into, out = additive_columns(layout, q1), additive_columns(layout, q0)
     back = np.swapaxes(out, -1, -2).copy()
     back[:, 9:12] *= 4.0
-    whole = into @ F @ back
+    whole: np.ndarray = into @ F @ back
     whole[:, layout.theta, layout.theta] += q1[:, :, None] * q0[:, None, :]
     return whole

@@ -17,14 +17,16 @@ TINY = 1e-150
 
 
 @numba.njit(cache=True)
-def _slope(y, six):  # type: ignore[no-untyped-def]
+def _slope(y: np.ndarray, six: np.ndarray) -> np.ndarray:
     a, b, c, d = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
     e, f, g = euler_acceleration((six[0], six[1], six[2], six[3], six[4], six[5]), (y[4], y[5], y[6]), (0j, 0j, 0j))
     return np.array([a, b, c, d, e, f, g])
 
 
 @numba.njit(cache=True)
-def rotated(q, W, six, dt, steps):  # type: ignore[no-untyped-def]
+def rotated(
+    q: np.ndarray, W: np.ndarray, six: np.ndarray, dt: float, steps: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Attitude and rates of B runs after dt [s], by `steps` Runge-Kutta steps, and their derivatives by the complex step.
 
     Args:
@@ -76,7 +78,7 @@ def rotated(q, W, six, dt, steps):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _along(q, way):  # type: ignore[no-untyped-def]
+def _along(q: np.ndarray, way: np.ndarray) -> None:
     """Twice the derivative of q exp(theta) by theta, (3, 4)."""
     w, x, y, z = q
     way[0, 0], way[0, 1], way[0, 2], way[0, 3] = -x, w, z, -y
@@ -85,7 +87,7 @@ def _along(q, way):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def moved(r, v, leaders, mu, dt):  # type: ignore[no-untyped-def]
+def moved(r: np.ndarray, v: np.ndarray, leaders: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Place and velocity (B, 3) after dt [s] beside a chaser that is at `leaders` (3, 3) first, amid and last."""
     r1, v1 = np.empty_like(r), np.empty_like(v)
     for b in range(len(r)):
@@ -102,6 +104,6 @@ def moved(r, v, leaders, mu, dt):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _pull(mu, leader, r):  # type: ignore[no-untyped-def]
+def _pull(mu: float, leader: np.ndarray, r: np.ndarray) -> np.ndarray:
     x, y, z = differential_gravity(mu, leader[0], leader[1], leader[2], r[0], r[1], r[2])
     return np.array([x, y, z])

@@ -69,7 +69,8 @@ def square_root(P: np.ndarray) -> np.ndarray:
         except np.linalg.LinAlgError:
             value, vector = np.linalg.eigh(correlation[b])
             out[b] = vector * np.sqrt(np.maximum(value, JITTER))
-    return scale[:, :, None] * out
+    found: np.ndarray = scale[:, :, None] * out
+    return found
 
 
 def update(
@@ -208,6 +209,8 @@ def _change(before: State, after: State) -> np.ndarray:
 
     def norm(s: State) -> np.ndarray:
         parts = (s.r, s.velocity, s.W, s.q, s.body_features.reshape(len(s.r), -1), s.k)
-        return np.sqrt(sum(np.sum(p * p, axis=-1) for p in parts))
+        found: np.ndarray = np.sqrt(sum(np.sum(p * p, axis=-1) for p in parts))
+        return found
 
-    return np.abs(norm(after) - norm(before)) / norm(before)
+    found: np.ndarray = np.abs(norm(after) - norm(before)) / norm(before)
+    return found

@@ -8,7 +8,16 @@ LOST = 1e-13
 """A pivot below this share of its diagonal is rounding, and is held there."""
 
 
-def add_rows(T, row, first, width, A, k, place, f):  # type: ignore[no-untyped-def]
+def add_rows(
+    T: np.ndarray,
+    row: int,
+    first: int,
+    width: int,
+    A: np.ndarray,
+    k: int,
+    place: int,
+    f: tuple[float, float, float, float],
+) -> None:
     """T[row, first : first + width] += f[0] A[k, place :] + f[1] A[k + 1, ...] + f[2] ... + f[3] ..., in one pass.
 
     Indices are unsigned, and rows are not sliced: a check for negative ones, or the counting of references to a view,
@@ -21,7 +30,7 @@ def add_rows(T, row, first, width, A, k, place, f):  # type: ignore[no-untyped-d
         T[r, a + i] += f0 * A[k0, b + i] + f1 * A[k1, b + i] + f2 * A[k2, b + i] + f3 * A[k3, b + i]
 
 
-def take_rows(T, row, first, width, A, k, place, column):  # type: ignore[no-untyped-def]
+def take_rows(T: np.ndarray, row: int, first: int, width: int, A: np.ndarray, k: int, place: int, column: int) -> None:
     """T[row, first : first + width] -= sum over eight rows j from k of A[j, column] A[j, place :]."""
     r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
@@ -35,7 +44,7 @@ def take_rows(T, row, first, width, A, k, place, column):  # type: ignore[no-unt
         T[r, a + i] -= one + two
 
 
-def add_pairs(T, row, width, A, B, k):  # type: ignore[no-untyped-def]
+def add_pairs(T: np.ndarray, row: int, width: int, A: np.ndarray, B: np.ndarray, k: int) -> None:
     """T[row, row : row + width] += sum over four rows j from k of A[j, row] A[j, row :] + B[j, row] B[j, row :]."""
     r = np.uint64(row)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
@@ -48,7 +57,7 @@ def add_pairs(T, row, width, A, B, k):  # type: ignore[no-untyped-def]
         T[r, c] += one + two
 
 
-def upper_factor(T, rows):  # type: ignore[no-untyped-def]
+def upper_factor(T: np.ndarray, rows: int) -> None:
     """First `rows` rows of U with A = U^T U, written over T = [A, B] with zeros below the diagonal; never fails.
 
     Columns beyond the square become U^-T B.
@@ -78,7 +87,17 @@ def upper_factor(T, rows):  # type: ignore[no-untyped-def]
             T[i, c] = 0.0
 
 
-def difference(odd, even, row, first, last, plus, minus, middle_point, half):  # type: ignore[no-untyped-def]
+def difference(
+    odd: np.ndarray,
+    even: np.ndarray,
+    row: int,
+    first: int,
+    last: int,
+    plus: np.ndarray,
+    minus: np.ndarray,
+    middle_point: np.ndarray,
+    half: float,
+) -> None:
     """Half difference and half sum of a pair of sigma points' measurements, scaled, into columns first to last."""
     r, a = np.uint64(row), np.uint64(first)
     for i in range(np.uint64(last - first)):
@@ -87,7 +106,9 @@ def difference(odd, even, row, first, last, plus, minus, middle_point, half):  #
         even[r, c] = half * (plus[c] + minus[c] - 2.0 * middle_point[c])
 
 
-def add_to_mean(mean, spread, odd, even, row, spreads):  # type: ignore[no-untyped-def]
+def add_to_mean(
+    mean: np.ndarray, spread: np.ndarray, odd: np.ndarray, even: np.ndarray, row: int, spreads: bool
+) -> None:
     """mean += even[row]; and spread += odd[row]^2 + even[row]^2 when it is wanted."""
     r = np.uint64(row)
     for c in range(np.uint64(mean.shape[0])):
@@ -97,7 +118,7 @@ def add_to_mean(mean, spread, odd, even, row, spreads):  # type: ignore[no-untyp
             spread[c] += odd[r, c] * odd[r, c] + even[r, c] * even[r, c]
 
 
-def middle(values):  # type: ignore[no-untyped-def]
+def middle(values: np.ndarray) -> float:
     """The median, for short arrays."""
     n = values.shape[0]
     sorted_values = values.copy()
@@ -108,4 +129,4 @@ def middle(values):  # type: ignore[no-untyped-def]
             sorted_values[j + 1] = sorted_values[j]
             j -= 1
         sorted_values[j + 1] = x
-    return 0.5 * (sorted_values[(n - 1) // 2] + sorted_values[n // 2])
+    return float(0.5 * (sorted_values[(n - 1) // 2] + sorted_values[n // 2]))

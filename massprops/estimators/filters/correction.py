@@ -28,6 +28,11 @@ from massprops.estimators.filters.rule import (
     POINTS,
     POSITION,
     RATIO,
+    Record,
+    Rule,
+    Seen,
+    Steps,
+    Turn,
     ahead,
     leading,
     per_feature,
@@ -40,7 +45,7 @@ SMALL = 200_000
 """Products up to which BLAS is used: it is quicker than the loops, and keeps to one thread."""
 
 
-def chosen(z, variance, first, per, index, used):  # type: ignore[no-untyped-def]
+def chosen(z: np.ndarray, variance: np.ndarray, first: int, per: int, index: np.ndarray, used: np.ndarray) -> int:
     """Writes the numbers of what is measured into index, and which features are into used. Returns how many there are."""
     count = 0
     for c in range(z.shape[0]):
@@ -52,7 +57,7 @@ def chosen(z, variance, first, per, index, used):  # type: ignore[no-untyped-def
     return count
 
 
-def begin_rows(index, count, first, per, start):  # type: ignore[no-untyped-def]
+def begin_rows(index: np.ndarray, count: int, first: int, per: int, start: np.ndarray) -> None:
     """Writes, for each feature, the first row of index that is its own or a later one's."""
     row = 0
     for i in range(start.shape[0]):
@@ -62,7 +67,7 @@ def begin_rows(index, count, first, per, start):  # type: ignore[no-untyped-def]
     start[0] = 0  # what is not a feature's is touched by the rows before the features
 
 
-def displaced(x1, x, g, U, j, rule, still):  # type: ignore[no-untyped-def]
+def displaced(x1: np.ndarray, x: np.ndarray, g: float, U: np.ndarray, j: int, rule: Rule, still: bool) -> None:
     """The sigma point g along row j of U, into x1, but for the features."""
     nd, t = leading(rule), place_error(rule)
     if j < nd:
@@ -80,7 +85,17 @@ def displaced(x1, x, g, U, j, rule, still):  # type: ignore[no-untyped-def]
             x1[POSITION + i] = x[POSITION + i] + g * U[j, t + i]
 
 
-def sigma_rows(both, U, x, mid, still, eyes, rows, rule, h0):  # type: ignore[no-untyped-def]
+def sigma_rows(
+    both: np.ndarray,
+    U: np.ndarray,
+    x: np.ndarray,
+    mid: Turn,
+    still: bool,
+    eyes: np.ndarray,
+    rows: tuple[np.ndarray, np.ndarray, np.ndarray],
+    rule: Rule,
+    h0: np.ndarray,
+) -> None:
     """Half differences and half sums of the sigma points' measurements, into both (2, N + 3, rows).
 
     mid: attitude that turns are measured from. still: features stand as if the centre of mass did not move. rows: index,
@@ -115,7 +130,16 @@ def sigma_rows(both, U, x, mid, still, eyes, rows, rule, h0):  # type: ignore[no
                 x1[POINTS + i] = x[POINTS + i]
 
 
-def gated(both, index, value, noise, mean, spread, group, gate):  # type: ignore[no-untyped-def]
+def gated(
+    both: np.ndarray,
+    index: np.ndarray,
+    value: np.ndarray,
+    noise: np.ndarray,
+    mean: np.ndarray,
+    spread: np.ndarray,
+    group: np.ndarray,
+    gate: float,
+) -> tuple[int, float]:
     """How many rows are kept, moved to the front, and by what their noise is widened."""
     odd, even = both[0], both[1]
     nu = value.shape[0]
@@ -144,7 +168,7 @@ def gated(both, index, value, noise, mean, spread, group, gate):  # type: ignore
     return keep, 1.0
 
 
-def add_sums(T, both, U, start, off, small):  # type: ignore[no-untyped-def]
+def add_sums(T: np.ndarray, both: np.ndarray, U: np.ndarray, start: np.ndarray, off: int, small: bool) -> None:
     """Adds the sums over the sigma points to T = [S, cross-covariance, innovation], row by row above the diagonal."""
     odd, even = both[0], both[1]
     n, nu = U.shape[1], T.shape[0]
@@ -165,7 +189,7 @@ def add_sums(T, both, U, start, off, small):  # type: ignore[no-untyped-def]
         j += 4
 
 
-def take_gain(P, T, small):  # type: ignore[no-untyped-def]
+def take_gain(P: np.ndarray, T: np.ndarray, small: bool) -> None:
     """Takes the square of the whitened cross-covariance from P."""
     n, nu = P.shape[0], T.shape[0]
     if small:
@@ -194,7 +218,7 @@ def take_gain(P, T, small):  # type: ignore[no-untyped-def]
             P[a, b] = P[b, a]
 
 
-def move_mean(x, step, rule):  # type: ignore[no-untyped-def]
+def move_mean(x: np.ndarray, step: np.ndarray, rule: Rule) -> None:
     """The state by a step of its error."""
     nd, t, off = leading(rule), place_error(rule), point_error(rule)
     for i in range(3):
@@ -218,7 +242,16 @@ def move_mean(x, step, rule):  # type: ignore[no-untyped-def]
         x[POINTS + i - off] += step[i]
 
 
-def innovations(both, z, variance, h0, mid, attitude, index, rule):  # type: ignore[no-untyped-def]
+def innovations(
+    both: np.ndarray,
+    z: np.ndarray,
+    variance: np.ndarray,
+    h0: np.ndarray,
+    mid: Turn,
+    attitude: np.ndarray,
+    index: np.ndarray,
+    rule: Rule,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mean, innovation, variance by the sigma points, and noise of each row."""
     odd, even = both[0], both[1]
     nu = index.shape[0]
@@ -240,7 +273,9 @@ def innovations(both, z, variance, h0, mid, attitude, index, rule):  # type: ign
     return mean, value, spread, noise
 
 
-def rows_of(z, variance, features, cameras, rule):  # type: ignore[no-untyped-def]
+def rows_of(
+    z: np.ndarray, variance: np.ndarray, features: int, cameras: int, rule: Rule
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Numbers of what is measured, which features are, and for each feature the first row of its own or a later one."""
     ny, first, per = z.shape[0], ahead(rule), per_feature(cameras, rule)
     index, used, start = np.empty(ny, np.int64), np.zeros(features, np.bool_), np.zeros(features + 1, np.int64)
@@ -250,7 +285,7 @@ def rows_of(z, variance, features, cameras, rule):  # type: ignore[no-untyped-de
     return index, used, start
 
 
-def root_of(P):  # type: ignore[no-untyped-def]
+def root_of(P: np.ndarray) -> np.ndarray:
     """U with P = U^T U, and three rows of zeros below it."""
     n = P.shape[0]
     U = np.zeros((n + 3, n))
@@ -261,7 +296,17 @@ def root_of(P):  # type: ignore[no-untyped-def]
     return U
 
 
-def joint_root(both, U, start, mean, value, noise, nu, inflate, rule):  # type: ignore[no-untyped-def]
+def joint_root(
+    both: np.ndarray,
+    U: np.ndarray,
+    start: np.ndarray,
+    mean: np.ndarray,
+    value: np.ndarray,
+    noise: np.ndarray,
+    nu: int,
+    inflate: float,
+    rule: Rule,
+) -> tuple[np.ndarray, bool]:
     """The factor of the first nu rows' covariance S, with the whitened cross-covariance and innovation: (nu, n + nu + 1)."""
     n = U.shape[1]
     small = nu == both.shape[2] and 2 * n * nu * nu <= SMALL
@@ -277,7 +322,18 @@ def joint_root(both, U, start, mean, value, noise, nu, inflate, rule):  # type: 
     return T, small
 
 
-def correct(x, P, z, variance, attitude, place, eyes, group, rule, tally):  # type: ignore[no-untyped-def]
+def correct(
+    x: np.ndarray,
+    P: np.ndarray,
+    z: np.ndarray,
+    variance: np.ndarray,
+    attitude: np.ndarray,
+    place: np.ndarray,
+    eyes: np.ndarray,
+    group: np.ndarray,
+    rule: Rule,
+    tally: np.ndarray,
+) -> None:
     """One epoch's measurements, in place. tally: normalised innovation squared, used, gated."""
     n, m, ny = P.shape[0], (x.shape[0] - POINTS) // 3, z.shape[0]
     index, used, start = rows_of(z, variance, m, eyes.shape[0], rule)
@@ -306,7 +362,7 @@ def correct(x, P, z, variance, attitude, place, eyes, group, rule, tally):  # ty
     absorb(x, P, T, small, rule, tally)
 
 
-def absorb(x, P, T, small, rule, tally):  # type: ignore[no-untyped-def]
+def absorb(x: np.ndarray, P: np.ndarray, T: np.ndarray, small: bool, rule: Rule, tally: np.ndarray) -> None:
     """The state and its covariance with what T says, the factor of S with the whitened cross-covariance and innovation."""
     n, nu = P.shape[0], T.shape[0]
     step = np.zeros(n)
@@ -328,7 +384,7 @@ def absorb(x, P, T, small, rule, tally):  # type: ignore[no-untyped-def]
     bounded(x, P, rule)
 
 
-def run_loop(x, P, steps, seen, rule, record):  # type: ignore[no-untyped-def]
+def run_loop(x: np.ndarray, P: np.ndarray, steps: Steps, seen: Seen, rule: Rule, record: Record) -> None:
     """All epochs, `rule.Steps` and `rule.Seen`, into `rule.Record`; x and P end at the last one."""
     dt, F, spin, noise, chaser = steps
     z, variance, attitude, place, eyes, group = seen

@@ -6,6 +6,8 @@ pulls it otherwise than the chaser, to every order in their distance.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from massprops.dynamics.kernels import (
@@ -17,20 +19,23 @@ from massprops.dynamics.kernels import (
     to_body,
     to_reference,
 )
+from massprops.estimators.filters.rule import Carried, Step, Turn
 
+Six: TypeAlias = tuple[float, float, float, float, float, float]
+"""Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
 INERTIA = 5
 RATIO, AXES, POSITION, VELOCITY, POINTS = 7, 12, 16, 19, 22
 """As in `rule`."""
 
 
-def six_elements(s):  # type: ignore[no-untyped-def]
+def six_elements(s: np.ndarray) -> Six:
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz of the five parameters (see `inertia.cholesky_inertia`)."""
     d1, d3 = np.exp(s[0]), np.exp(-s[1])
     xy, xz = s[2] * d1, s[3] * d1
     return d1, s[2] * xy + 1.0, s[3] * xz + s[4] * s[4] + d3, xy, xz, s[2] * xz + s[4]
 
 
-def slope_under_gravity(y, six, l, mu, out):  # type: ignore[no-untyped-def]
+def slope_under_gravity(y: np.ndarray, six: Six, l: np.ndarray, mu: float, out: np.ndarray) -> None:
     """Rates of y = (q 4, w 3, r 3, v 3) beside a chaser at l [m]."""
     out[0], out[1], out[2], out[3] = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
     torque = (0.0, 0.0, 0.0)
@@ -48,7 +53,7 @@ def slope_under_gravity(y, six, l, mu, out):  # type: ignore[no-untyped-def]
     out[4], out[5], out[6] = euler_acceleration(six, (y[4], y[5], y[6]), torque)
 
 
-def move_under_gravity(y, s, dt, steps, chaser):  # type: ignore[no-untyped-def]
+def move_under_gravity(y: np.ndarray, s: np.ndarray, dt: float, steps: int, chaser: np.ndarray) -> None:
     """y = (q, w, r, v) a time dt later, in place, by Runge-Kutta steps of fourth order.
 
     chaser: (10,) its place at the start, middle and end of the whole time [m], and mu [m^3/s^2].
@@ -76,7 +81,9 @@ def move_under_gravity(y, s, dt, steps, chaser):  # type: ignore[no-untyped-def]
             y[i] /= size
 
 
-def trajectories(times, y, s, chaser, largest_turn):  # type: ignore[no-untyped-def]
+def trajectories(
+    times: np.ndarray, y: np.ndarray, s: np.ndarray, chaser: np.ndarray, largest_turn: float
+) -> np.ndarray:
     """Motion (b, n, 13) at the times from b states y (b, 13) at the first of them and inertias s (b, 5); chaser: (n, 10) over
     the step that ends at each time. All take the same steps, so that differences between them are smooth."""
     b, n = y.shape[0], len(times)
@@ -95,7 +102,17 @@ def trajectories(times, y, s, chaser, largest_turn):  # type: ignore[no-untyped-
     return out
 
 
-def carried(w, q, x, U, j, nf, g, step, steps):  # type: ignore[no-untyped-def]
+def carried(
+    w: tuple[float, float, float],
+    q: Turn,
+    x: np.ndarray,
+    U: np.ndarray,
+    j: int,
+    nf: int,
+    g: float,
+    step: Step,
+    steps: int,
+) -> Carried:
     """As `prediction.carried`; the place from which the gradient is taken is that of the mean."""
     y, s = np.empty(13), np.empty(INERTIA)
     for i in range(INERTIA):
@@ -108,7 +125,7 @@ def carried(w, q, x, U, j, nf, g, step, steps):  # type: ignore[no-untyped-def]
     return y[4], y[5], y[6], y[0], y[1], y[2], y[3]
 
 
-def move_place(x, F, spin, step):  # type: ignore[no-untyped-def]
+def move_place(x: np.ndarray, F: np.ndarray, spin: np.ndarray, step: Step) -> None:
     """As `prediction.move_place`, in gravity that is not linear in the distance from the chaser."""
     y = np.zeros(13)
     y[0] = 1.0

@@ -21,7 +21,7 @@ from massprops.estimators.filters.correction import (
     rows_of,
     sigma_rows,
 )
-from massprops.estimators.filters.rule import ATTITUDE, POINTS, ahead, per_feature
+from massprops.estimators.filters.rule import ATTITUDE, POINTS, Carried, Rule, ahead, per_feature
 from massprops.estimators.filters.sight import axes_in_reference, sight
 
 LOOSE = 10.0
@@ -30,7 +30,7 @@ NEAR = 0.3
 """Sigmas of a measurement that a linear prediction may be off before the update is done again at its result."""
 
 
-def turn_mean(x, centre, mean, spin, additive):  # type: ignore[no-untyped-def]
+def turn_mean(x: np.ndarray, centre: Carried, mean: np.ndarray, spin: np.ndarray, additive: bool) -> None:
     """Rates and attitude: where the mean went to, to first order without the spread's part, then the chaser's turn."""
     c0, c1, c2, c3, c4, c5, c6 = centre
     q = (c3, c4, c5, c6)
@@ -41,7 +41,7 @@ def turn_mean(x, centre, mean, spin, additive):  # type: ignore[no-untyped-def]
         x[ATTITUDE + i] = q[i]
 
 
-def whitened_step(step, U):  # type: ignore[no-untyped-def]
+def whitened_step(step: np.ndarray, U: np.ndarray) -> np.ndarray:
     """y with U^T y = step."""
     n = step.shape[0]
     y = np.zeros(n)
@@ -53,7 +53,15 @@ def whitened_step(step, U):  # type: ignore[no-untyped-def]
     return y
 
 
-def nonlinearity(odd, index, kept, noise, before, after, change):  # type: ignore[no-untyped-def]
+def nonlinearity(
+    odd: np.ndarray,
+    index: np.ndarray,
+    kept: int,
+    noise: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    change: np.ndarray,
+) -> float:
     """Largest difference, in sigmas, between a measurement predicted anew and its linear prediction."""
     most = 0.0
     for c in range(kept):
@@ -64,16 +72,27 @@ def nonlinearity(odd, index, kept, noise, before, after, change):  # type: ignor
     return most
 
 
-def most_near(value, spread, noise, gate):  # type: ignore[no-untyped-def]
+def most_near(value: np.ndarray, spread: np.ndarray, noise: np.ndarray, gate: float) -> bool:
     """Whether at least half of the innovations are within the gate."""
     bad = 0
     for c in range(value.shape[0]):
         if not value[c] * value[c] <= gate * gate * (spread[c] + noise[c]):
             bad += 1
-    return 2 * bad <= value.shape[0]
+    return bool(2 * bad <= value.shape[0])
 
 
-def correct(x, P, z, variance, attitude, place, eyes, group, rule, tally):  # type: ignore[no-untyped-def]
+def correct(
+    x: np.ndarray,
+    P: np.ndarray,
+    z: np.ndarray,
+    variance: np.ndarray,
+    attitude: np.ndarray,
+    place: np.ndarray,
+    eyes: np.ndarray,
+    group: np.ndarray,
+    rule: Rule,
+    tally: np.ndarray,
+) -> None:
     """One epoch's measurements, in place. tally: normalised innovation squared, used, gated."""
     n, m, ny = P.shape[0], (x.shape[0] - POINTS) // 3, z.shape[0]
     every, used, start = rows_of(z, variance, m, eyes.shape[0], rule)

@@ -65,9 +65,9 @@ def informative(problem: Problem, setup: Setup) -> np.ndarray:
     """(n,) epochs whose measurements fix the attitude, or the rates where those are all there is."""
     if setup.points:
         return np.asarray((problem.seen.any(axis=1)).sum(axis=1) >= FEWEST_SEEN)
-    if setup.sensors[0]:
-        return np.isfinite(problem.attitude[:, 0])
-    return np.isfinite(problem.rates[:, 0])
+    measured = problem.attitude if setup.sensors[0] else problem.rates
+    found: np.ndarray = np.isfinite(measured[:, 0])
+    return found
 
 
 def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:

@@ -144,4 +144,5 @@ def axes_covariance_of(last: State) -> np.ndarray:
     J = np.concatenate([skew(p) for p in f])
     weight = 1.0 / np.maximum(np.diag(last.P[at, at]), 1e-300)
     back = np.linalg.pinv((J.T * weight) @ J) @ (J.T * weight)
-    return back @ last.P[at, at] @ back.T
+    found: np.ndarray = back @ last.P[at, at] @ back.T
+    return found

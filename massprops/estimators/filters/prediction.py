@@ -6,7 +6,19 @@ import numpy as np
 
 from massprops.estimators.filters.algebra import upper_factor
 from massprops.estimators.filters.components import product, torque_free, turn_between, turned, unit
-from massprops.estimators.filters.rule import ATTITUDE, INERTIA, POSITION, RATIO, VELOCITY, leading, place_error
+from massprops.estimators.filters.rule import (
+    ATTITUDE,
+    INERTIA,
+    POSITION,
+    RATIO,
+    VELOCITY,
+    Carried,
+    Rule,
+    Step,
+    Turn,
+    leading,
+    place_error,
+)
 
 WIDEST_RATE, WIDEST_TURN, WIDEST_RATIO = 10.0, 3.0, 2.0
 """1-sigma of rates [rad/s], attitude [rad] and k beyond which nothing is known of them: wider is not carried."""
@@ -16,7 +28,7 @@ BEYOND = 1e9
 """Sum of squares of rates and turns [rad, s] of a propagation that has left all meaning."""
 
 
-def perturbed(x, g, U, j, additive):  # type: ignore[no-untyped-def]
+def perturbed(x: np.ndarray, g: float, U: np.ndarray, j: int, additive: bool) -> Turn:
     """The attitude of a sigma point g along row j of U: turned, or with the four components added."""
     q = (x[3], x[4], x[5], x[6])
     if additive:
@@ -24,7 +36,7 @@ def perturbed(x, g, U, j, additive):  # type: ignore[no-untyped-def]
     return turned(q[0], q[1], q[2], q[3], g * U[j, 3], g * U[j, 4], g * U[j, 5])
 
 
-def bounded(x, P, rule):  # type: ignore[no-untyped-def]
+def bounded(x: np.ndarray, P: np.ndarray, rule: Rule) -> None:
     """Holds rates and covariance where a long time without measurements would take them past all meaning."""
     speed = np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
     if not speed <= FASTEST:
@@ -40,12 +52,24 @@ def bounded(x, P, rule):  # type: ignore[no-untyped-def]
                 P[j, i] *= f
 
 
-def carried(w, q, x, U, j, nf, g, step, steps):  # type: ignore[no-untyped-def]
+def carried(
+    w: tuple[float, float, float],
+    q: Turn,
+    x: np.ndarray,
+    U: np.ndarray,
+    j: int,
+    nf: int,
+    g: float,
+    step: Step,
+    steps: int,
+) -> Carried:
     """Rates w and attitude q after a step (dt, chaser), with the inertia of x moved by g along row j of U, from column nf."""
     return torque_free(w, q, x[RATIO] + g * U[j, nf], x[RATIO + 1] + g * U[j, nf + 1], step[0], steps)
 
 
-def pairs(x, U, step, steps, rule, odd, even):  # type: ignore[no-untyped-def]
+def pairs(
+    x: np.ndarray, U: np.ndarray, step: Step, steps: int, rule: Rule, odd: np.ndarray, even: np.ndarray
+) -> Carried:
     """Half differences and half sums of the sigma points' rates and attitudes a step later, into odd and even (nd, nf)
     that come as zeros. Returns where the mean goes to: w 3, q 4."""
     nd, nf, gamma, additive = odd.shape[0], odd.shape[1], rule.gamma, rule.additive
@@ -77,7 +101,9 @@ def pairs(x, U, step, steps, rule, odd, even):  # type: ignore[no-untyped-def]
     return centre
 
 
-def turn_covariance(P, U, odd, even, mean, excess):  # type: ignore[no-untyped-def]
+def turn_covariance(
+    P: np.ndarray, U: np.ndarray, odd: np.ndarray, even: np.ndarray, mean: np.ndarray, excess: float
+) -> None:
     """The covariance of rates and attitude, and with all else, from the pairs; rows above the diagonal only."""
     n, nd, nf = P.shape[0], odd.shape[0], odd.shape[1]
     for a in range(nf):
@@ -96,7 +122,7 @@ def turn_covariance(P, U, odd, even, mean, excess):  # type: ignore[no-untyped-d
             P[a, b] = P[b, a]
 
 
-def turn_mean(x, centre, mean, spin, additive):  # type: ignore[no-untyped-def]
+def turn_mean(x: np.ndarray, centre: Carried, mean: np.ndarray, spin: np.ndarray, additive: bool) -> None:
     """Rates and attitude: where the mean went to and the pairs' mean, then the chaser's turn on the left."""
     c0, c1, c2, c3, c4, c5, c6 = centre
     if additive:
@@ -110,7 +136,7 @@ def turn_mean(x, centre, mean, spin, additive):  # type: ignore[no-untyped-def]
         x[ATTITUDE + i] = q[i]
 
 
-def move_place(x, F, spin, step):  # type: ignore[no-untyped-def]
+def move_place(x: np.ndarray, F: np.ndarray, spin: np.ndarray, step: Step) -> None:
     """Position and velocity by the transition F (6, 6)."""
     old = np.empty(6)
     for i in range(3):
@@ -122,7 +148,7 @@ def move_place(x, F, spin, step):  # type: ignore[no-untyped-def]
         x[POSITION + i] = total
 
 
-def place_covariance(P, F, t):  # type: ignore[no-untyped-def]
+def place_covariance(P: np.ndarray, F: np.ndarray, t: int) -> None:
     """The covariance of position and velocity, whose errors begin at t, by the transition F (6, 6)."""
     old = np.empty(6)
     for c in range(P.shape[0]):
@@ -143,7 +169,9 @@ def place_covariance(P, F, t):  # type: ignore[no-untyped-def]
             P[c, t + i] = total
 
 
-def propagate(x, P, step, F, spin, noise, rule):  # type: ignore[no-untyped-def]
+def propagate(
+    x: np.ndarray, P: np.ndarray, step: Step, F: np.ndarray, spin: np.ndarray, noise: np.ndarray, rule: Rule
+) -> None:
     """State and covariance after a step (dt, chaser), in place."""
     dt, nd = step[0], leading(rule)
     nf = nd - INERTIA

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -11,6 +11,13 @@ INERTIA = 2
 RATE, ATTITUDE, RATIO, AXES, POSITION, VELOCITY, POINTS = 0, 3, 7, 9, 13, 16, 19
 """Where the state vector x (19 + 3 m,) has rates w 3, attitude q 4, ratios k 2, axes 4, position r 3, velocity v 3 and the
 features, 3 each."""
+
+Turn: TypeAlias = tuple[float, float, float, float]
+"""Components of a quaternion."""
+Carried: TypeAlias = tuple[float, float, float, float, float, float, float]
+"""Rates 3 [rad/s] and attitude 4."""
+Step: TypeAlias = tuple[float, np.ndarray]
+"""dt [s], and the chaser over it (10,) as of `Steps`."""
 
 
 class Rule(NamedTuple):

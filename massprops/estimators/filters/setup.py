@@ -76,13 +76,13 @@ def setup(
         NotPossible: no rotation or no inertia in the first guess.
     """
     if not len(start.q):
-        raise NotPossible("the first guess found no rotation to start from")
+        raise NotPossible("the first epochs show no rotation to start from: give a longer record, or more features")
     fit = free_fit(problem, start)
     inertia = start.inertia if fit is None else fit.inertia
     if prior.inertia is not None:
         inertia = prior.inertia
     if inertia is None:
-        raise NotPossible("the first guess found no inertia to start from")
+        raise NotPossible("the first epochs show no inertia to start from: give a longer record, or --prior")
     moments, frame = principal(inertia)
     k = ratios_of_moments(moments)
     row, first, q, w = _first_rotation(problem, start, fit)
@@ -226,7 +226,8 @@ def _with_frame(
 ) -> np.ndarray:
     """Adds the doubt about where the principal axes lie in the body: it turns attitude, rates, axes and features."""
     J = _lever(len(P), features, w, frame)
-    return P + (J * axes_sigma**2) @ J.T
+    found: np.ndarray = P + (J * axes_sigma**2) @ J.T
+    return found
 
 
 def _sigmas(prior: Prior, start: Any, inertia: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

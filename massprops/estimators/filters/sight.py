@@ -6,15 +6,15 @@ import numpy as np
 
 from massprops.dynamics.kernels import to_body
 from massprops.estimators.filters.components import feature_motion, image, product, turn_between
-from massprops.estimators.filters.rule import AXES, POINTS, POSITION, VELOCITY, ahead, per_feature
+from massprops.estimators.filters.rule import AXES, POINTS, POSITION, VELOCITY, Rule, Turn, ahead, per_feature
 
 
-def axes_in_reference(x):  # type: ignore[no-untyped-def]
+def axes_in_reference(x: np.ndarray) -> Turn:
     """The attitude of the measured body frame."""
     return product(x[3], x[4], x[5], x[6], x[AXES], x[AXES + 1], x[AXES + 2], x[AXES + 3])
 
 
-def sight_of_sensors(h, x, mid, rule):  # type: ignore[no-untyped-def]
+def sight_of_sensors(h: np.ndarray, x: np.ndarray, mid: Turn, rule: Rule) -> None:
     """Predicted attitude, as a turn from mid, rates and range, into h."""
     o = 0
     if rule.attitude:
@@ -30,7 +30,16 @@ def sight_of_sensors(h, x, mid, rule):  # type: ignore[no-untyped-def]
         h[o] = np.sqrt(x[POSITION] ** 2 + x[POSITION + 1] ** 2 + x[POSITION + 2] ** 2)
 
 
-def sight(h, used, first, x, eyes, mid, still, rule):  # type: ignore[no-untyped-def]
+def sight(
+    h: np.ndarray,
+    used: np.ndarray,
+    first: int,
+    x: np.ndarray,
+    eyes: np.ndarray,
+    mid: Turn,
+    still: bool,
+    rule: Rule,
+) -> None:
     """Predicted measurements from feature `first` on (and the sensors' when it is 0), into h."""
     if first == 0 and ahead(rule) > 0:
         sight_of_sensors(h, x, mid, rule)

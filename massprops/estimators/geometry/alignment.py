@@ -114,4 +114,5 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
     if poor.any():
         done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
     done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
-    return 0.5 * (done + np.swapaxes(done, -1, -2)) / both
+    found: np.ndarray = 0.5 * (done + np.swapaxes(done, -1, -2)) / both
+    return found

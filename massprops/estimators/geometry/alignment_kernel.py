@@ -92,9 +92,9 @@ def _outlier_size(squares: Array, soft: bool, limit: float, third: int) -> float
     if len(squares) > 0:
         ordered = np.sort(squares)
         if soft:
-            return max(limit, ordered[(len(squares) - 1) // 2])
+            return float(max(limit, ordered[(len(squares) - 1) // 2]))
         if third < len(squares):
-            return max(limit, 2.0 * ordered[third])
+            return float(max(limit, 2.0 * ordered[third]))
     return limit
 
 

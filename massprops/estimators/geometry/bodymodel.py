@@ -274,7 +274,8 @@ def _median_place(R: np.ndarray, arm: np.ndarray, information: np.ndarray) -> tu
 
 def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
     fit, given = good.sum(axis=1), use.sum(axis=1)
-    return (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
+    found: np.ndarray = (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
+    return found
 
 
 def _with_body(q: np.ndarray, vague: np.ndarray, covariance: np.ndarray, use: np.ndarray) -> np.ndarray:

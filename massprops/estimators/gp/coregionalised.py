@@ -127,12 +127,12 @@ def fit_process(
         )
     mean, spread = y.mean(axis=0), float(np.sqrt(np.mean((y - y.mean(axis=0)) ** 2)))
     if spread == 0.0:
-        raise NotPossible("Gaussian process: the measurements do not vary, so there is no period to learn")
+        raise NotPossible("Gaussian process: the measurements do not vary, so there is no period to learn; use 'ukf'")
     t0 = float(t[0])
     s, v = t - t0, (y - mean) / spread
     starts = [np.asarray(frequencies, float)] if frequencies is not None else candidate_pairs(s, v, keep=restarts)
     if not starts:
-        raise NotPossible("Gaussian process: no spectral line stands out; a longer record is needed")
+        raise NotPossible("Gaussian process: no period stands out; give a longer record, or use 'ukf'")
     noise = (noise_sigma / spread) ** 2 if noise_sigma else None
     trials = [_train(s, v, _start(s, v, f, noise), lattice(3), iterations=20) for f in starts]
     fit = min(trials, key=lambda trial: trial.nll)
@@ -160,7 +160,8 @@ class _Fit:
         weight, _ = line_weights(orders, 1.3 * self.z)
         keep = weight * np.trace(self.chol @ self.chol.T) > 1e-3 * self.noise / n
         keep[0] = True
-        return orders[keep]
+        found: np.ndarray = orders[keep]
+        return found
 
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Eigenvalues (d,), eigenvectors (d, d) of B and weight per column (r,)."""

@@ -84,7 +84,7 @@ def _with_inertia(motion: Estimate, found: Momentum) -> Estimate:
     if not converged:
         reason = (
             f"angular momentum is not conserved: residuals {np.sqrt(found.square):.1f} times their noise; "
-            "a torque, or noise larger than stated"
+            "a torque acts, or the noise is larger than stated"
         )
     motion = replace(
         motion, converged=converged, reason=reason, used=int(found.used.sum()), innovation=float(found.square)

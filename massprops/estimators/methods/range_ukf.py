@@ -38,7 +38,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
 def unfit_of(fit: Any) -> str:
     """Why the fit to the first frames is not to be believed; empty when it may be."""
     if not fit.converged:
-        return "the fit to the first frames found no rest: they do not fix the motion and the inertia together"
+        return "the fit to the first frames did not settle: they do not determine the motion and the inertia together"
     if fit.square > LARGEST_SQUARE:
         return f"the fit to the first frames leaves residuals of {np.sqrt(fit.square):.1f} sigma"
     return ""

@@ -284,4 +284,5 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     combination, such as of the inertia in a flat spin."""
     value, vector = np.linalg.eigh(0.5 * (information + information.T))
     found: np.ndarray = (vector / np.maximum(value, 1e-14 * value[-1])) @ vector.T
-    return 0.5 * (found + found.T)
+    found = 0.5 * (found + found.T)
+    return found

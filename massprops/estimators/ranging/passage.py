@@ -52,7 +52,7 @@ def start_of(problem: Problem, prior: Prior, start: Any) -> Any:
     from massprops.estimators.start import first_guess
 
     if not problem.has_attitude:
-        raise NotPossible("one camera without attitude0: reconstruct the footage first, which gives the attitude")
+        raise NotPossible("attitude0 is missing, which 'massprops reconstruct' writes for an object that tumbles")
     return start if getattr(start, "features", None) is not None else first_guess(problem, prior)
 
 
@@ -63,12 +63,14 @@ def passage_of(problem: Problem, prior: Prior, start: Any) -> tuple[Setup, Passa
         NotPossible: the features cannot be placed.
     """
     if start.inertia is None or start.features is None or start.position is None:
-        raise NotPossible("the tracks do not place the features")
+        raise NotPossible(
+            "the tracks do not show where the features lie: give longer tracks, during which the body turns"
+        )
     first = int(np.searchsorted(problem.times, start.times[0] - 1e-9))
     times = problem.times[first:]
     chosen = longest(start.features, problem.seen[first:, 0].sum(axis=0), MOST_FEATURES, 3)
     if len(chosen) < 3:
-        raise NotPossible("fewer than three features could be placed")
+        raise NotPossible("fewer than three features could be placed on the body: give longer tracks")
     data = RangeData(
         times=times,
         intrinsics=problem.cameras[0].intrinsics,

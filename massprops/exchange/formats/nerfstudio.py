@@ -28,7 +28,7 @@ def render(body: Body, meshes: Mapping[str, str]) -> str:
     pose[:, :3, 1:3] *= -1.0
     if views.distortion.shape[1] > 4:
         raise InputError(
-            "--to nerfstudio: this camera is a fisheye, which that format has otherwise: use --to colmap-text"
+            "--to nerfstudio: the camera is a fisheye, of another kind than that format describes: use --to colmap-text"
         )
     frames = []
     for i, name in enumerate(views.names):

@@ -29,10 +29,9 @@ def render(data: RunData) -> str:
             '<p>To see the distances on the mesh, choose <a href="#summary">“deviation from CAD”</a> under the object above.</p>'
         )
     parts.append(f"<h3>Surface distances</h3>{_distances(document.get('distances') or {})}")
-    parts.append(f"<h3>Quantities from the mesh{_marked(document, 'mesh')}</h3>{_quantities(document['rows'])}")
-    if document.get("fused"):
-        title = f"Quantities from mesh and motion together{_marked(document, 'fused')}"
-        parts.append(f"<h3>{title}</h3>{_quantities(document['fused'])}")
+    for key, who in _sides(document):
+        mark = " (recommended)" if document.get("fused") and document.get("recommended") == SOURCE[key] else ""
+        parts.append(f"<h3>Quantities from {who}{mark}</h3>{_quantities(document[key])}")
     parts.append(
         "<p class='soft'>After alignment, in the axes of the CAD mesh. Errors of products of inertia are relative to the mean "
         "diagonal element, errors of the centre of mass to the length of the CAD mesh. Axes: angle, ignoring the sign.</p>"
@@ -40,19 +39,27 @@ def render(data: RunData) -> str:
     return "".join(parts)
 
 
-def _marked(document: dict[str, Any], source: str) -> str:
-    return " (recommended)" if document.get("fused") and document.get("recommended") == source else ""
+SOURCE = {"rows": "mesh", "fused": "fused"}
+"""What `recommended` calls the tables of a comparison."""
+
+
+def _sides(document: dict[str, Any]) -> list[tuple[str, str]]:
+    """Keys of the tables there are and whose they are, what the run recommends first."""
+    sides = [
+        (key, who) for key, who in (("rows", "the mesh"), ("fused", "mesh and motion together")) if document.get(key)
+    ]
+    return sorted(sides, key=lambda side: SOURCE[side[0]] != document.get("recommended"))
 
 
 def _sentence(document: dict[str, Any]) -> str:
     sentences = []
-    for source, who in (("rows", "From the mesh"), ("fused", "From mesh and motion together")):
-        rows = document.get(source) or []
+    for key, who in _sides(document):
+        rows = document[key]
         held = [r for r in rows if r.get("holds") is not None]
         volume = next((r for r in rows if r["quantity"] == "volume"), None)
         if volume:
             sentences.append(
-                f"{who}, the volume differs from that of the CAD mesh by {volume['error_text'].replace('-', '−')}"
+                f"From {who}, the volume differs from that of the CAD mesh by {volume['error_text'].replace('-', '−')}"
             )
             yes = sum(bool(r["holds"]) for r in held)
             sentences[-1] += f", and {yes} of {len(held)} intervals contain the CAD value." if held else "."

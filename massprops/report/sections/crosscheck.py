@@ -82,8 +82,15 @@ def _together(data: RunData) -> str:
         "<h3>Mesh and motion together</h3>"
         + table(shown, ("", "mesh alone", "90 % interval", "together", "90 % interval"))
         + '<p class="soft">The motion corrects the mesh within its uncertainty, mostly where nothing was measured. '
-        + f"Method: {text(fused.get('with'))}.</p>"
+        + f"Method: {text(fused.get('with'))}.</p>{_recommended(plain)}"
     )
+
+
+def _recommended(document: dict[str, Any]) -> str:
+    """Which of the two the run recommends, and why."""
+    block = document.get("recommended") or {}
+    because = str(block.get("because") or "")
+    return f"<p><b>Recommended, and used in every export</b>: the values {text(because)}.</p>" if because else ""
 
 
 def _axes(data: RunData) -> str:

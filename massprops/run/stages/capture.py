@@ -334,7 +334,8 @@ def _enter_beside(job: Job, groups: dict[tuple[Any, ...], list[dict[str, Any]]],
             frame["beside"] = name
         share = 100 * float(cut[key].beside.mean())
         job.warn(
-            f"something bright stays at the image's edge: silhouettes say nothing in that {share:.0f} % of the image"
+            f"something bright stays at the image's edge, such as a planet's limb: {share:.0f} % of the image is not used "
+            "for silhouettes"
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.mass.confidence import Evidence, confidence, lowered
 from massprops.mass.document import document
-from massprops.mass.integrals import mesh_integrals
+from massprops.mass.integrals import mesh_integrals, scale_integrals
 from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, valid_bodies
 from massprops.mass.properties import ASSUMED_DENSITY, properties_of_integrals
 from massprops.mass.symmetric import described, sentences, undecided
@@ -26,7 +26,7 @@ def run(job: Job) -> dict[str, Any]:
     scale = json.loads((job.work("scale") / "scale.json").read_text())
     with np.load(job.work("surface") / "surface.npz", allow_pickle=False) as z:
         vertices, faces, observed = z["vertices"], z["faces"], z["observed"]
-        rows, lengths = z["replicate_integrals"], z["replicate_length"]
+        rows, lengths, outer = z["replicate_integrals"], z["replicate_length"], z["outer_integrals"]
 
     length = model_length(vertices, faces, observed.astype(bool))[0]
     metric = scale.get("metres_per_unit") is not None and scale.get("source", "none") != "none"
@@ -46,7 +46,7 @@ def run(job: Job) -> dict[str, Any]:
     draws = scaled_replicates(rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng)
     if not metric:
         scale = {**scale, "source": "none", "metres_per_unit": None}
-    bounds = intervals(draws, properties)
+    bounds = intervals(draws, properties, scale_integrals(outer, factor))
     open_readings = readings_of(json.loads((job.work("shape") / "shape.json").read_text()), factor)
     low, high = bounds["volume"]
     half_width = 0.5 * (high - low) / properties.volume
@@ -110,12 +110,15 @@ def _evidence(
         inferred=inferred,
         hollow_possible=float(surface.get("hollow_possible", 0.0)),
         hollow_likely=float(surface.get("hollow_likely", 0.0)),
+        hollow_elsewhere=bool(surface.get("hollow_elsewhere", False)),
+        unlike=int(surface.get("contradicted", 0)),
         images=int(sfm["given"]),
         used=sum(p["images"] for p in join["joined"]),
         unjoined=len(join["unjoined"]),
         joined=len(join["joined"]),
         valid=valid,
         overlap=float(surface.get("silhouette_overlap", 1.0)),
+        outside=float(surface.get("contradicting_views", 0.0)),
         cut=len(silhouettes.get("cut_off") or []),
         scenes=tuple(m["images"] for m in sfm.get("models") or []),
         misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,7 @@ def run(job: Job) -> dict[str, Any]:
         {n: job.work("capture") / "frames" / n for n in views.names},
     )
     write_sequence(job.out / "sequence", sequence)
-    for line in sequence.warnings:
+    for line in told(sequence.warnings, footage.motion):
         job.warn(line)
     facts = {
         "tracks": len(np.unique(sequence.tracks.feature)) if sequence.tracks else 0,
@@ -60,6 +61,11 @@ def run(job: Job) -> dict[str, Any]:
     (job.out / "sequence.json").write_text(json.dumps(facts, indent=1))
     job.progress(1, 1, "sequence")
     return {k: facts[k] for k in ("tracks", "observations", "attitudes")}
+
+
+def told(warnings: Sequence[str], motion: str) -> tuple[str, ...]:
+    """What the user is told of the sequence: nothing of a still object, of which the sequence shows no motion anyway."""
+    return tuple(warnings) if motion == "tumbling" else ()
 
 
 def _attitude_sigma(path: Path) -> np.ndarray | None:

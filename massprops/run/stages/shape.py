@@ -66,9 +66,7 @@ def run(job: Job) -> dict[str, Any]:
     pointed = _pointed(job, views)
     footage = json.loads((job.work("capture") / "footage.json").read_text())
     known = all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names)
-    perhaps_carried = (
-        footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]
-    )
+    perhaps_carried = _turns(footage)
     # silhouettes say nothing of placements, which the room has put into one model
     by_room = bool(footage["masks_given"]) and not _by_object_alone(job)
     if not pointed and known and not perhaps_carried and not by_room:
@@ -118,6 +116,11 @@ def _by_object_alone(job: Job) -> bool:
     return bool(json.loads((job.work("sfm") / "sfm.json").read_text()).get("masked", True))
 
 
+def _turns(footage: dict[str, Any]) -> bool:
+    """Whether something turns before a still camera and a room."""
+    return footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]
+
+
 def _carried(job: Job, views: Views, sparse: SparsePoints) -> bool:
     """Whether a body that turns before a still background stands on what turns with it: a turntable's plate.
 
@@ -125,18 +128,24 @@ def _carried(job: Job, views: Views, sparse: SparsePoints) -> bool:
     """
     from massprops.dense.region import region_of
 
-    return _rough_support(job, views, region_of(views), sparse) is not None
+    return _rough_support(job, views, region_of(views), sparse, turning=True) is not None
 
 
-def _rough_support(job: Job, views: Views, region: Region, sparse: SparsePoints) -> tuple[Cloud, np.ndarray] | None:
-    """Dense points of all views and the plane (4,) that carries what they look at, or None."""
+def _rough_support(
+    job: Job, views: Views, region: Region, sparse: SparsePoints, turning: bool = False
+) -> tuple[Cloud, np.ndarray] | None:
+    """Dense points of all views and the plane (4,) that carries what they look at, or None; turning: of `find_object`."""
+    from massprops.capture.readings import Scene, turning_plate
     from massprops.capture.support import find_support
 
     try:
-        cloud, _ = _dense(job, views, region, sparse)
+        cloud, colour = _dense(job, views, region, sparse)
     except NotPossible:
         return None
     plane = find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed)
+    if plane is None and turning:
+        scene = Scene(cloud.xyz, cloud.normal, colour, views, region, _pixel_size(views, region))
+        plane = turning_plate(scene, job.seed)
     return None if plane is None else (cloud, plane)
 
 
@@ -268,7 +277,8 @@ def _placement(
     pixel = _pixel_size(views, region)
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
     support = None if known is None else np.array(known)
-    object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support)
+    turning = _turns(json.loads((job.work("capture") / "footage.json").read_text()))
+    object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support, turning)
     found = object_.split
     job.progress(0, 1, "first shape")
     vertices, faces, hidden = _first_shape(job, views, cloud, found, region)

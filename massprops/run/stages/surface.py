@@ -9,6 +9,7 @@ import numpy as np
 
 from massprops.errors import NotPossible
 from massprops.mass.integrals import mesh_integrals
+from massprops.mass.intervals import collapse
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from massprops.surface.spread import Joint
     from massprops.views import Views
 
-READS = ("capture", "sfm", "silhouettes", "join", "dense")
+READS = ("capture", "sfm", "shape", "silhouettes", "join", "dense")
 OPTIONS = ("seed",)
 
 FAR = 15.0
@@ -45,9 +46,12 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length) and surface.json."""
+    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json."""
+    from massprops.run.unjoined import unjoined
     from massprops.surface.cloud import Cloud
+    from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
+    from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
     from massprops.surface.unlit import spare_unlit
@@ -70,12 +74,16 @@ def run(job: Job) -> dict[str, Any]:
             f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
             "closed body was measured; give images with more overlap and from more sides"
         )
-    focal = json.loads((job.work("sfm") / "sfm.json").read_text()).get("focal_sigma_relative")
-    focal_sigma = FOCAL_SIGMA if focal is None else float(focal)
+    focal_sigma = _focal_sigma(job)
     rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
+    others = unjoined(job, place, focal_sigma)
     hollow = _hollows(surface, place)
+    vessel = any(other.vessel for other in others)
+    # the side that it stood on is the upper side of another placement, and was seen hollow there
+    likely = hollow.possible if vessel else hollow.likely
     body = mesh_integrals(surface.vertices, surface.faces)
-    rows = hollowed(rows, body, hollow.likely, job.seed)
+    rows = hollowed(rows, body, likely, job.seed)
+    rows, contradicted = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     np.savez(
         job.out / "surface.npz",
         vertices=surface.vertices,
@@ -84,16 +92,25 @@ def run(job: Job) -> dict[str, Any]:
         inferred=surface.inferred,
         replicate_integrals=rows,
         replicate_length=lengths,
+        # what the body is within at most, where its replicates leave that open
+        outer_integrals=outer_integrals(surface.hull, surface.vertices) if collapse(rows) else np.zeros(10),
     )
     facts = _facts(
         surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
     )
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": hollow.likely[0] / body[0]}
+    facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": likely[0] / body[0]}
+    facts |= {"hollow_elsewhere": vessel, "contradicted": contradicted}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _focal_sigma(job: Job) -> float:
+    """Relative 1-sigma of the focal length."""
+    focal = json.loads((job.work("sfm") / "sfm.json").read_text()).get("focal_sigma_relative")
+    return FOCAL_SIGMA if focal is None else float(focal)
 
 
 def _symmetric(
@@ -159,18 +176,18 @@ def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]
 def _hollows(surface: Surface, place: dict[str, Any]) -> Hollows:
     """Space of which nothing proves that it is material. `place` is `join.json`."""
     from massprops.mass.confidence import FILLED
+    from massprops.run.unjoined import on_support_hollows
     from massprops.surface.behind_fill import behind_fill
-    from massprops.surface.hollow import Hollows, hollows
+    from massprops.surface.hollow import Hollows
 
-    # neighbours together know their surface better than each of them
-    noise = 0.5 * float(np.median(surface.cloud.sigma))
     if place["support_plane"] is None:
         if len(place["joined"]) < 2 or _filled(surface) < FILLED:
             return Hollows(np.zeros(10), np.zeros(10))
+        # neighbours together know their surface better than each of them
+        noise = 0.5 * float(np.median(surface.cloud.sigma))
         space = behind_fill(surface.vertices, surface.faces, surface.observed, noise, surface.spacing)
         return Hollows(space, space)
-    plane = np.array(place["support_plane"], float)
-    return hollows(surface.vertices, surface.faces, surface.observed, plane, noise, surface.spacing)
+    return on_support_hollows(surface, np.array(place["support_plane"], float))
 
 
 def _filled(surface: Surface) -> float:
@@ -292,6 +309,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "silhouette_overlap": float(np.nanmedian(list(overlap.values()))),
         "silhouette_overlap_by_image": {k: round(float(o), 4) for k, o in overlap.items() if np.isfinite(o)},
         "views_that_carve": surface.hull.need,
+        "contradicting_views": surface.hull.contradicting,
         "warnings": warnings,
         "partial": partial,
     }

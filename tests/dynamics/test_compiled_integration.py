@@ -1,4 +1,4 @@
-"""The compiled kernel and the plain march are the same equations: which of the two is used changes no number."""
+"""The compiled kernel and the plain integration are the same equations: which of the two is used changes no number."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprops.dynamics import rotation
-from massprops.dynamics.march import marched
+from massprops.dynamics.compiled_integration import integrated
 from massprops.dynamics.quaternion import normalise
 from massprops.dynamics.surroundings import Surroundings
 from massprops.effects import effects
@@ -16,16 +16,20 @@ from massprops.sequence.data import Environment
 INERTIA = np.array([[0.8, 0.05, -0.1], [0.05, 1.0, 0.02], [-0.1, 0.02, 1.2]])
 
 
-@pytest.mark.parametrize("name", ["", "viscous-damping", "energy-dissipation"])
-def test_kernel_and_plain_march_agree(name: str) -> None:
+@pytest.mark.parametrize("name", ["", "viscous-damping", "energy-dissipation", "spring-mass-damper"])
+def test_kernel_and_plain_integration_agree(name: str) -> None:
     rng = np.random.default_rng(4)
-    values = {name: np.array([0.01, 0.1][: len(effects()[name].PARAMETERS)])} if name else {}
+    values = (
+        {name: np.array([0.01, 0.1, 0.3, 0.2, 0.4, 0.1, 0.2, 0.02, 0.05, 0.01][: len(effects()[name].PARAMETERS)])}
+        if name
+        else {}
+    )
     model = model_of(values)
     acting, p = model.acting, list(model.flat(True))
     around = Surroundings(Environment())
     six = tuple(float(v) for v in rotation.six_of(INERTIA))
     y = rotation.start_state(list(normalise(rng.standard_normal(4))), [0.1, -0.2, 0.15], six, acting, p)
     start, size = np.arange(40) * 0.3, np.full(40, 0.3)
-    plain = rotation._plain_march(y, start, size, six, p, acting, around)
+    plain = rotation._integrated_plainly(y, start, size, six, p, acting, around)
     assert np.abs(plain[-1] - plain[0]).max() > 0.1
-    assert np.allclose(marched(y, start, size, six, p, acting, around), plain, rtol=0, atol=1e-15)
+    assert np.allclose(integrated(y, start, size, six, p, acting, around), plain, rtol=0, atol=1e-15)

@@ -35,6 +35,7 @@ SIGNATURES = {
     "inertia": _6(nt.float64, _6, _P),
     "internal": _3(nt.float64, _P, _P),
     "internal_rate": _3(nt.float64, _3, _P, _P),
+    "moving_inertia": _6(_6, _P, _P),
 }
 """Of the effects' functions (`massprops.effects`)."""
 EQUATIONS: dict[str, Callable[..., Any]] = {
@@ -82,11 +83,14 @@ def _slope(
     out: np.ndarray,
 ) -> None:
     """`rotation.slope` into `out`."""
-    torques, inertias, internals, rates = functions
-    torque_at, inertia_at, internal_at, rate_at = places
+    torques, inertias, internals, rates, moving = functions
+    torque_at, inertia_at, internal_at, rate_at, moving_at = places
     hx, hy, hz = y[4], y[5], y[6]
     for k in range(len(inertia_at)):
         six = inertias[inertia_at[k, 0]](t, six, p[inertia_at[k, 1] : inertia_at[k, 2]])
+    for k in range(len(moving_at)):
+        own = y[moving_at[k, 3] : moving_at[k, 4]]
+        six = moving[moving_at[k, 0]](six, own, p[moving_at[k, 1] : moving_at[k, 2]])
     for k in range(len(internal_at)):
         own = y[internal_at[k, 3] : internal_at[k, 4]]
         ax, ay, az = internals[internal_at[k, 0]](t, own, p[internal_at[k, 1] : internal_at[k, 2]])
@@ -108,7 +112,7 @@ def _slope(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def march(
+def integrate(
     y0: np.ndarray,
     start: np.ndarray,
     size: np.ndarray,
@@ -147,7 +151,7 @@ def march(
     return out
 
 
-def marched(
+def integrated(
     y0: Sequence[float],
     start: np.ndarray,
     size: np.ndarray,
@@ -156,17 +160,17 @@ def marched(
     acting: Acting,
     around: Surroundings,
 ) -> np.ndarray:
-    """`march` for a list of effects in their surroundings.
+    """`integrate` for a list of effects in their surroundings.
 
     Args:
-        acting: `rotation.Acting`; around: `Surroundings`; the others as of `march`.
+        acting: `rotation.Acting`; around: `Surroundings`; the others as of `integrate`.
     """
     times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
     sky = around.sky(times, acting.orbiting)
     position = np.stack([np.broadcast_to(x, times.shape) for x in sky.position], axis=-1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
-        return march(
+        return integrate(
             np.array(y0, float), start, size, six, np.asarray(p, float), tuple(tuple(functions(n).values()) for n in SIGNATURES),
             tuple(_places(n, acting) for n in SIGNATURES),
             sky._replace(position=(0.0, 0.0, 0.0)), position,

@@ -1,0 +1,25 @@
+"""Tables that commands print."""
+
+from __future__ import annotations
+
+from massprops_cli.compare import comparison_table
+from massprops_cli.estimate import _against_truth
+
+
+def test_errors_against_the_truth_are_one_line_a_method_in_degrees() -> None:
+    found = {"ekf": {"k1_error": 0.01, "attitude_rms_rad": 0.0174533}, "ukf": {"k1_error": None}}
+    head, first, second = (line.split() for line in _against_truth(found))
+    assert head[:4] == ["error", "against", "the", "truth"] and "[deg]" in head
+    assert first == ["ekf", "0.01", "-", "1", "-", "-", "-"] and second == ["ukf", *6 * ["-"]]
+    assert _against_truth({}) == []
+
+
+def test_the_values_that_a_run_recommends_are_marked_and_stand_first() -> None:
+    row = {"quantity": "volume", "cad": 1.0, "ours": 1.1, "error": 0.1, "relative_error": 0.1, "error_text": "+10 %"}
+    row |= {"unit": "m^3", "interval_90": None, "holds": None}
+    sides = dict.fromkeys(("median", "mean_signed", "rms", "p95", "hausdorff"), 0.0)
+    distances = {"ours": sides, "cad": sides, "length": 1.0}
+    document = {"rows": [row], "fused": [row], "recommended": "fused"}
+    said = comparison_table({**document, "distances": distances, "scale": 1.0, "free_scale": False})
+    heads = [line for line in said.splitlines() if line.startswith("from ")]
+    assert heads == ["from mesh and motion together (recommended):", "from the mesh:"]

@@ -1,0 +1,73 @@
+"""A mass on a spring inside a body: its motion against MuJoCo's, and found in attitudes that MuJoCo and Basilisk move."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprops.diagnosis.effect_search import best_fit
+from massprops.diagnosis.record import record_of_attitudes
+from massprops.diagnosis.selection import rms, without_effects
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
+from massprops.dynamics.rotation import Acting, trajectory
+from massprops.dynamics.surroundings import Surroundings
+from massprops.effects import effects
+from massprops.sequence.data import Environment
+
+NAME = "spring-mass-damper"
+SHOWN, SLOSHED, BENT = 3, 2, 1
+"""Seeds on which the effect was developed."""
+
+
+def _parameters(truth: dict) -> np.ndarray:
+    return np.array([*truth["arm"], *truth["along"], truth["frequency"], truth["damping"], 0.0, 0.0])
+
+
+def test_the_body_moves_as_mujocos_with_a_sliding_mass() -> None:
+    pytest.importorskip("mujoco")
+    from diagnosis import pair_worlds
+
+    world = pair_worlds._world(np.random.default_rng(0))
+    acting, truth = pair_worlds.sliding(np.random.default_rng(1), world)
+    times, q = pair_worlds.moved(world, [acting])
+    ours, around = Acting((effects()[NAME],), (slice(0, 10),)), Surroundings(Environment())
+    with_mass = trajectory(times, q[0], world.rate, truth["inertia"], ours, _parameters(truth), around)
+    rigid = trajectory(times, q[0], world.rate, truth["inertia"], Acting((), ()), np.zeros(0), around)
+
+    def apart(path) -> float:
+        return float(np.abs(rotation_vector(multiply(conjugate(path.q), q))).max())
+
+    assert apart(with_mass) < 1e-6 < 1e-2 < apart(rigid)
+
+
+def _found(sequence):
+    record = record_of_attitudes(sequence.attitude, sequence.environment)
+    base, unknown = without_effects(record)
+    return best_fit(record, effects()[NAME], base), base, unknown
+
+
+def test_a_sliding_mass_is_found_with_its_parameters() -> None:
+    pytest.importorskip("mujoco")
+    from diagnosis.pair_worlds import slid
+
+    sequence, _, truth = slid(SHOWN)
+    fit, base, unknown = _found(sequence)
+    assert fit.evidence > unknown.evidence + 5.0 and rms(fit.residual) < 1.1 < 1.5 < rms(base.residual)
+    term = fit.hypothesis.terms[0]
+    value = dict(zip(term.unknowns, fit.values[NAME], strict=True))
+    sigma = dict(zip(term.unknowns, np.sqrt(np.diag(fit.covariance[NAME])), strict=True))
+    for name in ("frequency", "damping"):
+        assert abs(value[name] - truth[name]) < 4.0 * sigma[name]
+    # the same mass opposite, or its way reversed, moves the body as much
+    for part in ("along", "arm"):
+        got, sd = (np.array([v[f"{part}_{a}"] for a in "xyz"]) for v in (value, sigma))
+        assert (np.minimum(np.abs(got - truth[part]), np.abs(got + truth[part])) < 4.0 * sd + 1e-3).all()
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("panel", BENT), ("slosh", SLOSHED)])
+def test_what_swings_in_basilisk_leaves_only_noise(kind: str, seed: int) -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import recorded
+
+    fit, base, unknown = _found(recorded(kind, seed))
+    assert fit.evidence > unknown.evidence + 5.0 and rms(fit.residual) < 1.1 < 2.0 < rms(base.residual)

@@ -1,0 +1,51 @@
+"""Lines, tables and charts that the pages share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprops.report.estimates import _doubts, _reliable
+from massprops.report.html import unit
+from massprops.report.plot import plot
+from massprops.report.ratio_plane import ratio_plane
+from massprops.report.sections.comparison import _sides
+
+
+def test_a_line_ends_where_a_number_is_missing() -> None:
+    x, y = np.arange(6.0), np.array([1.0, 2.0, np.nan, 3.0, np.nan, 4.0])
+    drawn = plot([("a", x, y)], "t", "y").split("<polyline")[1:]
+    points = [line.split('points="')[1].split('"')[0].split() for line in drawn]
+    assert [len(p) for p in points] == [2, 2, 2]
+    assert points[0][0] != points[0][1] and points[1][0] == points[1][1], "a lone number is a dot"
+
+
+def test_units_are_raised() -> None:
+    assert unit("s^-1") == "s⁻¹" and unit("rad s^-2") == "rad s⁻²" and unit("kg m^2") == "kg m²" and unit("1") == "1"
+
+
+def test_methods_that_fail_alike_are_told_once() -> None:
+    fine = {"name": "a", "converged": True, "observable": True, "reliable": True, "because": "", "reason": ""}
+    two = [{**fine, "name": n, "reliable": False, "because": "too <small>"} for n in ("b", "c")]
+    lost = {**fine, "name": "d", "converged": False, "reliable": False, "reason": "astray"}
+    said = _doubts([fine, *two, lost])
+    assert "<b>b, c</b>: too &lt;small&gt;" in said and "<b>d</b>: astray" in said and said.count("<li>") == 2
+    assert _doubts([fine]) == ""
+    assert [_reliable(e) for e in (fine, two[0], lost)] == ["yes", "no", "no: did not converge"]
+
+
+def test_an_ellipse_within_reach_is_drawn_whole() -> None:
+    def one(name: str, k1: float, sigma: float) -> dict:
+        return {"name": name, "k1": k1, "k2": -0.2, "sigma_k1": sigma, "sigma_k2": sigma, "converged": True}
+
+    page = ratio_plane({}, [one("smoother", -0.5, 0.01), one("ekf", -0.49, 0.015)], "smoother")
+    inside = [p for p in page.split('<polygon class="ring s1"')[1].split('points="')[1].split('"')[0].split()]
+    x = np.array([float(p.split(",")[0]) for p in inside])
+    assert x.min() >= 62 and x.max() <= 470, "the second method's ellipse lies within the pane"
+
+
+def test_a_comparison_shows_first_what_the_run_recommends() -> None:
+    row = {"quantity": "volume", "error_text": "+1 %"}
+    both = {"rows": [row], "fused": [row]}
+    assert [key for key, _ in _sides({**both, "recommended": "fused"})] == ["fused", "rows"]
+    assert [key for key, _ in _sides({**both, "recommended": "mesh"})] == ["rows", "fused"]
+    assert [key for key, _ in _sides({"rows": [row], "fused": None, "recommended": "mesh"})] == ["rows"]
