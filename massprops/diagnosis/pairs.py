@@ -61,11 +61,9 @@ def pairs(
     along = record if record.rows.rates else unknown.record
     starts = [Start(inertia=unknown.inertia, left=1.0), BALL, *(again(f) for f in singles[:FIRSTS])]
     alone = {f.names[0]: f.hypothesis.terms[0] for f in singles if f.hypothesis.terms}
-    first = {n for f in singles[:FIRSTS] for n in f.names}
-    # an effect without a scan begins where it is by itself: far from its place where it explains little, and each fit is slow
-    trusted = [m for m in usable if not hasattr(m, "momentum_moved") or m.NAME in first]
-    every = [_forced(along, effect, unknown, alone.get(effect.NAME)) for effect in trusted]
-    forced = [f for f in every if f]
+    # an effect that is not linear in its unknowns bends to what sunlight on faces leaves: the two passed for a periodic torque
+    linear = [m for m in usable if not hasattr(m, "momentum_moved")]
+    forced = [_forced(along, effect, unknown, alone.get(effect.NAME)) for effect in linear]
     begun = [_begun(along, a, b, starts, gap) for a, b in combinations(forced, 2)]
     begun = sorted((f for f in begun if f and can_be(f[0])), key=lambda f: -f[0].evidence)
     found = [_finished(along, fits, starts) for fits in begun[:FINISHED]]
@@ -78,10 +76,7 @@ def pairs(
 def _forced(record: Record, effect: ModuleType, unknown: HypothesisFit, alone: Term | None) -> list[Forced]:
     """The effect at every value that is scanned, the last the likeliest by itself, with its columns along the path."""
     path = record.path
-    if hasattr(effect, "momentum_moved"):  # what a pass moves needs no scan, but somewhere to begin
-        terms = [] if alone is None else [alone]
-    else:
-        terms = scan(effect, record.times, path.w[record.rows.at])
+    terms = scan(effect, record.times, path.w[record.rows.at])
     if alone is not None and len(terms) > 1:
         terms = [*terms, alone]
     return [(t, forcing_of(t, path, path.w, unknown.inertia, record.sky)) for t in terms]
