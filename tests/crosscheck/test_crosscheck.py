@@ -144,7 +144,7 @@ def test_no_mass_properties_is_one_line_and_exit_2(tmp_path: Path) -> None:
     make_sequence(tmp_path / "run" / "sequence", stereo=False, attitude=True)
     with pytest.raises(InputError, match=r"massprops\.json"):
         crosscheck(tmp_path / "run")
-    with pytest.raises(InputError, match="no such run"):
+    with pytest.raises(InputError, match="no such folder; give a run"):
         crosscheck(tmp_path / "absent")
 
 

@@ -24,7 +24,7 @@ LAW: dict[str, Any] = {
 
 def test_a_law_is_on_the_page_with_its_terms_and_its_figures() -> None:
     shown = law({"law": LAW})
-    for part in ("8.1e-05 [max(0, s_z) along x]", "0.97", "7.25", "1.02", "law.py", "law.yaml", "rad s^-2"):
+    for part in ("8.1e-05 [max(0, s_z) along x]", "0.97", "7.25", "1.02", "law.py", "law.yaml", "rad s⁻²"):
         assert part in shown
     assert 'class="done"' in shown and "Not stated" not in shown
 
@@ -51,6 +51,8 @@ def test_parameters_that_are_not_shown_have_no_number() -> None:
         "sigma": {"a": None, "b": 0.5},
         "units": {"a": "1", "b": "s"},
     }
-    shown = verdict({"verdict": "named", "reason": "Air.", "axes": "body axes", "effects": [effect]})
+    gap = {"held_out": {"before": 3.0, "after": 1.04}}
+    shown = verdict({"verdict": "named", "reason": "Air.", "axes": "body axes", "effects": [effect], "gap": gap})
+    assert "predicted to 1.04 times the noise with it, and to 3.00 times without" in shown
     assert "not shown" in shown and "± 0.5" in shown.replace("0.50", "0.5")
     assert notes({"warnings": []}) == "" and "<li>a</li>" in notes({"warnings": ["a"]})
