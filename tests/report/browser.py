@@ -49,7 +49,8 @@ def browse(page: Path, folder: Path, *flags: str, size: str = "1000,1500") -> tu
     finally:
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGKILL)
-    console = "\n".join(line for line in err.splitlines() if "CONSOLE" in line)
+    # pages of the browser's own have a console too: without a network they wait for a font
+    console = "\n".join(line for line in err.splitlines() if "CONSOLE" in line and "source: chrome://" not in line)
     log = net.read_text()
     try:
         return out, console, json.loads(log)
