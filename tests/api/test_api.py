@@ -40,7 +40,7 @@ def test_the_verbs_are_functions_of_the_package_with_help() -> None:
         assert "Args:" in function.__doc__ and "Raises:" in function.__doc__, name
         for parameter in inspect.signature(function).parameters.values():
             assert parameter.annotation is not inspect.Parameter.empty, (name, parameter.name)
-            assert f"        {parameter.name}: " in function.__doc__, (name, parameter.name)
+            assert f"\n    {parameter.name}: " in inspect.getdoc(function), (name, parameter.name)
 
 
 def test_no_name_is_a_function_or_a_module_depending_on_what_was_imported() -> None:
