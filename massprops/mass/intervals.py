@@ -63,8 +63,8 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
         estimate: what the mesh itself gives.
         outer: (10,) integrals of what the body is within [final units], where replicates collapse.
     """
-    vague = collapse(rows)
-    rows = rows[valid_bodies(rows)]
+    valid = valid_bodies(rows)
+    vague, rows = collapsed(valid), rows[valid]
     mass, centre, inertia = central_inertia(rows, estimate.density)
     moments = np.linalg.eigvalsh(inertia)
     ratios = inertia_ratios(moments)
@@ -97,9 +97,9 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
     }
 
 
-def collapse(rows: np.ndarray) -> bool:
-    """Whether more replicates (r, 10) are no bodies than lie below an interval."""
-    return 1.0 - float(valid_bodies(rows).mean()) > TAIL
+def collapsed(valid: np.ndarray) -> bool:
+    """Whether more replicates are no bodies, (r,) of `valid_bodies`, than lie below an interval."""
+    return 1.0 - float(valid.mean()) > TAIL
 
 
 def _largest(outer: np.ndarray, density: float) -> tuple[float, float, np.ndarray]:

@@ -88,9 +88,13 @@ def on_support_hollows(surface: Surface, support: np.ndarray, open_below: bool =
         open_below: there is reason to think that the side it stands on is hollow, and then all of it may be a thin shell:
             of a toy car the wheels, seen from both sides, were many times as thick as its walls.
     """
-    # neighbours together know their surface better than each of them
-    noise = 0.5 * float(np.median(surface.cloud.sigma))
     found = hollows(
-        surface.vertices, surface.faces, surface.observed, support, noise, surface.spacing, walls_alike=not open_below
+        surface.vertices,
+        surface.faces,
+        surface.observed,
+        support,
+        surface.noise,
+        surface.spacing,
+        walls_alike=not open_below,
     )
     return Hollows(found.possible, found.possible) if open_below else found

@@ -64,6 +64,11 @@ class Surface:
     cloud: Cloud
     spacing: float
 
+    @property
+    def noise(self) -> float:
+        """1-sigma of the measured surface's place: neighbours together know it better than each point does."""
+        return 0.5 * float(np.median(self.cloud.sigma))
+
 
 def reconstruct_surface(
     views: Views,

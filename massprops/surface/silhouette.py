@@ -47,7 +47,7 @@ class Hull:
     support: np.ndarray | None = None
 
     @property
-    def contradicting(self) -> float:
+    def outside_share(self) -> float:
         """Share of the views that show sky where the body was measured, of all but the worst hundredth of its points; 0
         where no more do than one silhouette in error explains."""
         return 0.0 if self.need <= FEWEST_AGREE else (self.need - MARGIN) / len(self.maps)

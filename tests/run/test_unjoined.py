@@ -77,7 +77,7 @@ def test_a_body_that_is_open_below_may_be_a_thin_shell() -> None:
     body = BLOCK.subdivide_to_size(0.1)
     seen = ~((body.face_normals[:, 2] < -0.5) & (body.triangles_center[:, 2] < 1e-6))
     made = {"vertices": body.vertices, "faces": body.faces, "observed": seen, "spacing": 0.02}
-    surface: Any = SimpleNamespace(cloud=SimpleNamespace(sigma=np.full(9, 0.01)), **made)
+    surface: Any = SimpleNamespace(noise=0.005, **made)
     plane = np.array([0.0, 0.0, 1.0, 0.0])
     assert on_support_hollows(surface, plane).likely[0] == 0
     assert on_support_hollows(surface, plane, open_below=True).likely[0] > 0.8 * body.volume

@@ -114,10 +114,10 @@ def test_a_hull_tells_how_many_views_contradict_what_was_measured() -> None:
     mesh = trimesh.creation.box((2.2, 1.0, 0.5)).subdivide().subdivide().subdivide()
     views, masks = outlines(mesh, 20)
     points = np.asarray(mesh.vertices, float)
-    assert make_hull(views, masks, points).sparing(points).contradicting == 0.0
+    assert make_hull(views, masks, points).sparing(points).outside_share == 0.0
     # a third of the cameras are 20 degrees off
     R, t = views.R.copy(), views.t.copy()
     turn = trimesh.transformations.rotation_matrix(np.radians(20), [0.3, 1.0, 0.2])[:3, :3]
     R[::3] = R[::3] @ turn
     moved = replace(views, R=R, t=t)
-    assert 0.2 < make_hull(moved, masks, points).sparing(points).contradicting <= 0.35
+    assert 0.2 < make_hull(moved, masks, points).sparing(points).outside_share <= 0.35

@@ -47,10 +47,11 @@ def run(job: Job) -> dict[str, Any]:
     if not metric:
         scale = {**scale, "source": "none", "metres_per_unit": None}
     bounds = intervals(draws, properties, scale_integrals(outer, factor))
-    open_readings = readings_of(json.loads((job.work("shape") / "shape.json").read_text()), factor)
+    shape = json.loads((job.work("shape") / "shape.json").read_text())
+    open_readings = readings_of(shape, factor)
     low, high = bounds["volume"]
     half_width = 0.5 * (high - low) / properties.volume
-    trust = confidence(_evidence(job, surface, half_width, float(valid_bodies(draws).mean()), open_readings))
+    trust = confidence(_evidence(job, surface, shape, half_width, float(valid_bodies(draws).mean()), open_readings))
     symmetric = described(surface.get("symmetric") or [], properties, factor)
     unplaced = undecided(symmetric, bounds)
     for i, line in enumerate(sentences(symmetric, properties, len(surface["silhouette_overlap_by_image"]))):
@@ -96,11 +97,16 @@ def _described(surface: dict[str, Any], corners: np.ndarray) -> dict[str, Any]:
 
 
 def _evidence(
-    job: Job, surface: dict[str, Any], half_width: float, valid: float, readings: list[dict[str, Any]]
+    job: Job,
+    surface: dict[str, Any],
+    shape: dict[str, Any],
+    half_width: float,
+    valid: float,
+    readings: list[dict[str, Any]],
 ) -> Evidence:
     """What the confidence is judged by; half_width: of the volume's interval, valid: share of possible replicates."""
-    sfm, shape, join, silhouettes = (
-        json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "shape", "join", "silhouettes")
+    sfm, join, silhouettes = (
+        json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join", "silhouettes")
     )
     contradicted, contradicting = _contradicted(sfm, shape)
     _, inferred, filled = _shares(surface)
@@ -111,14 +117,14 @@ def _evidence(
         hollow_possible=float(surface.get("hollow_possible", 0.0)),
         hollow_likely=float(surface.get("hollow_likely", 0.0)),
         hollow_elsewhere=bool(surface.get("hollow_elsewhere", False)),
-        unlike=int(surface.get("contradicted", 0)),
+        unlike=int(surface.get("unlike_placements", 0)),
         images=int(sfm["given"]),
         used=sum(p["images"] for p in join["joined"]),
         unjoined=len(join["unjoined"]),
         joined=len(join["joined"]),
         valid=valid,
         overlap=float(surface.get("silhouette_overlap", 1.0)),
-        outside=float(surface.get("contradicting_views", 0.0)),
+        outside=float(surface.get("outside_share", 0.0)),
         cut=len(silhouettes.get("cut_off") or []),
         scenes=tuple(m["images"] for m in sfm.get("models") or []),
         misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),

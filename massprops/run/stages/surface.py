@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.errors import NotPossible
 from massprops.mass.integrals import mesh_integrals
-from massprops.mass.intervals import collapse
+from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 
@@ -81,7 +81,7 @@ def run(job: Job) -> dict[str, Any]:
     hollow = _hollows(surface, place, open_below)
     body = mesh_integrals(surface.vertices, surface.faces)
     rows = hollowed(rows, body, hollow.likely, job.seed)
-    rows, contradicted = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
+    rows, unlike = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     np.savez(
         job.out / "surface.npz",
         vertices=surface.vertices,
@@ -91,14 +91,16 @@ def run(job: Job) -> dict[str, Any]:
         replicate_integrals=rows,
         replicate_length=lengths,
         # what the body is within at most, where its replicates leave that open
-        outer_integrals=outer_integrals(surface.hull, surface.vertices) if collapse(rows) else np.zeros(10),
+        outer_integrals=outer_integrals(surface.hull, surface.vertices)
+        if collapsed(valid_bodies(rows))
+        else np.zeros(10),
     )
     facts = _facts(
         surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
     )
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
     facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": hollow.likely[0] / body[0]}
-    facts |= {"hollow_elsewhere": open_below, "contradicted": contradicted}
+    facts |= {"hollow_elsewhere": open_below, "unlike_placements": unlike}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
@@ -181,9 +183,7 @@ def _hollows(surface: Surface, place: dict[str, Any], open_below: bool = False) 
     if place["support_plane"] is None:
         if len(place["joined"]) < 2 or _filled(surface) < FILLED:
             return Hollows(np.zeros(10), np.zeros(10))
-        # neighbours together know their surface better than each of them
-        noise = 0.5 * float(np.median(surface.cloud.sigma))
-        space = behind_fill(surface.vertices, surface.faces, surface.observed, noise, surface.spacing)
+        space = behind_fill(surface.vertices, surface.faces, surface.observed, surface.noise, surface.spacing)
         return Hollows(space, space)
     return on_support_hollows(surface, np.array(place["support_plane"], float), open_below)
 
@@ -307,7 +307,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "silhouette_overlap": float(np.nanmedian(list(overlap.values()))),
         "silhouette_overlap_by_image": {k: round(float(o), 4) for k, o in overlap.items() if np.isfinite(o)},
         "views_that_carve": surface.hull.need,
-        "contradicting_views": surface.hull.contradicting,
+        "outside_share": surface.hull.outside_share,
         "warnings": warnings,
         "partial": partial,
     }
