@@ -46,10 +46,19 @@ def test_bare_massprops_shows_its_help_and_so_does_h(capsys: pytest.CaptureFixtu
     assert run(["export", "-h"]) == 0 and "--to" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_usage_and_arguments_are_shown_plainly(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([name, "-h"]) == 0
+    said = capsys.readouterr().out
+    usage = said.splitlines()[0]
+    assert usage.startswith(f"Usage: massprops {name} [OPTIONS]") and "[[" not in usage and "{" not in usage
+    assert "list[" not in said, "a word of Python"
+
+
 @pytest.mark.parametrize(("typed", "meant"), [("reconstrct", "reconstruct"), ("diagnos", "diagnose"), ("xyzzy", "")])
 def test_a_mistyped_command_gets_the_nearest(capfd: pytest.CaptureFixture[str], typed: str, meant: str) -> None:
     said = command_line(capfd, typed, "-o", "x")
-    assert said.code == 2 and len(said.lines) == 1 and "No such command" in said.err
+    assert said.code == 2 and len(said.lines) == 1 and "no such command" in said.err
     assert (f"did you mean {meant}?" in said.err) == bool(meant)
 
 
