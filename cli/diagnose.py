@@ -141,11 +141,21 @@ def diagnosis_table(document: dict[str, Any]) -> str:
         rows.append(f"  {part.replace('_', ' '):<20}{shown[0]}{shown[1]}")
     # where nothing is missing, what stands out most is chance
     for place in document["where"][:3] if document["verdict"] != "none" else ():
-        what = place.get("direction") or (f"feature {place['features'][0]}" if place["features"] else "")
         a, b = place["interval_s"]
-        where = f"{place['channel']} {what}".strip()
-        rows.append(f"  departs from a free body: {where}, {a:.4g} to {b:.4g} s (z = {place['z']:.1f})")
+        rows.append(f"  departs from a free body: {_place(place)}, {a:.4g} to {b:.4g} s (z = {place['z']:.1f})")
     return "\n".join(rows)
+
+
+def _place(place: dict[str, Any]) -> str:
+    """What was measured where, in words."""
+    camera, _, axis = place["channel"].partition(" ")
+    if axis in ("u", "v"):
+        return f"{'columns' if axis == 'u' else 'rows'} of the pixels in {camera}"
+    if place.get("direction"):
+        return f"features on the {place['direction']} side of the body"
+    if place["features"]:
+        return f"feature {place['features'][0]}"
+    return f"a part of the image of {camera}" if "region" in place else str(place["channel"])
 
 
 def _law_rows(law: dict[str, Any]) -> list[str]:

@@ -143,3 +143,10 @@ def test_estimate_and_diagnose_print_without_a_folder(tmp_path: Path, capsys: py
     said = capsys.readouterr()
     assert "momentum-ls" in said.out and "report:" not in said.out
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_effects_are_listed_with_what_their_parameters_mean(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["effects"]) == 0
+    said = capsys.readouterr().out
+    assert "A mass rests at `arm`" in said, "a note"
+    assert "(100 in all)" in said and "push_12_y" not in said, "of a hundred parameters the first"
