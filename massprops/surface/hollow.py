@@ -60,7 +60,8 @@ class _Grid:
 
     def world(self, index: np.ndarray) -> np.ndarray:
         """Middles (k, 3) of the cuboids at `index` (k, 3)."""
-        return (self.corner + (index + 0.5) * self.step - [0.0, 0.0, self.offset]) @ self.base
+        out: np.ndarray = (self.corner + (index + 0.5) * self.step - [0.0, 0.0, self.offset]) @ self.base
+        return out
 
 
 def hollows(
@@ -108,7 +109,8 @@ def hollowed(rows: np.ndarray, body: np.ndarray, space: np.ndarray, seed: int) -
     ends, all and nothing, their due. What is left is as uncertain as before, relative to its volume.
     """
     share = np.random.default_rng([seed, 31]).beta(0.5, 0.5, len(rows))[:, None]
-    return body - share * space + (1 - share * space[0] / body[0]) * (rows - body)
+    out: np.ndarray = body - share * space + (1 - share * space[0] / body[0]) * (rows - body)
+    return out
 
 
 def wall_thickness(vertices: np.ndarray, faces: np.ndarray) -> float:
