@@ -91,7 +91,7 @@ class Witnesses:
     def __len__(self) -> int:
         return len(self.start) - 1
 
-    def missed(self, own: Extent, R: np.ndarray | None = None, t: np.ndarray | None = None) -> float:
+    def rim_error(self, own: Extent, R: np.ndarray | None = None, t: np.ndarray | None = None) -> float:
         """Mean distance [px] by which the groups miss an extent, as they lie or carried by R x + t."""
         R, t = np.eye(3) if R is None else np.ascontiguousarray(R), np.zeros(3) if t is None else t
         return float(own.of(self, R, t)[1].mean()) if len(self) else 0.0
