@@ -135,7 +135,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
 def _with_scanned(c: Candidate, gap: float) -> Candidate:
     """With what the record leaves open of what was scanned."""
     found = with_scanned(c.best, gap)
-    return replace(c, beside=found) if c.best is c.beside else replace(c, alone=found)
+    return replace(c, with_latent=found) if c.best is c.with_latent else replace(c, alone=found)
 
 
 def asks_for_two(tried: list[Candidate], base: HypothesisFit, *unknowns: HypothesisFit) -> bool:
