@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from massprops.core.text import counted
 
 WIDE, TOO_WIDE = 0.05, 0.20
@@ -16,6 +18,8 @@ WIDE, TOO_WIDE = 0.05, 0.20
 model should reach, and what an estimate by eye and ruler does."""
 FILLED, MOSTLY_FILLED = 0.2, 0.6
 """Share of the surface neither measured nor closed at a support, above which confidence is medium and low."""
+HOLES = 0.02
+"""Share of the volume that dark places may take as holes, above which confidence is medium; the interval tells the rest."""
 LOST, MOSTLY_LOST = 0.1, 0.5
 """Share of the images that could not be used, likewise."""
 AGREES, DIFFERS = 0.95, 0.88
@@ -52,6 +56,7 @@ class SurfaceEvidence:
         valid: share of the replicates that enclose a volume at all.
         overlap: intersection over union of the mesh's silhouettes and the images' own, median over the images.
         outside: share of the images that show sky where a measured point is, of all points but the worst hundredth.
+        holes: dark places that may be the mouths of holes; holes_share: what they may take of the volume.
     """
 
     half_width: float
@@ -60,6 +65,8 @@ class SurfaceEvidence:
     valid: float = 1.0
     overlap: float = 1.0
     outside: float = 0.0
+    holes: int = 0
+    holes_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -175,6 +182,14 @@ def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
             MOSTLY_OUTSIDE,
             f"measured points lie outside the silhouettes of up to {100 * surface.outside:.0f} % of the images: the cameras "
             "or the silhouettes are wrong; look at them with 'massprops masks', and film with less compression and blur",
+        ),
+        _finding(
+            surface.holes_share,
+            HOLES,
+            np.inf,
+            counted(surface.holes, "dark place of the surface, in which", "dark places of the surface, in which")
+            + f" nothing was measured, may be {'a hole' if surface.holes == 1 else 'holes'}: the interval reaches down to a "
+            f"body with {100 * surface.holes_share:.0f} % less volume; light them from the camera and take images that look in",
         ),
         _finding(
             1.0 - surface.valid,

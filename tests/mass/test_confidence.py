@@ -102,3 +102,10 @@ def test_where_many_replicates_collapse_the_body_may_be_as_small_as_you_like() -
 def test_a_hollow_that_another_placement_shows_is_said() -> None:
     found = confidence(evidence(0.03, 0, 0, 40, 40, unjoined=1, hollow_likely=0.5, hollow_elsewhere=True))
     assert "another placement, which" in found["because"][-1] and "50 % less volume" in found["because"][-1]
+
+
+def test_dark_places_that_may_be_holes_are_a_reason() -> None:
+    found = confidence(evidence(0.06, 0.04, 0.0, 40, 40, holes=3, holes_share=0.12))
+    assert found["level"] == "medium"
+    assert any("3 dark places" in line and "12 % less volume" in line for line in found["because"])
+    assert confidence(evidence(0.03, 0.04, 0.0, 40, 40, holes=1, holes_share=0.001))["level"] == "high"

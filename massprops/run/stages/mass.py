@@ -125,6 +125,8 @@ def _evidence(
             valid,
             overlap=float(surface["silhouette_overlap"]),
             outside=float(surface["outside_share"]),
+            holes=int(surface["holes"]),
+            holes_share=float(surface["holes_possible"]),
         ),
         ImageEvidence(
             given=int(sfm["given"]),

@@ -15,7 +15,7 @@ from massprops.core.outputs import Outputs
 from massprops.run.job import Job, ReconstructOptions
 from massprops.sfm.model_bytes import write_model
 
-READS = ("capture", "sfm", "silhouettes", "dense", "surface", "scale", "mass", "colour", "sequence")
+READS = ("capture", "sfm", "silhouettes", "join", "dense", "surface", "scale", "mass", "colour", "sequence")
 OPTIONS = ()
 PUBLISHES = "reconstruct"
 
@@ -148,10 +148,17 @@ def _sparse(job: Job, new: Path, factor: float) -> bool:
 
     import pycolmap
 
+    from massprops.sfm.object_axes import in_object_axes
+    from massprops.views import Views
+
     source = job.work("sfm") / "sparse"
     if not source.is_dir():
         return False
     model = pycolmap.Reconstruction(source)
+    place = _read(job.work("join") / "join.json")
+    # of one placement the room's axes are the object's
+    if place is not None and len(place["joined"]) + len(place["unjoined"]) > 1:
+        model = in_object_axes(model, Views.load(job.work("join") / "views.npz"))
     model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
     write_model(model, new / "sparse")
     return True

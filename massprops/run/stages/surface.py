@@ -15,6 +15,7 @@ from massprops.run.stage_images import undistorted_frame
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
+    from massprops.surface.holes import Holes
     from massprops.surface.hollow import Hollows
     from massprops.surface.reconstruct import Surface
     from massprops.surface.spread import Joint
@@ -50,6 +51,7 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.run.unjoined import underside_may_be_hollow, unjoined
     from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
+    from massprops.surface.holes import Holes, holes
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
@@ -78,10 +80,14 @@ def run(job: Job) -> dict[str, Any]:
     rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
     others = unjoined(job, place, focal_sigma)
     underside_hollow = underside_may_be_hollow(place, others)
-    hollow = _hollows(surface, place, underside_hollow)
     body = mesh_integrals(surface.vertices, surface.faces)
-    rows = hollowed(rows, body, hollow.likely, job.seed)
+    # what turns in the light changes on every side from view to view
+    dark = Holes(0, np.zeros(10)) if free else holes(surface, views, _grey(job, views))
+    empty, told = _may_be_empty(_hollows(surface, place, underside_hollow), dark, float(body[0]))
+    rows = hollowed(rows, body, empty, job.seed)
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
+    # what the body is within at most, where its replicates leave that open
+    outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
     np.savez(
         job.out / "surface.npz",
         vertices=surface.vertices,
@@ -90,17 +96,12 @@ def run(job: Job) -> dict[str, Any]:
         inferred=surface.inferred,
         replicate_integrals=rows,
         replicate_length=lengths,
-        # what the body is within at most, where its replicates leave that open
-        outer_integrals=outer_integrals(surface.hull, surface.vertices)
-        if collapsed(valid_bodies(rows))
-        else np.zeros(10),
+        outer_integrals=outer,
     )
-    facts = _facts(
-        surface, lost, dict(zip(views.names, agreement(surface.vertices, surface.faces, views, masks), strict=True))
-    )
+    overlap = agreement(surface.vertices, surface.faces, views, masks)
+    facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": hollow.likely[0] / body[0]}
-    facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
+    facts |= told | {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
@@ -186,6 +187,14 @@ def _hollows(surface: Surface, place: dict[str, Any], underside_hollow: bool = F
         space = behind_fill(surface.vertices, surface.faces, surface.observed, surface.noise, surface.spacing)
         return Hollows(space, space)
     return on_support_hollows(surface, np.array(place["support_plane"], float), underside_hollow)
+
+
+def _may_be_empty(hollow: Hollows, dark: Holes, volume: float) -> tuple[np.ndarray, dict[str, Any]]:
+    """Integrals (10,) of the space that the intervals allow to be empty, the larger of the two kinds as they may be the
+    same space, and what `surface.json` says of both; volume: of the body."""
+    shares = {"hollow_possible": hollow.possible[0] / volume, "hollow_likely": hollow.likely[0] / volume}
+    empty = max(hollow.likely, dark.space, key=lambda space: float(space[0]))
+    return empty, shares | {"holes": dark.count, "holes_possible": dark.space[0] / volume}
 
 
 def _filled(surface: Surface) -> float:

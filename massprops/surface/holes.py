@@ -1,0 +1,205 @@
+"""Dark places of a closed surface that may be the mouths of holes, and how much they would take from the body.
+
+Where stereo measures nothing in a bore, the surface is closed across it. A camera that looks in sees what lies deeper: it is
+darker than the surface about it, and each view shows another part of it there. A plain side shows the same from everywhere,
+a dark stain too. So a place counts where next to none of the measured surface is as dark and differs as much from view to
+view. How deep it goes nothing tells: at most straight on, through the body, up to a wall that was measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from massprops.geometry.rasterise import rasterise
+from massprops.surface.hollow import columns_of, grid_of, integrals_of, solid_cells, within
+from massprops.surface.refine import face_normals
+from massprops.views import Views
+
+QUARTER = 0.25
+"""Share of the measured surface that is as dark as a place at most, and share that changes as much: a stain is dark, and paint
+at an edge changes, but neither is both."""
+AS_RARE = 0.01
+"""Product of the two shares below which a place may be a hole. Set on one machined part with eleven places (Blender), whose
+product is below .005, beside the skull, of whose dark gaps one counts."""
+FEWEST = 4
+"""Views that must show a place."""
+FACING = 0.3
+"""Cosine between surface and line of sight below which a view does not count."""
+SEEN = 0.5
+"""Share of a place that so many views must show."""
+MOST_SAMPLES = 8000
+"""Measured faces that places are compared with."""
+BLUR_PX = 1.0
+DARKEST = 0.05
+"""Of the median grey: added before the logarithm, so that noise of what is black is no change."""
+SMALLEST = 12.0
+"""Area of a place, in squares of the mesh's spacing, below which it is left out."""
+BEHIND = 2.0
+"""A face that lies farther behind the first one seen, in spacings, is hidden."""
+
+
+class Surface(Protocol):
+    """What is asked of a closed surface (`reconstruct.Surface`).
+
+    Attributes:
+        vertices: (v, 3); faces: (f, 3), wound outward; observed, inferred: (f,) bool, measured faces and those closed at the
+            support.
+        noise: of the measured surface, the least thickness that it proves; spacing: of the vertices.
+    """
+
+    @property
+    def vertices(self) -> np.ndarray: ...
+    @property
+    def faces(self) -> np.ndarray: ...
+    @property
+    def observed(self) -> np.ndarray: ...
+    @property
+    def inferred(self) -> np.ndarray: ...
+    @property
+    def noise(self) -> float: ...
+    @property
+    def spacing(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class Holes:
+    """Places that may be holes.
+
+    Attributes:
+        count: how many; space: integrals (10,) of what they may take, about the origin of the vertices.
+    """
+
+    count: int
+    space: np.ndarray
+
+
+def holes(body: Surface, views: Views, grey: list[np.ndarray]) -> Holes:
+    """Dark places among the filled faces that the views show differently, and the space straight behind them.
+
+    Args:
+        body: closed and wound outward.
+        grey: images (h, w) of the views, undistorted.
+    """
+    normal = face_normals(body.vertices, body.faces)
+    places = _places(body.vertices, body.faces, ~body.observed & ~body.inferred, SMALLEST * body.spacing**2)
+    if not places:
+        return Holes(0, np.zeros(10))
+    some = np.flatnonzero(body.observed)
+    some = some[:: max(1, len(some) // MOST_SAMPLES)]
+    looked = np.concatenate([some, *places])
+    values = _values(body, normal, looked, views, grey)
+    brightness, change, shown = _seen(values, len(some))
+    own = shown[: len(some)]
+    measured = brightness[: len(some)][own], change[: len(some)][own]
+    found, begin = [], len(some)
+    for place in places:
+        part = slice(begin, begin + len(place))
+        begin += len(place)
+        good = shown[part]
+        if good.mean() < SEEN or not len(measured[0]):
+            continue
+        as_dark = float(np.mean(measured[0] <= np.median(brightness[part][good])))
+        as_changing = float(np.mean(measured[1] >= np.median(change[part][good])))
+        if max(as_dark, as_changing) < QUARTER and as_dark * as_changing < AS_RARE:
+            found.append(place)
+    if not found:
+        return Holes(0, np.zeros(10))
+    return Holes(len(found), _straight_behind(body, normal, found))
+
+
+def _places(vertices: np.ndarray, faces: np.ndarray, filled: np.ndarray, least: float) -> list[np.ndarray]:
+    """Filled faces that hang together, as indices, of each place larger than `least`."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    own = np.flatnonzero(filled)
+    if not len(own):
+        return []
+    edges = np.sort(np.concatenate([faces[own][:, k] for k in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    which = np.tile(np.arange(len(own)), 3)
+    order = np.lexsort(edges.T)
+    edges, which = edges[order], which[order]
+    same = (edges[1:] == edges[:-1]).all(axis=1)
+    pairs = which[:-1][same], which[1:][same]
+    graph = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(len(own), len(own)))
+    _, label = connected_components(graph, directed=False)
+    corner = vertices[faces[own]]
+    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    large = np.flatnonzero(np.bincount(label, area) > least)
+    return [own[label == k] for k in large]
+
+
+def _values(body: Surface, normal: np.ndarray, looked: np.ndarray, views: Views, grey: list[np.ndarray]) -> np.ndarray:
+    """(n, k) grey levels of faces `looked` (k,) in the views, NaN where a view does not show one well."""
+    import cv2
+
+    middle = body.vertices[body.faces[looked]].mean(axis=1)
+    value = np.full((len(views), len(looked)), np.nan, np.float32)
+    for i, image in enumerate(grey):
+        h, w = image.shape
+        blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX)
+        depth, _ = rasterise(body.vertices, body.faces, views.K[i], views.R[i], views.t[i], (w, h))
+        x = middle @ views.R[i].T + views.t[i]
+        along = -np.einsum("ij,ij->i", normal[looked] @ views.R[i].T, x) / np.linalg.norm(x, axis=1)
+        uv = np.round(x[:, :2] / np.maximum(x[:, 2:], 1e-12) @ views.K[i][:2, :2].T + views.K[i][:2, 2]).astype(int)
+        inside = (x[:, 2] > 0) & (along > FACING) & (uv >= 0).all(axis=1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        own = np.flatnonzero(inside)
+        own = own[x[own, 2] < depth[uv[own, 1], uv[own, 0]] + BEHIND * body.spacing]
+        value[i, own] = blurred[uv[own, 1], uv[own, 0]]
+    return value
+
+
+def _seen(value: np.ndarray, measured: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the grey levels (n, k) of faces, the first so many of them measured: the median over the views of their brightness,
+    over that of the measured ones in each; the standard deviation of its logarithm; whether enough views show them, all (k,)."""
+    own = np.isfinite(value[:, :measured]).any(axis=1)
+    value = value[own] / np.maximum(np.nanmedian(value[own, :measured], axis=1), 1.0)[:, None]
+    shown = np.isfinite(value).sum(axis=0) >= FEWEST
+    brightness, change = (np.full(value.shape[1], np.nan) for _ in range(2))
+    brightness[shown] = np.nanmedian(value[:, shown], axis=0)
+    change[shown] = np.nanstd(np.log(value[:, shown] + DARKEST), axis=0)
+    return brightness, change, shown
+
+
+def _straight_behind(body: Surface, normal: np.ndarray, places: list[np.ndarray]) -> np.ndarray:
+    """Integrals (10,) of the cells of the body that lie straight behind a place, against its mean normal, up to where the
+    body ends, less the wall that a measured far side proves."""
+    vertices, faces = body.vertices, body.faces
+    grid, local = grid_of(vertices, np.array([0.0, 0.0, 1.0, -float(vertices[:, 2].min())]))
+    cell, height, _ = columns_of(grid, local, faces)
+    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
+    count = np.diff(np.append(start, len(cell)))
+    index = np.argwhere(solid_cells(grid, cell, height, start[count >= 2], count[count >= 2]))
+    middle = grid.world(index)
+    empty = np.zeros(len(index), bool)
+    for place in places:
+        corner = vertices[faces[place]]
+        area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+        mean = area @ normal[place]
+        if np.linalg.norm(mean) > 0.0:
+            empty |= _below(middle, vertices, faces, place, mean / np.linalg.norm(mean))
+    kept = np.flatnonzero(empty)
+    proven = within(middle[kept], vertices, faces[body.observed], body.noise)
+    return integrals_of(index[kept[~proven]], grid)
+
+
+def _below(
+    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, place: np.ndarray, up: np.ndarray
+) -> np.ndarray:
+    """(k,) bool: points (k, 3) of the body above which, along `up`, it ends at a face of the place."""
+    grid, local = grid_of(vertices, np.array([*up, -float((vertices @ up).min())]))
+    cell, height, face = columns_of(grid, local, faces)
+    ends = np.isin(face, place)
+    own = points @ grid.base.T + [0.0, 0.0, grid.offset]
+    column = np.floor((own[:, :2] - grid.corner[:2]) / grid.step[:2]).astype(int)
+    flat = column[:, 0] * int(grid.shape[1]) + column[:, 1]
+    # the first crossing of each point's column that lies above it
+    span = float(np.ptp(height)) * 4.0 + 1.0
+    low = float(height.min(initial=0.0))
+    key = cell * span + (height - low)
+    after = np.searchsorted(key, flat * span + np.clip(own[:, 2] - low, 0.0, 0.5 * span))
+    there = np.minimum(after, max(len(cell) - 1, 0))
+    return np.asarray((after < len(cell)) & (cell[there] == flat) & ends[there])
