@@ -3,7 +3,8 @@
 The usual way costs least and suits textured objects. Where most features have twins in their own image, only those
 that have none are matched (`massprops.sfm.distinct`). Where too few images are placed, fainter features, looser
 matches and all pairs are tried: neighbouring views of a plain table share some dozens of features, which is enough
-when they agree on one geometry.
+when they agree on one geometry. A body that is small in a film shows detail in every pixel, but few features in so few of
+them; enlarged, its images have five times as many.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pycolmap
@@ -30,6 +32,7 @@ from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
+from massprops.sfm.reversed_depth import likelier
 from massprops.sfm.steady import largest_jump
 
 ENOUGH = 0.9
@@ -49,6 +52,12 @@ FEW = 2000
 """Features per image, in the median, below which fainter ones may help: where there are more, texture is not what is
 missing."""
 
+FEWEST = 5
+"""Images whose rate of turning, and how that changes, can be told."""
+
+Way = Literal["usual", "enlarged", "faint"]
+"""What an attempt looks for: features as usual, of enlarged images, or fainter ones, which costs most and accepts least."""
+
 Features = dict[str, tuple[np.ndarray, np.ndarray]]
 """Keypoints (k, 4) and descriptors (k, 128) by image name."""
 
@@ -67,6 +76,7 @@ class SfmOptions:
         loops: further images each image is matched with when they see the same side.
         loop_angle_deg: widest angle between the directions of such a pair.
         exhaustive_below: unordered images up to this number are matched all with all.
+        enlarged: features of a body that is small in the image.
         faint: features of the last way.
         unlimited: features kept per image where a pattern repeats: what is unique may be faint beside it.
         parts: keeps the features of each image, and what each batch of pairs came to, as soon as they are found.
@@ -80,6 +90,7 @@ class SfmOptions:
     exhaustive_below: int = 60
     guided: bool = False
     features: FeatureOptions = field(default_factory=FeatureOptions)
+    enlarged: FeatureOptions = field(default_factory=lambda: FeatureOptions(enlarge=2))
     faint: FeatureOptions = field(default_factory=lambda: FeatureOptions(most=8192, peak=0.0015))
     unlimited: int = 20_000
     refine: RefineOptions = field(default_factory=RefineOptions)
@@ -116,6 +127,11 @@ class Attempt:
     def registered(self) -> int:
         """Images of the largest model."""
         return self.models[0].num_reg_images() if self.models else 0
+
+    @property
+    def covered(self) -> int:
+        """Images of all models."""
+        return _count(self.models)
 
 
 @dataclass(frozen=True)
@@ -163,20 +179,20 @@ def attempt(
     work: Path,
     options: SfmOptions,
     masked: bool,
-    faint: bool = False,
+    way: Way = "usual",
     progress: Progress = silent,
 ) -> Attempt:
     """One way, in the empty folder `work`.
 
     Args:
         masked: features of the silhouettes only.
-        faint: the last way, which costs most and accepts least.
+        way: what is looked for.
 
     Raises:
         NotPossible: too little texture, or no pair of images to start from.
     """
     work.mkdir(parents=True, exist_ok=True)
-    wanted = options.faint if faint else options.features
+    wanted = {"usual": options.features, "enlarged": options.enlarged, "faint": options.faint}[way]
     features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
     enough = sum(len(k) >= 30 for k, _ in features.values())
     if enough < 3:
@@ -189,7 +205,7 @@ def attempt(
     if repeats and wanted.most < options.unlimited:
         wanted = replace(wanted, most=options.unlimited)
         features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
-    special = faint or repeats
+    special = way == "faint" or repeats
     mapping = mapping_options(footage, options, masked, special)
     database = work / "database.db"
     ids = write_database(database, footage, features)
@@ -197,19 +213,20 @@ def attempt(
     compare = _in_batches(one, MatchParts(database, options.parts), ids, mapping, progress)
     names = [f.name for f in footage.frames if f.name in features]
     descriptors = [features[n][1] for n in names]
-    first = _first_pairs(footage, names, descriptors, options, repeats, faint)
+    first = _first_pairs(footage, names, descriptors, options, repeats, way)
     compare(first)
     if special:
         drop_chance(database, options.seed)
     models: list[pycolmap.Reconstruction] = []
     try:
-        models = mapped(database, footage, work / "models", mapping, len(names), progress)
+        find = mapped_in_pieces if way == "enlarged" else mapped
+        models = find(database, footage, work / "models", mapping, len(names), progress)
     except NotPossible:
         if len(first) == len(names) * (len(names) - 1) // 2:
             raise
     few = not repeats and float(np.median([len(d) for d in descriptors])) < FEW
     found = Attempt(database, mapping, models, features, compare, few, special, warnings)
-    if found.registered < ENOUGH * len(names) and not repeats:
+    if found.registered < ENOUGH * len(names) and not repeats and way != "enlarged":
         return _with_similar(ModelInputs(found, footage, options, work, progress), names, first)
     return found
 
@@ -282,6 +299,50 @@ def mapped(
     return models
 
 
+def mapped_in_pieces(
+    database: Path, footage: FootageRecord, out: Path, mapping: MappingOptions, total: int, progress: Progress
+) -> list[pycolmap.Reconstruction]:
+    """The models whose images follow each other as a motion lets them, as `mapped`, or with the focal length held at first.
+
+    A small body far away shows little perspective: two of its images fit many focal lengths, and a model that begins with a
+    wrong one goes on wrongly. What is held is off by some tens of percent, which bends a model by a degree or two until all
+    is adjusted. Near and far may be taken for each other, too.
+
+    Raises:
+        NotPossible: no pair of images to start from.
+    """
+    models = mapped(database, footage, out / "free", mapping, total, progress)
+    pieces = separate([likelier(m, mapping) for m in models], footage, mapping)
+    if _count(pieces) < ENOUGH * total and not mapping.fixed_intrinsics:
+        frames, held = footage.folder / "frames", replace(mapping, fixed_intrinsics=True)
+        try:
+            again = map_images(database, frames, out / "held", held, total, progress)
+        except NotPossible:
+            again = []
+        sound = separate([likelier(m, mapping) for m in again], footage, mapping)
+        if _count(sound) > _count(pieces):
+            return sound
+    return pieces or models
+
+
+def separate(
+    models: list[pycolmap.Reconstruction], footage: FootageRecord, mapping: MappingOptions
+) -> list[pycolmap.Reconstruction]:
+    """Of models that follow a motion those that have enough images of their own, the one with most first."""
+    out: list[pycolmap.Reconstruction] = []
+    taken: set[int] = set()
+    for model in models:
+        own = set(model.reg_image_ids()) - taken
+        if len(own) >= FEWEST and steady(model, footage, mapping):
+            out.append(model)
+            taken |= own
+    return out
+
+
+def _count(pieces: list[pycolmap.Reconstruction]) -> int:
+    return len({i for m in pieces for i in m.reg_image_ids()})
+
+
 def steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
     """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
     trial = pycolmap.Reconstruction(model)
@@ -305,19 +366,22 @@ def _first_pairs(
     descriptors: list[np.ndarray],
     options: SfmOptions,
     repeats: bool,
-    faint: bool,
+    way: Way,
 ) -> Names:
     n = len(names)
     if footage.rig:
         return _rig_pairs(footage, names, options)
     # photographs of one minute may show one side from three heights, and what is unique of a pattern links few of them
-    neighbours = footage.ordered and not faint and not (repeats and not footage.moving_pictures)
+    neighbours = footage.ordered and way != "faint" and not (repeats and not footage.moving_pictures)
     if n <= (16 if neighbours else options.exhaustive_below):
         index = pairing.exhaustive(n)
     elif repeats:
         index = pairing.near(n, options.distinct_overlap)
     elif footage.ordered:
         index = pairing.sequential(n, options.overlap)
+        if way == "enlarged":
+            alike = pairing.similar(pairing.signatures(descriptors, options.seed), 2 * options.loops, 2)
+            index = sorted({*index, *alike})
     else:
         near = pairing.similar(pairing.signatures(descriptors, options.seed), 12, 1)
         index = sorted(set(near) | set(pairing.sequential(n, 3)))

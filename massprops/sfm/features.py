@@ -29,11 +29,15 @@ class FeatureOptions:
         most: features kept per image, the largest scales first.
         peak: contrast threshold of the difference of Gaussians, per layer.
         margin: silhouettes are grown by this many pixels, so that features on their very edge stay.
+        enlarge: times by which the image is enlarged, beside the doubling that SIFT begins with. Where a body of 100 px shows detail
+            in every pixel, most of it is finer than the first scale of the doubled image: twice as large it has five to seven
+            times as many features.
     """
 
     most: int = 4096
     peak: float = 0.005
     margin: int = 2
+    enlarge: int = 1
 
 
 def object_region(mask: np.ndarray, margin: int) -> np.ndarray:
@@ -84,11 +88,17 @@ def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
         y0, x0 = max(0, ys[0] - pad), max(0, xs[0] - pad)
         gray = gray[y0 : ys[-1] + pad + 1, x0 : xs[-1] + pad + 1]
     # features, layers, contrast, edge, sigma, descriptor type, exact doubling of the image
+    if options.enlarge > 1:
+        gray = cv2.resize(gray, None, fx=options.enlarge, fy=options.enlarge, interpolation=cv2.INTER_CUBIC)
     sift = cv2.SIFT_create(options.most, 3, 3 * options.peak, 10, 1.6, cv2.CV_32F, True)  # type: ignore[attr-defined]
     found, raw = sift.detectAndCompute(np.ascontiguousarray(gray), None)
     if not found:
         return np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8)
     xy = np.array([(*k.pt, k.size / 2, np.deg2rad(k.angle)) for k in found], np.float32)
+    if options.enlarge > 1:
+        # centre of pixel i at enlarge * (i + 1/2) - 1/2 of the enlarged image
+        xy[:, :2] = (xy[:, :2] + 0.5) / options.enlarge - 0.5
+        xy[:, 2] /= options.enlarge
     xy[:, 0] += x0 + 0.5
     xy[:, 1] += y0 + 0.5
     data = root_sift(raw)

@@ -14,12 +14,22 @@ from massprops.core.progress import Progress, silent
 from massprops.core.text import counted
 from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
-from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, SfmOptions, attempt, may_distort, steady
+from massprops.sfm.attempt import (
+    ENOUGH,
+    Attempt,
+    ModelInputs,
+    SfmOptions,
+    attempt,
+    may_distort,
+    separate,
+    steady,
+)
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.joined_models import join_models
+from massprops.sfm.joined_pieces import join_pieces
 from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.loops import close_loops, match_predicted, spread_deg
@@ -112,6 +122,14 @@ def reconstruct(
             model = _followed(model, given)
     else:
         model = close_loops(model, given)
+    if footage.moving_pictures and footage.motion == "tumbling" and not footage.rig:
+        before = model.num_reg_images()
+        model = join_pieces(model, _apart(model, found.models), given)
+        if model.num_reg_images() > before:
+            warnings.append(
+                f"the film fell into pieces, of {before} images and fewer, which were joined by the free motion and by what two "
+                "of them show"
+            )
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
         model = join_models(model, _apart(model, found.models), given)
@@ -161,8 +179,12 @@ def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pro
             found = replace(again, warnings=[*again.warnings, line])
     if found and (found.registered >= ENOUGH * used or not found.few):
         return found
+    if masked and footage.moving_pictures:
+        found = _enlarged(footage, work / "d", options, found, progress)
+        if found and found.covered >= ENOUGH * used:
+            return found
     try:
-        again = attempt(footage, work / "c", options, found.mapping.masked if found else masked, True, progress)
+        again = attempt(footage, work / "c", options, found.mapping.masked if found else masked, "faint", progress)
     except NotPossible:
         if found is None and why is not None:
             raise why from None
@@ -173,6 +195,22 @@ def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pro
     if found is None:
         raise why or NotPossible("no two images fit together; use more overlap and texture")
     return found
+
+
+def _enlarged(
+    footage: FootageRecord, work: Path, options: SfmOptions, found: Attempt | None, progress: Progress
+) -> Attempt | None:
+    """What features of enlarged images of a body come to, where its models hold more images together, or as many in fewer."""
+    try:
+        again = attempt(footage, work, options, True, "enlarged", progress)
+    except NotPossible:
+        return found
+    if found is None:
+        return again
+    before = separate(found.models, footage, found.mapping)
+    now = separate(again.models, footage, again.mapping)
+    held = [(len({i for m in p for i in m.reg_image_ids()}), p[0].num_reg_images() if p else 0) for p in (before, now)]
+    return replace(again, models=now) if now and held[1] >= held[0] else found
 
 
 def refine_options(options: SfmOptions, footage: FootageRecord, mapping: MappingOptions) -> RefineOptions:

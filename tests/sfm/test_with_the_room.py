@@ -18,7 +18,7 @@ def attempts(monkeypatch: pytest.MonkeyPatch, contradicted: float) -> None:
     """The object alone places 25 of 32 images, the room all."""
 
     def attempt(
-        footage: Any, work: Path, options: Any, masked: bool, faint: bool = False, progress: Any = None
+        footage: Any, work: Path, options: Any, masked: bool, way: str = "usual", progress: Any = None
     ) -> Attempt:
         model: Any = SimpleNamespace(num_reg_images=lambda: 25 if masked else 32)
         return Attempt(work, MappingOptions(masked=masked), [model], {}, lambda pairs: None, False, False, [])

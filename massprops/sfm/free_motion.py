@@ -1,0 +1,254 @@
+"""The free motion that several models of one turning body have in common.
+
+Each model is a piece of the footage in a frame and a size of its own, which nothing in its images tells. But the camera
+does not turn, so that all models see one angular momentum, one centre of mass that moves evenly on a straight line, and
+one inertia. A free rigid body's motion has few parameters: fitted to all models at once, it tells how they lie to each
+other across a gap of some tens of degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.dynamics.rigid_body import propagate
+
+STEP_RAD = 0.1
+"""Turn in one step of the integration; the error is 1e-7 rad a revolution."""
+
+PRIOR = 1.0
+"""Standard deviation of the logarithms of the inertia about those of a sphere: a rod of 10 to 1 is 2.7 off, and is still found
+where the motion tells it."""
+
+MOST_LOG = 2.5
+"""Most that the logarithm of the inertia may be off a sphere's."""
+
+MOST_TURN = 1.5
+"""Most that a turn may be off the first guess [rad]."""
+
+LEAST_SIGMA = 2e-4
+"""Least standard deviation of an attitude [rad]: without it two images and no noise would be certain of everything."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The images of one model: times (n,) in any unit; R (n, 3, 3) and t (n, 3), model to camera. The model's origin is near the
+    middle of what was seen."""
+
+    times: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """How k models turn to each other.
+
+    Attributes:
+        C: (k, 3, 3) from each model's axes to the first one's.
+        sigma: (k,) standard deviation of the turn of C [rad]; 0 for the first.
+        rms: of the attitudes about the motion [rad].
+        inertia: (3, 3) in the first one's axes, of determinant 1.
+    """
+
+    C: np.ndarray
+    sigma: np.ndarray
+    rms: float
+    inertia: np.ndarray
+
+
+def fit_rotation(pieces: Sequence[Piece]) -> Rotation:
+    """Free rotation through the attitudes of all pieces, of two or more images each."""
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation as Turn
+
+    motion = _Motion(pieces)
+    first, reach = motion.start(), motion.reach()
+    around = np.where(np.arange(len(first)) < 6, first, 0.0)
+    found = least_squares(
+        lambda x: motion.residuals(x[None])[0],
+        first,
+        motion.slope,
+        (around - reach, around + reach),
+        x_scale=reach,
+        max_nfev=60,
+        ftol=1e-8,
+    )
+    count = 3 * sum(len(p.times) for p in pieces)
+    rms = float(np.sqrt(np.sum(found.fun[:count] ** 2) / max(count - 6 - 3 * (len(pieces) - 1), 1)))
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(rms, LEAST_SIGMA) ** 2
+    C, sigma = [np.eye(3)], [0.0]
+    for k in range(1, len(pieces)):
+        own = _turn_of(k)
+        C.append(Turn.from_rotvec(found.x[own]).as_matrix() @ motion.C[k])
+        sigma.append(float(np.sqrt(np.linalg.eigvalsh(covariance[own, own])[-1])))
+    return Rotation(np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0])
+
+
+def _turn_of(k: int) -> slice:
+    return slice(8 + 3 * k, 11 + 3 * k)
+
+
+class _Motion:
+    """The attitudes of pieces as a function of: turn and rate (3 + 3) of the body at the first time, logarithm of its inertia (5),
+    and turn of each piece but the first (3 each), about a first guess."""
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self.pieces = pieces
+        times = np.unique(np.concatenate([p.times for p in pieces]))
+        self.clock = (times - times[0]) / float(np.median(np.diff(times)))
+        self.at = [np.searchsorted(times, p.times) for p in pieces]
+        self.P0, self.w0, self.C = _begin(pieces, self.clock, self.at)
+
+    def start(self) -> np.ndarray:
+        """A sphere's inertia, all else as guessed."""
+        return np.concatenate([np.zeros(3), self.w0, np.zeros(5 + 3 * (len(self.pieces) - 1))])
+
+    def reach(self) -> np.ndarray:
+        """How far the parameters may be from there: beyond, a step of the fit runs into rates that take for ever."""
+        rate = 1.5 * float(np.linalg.norm(self.w0))
+        turns = np.full(3 * (len(self.pieces) - 1), MOST_TURN)
+        return np.concatenate([np.full(3, MOST_TURN), np.full(3, rate), np.full(5, MOST_LOG), turns])
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """(m, r) of parameters (m, p): attitudes off the motion [rad], and the inertia off a sphere's."""
+        from scipy.spatial.transform import Rotation as Turn
+
+        m = len(x)
+        turn = Turn.from_rotvec(x[:, :3]) * Turn.from_matrix(self.P0)
+        q0 = turn.as_quat()[:, [3, 0, 1, 2]]
+        q, _ = propagate(q0, x[:, 3:6], _inertia(x[:, 6:11]), self.clock, largest_turn=STEP_RAD)
+        P = Turn.from_quat(q.reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix().reshape(len(self.clock), m, 3, 3)
+        out = []
+        for k, piece in enumerate(self.pieces):
+            turned = np.tile(np.eye(3), (m, 1, 1)) if k == 0 else Turn.from_rotvec(x[:, _turn_of(k)]).as_matrix()
+            fitted = P[self.at[k]] @ (turned @ self.C[k])
+            off = np.einsum("nmji,njl->nmil", fitted, piece.R)
+            out.append(Turn.from_matrix(off.reshape(-1, 3, 3)).as_rotvec().reshape(len(piece.times), m, 3))
+        attitude = np.concatenate(out).transpose(1, 0, 2).reshape(m, -1)
+        return np.concatenate([attitude, LEAST_SIGMA / PRIOR * x[:, 6:11]], axis=1)
+
+    def slope(self, x: np.ndarray) -> np.ndarray:
+        """(r, p) derivatives, by differences."""
+        step = 1e-5 * np.eye(len(x))
+        both = self.residuals(np.concatenate([x + step, x - step]))
+        out: np.ndarray = ((both[: len(x)] - both[len(x) :]) / 2e-5).T
+        return out
+
+
+def _begin(
+    pieces: Sequence[Piece], clock: np.ndarray, at: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A first guess: the rates in the camera's axes, drawn on straight between the pieces; P0 (3, 3) and w0 (3,) of the body
+    at the first time, in the first piece's axes, and C (k, 3, 3)."""
+    from scipy.spatial.transform import Rotation as Turn
+
+    middle, rate = [], []
+    for p, i in zip(pieces, at, strict=True):
+        turn = Turn.from_matrix(p.R[1:] @ p.R[:-1].transpose(0, 2, 1)).as_rotvec()
+        middle.append(0.5 * (clock[i][1:] + clock[i][:-1]))
+        rate.append(turn / np.diff(clock[i])[:, None])
+    when = np.concatenate(middle)
+    order = np.argsort(when)
+    known = np.concatenate(rate)[order]
+    between = 0.5 * (clock[1:] + clock[:-1])
+    drawn = np.column_stack([np.interp(between, when[order], known[:, a]) for a in range(3)])
+    steps = Turn.from_rotvec(drawn * np.diff(clock)[:, None]).as_matrix()
+    S = [np.eye(3)]
+    for step in steps:
+        S.append(step @ S[-1])
+    S = np.array(S)
+    # camera axes at the first time to those at each: the first piece's middle image is where it is
+    m = len(at[0]) // 2
+    P0 = S[at[0][m]].T @ pieces[0].R[m]
+    P = S @ P0
+    C = [np.eye(3)]
+    for p, i in zip(pieces[1:], at[1:], strict=True):
+        C.append(Turn.from_matrix(P[i].transpose(0, 2, 1) @ p.R).mean().as_matrix())
+    return P0, P0.T @ drawn[0], np.array(C)
+
+
+_BASIS = np.array(
+    [
+        np.diag([1.0, -1.0, 0.0]) / np.sqrt(2),
+        np.diag([1.0, 1.0, -2.0]) / np.sqrt(6),
+        *(
+            [[[0, 1, 0], [1, 0, 0], [0, 0, 0]], [[0, 0, 1], [0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 0, 1], [0, 1, 0]]]
+            / np.sqrt(2)
+        ),
+    ]
+)
+"""(5, 3, 3) symmetric matrices without trace, of unit length."""
+
+
+def _inertia(x: np.ndarray) -> np.ndarray:
+    """(m, 3, 3) of determinant 1 from its logarithm (m, 5)."""
+    w, v = np.linalg.eigh(np.einsum("mk,kij->mij", x, _BASIS))
+    out: np.ndarray = np.einsum("mik,mk,mjk->mij", v, np.exp(w), v)
+    return out
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where k models lie in the first one: x -> scale C x + shift.
+
+    Attributes:
+        scale: (k,); sigma: (k,) its relative standard deviation.
+        shift: (k, 3).
+        centre: (3,) of mass, in the first one.
+        rms: of the centre of mass about its line, in units of the distance.
+    """
+
+    scale: np.ndarray
+    sigma: np.ndarray
+    shift: np.ndarray
+    centre: np.ndarray
+    rms: float
+
+
+def fit_centres(pieces: Sequence[Piece], rotation: Rotation, slimness: float) -> Placement:
+    """The centre of mass of every piece on one straight line in the camera, passed evenly.
+
+    Linear in the scales s, the centres s c of each piece, and place and velocity on the line: s (R c + t) = p + v time.
+
+    Args:
+        slimness: size of the body over its distance: how much less a shift along the line of sight shows than one across.
+    """
+    times = np.concatenate([p.times for p in pieces]).astype(float)
+    unit = float(np.ptp(times)) or 1.0
+    k = len(pieces)
+    rows, right = [], []
+    middle = float(np.mean(times))
+    for j, p in enumerate(pieces):
+        z = np.median(p.t[:, 2])
+        first = float(np.median(pieces[0].t[:, 2]))
+        for time, R, t in zip(p.times, p.R, p.t, strict=True):
+            # across the line of sight, and along it, in units of the distance
+            x, y = t[0] / t[2], t[1] / t[2]
+            W = np.array([[1, 0, -x], [0, 1, -y], [0, 0, slimness]]) / first
+            row = np.zeros((3, 6 + 3 * k + k - 1))
+            row[:, :3], row[:, 3:6] = -W, -W * (time - middle) / unit
+            # lengths of piece j in those of the first by the ratio of their distances, nearly
+            row[:, 6 + 3 * j : 9 + 3 * j] = W @ R * (first / z)
+            if j:
+                row[:, 6 + 3 * k + j - 1] = W @ t * (first / z)
+            rows.append(row)
+            right.append(-W @ t if j == 0 else np.zeros(3))
+    A, b = np.concatenate(rows), np.concatenate(right)
+    x, *_ = np.linalg.lstsq(A, b, rcond=None)
+    rms = float(np.sqrt(np.mean((A @ x - b) ** 2)))
+    covariance = np.linalg.pinv(A.T @ A) * rms**2
+    first = float(np.median(pieces[0].t[:, 2]))
+    scale, sigma, shift = [1.0], [0.0], [np.zeros(3)]
+    centre = x[6:9]
+    for j in range(1, k):
+        at = 6 + 3 * k + j - 1
+        z = float(np.median(pieces[j].t[:, 2]))
+        s = x[at] * first / z
+        c = x[6 + 3 * j : 9 + 3 * j] * first / z
+        scale.append(float(s))
+        sigma.append(float(np.sqrt(covariance[at, at]) / abs(x[at])))
+        shift.append(centre - rotation.C[j] @ c)
+    return Placement(np.array(scale), np.array(sigma), np.array(shift), centre, rms)

@@ -1,0 +1,74 @@
+"""Models of one free body, each in a frame and a size of its own, are laid to each other by the motion alone."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from massprops.dynamics.rigid_body import propagate
+from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
+
+INERTIA = np.diag([0.4, 0.9, 1.0])
+
+
+def tumbling(n=54, rate_deg=7.0, spin=(0.3, 1.0, -0.25)):
+    """(n, 3, 3) attitudes, body to camera, of a free body about its middle axis."""
+    w0 = np.deg2rad(rate_deg) * np.array(spin) / np.linalg.norm(spin)
+    q, _ = propagate(np.array([0.5, 0.5, -0.1, 0.7]) / np.sqrt(1.0), w0, INERTIA, np.arange(n, dtype=float))
+    return Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
+
+
+def pieces(R, which, noise_deg=0.0, depth_noise=0.0, seed=0):
+    """Pieces of footage, the turn to the first one's axes, and scale and shift to its frame, of a body that drifts."""
+    rng = np.random.default_rng(seed)
+    position = np.array([0.1, -0.2, 12.0]) + np.arange(len(R))[:, None] * np.array([0.004, -0.002, 0.03])
+    out, truth = [], []
+    for index in which:
+        index = np.asarray(index)
+        A, s, h = Rotation.random(random_state=rng).as_matrix(), rng.uniform(0.3, 3), 0.3 * rng.standard_normal(3)
+        # x = s A y + h takes a point y of the piece to the body's axes, about its centre of mass
+        wrong = Rotation.from_rotvec(np.deg2rad(noise_deg) * rng.standard_normal((len(index), 3))).as_matrix()
+        own, t = wrong @ R[index] @ A, (R[index] @ h + position[index]) / s
+        t[:, 2] *= 1 + depth_noise * rng.standard_normal(len(index))
+        out.append(Piece(index.astype(float), own, t))
+        truth.append((A, s, h))
+    A0, s0, h0 = truth[0]
+    C = np.array([A0.T @ A for A, _, _ in truth])
+    scale = np.array([s / s0 for _, s, _ in truth])
+    shift = np.array([A0.T @ (h - h0) / s0 for _, _, h in truth])
+    return out, C, scale, shift
+
+
+def off_deg(C, D):
+    return np.rad2deg(Rotation.from_matrix(C.transpose(0, 2, 1) @ D).magnitude())
+
+
+def test_pieces_across_an_eclipse_turn_to_each_other_as_the_motion_says():
+    """Nine images in Sun, nine in shadow: 70 degrees between the pieces."""
+    own, C, scale, shift = pieces(tumbling(), [range(9), range(18, 27), range(36, 45)], 0.05, 3e-4)
+    found = fit_rotation(own)
+    assert found.rms < np.deg2rad(0.1)
+    assert off_deg(C, found.C).max() < 0.5
+    assert np.all(off_deg(C, found.C)[1:] < 6 * np.rad2deg(found.sigma[1:]))
+    centres = fit_centres(own, found, 0.1)
+    np.testing.assert_allclose(centres.scale, scale, rtol=0.01)
+    assert np.abs(centres.shift - shift).max() < 0.1 / min(1.0, float(scale.min()))
+
+
+def test_without_noise_both_are_exact():
+    own, C, scale, shift = pieces(tumbling(), [range(18, 27), range(9), range(30, 36)])
+    found = fit_rotation(own)
+    assert off_deg(C, found.C).max() < 1e-3
+    centres = fit_centres(own, found, 0.1)
+    np.testing.assert_allclose(centres.scale, scale, rtol=1e-5)
+    np.testing.assert_allclose(centres.shift, shift, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_is_no_free_motion_is_far_off(seed):
+    """The second piece turns as fast about an axis across."""
+    R = tumbling()
+    axis = np.cross([0.3, 1.0, -0.25], [1.0, 0, 0]) if seed else np.array([1.0, 0.0, 0.0])
+    across = Rotation.from_rotvec(np.deg2rad(7) * np.arange(54)[:, None] * axis / np.linalg.norm(axis)).as_matrix()
+    R[18:] = across[18:]
+    own, *_ = pieces(R, [range(9), range(18, 27)])
+    assert fit_rotation(own).rms > np.deg2rad(1.0)
