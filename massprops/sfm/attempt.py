@@ -112,6 +112,7 @@ class Attempt:
         few: whether the images have few features, so that fainter ones may help.
         special: whether it was not the usual way, so that matches are few and the model predicts the rest.
         warnings: one line each.
+        repeats: whether a pattern repeats, so that matches are of what is unique.
     """
 
     database: Path
@@ -122,6 +123,7 @@ class Attempt:
     few: bool
     special: bool
     warnings: list[str]
+    repeats: bool = False
 
     @property
     def registered(self) -> int:
@@ -225,7 +227,7 @@ def attempt(
         if len(first) == len(names) * (len(names) - 1) // 2:
             raise
     few = not repeats and float(np.median([len(d) for d in descriptors])) < FEW
-    found = Attempt(database, mapping, models, features, compare, few, special, warnings)
+    found = Attempt(database, mapping, models, features, compare, few, special, warnings, repeats)
     if found.registered < ENOUGH * len(names) and not repeats and way != "enlarged":
         return _with_similar(ModelInputs(found, footage, options, work, progress), names, first)
     return found

@@ -128,7 +128,7 @@ def _best(
     """The likest feature of the second view for features of the first that have one, and the numbers of these."""
     (_, j), (a, b), (unit_a, unit_b) = pair, placed, units
     rows, middle, reach = _predicted(views, pair, a, gate)
-    which, other = _within(b.uv, middle, reach)
+    which, other = within(b.uv, middle, reach)
     side = float(views.size[j].max())
     close = off_line(views, pair, a.ray[rows[which]], b.ray[other]) < gate.line * side
     which, other = which[close], other[close]
@@ -164,7 +164,7 @@ def _predicted(views: Views, pair: tuple[int, int], a: Placed, gate: Gate) -> tu
     return rows, middle[rows], reach[rows]
 
 
-def _within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (number of a middle, number of a place uv) that are within reach."""
     from scipy.spatial import cKDTree
 

@@ -22,6 +22,7 @@ from massprops.sfm.guided import seen_alike
 from massprops.sfm.loops import match_predicted
 from massprops.sfm.mapping import continue_mapping
 from massprops.sfm.match_parts import put_back, taken
+from massprops.sfm.pattern_images import with_images_of_pattern
 
 BORNE_OUT = 0.5
 """Share of an image's verified matches with placed ones that its place must agree with."""
@@ -42,9 +43,12 @@ def add_left_out_images(model: pycolmap.Reconstruction, given: ModelInputs) -> p
     """Adds the images that the points of the model place, in rounds; returns the model."""
     found = given.found
     for turn in range(MOST_ROUNDS):
-        grown = continue_mapping(model, found.database, given.frames, given.work / f"more{turn}", found.mapping)
         known = set(model.reg_image_ids())
-        take_out_contradicted(grown, found.database, known)
+        if found.repeats:
+            grown = with_images_of_pattern(model, given)
+        else:
+            grown = continue_mapping(model, found.database, given.frames, given.work / f"more{turn}", found.mapping)
+            take_out_contradicted(grown, found.database, known)
         added = set(grown.reg_image_ids()) - known
         if not added:
             break

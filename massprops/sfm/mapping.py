@@ -83,17 +83,18 @@ def _verification(options: MappingOptions) -> pycolmap.TwoViewGeometryOptions:
 def verify(
     database: Path, ids: dict[str, int], matches: dict[tuple[str, str], np.ndarray], options: MappingOptions
 ) -> None:
-    """Writes matches (m, 2) of named pairs into the database, and verifies them.
+    """Writes matches (m, 2) of named pairs into the database, and verifies those pairs that have enough.
 
     Args:
         ids: numbers of the images by name.
     """
+    with pycolmap.Database.open(database) as db, pycolmap.DatabaseTransaction(db):
+        for (a, b), m in matches.items():
+            if len(m):
+                db.write_matches(ids[a], ids[b], m)
     enough = {pair: m for pair, m in matches.items() if len(m) >= options.least_matches}
     if not enough:
         return
-    with pycolmap.Database.open(database) as db, pycolmap.DatabaseTransaction(db):
-        for (a, b), m in enough.items():
-            db.write_matches(ids[a], ids[b], m)
     listing = database.parent / "pairs.txt"
     listing.write_text("".join(f"{a} {b}\n" for a, b in enough))
     pycolmap.verify_matches(database, listing, _verification(options))

@@ -132,7 +132,8 @@ def reconstruct(
             )
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
-        model = join_models(model, _apart(model, found.models), given)
+        if not found.repeats:
+            model = join_models(model, _apart(model, found.models), given)
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
     result = finish(model, footage, found.mapping, options, sizes, warnings, progress)
     against = contradictions(model, found.database)
