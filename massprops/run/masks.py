@@ -18,6 +18,7 @@ from massprops.documents.arrays import open_arrays
 from massprops.documents.loading import load_json
 from massprops.errors import InputError
 from massprops.report.masks_page import Sheet, Silhouette, masks_page
+from massprops.sfm.footage import frame_file
 
 COMMAND = "masks"
 PAGE = "masks.html"
@@ -160,7 +161,7 @@ def read_mask(run: Path, stored: str) -> np.ndarray | None:
 def _pictures(run: Path, stored: str) -> tuple[np.ndarray, np.ndarray | None]:
     mask = read_mask(run, stored)
     known = mask is not None and bool((mask == 255).any())
-    return read_image(run / "work" / "capture" / "frames" / stored), mask if known else None
+    return read_image(frame_file(run / "work", stored)), mask if known else None
 
 
 def against_mesh(run: Path) -> dict[str, float]:

@@ -19,6 +19,7 @@ from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.global_images import write_global
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.lens import MODELS, LensChoice
@@ -27,7 +28,9 @@ from massprops.sfm.mapping import MappingOptions, quiet
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
 from massprops.sfm.predicted_images import add_predicted_images
-from massprops.sfm.refine import Refined, RefineOptions, refine
+from massprops.sfm.refine import Refined, RefineOptions, adjust, refine
+from massprops.sfm.rolling_shutter import Keypoints, Settings, Shutter, find_shutter, frame_times
+from massprops.sfm.row_motion import Seen
 from massprops.sfm.sound import flat_remarks, require_sound, take_out
 from massprops.sfm.surface_tracks import PIXELS, ROOM_PIXELS, Image, with_surface
 from massprops.sfm.turned import turn_image, upright
@@ -71,6 +74,9 @@ class SfmResult:
         warnings: one line each.
         against: the pairs of images whose matches contradict the model.
         masked: only features within the silhouettes were used.
+        shutter: how the shutter reads an image's rows.
+        seen: the model by which its motion is known, where it does so one after the other.
+        corrected: folder with `frames/` and `masks/` as a global shutter would have taken them, where that was needed.
     """
 
     model: pycolmap.Reconstruction
@@ -82,6 +88,9 @@ class SfmResult:
     warnings: tuple[str, ...]
     against: Contradictions = Contradictions(0.0, ())
     masked: bool = False
+    shutter: Shutter = Shutter("unknown")
+    seen: Seen | None = None
+    corrected: Path | None = None
 
 
 def reconstruct(
@@ -116,11 +125,51 @@ def reconstruct(
         model = add_left_out_images(model, given)
         model = join_models(model, _apart(model, found.models), given)
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
-    result = finish(model, footage, found.mapping, options, sizes, warnings, progress)
+    mapped = pycolmap.Reconstruction(model)
+    result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
+    if result.shutter.state == "rolling" and result.seen is not None:
+        corrected = _as_global(mapped, result, given)
+        again = finish(mapped, corrected, found.mapping, options, sizes, list(warnings), progress)
+        result = replace(again, shutter=result.shutter, corrected=corrected.folder)
+    result = _with_shutter(result)
     against = contradictions(model, found.database)
     more = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
     return replace(result, against=against, masked=masked, warnings=(*result.warnings, *more))
+
+
+def _as_global(mapped: pycolmap.Reconstruction, found: SfmResult, given: ModelInputs) -> FootageRecord:
+    """The footage as a global shutter would have taken it, of the images placed; the features of the mapped model are moved."""
+    assert found.seen is not None
+    assert found.shutter.readout is not None
+    mapping, footage, times = given.found.mapping, given.footage, frame_times(given.footage)
+    placed, manager = set(found.seen.views.names), pycolmap.ObservationManager(mapped)
+    for image_id in list(mapped.reg_image_ids()):
+        image = mapped.image(image_id)
+        if image.name not in placed and image.has_pose:
+            manager.deregister_frame(image.frame_id)
+    keypoints = Keypoints(mapped)
+    for _ in range(2):
+        adjust(mapped, not mapping.fixed_intrinsics, False, 1.0, given.options.threads, 20, mapping.constant)
+        keypoints.correct(mapped, times or {}, found.shutter.readout)
+    folder = given.work / "global"
+    write_global(footage, found.seen, found.shutter.readout, folder)
+    return replace(footage, folder=folder)
+
+
+def _with_shutter(result: SfmResult) -> SfmResult:
+    """What the shutter says to the user, and how much less sure the focal length is for it."""
+    shutter = result.shutter
+    doubt = shutter.focal_doubt
+    if not doubt:
+        return result
+    precision, cameras = result.precision, result.cameras
+    by_camera = {c: float(np.hypot(s, doubt)) for c, s in precision.focal_by_camera.items()}
+    precision = replace(
+        precision, focal_relative=float(np.hypot(precision.focal_relative, doubt)), focal_by_camera=by_camera
+    )
+    cameras = tuple(replace(c, focal_sigma_relative=float(np.hypot(c.focal_sigma_relative, doubt))) for c in cameras)
+    return replace(result, precision=precision, cameras=cameras, warnings=(*result.warnings, shutter.said()))
 
 
 def _apart(model: pycolmap.Reconstruction, models: list[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
@@ -209,8 +258,9 @@ def finish(
     if free and not mapping.constant:
         warnings += flat_remarks(to_points(model, to_views(model)[1]), accuracy.focal_relative)
     image, pixels = _surface_pictures(footage, to_views(model)[0], masked)
+    shutter, seen = Shutter("unknown"), None
     if image is not None:
-        accuracy = with_surface(
+        surface = with_surface(
             model,
             accuracy,
             image,
@@ -222,6 +272,10 @@ def finish(
             options.threads,
             progress,
         )
+        accuracy, times = surface.precision, frame_times(footage)
+        if surface.pieces is not None and times is not None:
+            how = Settings(settings, free, refined.radial_terms, options.seed, options.threads)
+            shutter, seen = find_shutter(surface.pieces, times, how)
     cameras = _solved(footage, model, accuracy, refined)
     model = upright(model, footage)
     model.extract_colors_for_all_images(footage.folder / "frames", options.threads)
@@ -239,7 +293,9 @@ def finish(
             + " taken out again: too few points tie it to the rest"
         )
     warnings += _remarks(sizes, len(views), used, turned)
-    return SfmResult(model, views, points, sizes, accuracy, cameras, tuple(warnings))
+    return SfmResult(
+        model, views, points, sizes, accuracy, cameras, tuple(warnings), shutter=shutter, seen=seen
+    )
 
 
 def _moving(footage: FootageRecord) -> str:
