@@ -67,6 +67,7 @@ class Evidence:
         hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
         hollow_elsewhere: a placement that could not be joined shows a hollow upper side, or was not measured.
         unlike: placements that could not be joined and have another volume or other moments.
+        shutter: what is said of a rolling shutter that may have done harm.
     """
 
     half_width: float
@@ -89,6 +90,7 @@ class Evidence:
     contradicted: float = 0.0
     contradicting: str = ""
     unlike: int = 0
+    shutter: str = ""
 
 
 def confidence(evidence: Evidence) -> dict[str, Any]:
@@ -103,6 +105,8 @@ def confidence(evidence: Evidence) -> dict[str, Any]:
         findings.append((1, f"{other} of the object could not be joined to the one used: what they show is missing"))
     if e.unlike:
         findings.append((2, "another placement of the object, measured by itself, has another volume or other moments"))
+    if e.shutter:
+        findings.append((1, e.shutter))
     level = max(rank for rank, _ in findings)
     because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
     if len(e.readings) > 1:

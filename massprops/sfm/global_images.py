@@ -91,9 +91,7 @@ def _depth_between(uv: np.ndarray, depth: np.ndarray, at: np.ndarray) -> np.ndar
     return np.where(np.isfinite(between), between, near)
 
 
-def _shift_of(
-    views: Views, motion: Motion, readout: Readout, i: int, uv: np.ndarray, depth: np.ndarray
-) -> np.ndarray:
+def _shift_of(views: Views, motion: Motion, readout: Readout, i: int, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """(k, 2) what the shutter moved pixels uv (k, 2) of view i at their depths [px]."""
     import cv2
     from scipy.spatial.transform import Rotation

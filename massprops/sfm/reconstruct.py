@@ -14,12 +14,12 @@ from massprops.core.progress import Progress, silent
 from massprops.core.text import counted
 from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
+from massprops.sfm.as_global import as_global
 from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, SfmOptions, attempt, may_distort, steady
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
-from massprops.sfm.global_images import write_global
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.lens import MODELS, LensChoice
@@ -28,8 +28,8 @@ from massprops.sfm.mapping import MappingOptions, quiet
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
 from massprops.sfm.predicted_images import add_predicted_images
-from massprops.sfm.refine import Refined, RefineOptions, adjust, refine
-from massprops.sfm.rolling_shutter import Keypoints, Settings, Shutter, find_shutter, frame_times
+from massprops.sfm.refine import Refined, RefineOptions, refine
+from massprops.sfm.rolling_shutter import Settings, Shutter, find_shutter, frame_times
 from massprops.sfm.row_motion import Seen
 from massprops.sfm.sound import flat_remarks, require_sound, take_out
 from massprops.sfm.surface_tracks import PIXELS, ROOM_PIXELS, Image, with_surface
@@ -127,34 +127,16 @@ def reconstruct(
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
     mapped = pycolmap.Reconstruction(model)
     result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
-    if result.shutter.state == "rolling" and result.seen is not None:
-        corrected = _as_global(mapped, result, given)
+    if result.shutter.state == "rolling" and result.seen and result.shutter.readout:
+        corrected = as_global(mapped, result.seen, result.shutter.readout, given)
         again = finish(mapped, corrected, found.mapping, options, sizes, list(warnings), progress)
-        result = replace(again, shutter=result.shutter, corrected=corrected.folder)
+        shutter = replace(result.shutter, remains=bool(again.shutter.said()))
+        result = replace(again, shutter=shutter, corrected=corrected.folder)
     result = _with_shutter(result)
     against = contradictions(model, found.database)
     more = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
     return replace(result, against=against, masked=masked, warnings=(*result.warnings, *more))
-
-
-def _as_global(mapped: pycolmap.Reconstruction, found: SfmResult, given: ModelInputs) -> FootageRecord:
-    """The footage as a global shutter would have taken it, of the images placed; the features of the mapped model are moved."""
-    assert found.seen is not None
-    assert found.shutter.readout is not None
-    mapping, footage, times = given.found.mapping, given.footage, frame_times(given.footage)
-    placed, manager = set(found.seen.views.names), pycolmap.ObservationManager(mapped)
-    for image_id in list(mapped.reg_image_ids()):
-        image = mapped.image(image_id)
-        if image.name not in placed and image.has_pose:
-            manager.deregister_frame(image.frame_id)
-    keypoints = Keypoints(mapped)
-    for _ in range(2):
-        adjust(mapped, not mapping.fixed_intrinsics, False, 1.0, given.options.threads, 20, mapping.constant)
-        keypoints.correct(mapped, times or {}, found.shutter.readout)
-    folder = given.work / "global"
-    write_global(footage, found.seen, found.shutter.readout, folder)
-    return replace(footage, folder=folder)
 
 
 def _with_shutter(result: SfmResult) -> SfmResult:
@@ -257,25 +239,8 @@ def finish(
     accuracy = refined.precision
     if free and not mapping.constant:
         warnings += flat_remarks(to_points(model, to_views(model)[1]), accuracy.focal_relative)
-    image, pixels = _surface_pictures(footage, to_views(model)[0], masked)
-    shutter, seen = Shutter("unknown"), None
-    if image is not None:
-        surface = with_surface(
-            model,
-            accuracy,
-            image,
-            settings,
-            free,
-            refined.radial_terms,
-            pixels,
-            options.seed,
-            options.threads,
-            progress,
-        )
-        accuracy, times = surface.precision, frame_times(footage)
-        if surface.pieces is not None and times is not None:
-            how = Settings(settings, free, refined.radial_terms, options.seed, options.threads)
-            shutter, seen = find_shutter(surface.pieces, times, how)
+    how = Settings(settings, free, refined.radial_terms, options.seed, options.threads)
+    accuracy, shutter, seen = _on_surface(model, footage, accuracy, how, masked, progress)
     cameras = _solved(footage, model, accuracy, refined)
     model = upright(model, footage)
     model.extract_colors_for_all_images(footage.folder / "frames", options.threads)
@@ -293,9 +258,38 @@ def finish(
             + " taken out again: too few points tie it to the rest"
         )
     warnings += _remarks(sizes, len(views), used, turned)
-    return SfmResult(
-        model, views, points, sizes, accuracy, cameras, tuple(warnings), shutter=shutter, seen=seen
+    return SfmResult(model, views, points, sizes, accuracy, cameras, tuple(warnings), shutter=shutter, seen=seen)
+
+
+def _on_surface(
+    model: pycolmap.Reconstruction,
+    footage: FootageRecord,
+    before: Precision,
+    how: Settings,
+    masked: bool,
+    progress: Progress,
+) -> tuple[Precision, Shutter, Seen | None]:
+    """The model adjusted in place with tracks of the surface, where there is one: its precision, and what these say of the
+    shutter."""
+    image, pixels = _surface_pictures(footage, to_views(model)[0], masked)
+    if image is None:
+        return before, Shutter("unknown"), None
+    surface = with_surface(
+        model,
+        before,
+        image,
+        how.options,
+        how.free_focal,
+        how.radial_terms,
+        pixels,
+        how.seed,
+        how.threads,
+        progress,
     )
+    times = frame_times(footage)
+    if surface.pieces is None or times is None:
+        return surface.precision, Shutter("unknown"), None
+    return surface.precision, *find_shutter(surface.pieces, times, how)
 
 
 def _moving(footage: FootageRecord) -> str:

@@ -38,6 +38,7 @@ ROUNDS = 5
 RESTS = 0.2
 """The readout rests when a step is below this many of its standard deviations."""
 
+
 @dataclass(frozen=True)
 class Shutter:
     """What was found.
@@ -50,6 +51,7 @@ class Shutter:
         moved_px: how far it moves what is seen from where a global shutter would see it, 98th percentile [px].
         focal: what it would change the focal length by, relative.
         held_out_px: error of observations held out, without and with the readout [px].
+        remains: of a readout that was corrected, something is still seen in the corrected images.
     """
 
     state: str
@@ -58,13 +60,19 @@ class Shutter:
     moved_px: float = 0.0
     focal: float = 0.0
     held_out_px: tuple[float, float] | None = None
+    remains: bool = False
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it may have done harm that was not mended."""
+        return self.state == "suspected" or self.remains
 
     @property
     def focal_doubt(self) -> float:
         """Relative 1-sigma by which the focal length is less sure for it."""
-        if self.state not in ("rolling", "suspected") or self.readout is None:
+        if not self.said() or self.readout is None:
             return 0.0
-        left = self.sigma / max(abs(self.readout.duration), 1e-9) if self.state == "rolling" else 1.0
+        left = 1.0 if self.doubtful else self.sigma / max(abs(self.readout.duration), 1e-9)
         return abs(self.focal) * left
 
     def said(self) -> str:
@@ -74,9 +82,8 @@ class Shutter:
         rows = "rows" if self.readout.axis == 1 else "columns"
         share = f"{100 * abs(self.readout.duration):.0f} ± {100 * self.sigma:.0f} % of a frame's time"
         if self.state == "rolling":
-            return (
-                f"the shutter reads the {rows} of an image one after the other, in {share}; images and cameras were corrected"
-            )
+            line = f"the shutter reads the {rows} of an image one after the other, in {share}; images and cameras were corrected"
+            return line + (", but not all of it is gone" if self.remains else "")
         return (
             f"the shutter may read the {rows} of an image one after the other, in {share}: too unsure to be corrected; "
             "film with a shorter readout (a lower resolution, or a global shutter), or so that less moves from frame to frame"
@@ -245,7 +252,12 @@ def _judged(
     focal /= np.mean([c.mean_focal_length() for c in without.cameras.values()])
     errors = float(np.sqrt(np.mean(loss(before, scale)))), float(np.sqrt(np.mean(loss(after, scale))))
     far = abs(readout.duration) / sigma
-    possible = len(before) >= FEWEST and errors[1] < errors[0] and far > SUSPECTED and abs(readout.duration) < LONGEST + 2 * sigma
+    possible = (
+        len(before) >= FEWEST
+        and errors[1] < errors[0]
+        and far > SUSPECTED
+        and abs(readout.duration) < LONGEST + 2 * sigma
+    )
     return Shutter(
         ("rolling" if far > CERTAIN else "suspected") if possible else "global",
         readout,

@@ -110,6 +110,7 @@ def _evidence(
     )
     contradicted, contradicting = _contradicted(sfm, shape)
     _, inferred, filled = _shares(surface)
+    shutter = sfm.get("shutter") or {}
     return Evidence(
         half_width=half_width,
         filled=filled,
@@ -131,6 +132,7 @@ def _evidence(
         readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
         contradicted=contradicted,
         contradicting=contradicting,
+        shutter=str(shutter.get("said", "")) if shutter.get("doubtful") else "",
     )
 
 

@@ -44,7 +44,9 @@ def run(job: Job) -> dict[str, Any]:
         job.warn(line)
     (job.out / "sfm.json").write_text(json.dumps(document, indent=1))
     facts = {k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")}
-    return facts if document["imported"] else {**facts, "lens": document["lens"], "shutter": document["shutter"]["state"]}
+    return (
+        facts if document["imported"] else {**facts, "lens": document["lens"], "shutter": document["shutter"]["state"]}
+    )
 
 
 def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
@@ -127,6 +129,7 @@ def _shutter(found: Shutter) -> dict[str, Any]:
         "moved_px": found.moved_px,
         "held_out_px": list(found.held_out_px or ()),
         "said": found.said(),
+        "doubtful": found.doubtful,
     }
 
 
