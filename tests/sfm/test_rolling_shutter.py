@@ -203,3 +203,52 @@ def test_times_are_frames_of_the_source_and_photographs_have_none() -> None:
     untimed = replace(video, frames=tuple(replace(f, timestamp_ns=-1) for f in thinned.frames))
     assert frame_times(untimed) == {f.name: float(f.index) for f in untimed.frames}
     assert frame_times(replace(video, kind="images")) is None
+
+
+def test_a_mapped_model_and_its_images_are_corrected_together(tmp_path: Path) -> None:
+    from types import SimpleNamespace
+
+    import cv2
+
+    from massprops.sfm.as_global import as_global
+    from massprops.sfm.convert import to_points, to_views
+    from massprops.sfm.mapping import quiet
+
+    quiet()
+    readout = Readout(0.45)
+    views, points, seen = filmed(readout)
+    for name in views.names:
+        (tmp_path / "frames" / "cam0").mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(tmp_path / "frames" / name), np.zeros(SIZE[::-1], np.uint8))
+    model, known = model_of(views, points, seen), np.arange(FRAMES - 2)
+    part = points.of_views(known)
+    motion = motion_of(views.take(known), known.astype(float), np.zeros(3))
+    given = SimpleNamespace(
+        found=SimpleNamespace(mapping=SimpleNamespace(fixed_intrinsics=False, constant=frozenset())),
+        footage=_footage(tmp_path, views),
+        options=SimpleNamespace(threads=1),
+        work=tmp_path / "work",
+    )
+    corrected = as_global(model, Seen(views.take(known), known.tolist(), part, part.obs_uv, motion), readout, given)
+    assert model.num_reg_images() == len(known)  # the motion of the last two is not known
+    assert sorted(p.name for p in (corrected.folder / "frames" / "cam0").iterdir()) == [n[5:] for n in views.names[:-2]]
+    found = to_points(model, to_views(model)[1])
+    row = np.flatnonzero(np.bincount(points.obs_point) >= 3)  # COLMAP numbers what it was given from 1
+    at = {
+        (v, p): uv for v, p, uv in zip(points.obs_view.tolist(), points.obs_point.tolist(), points.obs_uv, strict=True)
+    }
+    there = np.array([at[v, row[found.id[p] - 1]] for v, p in zip(found.obs_view, found.obs_point, strict=True)])
+    assert len(there) > 0.9 * len(part.obs_uv) and np.median(np.linalg.norm(found.obs_uv - there, axis=1)) < 0.15
+    assert np.median(np.linalg.norm(seen - points.obs_uv, axis=1)) > 0.4
+
+
+def test_what_the_shutter_leaves_unknown_widens_the_focal_length() -> None:
+    from massprops.sfm.rolling_shutter import Shutter
+
+    corrected = Shutter("rolling", Readout(0.4), 0.05, 1.2, -0.04, (0.11, 0.10))
+    assert corrected.focal_doubt == pytest.approx(0.04 * 0.05 / 0.4) and not corrected.doubtful
+    for doubtful in (replace(corrected, state="suspected"), replace(corrected, remains=True)):
+        assert doubtful.doubtful and doubtful.focal_doubt == pytest.approx(0.04)
+    assert "too unsure to be corrected" in replace(corrected, state="suspected").said()
+    assert "not all of it is gone" in replace(corrected, remains=True).said()
+    assert Shutter("global", Readout(0.01), 0.05, focal=-0.04).focal_doubt == 0.0
