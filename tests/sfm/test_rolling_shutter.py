@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, frame_file, frames_folder, mask_file
-from massprops.sfm.global_images import shutter_map, warped, write_global
+from massprops.sfm.global_images import SHIFTS, as_read, shutter_map, warped, write_global
 from massprops.sfm.points import SparsePoints, project, residuals
 from massprops.sfm.row_motion import Readout, Seen, motion_of, row_shifts
 from massprops.views import Views
@@ -170,17 +170,25 @@ def test_images_are_warped_to_what_a_global_shutter_sees(tmp_path: Path) -> None
     np.testing.assert_allclose(warped(ramp, where)[20:-20, 20:-20], where[20:-20, 20:-20, 0], atol=0.05)
 
     folder = tmp_path / "capture"
+    disc = np.zeros(SIZE[::-1], np.uint8)
+    cv2.circle(disc, (200, 150), 100, 255, -1)
     for name in views.names:
         for kind, file in (("frames", name), ("masks", f"{name}.png")):
             (folder / kind / "cam0").mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(folder / kind / file), ramp.astype(np.uint8) // (1 if kind == "frames" else 255))
+            cv2.imwrite(str(folder / kind / file), ramp.astype(np.uint8) if kind == "frames" else disc)
     seen_model = Seen(views, list(range(FRAMES)), points, seen, motion)
     assert np.abs(residuals(views, points)).max() < 1e-9
     write_global(_footage(folder, views), seen_model, readout, tmp_path / "sfm")
     assert frames_folder(tmp_path) == tmp_path / "sfm" / "frames"
     assert frame_file(tmp_path, views.names[3]).parts[-4:-2] == ("sfm", "frames")
     assert frame_file(tmp_path, "cam0/other.png").parts[-4:-2] == ("capture", "frames")
-    assert set(np.unique(cv2.imread(str(mask_file(tmp_path, views.names[3])), 0))) <= {0, 1}
+    # a silhouette goes back to where it came from, and one of an image that was not placed stays
+    mask = np.asarray(cv2.imread(str(mask_file(tmp_path, views.names[i])), 0))
+    back = as_read(mask, tmp_path / "sfm" / SHIFTS, views.names[i])
+    assert set(np.unique(back)) == {0, 255} and (mask != disc).sum() > 100
+    assert (back != disc).sum() < 0.25 * (mask != disc).sum()
+    assert as_read(disc, tmp_path / "sfm" / SHIFTS, "cam0/other.png") is disc
+    assert as_read(disc, tmp_path / "capture" / SHIFTS, views.names[i]) is disc
 
 
 def _footage(folder: Path, views: Views) -> FootageRecord:

@@ -59,10 +59,8 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
     # focal length by a tenth of a percent
     options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=1, parts=job.parts)
     result = reconstruct(footage, work, options, job.progress)
-    for kind in ("frames", "masks") if result.corrected else ():
-        assert result.corrected is not None
-        if (result.corrected / kind).is_dir():
-            (result.corrected / kind).rename(job.out / kind)
+    for part in result.corrected.iterdir() if result.corrected else ():  # frames/, perhaps masks/, and what moved them
+        part.rename(job.out / part.name)
     shutil.rmtree(work)
     cameras = [_camera(footage, c) for c in result.cameras]
     result.views.save(job.out / "views.npz")
