@@ -62,7 +62,7 @@ def write_database(
         if f.name in features:
             frames.setdefault(f.name.split("/", 1)[1] if footage.rig else f.name, []).append(f)
     ids = {f.name: i for i, f in enumerate((f for own in frames.values() for f in own), start=1)}
-    with pycolmap.Database.open(path) as db:
+    with pycolmap.Database.open(path) as db, pycolmap.DatabaseTransaction(db):
         for record in footage.cameras:
             db.write_camera(prior_camera(record), use_camera_id=True)
         for rig in _rigs(footage):

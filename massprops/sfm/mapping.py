@@ -91,7 +91,7 @@ def verify(
     enough = {pair: m for pair, m in matches.items() if len(m) >= options.least_matches}
     if not enough:
         return
-    with pycolmap.Database.open(database) as db:
+    with pycolmap.Database.open(database) as db, pycolmap.DatabaseTransaction(db):
         for (a, b), m in enough.items():
             db.write_matches(ids[a], ids[b], m)
     listing = database.parent / "pairs.txt"

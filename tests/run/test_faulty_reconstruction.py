@@ -107,7 +107,8 @@ def chosen(changes: list[tuple[int, str, str]], stage: str, rng: np.random.Gener
 def test_every_change_of_a_reconstruction(tmp_path: Path, footage: Path, poses: str) -> None:
     """With camera positions from `--sparse` all stages; where they are computed sfm, whose changes are a database's.
 
-    A power cut takes what the stage left loose, every second time what the stages before it did, too.
+    A power cut takes what the stage left loose, every second time what the stages before it did, too. Where a fault left
+    the folder as an earlier one had left it, but for what the next run removes unread, that run is not done again.
     """
     with quick_disk(tmp_path) as place:
         base, out, rng = place / "base" / "out", place / "out", np.random.default_rng(SEED)
@@ -131,14 +132,17 @@ def test_every_change_of_a_reconstruction(tmp_path: Path, footage: Path, poses: 
                 changes = [change for change in warm.changes(out) if change[0] <= end]
                 assert of_run(out) == whole, stage
                 faults = chosen(changes, stage, rng) if stage in (STAGES if poses == "given" else ("sfm",)) else []
+                known: set[str] = set()
                 for k, (n, kind) in enumerate(faults):
                     run.place(begin)
                     earlier = run.loose.get(stage, []) if k // len(KINDS) % 2 else []
+                    again = True
                     try:
-                        one_fault(warm, out, run.command, n, kind, whole, of_run, code, earlier)
+                        again = one_fault(warm, out, run.command, n, kind, whole, of_run, code, earlier, known)
                     except AssertionError as error:
                         wrong.append(f"{stage}: {error}")
-                    print(f"{stage}: change {n} of {end}, {kind}", *wrong[seen:], flush=True)
+                    how = "" if again else ", as before"
+                    print(f"{stage}: change {n} of {end}, {kind}{how}", *wrong[seen:], flush=True)
                     seen = len(wrong)
                 ways = Counter(kind for _, kind in faults)
                 print(f"{stage}: {end} changes, {len({n for n, _ in faults})} of them failed, {dict(ways)}", flush=True)
