@@ -127,16 +127,37 @@ def reconstruct(
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
     mapped = pycolmap.Reconstruction(model)
     result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
-    if result.shutter.state == "rolling" and result.seen and result.shutter.readout:
-        corrected = as_global(mapped, result.seen, result.shutter.readout, given)
-        again = finish(mapped, corrected, found.mapping, options, sizes, list(warnings), progress)
-        shutter = replace(result.shutter, remains=bool(again.shutter.said()))
-        result = replace(again, shutter=shutter, corrected=corrected.folder)
-    result = _with_shutter(result)
+    result = _with_shutter(_corrected(result, mapped, given, sizes, warnings))
     against = contradictions(model, found.database)
     more = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
     return replace(result, against=against, masked=masked, warnings=(*result.warnings, *more))
+
+
+def _corrected(
+    result: SfmResult,
+    mapped: pycolmap.Reconstruction,
+    given: ModelInputs,
+    sizes: tuple[tuple[int, int], ...],
+    warnings: list[str],
+) -> SfmResult:
+    """The last adjustment once more on features and images as a global shutter would have given them, where one is missing.
+
+    Args:
+        result: of the adjustment without.
+        mapped: the model before it; is changed.
+        sizes, warnings: as `finish` takes them.
+    """
+    shutter = result.shutter
+    if shutter.state != "rolling" or result.seen is None or shutter.readout is None:
+        return result
+    try:
+        footage = as_global(mapped, result.seen, shutter.readout, given)
+        again = finish(mapped, footage, given.found.mapping, given.options, sizes, list(warnings), given.progress)
+    except NotPossible:  # the images hold together as they are, and not as they are thought to be
+        return replace(result, shutter=replace(shutter, state="suspected"))
+    remains = bool(again.shutter.said())
+    return replace(again, shutter=replace(shutter, remains=remains), corrected=footage.folder)
 
 
 def _with_shutter(result: SfmResult) -> SfmResult:

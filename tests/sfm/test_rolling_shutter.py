@@ -260,3 +260,23 @@ def test_what_the_shutter_leaves_unknown_widens_the_focal_length() -> None:
     assert "too unsure to be corrected" in replace(corrected, state="suspected").said()
     assert "not all of it is gone" in replace(corrected, remains=True).said()
     assert Shutter("global", Readout(0.01), 0.05, focal=-0.04).focal_doubt == 0.0
+
+
+def test_a_correction_that_tears_the_model_apart_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    from massprops.errors import NotPossible
+    from massprops.sfm import reconstruct as sfm
+    from massprops.sfm.precision import Precision
+    from massprops.sfm.rolling_shutter import Shutter
+
+    def torn(*_: object) -> None:
+        raise NotPossible("nothing holds")
+
+    found = Shutter("rolling", Readout(0.4), 0.05, 1.2, -0.04, (0.11, 0.10))
+    precision = Precision(0.1, 0.002, 0.0, np.full(3, 1e-3), 0.001, {1: 0.002})
+    result = sfm.SfmResult(None, None, None, (), precision, (), (), shutter=found, seen=object())
+    monkeypatch.setattr(sfm, "as_global", torn)
+    left = sfm._with_shutter(sfm._corrected(result, None, None, (), []))
+    assert left.shutter.state == "suspected" and left.corrected is None
+    assert left.precision.focal_relative == pytest.approx(np.hypot(0.002, 0.04))
+    assert left.precision.focal_by_camera == {1: left.precision.focal_relative}
+    assert left.warnings == (left.shutter.said(),)
