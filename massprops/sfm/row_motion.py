@@ -16,7 +16,7 @@ from massprops.sfm.points import SparsePoints, project_camera
 from massprops.views import Views
 
 WIDEST = np.deg2rad(60.0)
-"""Turn to a neighbour [rad] from which on a parabola through three attitudes says nothing of the rate between them."""
+"""Turn to a neighbour [rad] from which on a polynomial through attitudes says nothing of the rate between them."""
 
 
 @dataclass(frozen=True)
@@ -66,32 +66,64 @@ class Seen:
     motion: Motion
 
 
-def motion_of(views: Views, times: np.ndarray, middle: np.ndarray) -> Motion:
-    """Velocities from parabolas through each view and the views before and after it, or two on one side at an end.
+def motion_of(views: Views, times: np.ndarray, middle: np.ndarray, reach: int = 2) -> Motion:
+    """Velocities from the polynomial through each view and its neighbours in time.
 
     Args:
         times: (n,) in any unit; only views of one folder (one camera's stream) are neighbours.
         middle: (3,) world point about which the world turns, or the camera around it.
+        reach: neighbours on either side; where some are missing or turned too far, one on either side, or two on one.
     """
     n = len(views)
-    centre = views.R @ middle + views.t
     turn, shift, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, bool)
     stream = np.array([name.split("/", 1)[0] for name in views.names])
     for one in np.unique(stream):
         own = np.flatnonzero(stream == one)
         own = own[np.argsort(times[own], kind="stable")]
-        for place, i in enumerate(own) if len(own) >= 3 else ():
-            first = min(max(place - 1, 0), len(own) - 3)
-            j, k = (q for q in own[first : first + 3] if q != i)
-            late = times[[j, k]] - times[i]
-            angles = np.stack([_rotation_vector(views.R[q] @ views.R[i].T) for q in (j, k)])
-            if late[0] == late[1] or not late.all() or np.linalg.norm(angles, axis=1).max() > WIDEST:
-                continue
-            parabola = np.stack([late, late**2], 1)
-            turn[i] = np.linalg.solve(parabola, angles)[0]
-            shift[i] = np.linalg.solve(parabola, centre[[j, k]] - centre[i])[0]
-            known[i] = True
+        for place, i in enumerate(own):
+            for near in _neighbours(own, place, reach):
+                rates = _rates(views, times, middle, i, near)
+                if rates is not None:
+                    (turn[i], shift[i]), known[i] = rates, True
+                    break
     return Motion(middle, turn, shift, known)
+
+
+def _neighbours(own: np.ndarray, place: int, reach: int) -> list[np.ndarray]:
+    """Sets of neighbours of the view at a place of a stream, the best first."""
+    sets = [own[place - k : place + k + 1] for k in range(reach, 0, -1) if k <= place < len(own) - k]
+    if len(own) >= 3 and place in (0, len(own) - 1):
+        sets.append(own[:3] if place == 0 else own[-3:])
+    return [near[near != own[place]] for near in sets]
+
+
+def _rates(
+    views: Views, times: np.ndarray, middle: np.ndarray, i: int, near: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Angular velocity (3,) and velocity of `middle` (3,) of view i by its neighbours; None where these tell nothing."""
+    late = times[near] - times[i]
+    turned = views.R[near] @ views.R[i].T
+    angles = np.stack([_rotation_vector(one) for one in turned])
+    if len(np.unique(late)) < len(late) or not late.all() or np.linalg.norm(angles, axis=1).max() > WIDEST:
+        return None
+    unit = np.abs(late).max()
+    powers = (late / unit)[:, None] ** np.arange(1, len(late) + 1)
+    moved = (views.R[near] - views.R[i]) @ middle + views.t[near] - views.t[i]
+    return np.linalg.solve(powers, angles)[0] / unit, np.linalg.solve(powers, moved)[0] / unit
+
+
+def roughness(views: Views, points: SparsePoints, times: np.ndarray) -> float:
+    """How far the motion is from what poses so far apart in time can tell: change of the points' speed in the images from a
+    polynomial through three poses to one through five, over the speed (root mean squares)."""
+    middle = np.median(points.xyz, axis=0)
+    wide, narrow = (motion_of(views, times, middle, reach) for reach in (2, 1))
+    both = (wide.known & narrow.known)[points.obs_view]
+    view, xyz = points.obs_view[both], points.xyz[points.obs_point[both]]
+    late = np.full(len(view), 1e-3)
+    speed, other = (
+        moved_on(views, m, view, xyz, late) - moved_on(views, m, view, xyz, 0.0 * late) for m in (wide, narrow)
+    )
+    return float(np.sqrt(np.sum((speed - other) ** 2) / max(float(np.sum(speed**2)), 1e-300)))
 
 
 def moved_on(views: Views, motion: Motion, view: np.ndarray, xyz: np.ndarray, late: np.ndarray) -> np.ndarray:

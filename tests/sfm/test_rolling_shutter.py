@@ -22,21 +22,29 @@ SIZE, FOCAL, DISTANCE = (400, 300), 640.0, 5.5
 AXIS = np.array([0.5, 0.8, 0.3]) / np.linalg.norm([0.5, 0.8, 0.3])
 
 
-def pose(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World to camera (k, 3, 3), (k, 3) at times in frames: a body that turns about an axis that itself turns slowly."""
+def pose(time: np.ndarray, shake_deg: float = 0.0, period: float = 7.0) -> tuple[np.ndarray, np.ndarray]:
+    """World to camera (k, 3, 3), (k, 3) at times in frames: a body that turns about an axis that itself turns slowly, before a
+    camera that may shake."""
     spin = Rotation.from_rotvec(np.deg2rad(STEP) * time[:, None] * AXIS)
     nod = Rotation.from_euler("z", 2.0 * time[:, None], degrees=True)
     t = np.column_stack([0.05 + 0.002 * time, -0.04 + 0.001 * time, np.full(len(time), DISTANCE)])
-    return (nod * spin).as_matrix(), t
+    phase = 2 * np.pi * time[:, None] / period + np.arange(3)
+    shake = Rotation.from_rotvec(np.deg2rad(shake_deg) * np.sin(phase))
+    return (shake * nod * spin).as_matrix(), shake.apply(t)
 
 
-def filmed(readout: Readout, noise: float = 0.05, seed: int = 0) -> tuple[Views, SparsePoints, np.ndarray]:
-    """Views, points on a ball as a global shutter sees them, and (k, 2) where the shutter saw them, with noise [px]."""
+def filmed(
+    readout: Readout, noise: float = 0.05, seed: int = 0, *shake: float
+) -> tuple[Views, SparsePoints, np.ndarray]:
+    """Views, points on a ball as a global shutter sees them, and (k, 2) where the shutter saw them, with noise [px].
+
+    shake: amplitude [deg] and period [frames] of the camera's shaking.
+    """
     rng = np.random.default_rng(seed)
     xyz = rng.standard_normal((POINTS, 3))
     xyz /= np.linalg.norm(xyz, axis=1, keepdims=True)
     xyz *= 0.9 + 0.1 * np.sin(4.0 * xyz[:, :1])
-    R, t = pose(np.arange(FRAMES, dtype=float))
+    R, t = pose(np.arange(FRAMES, dtype=float), *shake)
     K = np.tile(np.array([[FOCAL, 0, 199.5], [0, FOCAL, 149.5], [0, 0, 1.0]]), (FRAMES, 1, 1))
     names = tuple(f"cam0/{i:06d}.png" for i in range(FRAMES))
     views = Views(names, np.arange(FRAMES) * 10**8, np.tile(SIZE, (FRAMES, 1)), K, np.zeros((FRAMES, 4)), R, t)
@@ -45,7 +53,7 @@ def filmed(readout: Readout, noise: float = 0.05, seed: int = 0) -> tuple[Views,
     size, uv = np.tile(SIZE, (len(v), 1)), project(K[v], views.distortion[v], R[v], t[v], xyz[p])
     seen = uv
     for _ in range(6):
-        now = pose(v + readout.delays(seen, size))
+        now = pose(v + readout.delays(seen, size), *shake)
         seen = project(K[v], views.distortion[v], *now, xyz[p])
     points = SparsePoints(
         np.arange(1, POINTS + 1), xyz, np.zeros((POINTS, 3), np.uint8), np.zeros(POINTS),
@@ -114,6 +122,19 @@ def test_nothing_is_found_where_all_rows_are_read_at_once(seed: int) -> None:
     views, points, seen = filmed(Readout(0.0), seed=seed)
     found, fitted = find_shutter(model_of(views, points, seen), times_of(views), Settings(RefineOptions(), True))
     assert found.state == "global" and fitted is None and not found.said() and not found.focal_doubt
+
+
+@pytest.mark.parametrize(("shake", "state"), [((0.3, 7.0), "rolling"), ((1.0, 3.3), "suspected")])
+def test_a_camera_that_shakes_faster_than_images_tell_is_suspected_only(shake: tuple[float, float], state: str) -> None:
+    from massprops.sfm.mapping import quiet
+    from massprops.sfm.refine import RefineOptions
+    from massprops.sfm.rolling_shutter import Settings, find_shutter
+
+    quiet()
+    views, points, seen = filmed(Readout(0.5), 0.05, 0, *shake)
+    found, _ = find_shutter(model_of(views, points, seen), times_of(views), Settings(RefineOptions(), True))
+    assert found.state == state and found.readout is not None and found.doubtful == (state == "suspected")
+    assert state == "suspected" or abs(found.readout.duration - 0.5) < 2 * found.sigma
 
 
 def test_a_body_that_turns_too_far_between_images_is_not_judged() -> None:
