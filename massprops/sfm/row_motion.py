@@ -82,7 +82,7 @@ def motion_of(views: Views, times: np.ndarray, middle: np.ndarray, reach: int = 
         own = own[np.argsort(times[own], kind="stable")]
         for place, i in enumerate(own):
             for near in _neighbours(own, place, reach):
-                rates = _rates(views, times, middle, i, near)
+                rates = _rates(views, times, middle, int(i), near)
                 if rates is not None:
                     (turn[i], shift[i]), known[i] = rates, True
                     break
