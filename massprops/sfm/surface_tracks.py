@@ -65,8 +65,8 @@ LEAST = 30
 
 @dataclass(frozen=True)
 class OnSurface:
-    """precision of the model afterwards; pieces: the model with the pieces for points, or None where there are too few to
-    hold its views by themselves."""
+    """precision of the model afterwards; pieces: the model with the pieces for points, and features where a view shows too few
+    of them, or None where no surface was found."""
 
     precision: Precision
     pieces: pycolmap.Reconstruction | None = None
@@ -111,8 +111,8 @@ def with_surface(
     adjust(trial, free_focal, bent, options.least_loss_px, threads, 20, options.constant)
     loss = robust_loss(trial, options)
     after = model_precision(trial, free_focal, radial_terms, loss, options.constant)
-    held = np.bincount(pieces.view, minlength=len(views)).min() >= LEAST
-    alone = _without(trial, model) if held else None
+    few = np.flatnonzero(np.bincount(pieces.view, minlength=len(views)) < LEAST)
+    alone = _without(trial, model, {ids[i] for i in few})
     if not np.median(after.attitude) < np.median(before.attitude):
         return OnSurface(before, alone)
     for camera_id, camera in trial.cameras.items():
@@ -125,11 +125,14 @@ def with_surface(
     return OnSurface(after, alone)
 
 
-def _without(trial: pycolmap.Reconstruction, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
-    """A copy of a model without another's points."""
+def _without(
+    trial: pycolmap.Reconstruction, model: pycolmap.Reconstruction, images: set[int]
+) -> pycolmap.Reconstruction:
+    """A copy of a model without another's points, but for those that one of the images shows."""
     out = pycolmap.Reconstruction(trial)
     for point_id in model.point3D_ids():
-        out.delete_point3D(point_id)
+        if images.isdisjoint(e.image_id for e in model.point3D(point_id).track.elements):
+            out.delete_point3D(point_id)
     return out
 
 
