@@ -107,12 +107,13 @@ def _effect(c: Candidate, name: str, s: Selection) -> dict[str, Any]:
 
     module = effects()[name]
     value, sigma = parameters(c.best, name)
+    shown = _shown(value, sigma, _told(c.best, name))
     out = _candidate(c, s)
     out |= {
         "name": name,
         "sentence": module.SENTENCE,
-        "parameters": _shown(value, sigma),
-        "sigma": {k: sigma[k] if v is not None else None for k, v in _shown(value, sigma).items()},
+        "parameters": shown,
+        "sigma": {k: None if v is None else sigma[k] for k, v in shown.items()},
         "units": {q.name: q.unit for q in module.PARAMETERS},
     }
     fit = c.best
@@ -138,9 +139,18 @@ def rate_change(fit: HypothesisFit, name: str = "impulse") -> np.ndarray:
     return np.asarray(fit.rate[after] - fit.rate[before])
 
 
-def _shown(value: dict[str, float], sigma: dict[str, float]) -> dict[str, float | None]:
+def _told(fit: HypothesisFit, name: str) -> set[str]:
+    """Parameters of an effect that turn the body: a knock's push is not among them, of which rates and attitudes tell nothing."""
+    if fit.hypothesis.wheel and name == "internal-rotor":
+        return set(_wheel_parameters(fit)[0])
+    term = fit.hypothesis.term(name)
+    return {*dict(term.held), *term.unknowns, "span"}
+
+
+def _shown(value: dict[str, float], sigma: dict[str, float], told: set[str]) -> dict[str, float | None]:
     """Parameters, None for those that the data do not show."""
-    return {k: v if sigma[k] == 0.0 or abs(v) > criteria.SHOWN * sigma[k] else None for k, v in value.items()}
+    clear = {k for k, v in value.items() if sigma[k] == 0.0 or abs(v) > criteria.SHOWN * sigma[k]}
+    return {k: v if k in clear & told else None for k, v in value.items()}
 
 
 def parameters(fit: HypothesisFit, name: str) -> tuple[dict[str, float], dict[str, float]]:
@@ -152,7 +162,7 @@ def parameters(fit: HypothesisFit, name: str) -> tuple[dict[str, float], dict[st
     term = fit.hypothesis.term(name)
     value = {q.name: 0.0 for q in effects()[term.name].PARAMETERS}
     value |= {k: v for k, v in term.held if k in value}
-    sigma = dict.fromkeys(value, 0.0)
+    sigma = dict.fromkeys(value, 0.0) | fit.held_sd.get(name, {})
     spread = np.sqrt(np.maximum(np.diag(fit.covariance[term.name]), 0.0))
     for unknown, v, sd in zip(term.unknowns, fit.values[term.name], spread, strict=True):
         value[unknown], sigma[unknown] = float(v), float(sd)

@@ -10,6 +10,7 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 - `MOMENTUM_UNKNOWNS`: names of the parameters that the columns belong to;
 - `momentum_scan(t, w)`: the values of `held` to try: a time, a time constant;
 - `momentum_variants(held, gap)`: others worth a fit once one is found, gap the time between measurements [s];
+- `momentum_simpler(held)`: the same in a simpler form, tried from where the best fit came to, or None;
 - `momentum_steps(held, gap)`: by name, the step with which a value that was scanned is moved to its best.
 
 - `momentum_moved(held, unknowns)`: for unknowns that do not enter linearly, whose columns are derivatives about `held`: the values
@@ -139,6 +140,13 @@ def variants(term: Term, gap: float) -> list[Term]:
     """Other values of what is scanned that are worth a fit beside these; gap: between measurements [s]."""
     offered = getattr(term.effect, "momentum_variants", None)
     return [] if offered is None else [term_of(term.effect, held) for held in offered(dict(term.held), gap)]
+
+
+def simpler(term: Term) -> Term | None:
+    """The effect in a simpler form at the same values, or None where it has none."""
+    offered = getattr(term.effect, "momentum_simpler", None)
+    held = None if offered is None else offered(dict(term.held))
+    return None if held is None else term_of(term.effect, held)
 
 
 def steps(term: Term, gap: float) -> dict[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start
-from massprops.diagnosis.effect_columns import Term, scan, steps, term_of, variants
+from massprops.diagnosis.effect_columns import Term, scan, simpler, steps, term_of, variants
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.screen import Screened, screened
@@ -40,7 +40,21 @@ def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothe
     found = [admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
     fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
     # more than one: a scan stands at different moments of the same event
-    return max((moved_to_best(f, gap) for f in fits[:SCANNED]), key=lambda f: f.evidence, default=None)
+    best_one = max((moved_to_best(f, gap) for f in fits[:SCANNED]), key=lambda f: f.evidence, default=None)
+    return None if best_one is None else _or_simpler(best_one, gap)
+
+
+def _or_simpler(found: HypothesisFit, gap: float) -> HypothesisFit:
+    """The more likely of a fit of one effect and of the effect in its simpler form, begun at the same values: a push in parts
+    finds a contact's bounds, within which one even push may do."""
+    other = simpler(found.hypothesis.terms[0])
+    if other is None:
+        return found
+    fit = admissible(found.record, replace(found.hypothesis, terms=(other,)), again(found), latent=False)
+    if fit is None:
+        return found
+    fit = moved_to_best(fit, gap)
+    return fit if fit.evidence > found.evidence else found
 
 
 def _with_variants(

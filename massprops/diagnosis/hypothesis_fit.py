@@ -8,7 +8,7 @@ evidence, so hypotheses compare by their marginal likelihoods.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -81,6 +81,7 @@ class HypothesisFit:
         axis, history, history_sd: of a wheel: (3,), (n,) and (n,) [rad/s], or None.
         torque: (n, 3) latent, body axes [rad/s^2]; left: (all, 3) what the rows hold beyond the model without the latent
             torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
+        held_sd: by effect, 1-sigma of the values that its columns hold, where they were looked at (`scanned_values`).
     """
 
     hypothesis: Hypothesis
@@ -102,6 +103,7 @@ class HypothesisFit:
     rate: np.ndarray
     blocks: tuple[Block, ...]
     y: np.ndarray
+    held_sd: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:

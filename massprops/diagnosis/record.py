@@ -237,6 +237,17 @@ def along(record: Record, path: MotionPath, q: np.ndarray) -> Record:
     return replace(record, path=path, rows=replace(record.rows, measured=turn))
 
 
+def with_points(record: Record, more: np.ndarray) -> Record:
+    """The record along the same path with points at further times (k,) [s], where something changes within a step."""
+    old, rows = record.path, record.rows
+    path = path_from_attitudes(old.t, old.q, old.w, more[(more > old.t[0]) & (more < old.t[-1])])
+    beside = rows.gyroscope
+    if beside is not None:
+        beside = replace(beside, at=nearest(path.t, old.t[beside.at]))
+    rows = replace(rows, at=nearest(path.t, old.t[rows.at]), gyroscope=beside)
+    return replace(record, path=path, rows=rows)
+
+
 def attitudes_of(record: Record) -> np.ndarray:
     """(m, 4) attitudes that the record's rows hold."""
     from massprops.dynamics.quaternion import from_rotation_vector, multiply

@@ -17,6 +17,7 @@ from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record
+from massprops.diagnosis.scanned_values import with_scanned
 from massprops.errors import NotPossible
 
 Watch = Callable[[str, int, int], None]
@@ -125,10 +126,16 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         unknown=unknown,
         tried=tuple(tried),
         verdict=verdict,
-        named=tuple(named),
+        named=tuple(_with_scanned(c, float(np.median(np.diff(record.times)))) for c in named),
         skipped=skipped,
         by_sun=by_sun,
     )
+
+
+def _with_scanned(c: Candidate, gap: float) -> Candidate:
+    """With what the record leaves open of what was scanned."""
+    found = with_scanned(c.best, gap)
+    return replace(c, beside=found) if c.best is c.beside else replace(c, alone=found)
 
 
 def asks_for_two(tried: list[Candidate], base: HypothesisFit, *unknowns: HypothesisFit) -> bool:

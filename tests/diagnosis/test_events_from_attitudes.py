@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,10 +12,11 @@ from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import decides, diagnose_by_balance
 from massprops.diagnosis.document import rate_change
 from massprops.diagnosis.effect_columns import Term, forcing_of
-from massprops.diagnosis.effect_search import moved_to_best
+from massprops.diagnosis.effect_search import again, best_fit, moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes
+from massprops.diagnosis.scanned_values import with_scanned
 from massprops.diagnosis.screen import screened
 from massprops.diagnosis.selection import rms
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
@@ -58,6 +61,46 @@ def test_a_contact_is_found_at_its_time_with_its_length_and_what_it_does() -> No
     assert settled["duration"] == pytest.approx(LASTS, abs=3e-3)
     assert np.linalg.norm(rate_change(found) - change) < 0.05 * np.linalg.norm(change)
     assert rms(found.residual) < 1.1
+
+
+def test_a_contact_says_how_well_its_time_and_length_are_known() -> None:
+    sequence = Sequence(attitude=tossed(PUSH)[0])
+    found = diagnose_by_balance(sequence)
+    named = found.document["effects"][0]
+    assert named["name"] == "impulse"
+    value, sigma = named["parameters"], named["sigma"]
+    for name, truth in (("time", BEGINS), ("duration", LASTS)):
+        assert 0.0 < sigma[name] < 2e-3 and abs(value[name] - truth) < 3.0 * sigma[name]
+    # attitudes tell nothing of the push through the centre of mass
+    assert value["velocity_x"] is None and sigma["velocity_x"] is None
+    best = found.selection.named[0].best
+    own = fit_hypothesis(best.record, best.hypothesis, again(best)).covariance["impulse"]
+    assert np.trace(best.covariance["impulse"]) > 1.01 * np.trace(own)
+
+
+def test_one_even_push_is_preferred_to_parts_that_do_the_same() -> None:
+    record = record_of_attitudes(tossed(PUSH)[0], Environment())
+    base = fit_hypothesis(record, Hypothesis(latent=False), BALL)
+    found = best_fit(record, effects()["impulse"], base)
+    assert found is not None and dict(found.hypothesis.terms[0].held)["parts"] == 1
+
+
+def test_the_law_of_a_contact_is_that_of_its_likelihood() -> None:
+    """Drawn along the length with the middle held, the evidence falls by a half about a sigma away."""
+    record = record_of_attitudes(tossed(PUSH)[0], Environment())
+    held = (("duration", LASTS), ("parts", 1), ("time", BEGINS))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    found = with_scanned(fit_hypothesis(record, h, BALL), 1 / RATE)
+    values = dict(found.hypothesis.terms[0].held)
+    lengths = values["duration"] + np.linspace(-2.5, 2.5, 11) * found.held_sd["impulse"]["duration"]
+    middle = values["time"] + 0.5 * values["duration"]
+    evidence = []
+    for length in lengths:
+        held = (("duration", float(length)), ("parts", 1), ("time", float(middle - 0.5 * length)))
+        term = Term(effect=effects()["impulse"], held=held)
+        evidence.append(fit_hypothesis(found.record, replace(h, terms=(term,)), again(found)).evidence)
+    curvature = -2.0 * np.polyfit(lengths, evidence, 2)[0]
+    assert 1.0 / np.sqrt(curvature) == pytest.approx(found.held_sd["impulse"]["duration"], rel=0.35)
 
 
 def test_a_knock_in_parts_adds_what_its_parts_add() -> None:

@@ -68,6 +68,11 @@ def momentum_variants(held, gap):
     return [{"time": held["time"] - 0.5 * n * gap, "duration": n * gap, "parts": p} for n, p in CONTACTS]
 
 
+def momentum_simpler(held):
+    """One even push in place of parts that differ; None of one part."""
+    return held | {"parts": 1} if held.get("parts", 1) > 1 else None
+
+
 def momentum_steps(held, gap):
     """By what time and duration are moved to find their best."""
     return {"time": 0.3 * gap} | ({"duration": 0.3 * gap} if held.get("duration", 0.0) > 0 else {})

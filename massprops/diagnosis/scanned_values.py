@@ -1,0 +1,200 @@
+"""What the record leaves open of the values that an effect's columns hold, such as the time of a knock.
+
+They are scanned, then moved to their best; all else is solved for at given values. The evidence about the best is taken
+for a normal law (Laplace's approximation), and what the solved unknowns move by with them joins their covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from massprops.diagnosis.effect_columns import steps, term_of
+from massprops.diagnosis.effect_search import again, can_be
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
+from massprops.diagnosis.record import with_points
+from massprops.errors import NotPossible
+
+FALL = (1.0, 6.0)
+"""Of the log evidence over a step by which its curvature is measured: a sigma is a fall of a half. Less is near what two fits
+of one hypothesis differ by (`hypothesis_fit.SETTLED`), more lies where the law need not be normal."""
+WANTED = 2.5
+"""The fall that a step along an axis of the law is begun with."""
+ABOUT, FINER = 3.0, 8
+"""Measurements before and after an event between which the path has so many points for each."""
+TRIES = 8
+ROUNDS = 4
+FLAT = 0.1
+"""Least curvature over a step's square: along what the record does not show at all, a sigma is three steps."""
+FAR = 0.15
+"""Steps from the best by the curvature's own account at which the values are moved there, and looked at once more."""
+
+
+class _Astray(Exception):
+    """A step led nowhere."""
+
+
+@dataclass(frozen=True)
+class _Law:
+    """The normal law of n held values about those of a fit.
+
+    Attributes:
+        axes: (n, n) in columns, steps along which the evidence falls by some; curvature: (n, n) of its fall over them.
+        gradient: (n,) of the evidence over them; slopes: by effect, (k, n) of its parameters over them.
+    """
+
+    axes: np.ndarray
+    curvature: np.ndarray
+    gradient: np.ndarray
+    slopes: dict[str, np.ndarray]
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(n, n) covariance over the axes."""
+        values, turn = np.linalg.eigh(self.curvature)
+        return np.asarray(turn / np.maximum(values, FLAT) @ turn.T)
+
+    @property
+    def principal(self) -> np.ndarray:
+        """(n, n) in columns, uncorrelated steps along which the evidence falls by `WANTED`."""
+        values, turn = np.linalg.eigh(self.curvature)
+        return np.asarray(self.axes @ turn * np.sqrt(2.0 * WANTED / np.maximum(values, FLAT)))
+
+
+def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
+    """The fit, at the best of its scanned values, with their 1-sigma (`held_sd`) and what they add to its covariance.
+
+    Where the evidence about the best cannot be told, the fit is returned as it is.
+
+    Args:
+        gap: between measurements [s].
+    """
+    places = _places(found, gap)
+    if not places:
+        return found
+    found = _finer(found, gap)
+    try:
+        # a knock's time and duration are known far worse than its middle: the law's own axes are found first
+        axes = _law(found, places, np.diag([p.step for p in places])).principal
+        for _ in range(ROUNDS):
+            law = _law(found, places, axes)
+            best = law.spread @ law.gradient
+            moved = _moved(found, places, law.axes @ np.clip(best, -1.0, 1.0)) if np.abs(best).max() > FAR else None
+            if moved is None or not moved.evidence > found.evidence:
+                break
+            found, axes = moved, law.principal
+    except _Astray:
+        return found
+    return _widened(found, places, law)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A held value: of which term, its name, the step its search had, and whether it may be negative."""
+
+    term: int
+    name: str
+    step: float
+    signed: bool
+
+
+def _places(found: HypothesisFit, gap: float) -> list[_Place]:
+    out = []
+    for k, term in enumerate(found.hypothesis.terms):
+        held, kinds = dict(term.held), {q.name: q.kind for q in term.effect.PARAMETERS}
+        for name, step in steps(term, gap).items():
+            signed = kinds[name] == "direction"
+            if signed or held[name] > 0.0:
+                out.append(_Place(k, name, step if signed else min(step, 0.5 * held[name]), signed))
+    return out
+
+
+def _finer(found: HypothesisFit, gap: float) -> HypothesisFit:
+    """The fit along a path with more points about its events, so that one can begin and end between two measurements: by the
+    path's own steps a kick moves by its sigma with where they happen to lie."""
+    more = []
+    for term in found.hypothesis.terms:
+        held = dict(term.held)
+        if "time" in held:
+            begins, ends = held["time"] - ABOUT * gap, held["time"] + held.get("duration", 0.0) + ABOUT * gap
+            more.append(np.arange(begins, ends, gap / FINER))
+    if not more:
+        return found
+    record = with_points(found.record, np.unique(np.concatenate(more)))
+    try:
+        fit = fit_hypothesis(record, found.hypothesis, again(found))
+    except NotPossible:
+        return found
+    return fit if can_be(fit) else found
+
+
+def _moved(found: HypothesisFit, places: list[_Place], by: np.ndarray) -> HypothesisFit | None:
+    """The fit with its held values moved by (n,); None where that leads nowhere."""
+    terms = list(found.hypothesis.terms)
+    for place, step in zip(places, by, strict=True):
+        held = dict(terms[place.term].held)
+        held[place.name] += float(step)
+        if not place.signed and held[place.name] <= 0.0:
+            return None
+        terms[place.term] = term_of(terms[place.term].effect, held)
+    try:
+        fit = fit_hypothesis(found.record, replace(found.hypothesis, terms=tuple(terms)), again(found))
+    except NotPossible:
+        return None
+    return fit if can_be(fit) else None
+
+
+def _law(found: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
+    """The normal law by steps along `axes` (n, n), each made longer or shorter until the evidence falls as `FALL` says.
+
+    Raises:
+        _Astray: a step leads nowhere.
+    """
+
+    def at(by: np.ndarray) -> HypothesisFit:
+        fit = _moved(found, places, by)
+        if fit is None:
+            raise _Astray
+        return fit
+
+    axes, n = axes.copy(), len(places)
+    E = at(np.zeros(n)).evidence  # as its neighbours are fitted
+    ups, downs = [], []
+    for i in range(n):
+        most = np.inf
+        for attempt in range(TRIES):
+            up, down = _moved(found, places, axes[:, i]), _moved(found, places, -axes[:, i])
+            fall = np.inf if up is None or down is None else E - 0.5 * (up.evidence + down.evidence)
+            change = 0.5 if fall > FALL[1] else 2.0 if fall < FALL[0] else 1.0
+            if change == 1.0 or attempt == TRIES - 1 or (change > 1.0 and most <= 2.0):
+                break
+            most = 1.0 if change < 1.0 else most
+            axes[:, i] *= change
+            most /= change
+        if up is None or down is None:
+            raise _Astray
+        ups.append(up)
+        downs.append(down)
+    up_, down_ = np.array([f.evidence for f in ups]), np.array([f.evidence for f in downs])
+    curvature = np.diag(2.0 * E - up_ - down_)
+    for i, j in combinations(range(n), 2):
+        both = at(axes[:, i] + axes[:, j]).evidence + at(-axes[:, i] - axes[:, j]).evidence
+        curvature[i, j] = curvature[j, i] = -0.5 * (both + 2.0 * E - up_[i] - down_[i] - up_[j] - down_[j])
+    slopes = {
+        t.name: np.stack([0.5 * (a.values[t.name] - b.values[t.name]) for a, b in zip(ups, downs, strict=True)], axis=1)
+        for t in found.hypothesis.terms
+    }
+    return _Law(axes, curvature, 0.5 * (up_ - down_), slopes)
+
+
+def _widened(found: HypothesisFit, places: list[_Place], law: _Law) -> HypothesisFit:
+    covariance = {
+        name: own + law.slopes[name] @ law.spread @ law.slopes[name].T for name, own in found.covariance.items()
+    }
+    sd = np.sqrt(np.diag(law.axes @ law.spread @ law.axes.T))
+    held: dict[str, dict[str, float]] = {}
+    for place, s in zip(places, sd, strict=True):
+        held.setdefault(found.hypothesis.terms[place.term].name, {})[place.name] = float(s)
+    return replace(found, covariance=covariance, held_sd=held)
