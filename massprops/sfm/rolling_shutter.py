@@ -64,7 +64,7 @@ class Shutter:
     sigma: float = float("nan")
     moved_px: float = 0.0
     focal: float = 0.0
-    held_out_px: tuple[float, float] | None = None
+    held_out_px: tuple[float, float] = (float("nan"), float("nan"))
     remains: bool = False
 
     @property
@@ -186,17 +186,20 @@ def find_shutter(
     first = seen_at.seen(start, times)
     if first.motion.known.mean() < 0.5 or len(first.uv) < 12 * len(first.views):
         return Shutter("unknown"), None
-    step, sigma = _steps(start, first, [Readout(0.0, axis) for axis in (0, 1)], settings)
+    step, sigma = np.concatenate([_steps(start, first, [Readout(0.0, axis)], settings) for axis in (0, 1)], axis=1)
     if not np.all(np.isfinite(step / sigma)):
         return Shutter("unknown"), None
-    axis = int(np.argmax(np.abs(step) / sigma))
-    if abs(step[axis]) < SUSPECTED * INFLATION * sigma[axis]:
+    if np.all(np.abs(step) < SUSPECTED * INFLATION * sigma):
         return Shutter("global"), None
     kept, held = hold_out(start, settings.seed)
     without = settings.adjusted(kept)
-    fitted, readout, deviation = _fitted(pycolmap.Reconstruction(without), seen_at, times, axis, settings)
-    seen = seen_at.seen(fitted, times)
-    judged = _judged(without, fitted, readout, deviation, held, seen)
+    # far from the answer one axis may pass for the other: both are fitted, and what was held out decides
+    fits = []
+    for axis in (0, 1):
+        fitted, readout, deviation = _fitted(pycolmap.Reconstruction(without), seen_at, times, axis, settings)
+        seen = seen_at.seen(fitted, times)
+        fits.append((_judged(without, fitted, readout, deviation, held, seen), seen))
+    judged, seen = min(fits, key=lambda fit: fit[0].held_out_px[1])
     rough = roughness(seen.views, seen.points, np.array([times[name] for name in seen.views.names]))
     if judged.state == "rolling" and rough > ROUGH:
         judged = replace(judged, state="suspected")

@@ -125,7 +125,7 @@ def _shutter(found: Shutter) -> dict[str, Any]:
         "sigma": found.sigma,
         "along": "rows" if found.readout.axis == 1 else "columns",
         "moved_px": found.moved_px,
-        "held_out_px": list(found.held_out_px or ()),
+        "held_out_px": list(found.held_out_px),
         "said": found.said(),
         "doubtful": found.doubtful,
     }
