@@ -17,7 +17,7 @@ D = defaults(diagnose)
 
 @dataclass(frozen=True)
 class Options:
-    source: Annotated[Path | None, argument(diagnose, "source", "SEQ_OR_RUN")] = None
+    source: Annotated[Path | None, argument(diagnose, "source", "[SEQ_OR_RUN]")] = None
     more: Annotated[list[Path] | None, argument(diagnose, "more", "[MORE]...")] = None
     out: Annotated[Path | None, option(diagnose, "out", "-o", "--out")] = D.out
     discover: Annotated[bool, option(diagnose, "discover", "--discover")] = D.discover
@@ -139,12 +139,23 @@ def diagnosis_table(document: dict[str, Any]) -> str:
         before, after = (gap[part][k] for k in ("before", "after"))
         shown = [f"{v:10.3f}" if v is not None and v == v else f"{'–':>10}" for v in (before, after)]
         rows.append(f"  {part.replace('_', ' '):<20}{shown[0]}{shown[1]}")
-    for place in document["where"][:3]:
-        what = place.get("direction") or (f"feature {place['features'][0]}" if place["features"] else "")
+    # where nothing is missing, what stands out most is chance
+    for place in document["where"][:3] if document["verdict"] != "none" else ():
         a, b = place["interval_s"]
-        where = f"{place['channel']} {what}".strip()
-        rows.append(f"  unlike a free body: {where} from {a:.4g} to {b:.4g} s, by {place['z']:.0f} standard deviations")
+        rows.append(f"  departs from a free body: {_place(place)}, {a:.4g} to {b:.4g} s (z = {place['z']:.1f})")
     return "\n".join(rows)
+
+
+def _place(place: dict[str, Any]) -> str:
+    """What was measured where, in words."""
+    camera, _, axis = place["channel"].partition(" ")
+    if axis in ("u", "v"):
+        return f"{'columns' if axis == 'u' else 'rows'} of the pixels in {camera}"
+    if place.get("direction"):
+        return f"features on the {place['direction']} side of the body"
+    if place["features"]:
+        return f"feature {place['features'][0]}"
+    return f"a part of the image of {camera}" if "region" in place else str(place["channel"])
 
 
 def _law_rows(law: dict[str, Any]) -> list[str]:

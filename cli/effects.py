@@ -40,8 +40,16 @@ def command(
     if json_output:
         say(json.dumps(listed))
     else:
-        say("\n".join(_lines(e) for e in listed))
+        say("\n".join([*(_lines(e) for e in listed), MEANING]))
     return 0
+
+
+MOST_NAMED, FIRST_NAMED = 15, 5
+"""Of more parameters than that only the first are named on the terminal."""
+MEANING = (
+    "Torques and momenta are divided by the body's mean moment of inertia, as motion alone shows only ratios. In the "
+    "formulas w are the body rates and B is the magnetic field."
+)
 
 
 def entry(effect: Any) -> dict[str, Any]:
@@ -53,6 +61,7 @@ def entry(effect: Any) -> dict[str, Any]:
         "acts_on": "motion" if changes_motion(effect) else "sensors",
         "sentence": effect.SENTENCE,
         "formula": getattr(effect, "FORMULA", ""),
+        "note": getattr(effect, "NOTE", ""),
         "parameters": [{"name": q.name, "unit": q.unit, "kind": q.kind} for q in effect.PARAMETERS],
         "needs": list(effect.NEEDS),
         "file": effect.__file__,
@@ -64,7 +73,12 @@ def _lines(e: dict[str, Any]) -> str:
     rows = [f"{e['name']}  ({e['acts_on']})", f"  {e['sentence']}"]
     if e["formula"]:
         rows.append(f"  {e['formula']}")
-    rows.append("  " + ", ".join(f"{q['name']} [{q['unit']}]" for q in e["parameters"]))
+    if e["note"]:
+        rows.append(f"  {e['note']}")
+    named = [f"{q['name']} [{q['unit']}]" for q in e["parameters"]]
+    if len(named) > MOST_NAMED:
+        named = [*named[:FIRST_NAMED], "...", f"{named[-1]} ({len(named)} in all)"]
+    rows.append("  " + ", ".join(named))
     if e["needs"]:
         rows.append(f"  needs {', '.join(e['needs'])}")
     return "\n".join(rows)

@@ -80,7 +80,7 @@ def no_command(name: str) -> str:
     from difflib import get_close_matches
 
     near = get_close_matches(name, COMMANDS, 2, 0.6)
-    return f"No such command '{name}'" + (f": did you mean {' or '.join(near)}?" if near else ".")
+    return f"no such command: {name}" + (f"; did you mean {' or '.join(near)}?" if near else "")
 
 
 def _exists(name: str) -> bool:
@@ -94,9 +94,31 @@ def load(name: str) -> Any:
     function = import_module(f"massprops_cli.{name}").command
     single = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
     single.command(name, context_settings=HELP_NAMES)(function)
-    command = typer.main.get_command(single)
+    command: Any = typer.main.get_command(single)
     command.name = name
+    for param in command.params:
+        _show_as_written(param)
     return command
+
+
+def _show_as_written(param: Any) -> None:
+    """Names an argument by its metavar alone, and a repeated option's type without Python's `list[...]`.
+
+    Versions of typer differ in the brackets, braces and types that they add.
+    """
+    record = param.get_help_record
+    if param.param_type_name == "argument":
+        param.get_usage_pieces = lambda ctx: [param.metavar]
+
+    def shown(ctx: Any) -> tuple[str, str] | None:
+        found = record(ctx)
+        if found is None:
+            return None
+        if param.param_type_name == "argument":
+            return param.metavar.translate(str.maketrans("", "", "[]")), found[1]
+        return found[0].replace("<list[", "<").replace("]>", ">"), found[1]
+
+    param.get_help_record = shown
 
 
 def app() -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from massprops.mass.document import METRES_FROM
 from massprops.mass.recommended import as_recommended
 
 
@@ -43,7 +44,9 @@ def mass_table(document: dict[str, Any]) -> str:
     if metric:
         rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3{assumed}")
     if metric:
-        rows.append(f"  scale from {scale['source']}, 1-sigma error {100 * (scale.get('relative_sigma') or 0):.2g} %")
+        sigma = scale.get("relative_sigma") or 0.0
+        error = f"1-sigma error {100 * sigma:.2g} %" if sigma else "taken as exact; --scale-sigma widens the intervals"
+        rows.append(f"  metres from {METRES_FROM.get(scale['source'], scale['source'])}: {error}")
     else:
         rows.append(
             "  no length given: values in model units (1 unit = the object's greatest length); only ratios are meaningful"

@@ -113,8 +113,8 @@ def _words(effect: ModuleType) -> str:
     name = getattr(effect, "NAME", None)
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or len(name) > 60:
         return "NAME must be small letters and digits joined by hyphens, such as 'sunlit-jet'"
-    for word in ("SENTENCE", "FORMULA"):
-        if not isinstance(getattr(effect, word, "" if word == "FORMULA" else None), str):
+    for word, absent in (("SENTENCE", None), ("FORMULA", ""), ("NOTE", "")):
+        if not isinstance(getattr(effect, word, absent), str):
             return f"{word} must be a text"
     needs = getattr(effect, "NEEDS", None)
     if not isinstance(needs, tuple) or any(n not in KNOWN_NEEDS for n in needs):

@@ -46,7 +46,7 @@ WIDE = {
     "massprops/campaigns/papers/_pesce2017_together.py:update_again",
     "massprops/core/outputs.py:deliver",
     "massprops/diagnosis/discovery/regression.py:regression_of",
-    "massprops/diagnosis/search/beside.py:fits_beside",
+    "massprops/diagnosis/search/candidate_fits.py:fit_candidates",
     "massprops/estimators/batch/outcome.py:estimate_of",
     "massprops/estimators/batch/solve.py:fit",
     "massprops/estimators/extended/run.py:_newcomers",

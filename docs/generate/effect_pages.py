@@ -45,6 +45,7 @@ def overview() -> str:
 
 
 def page(name: str, effect) -> str:
+    note = getattr(effect, "NOTE", "")
     rows = "\n".join(f"| `{q.name}` | {q.unit or '–'} | {q.kind} |" for q in effect.PARAMETERS)
     needs = ", ".join(effect.NEEDS) or "nothing except the motion"
     acts = "the body's motion" if changes_motion(effect) else "what the sensors measure"
@@ -56,9 +57,13 @@ It acts on {acts}. It needs: {needs}.
 
     {effect.FORMULA}
 
+Here `w` are the body rates. Torques and momenta are divided by the body's mean moment of inertia, as motion alone shows only ratios.
+
 | parameter | unit | kind |
 |---|---|---|
 {rows}
+
+{note}
 
 ![What {name} does]({name}.svg)
 

@@ -64,10 +64,16 @@ RESULTS = {
     "diagnosis.json": {
         "verdict": "`none`, `named`, `ambiguous` or `unexplained`",
         "reason": "one sentence",
-        "effects": "each effect named: `parameters`, `sigma`, `units`, `delta_bic`, `held_out_gain`",
-        "candidates": "each effect that was tried, with how well it fits",
+        "effects": "each effect named: `parameters`, `sigma`, `units`, `delta_bic` (by how much the Bayesian information "
+        "criterion falls; large is good), `held_out_gain` (by how much the residuals of data that no fit has seen fall)",
+        "candidates": "each effect that was tried, with the same scores",
         "gap": "residuals divided by the noise, `before` and `after`, for the `fitted` and the `held_out` data",
-        "where": "where and when the residuals are largest",
+        "where": "where and when the residuals are largest: `channel`, `interval_s`, `features`, `z` (how far beyond chance, in "
+        "standard deviations)",
+        "latent": "only from attitudes or rates: the torque that the motion shows without a model, how likely it is "
+        "(`evidence`), and what it goes along with (`correlates`)",
+        "law": "only with `--discover`: the formula that was found, with its terms",
+        "momentum": "only from tracks: by how much angular momentum and energy drift and scatter",
         "skipped": "effects that were not tried, with the reason",
         "corrected": "`k1`, `k2` and the rate, before and after",
         "axes": "the body axes of the numbers, in words",

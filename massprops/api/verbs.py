@@ -178,8 +178,8 @@ def estimate(
     Args:
         source: sequence folder or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for estimates.json, the CSV files and report.html.
-        method: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, momentum-ls or principal-axis-ekf; can be repeated. If not
-            given, all that the data allow.
+        method: an estimator: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, momentum-ls or principal-axis-ekf; can be
+            repeated. If not given, all that the data allow.
         prior: a file that 'export --to filter' wrote: mass properties to start from.
         model: a model.yaml that 'diagnose' wrote; the smoother uses its effects.
         effect: a file with an effect of your own; can be repeated.
@@ -534,7 +534,7 @@ def reproduce(
     """Run the cases of a paper. The tables, our numbers beside the paper's, are in `text`.
 
     Args:
-        paper: feng2018, hu2024, kabir2025, pesce2017 or volpe2017; or smoother, a test against the Cramér-Rao bound.
+        paper: one of feng2018, hu2024, kabir2025, pesce2017, volpe2017; or smoother, a test against the Cramér-Rao bound.
         case: one case of the paper. If not given, all of them, one after another.
         out: folder to keep the runs in; without it an interrupted run cannot be continued.
         runs: runs per case. If not given, the paper's number where that is feasible.

@@ -111,7 +111,8 @@ def shows_points(image: np.ndarray, uv: np.ndarray, bgr: np.ndarray, apart: np.n
     gain = np.clip(np.median(seen[calm], axis=0) / np.maximum(np.median(wanted[calm], axis=0), 1.0), 0.5, 2.0)
     off = np.abs(seen - gain * wanted).max(axis=1)
     # the surroundings themselves differ by gloss and by how sharply their texture is drawn
-    return off < max(2.0 * float(np.percentile(off[calm], 80)), LEAST_DIFFERENCE)
+    out: np.ndarray = off < max(2.0 * float(np.percentile(off[calm], 80)), LEAST_DIFFERENCE)
+    return out
 
 
 def _without_gaps(drawn: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
@@ -132,7 +133,8 @@ def _without_gaps(drawn: np.ndarray, other: np.ndarray, size: float) -> np.ndarr
     )
     gap = share < 0.5 * other[ring].mean()
     gap[0] = False
-    return drawn | gap[piece]
+    out: np.ndarray = drawn | gap[piece]
+    return out
 
 
 def _reached(free: np.ndarray) -> np.ndarray:
@@ -140,7 +142,8 @@ def _reached(free: np.ndarray) -> np.ndarray:
     import cv2
 
     _, piece = cv2.connectedComponents(np.pad(free, 1, constant_values=True).astype(np.uint8), connectivity=4)
-    return (piece == piece[0, 0])[1:-1, 1:-1]
+    out: np.ndarray = (piece == piece[0, 0])[1:-1, 1:-1]
+    return out
 
 
 def far_from(depth: np.ndarray) -> np.ndarray:
@@ -181,7 +184,8 @@ def refine(image: np.ndarray, known: Trimap) -> np.ndarray:
     small = cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
 
     def reduced(mask: np.ndarray) -> np.ndarray:
-        return cv2.resize(mask[part].astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+        out: np.ndarray = cv2.resize(mask[part].astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+        return out
 
     found = _cut(small, Trimap(*(reduced(m) for m in (drawn, surely, away, known.hidden)))).astype(np.float32)
     out = np.zeros(drawn.shape, bool)
@@ -281,7 +285,8 @@ def _log_odds(cells: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarr
         count = np.bincount(cells[mask], minlength=BINS**3).reshape((BINS,) * 3).astype(np.float64)
         smooth = gaussian_filter(count, 0.8).ravel()
         density.append((smooth + 1e-2) / (smooth.sum() + 1e-2 * BINS**3))
-    return np.clip(np.log(density[0] / density[1]), -3.0, 3.0)[cells]
+    out: np.ndarray = np.clip(np.log(density[0] / density[1]), -3.0, 3.0)[cells]
+    return out
 
 
 def _edges(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -310,7 +315,8 @@ def _held(found: np.ndarray, surely: np.ndarray) -> np.ndarray:
     count, piece, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] < 0.001 * kept.sum()
     small[0] = False
-    return kept | small[piece]
+    out: np.ndarray = kept | small[piece]
+    return out
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

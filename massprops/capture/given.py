@@ -109,7 +109,8 @@ def _resized(mask: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
 
     if mask.shape[::-1] == size:
         return mask
-    return cv2.resize(np.where(mask, 255, 0).astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 127
+    out: np.ndarray = cv2.resize(np.where(mask, 255, 0).astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 127
+    return out
 
 
 def to_original(mask: np.ndarray, source_size: tuple[int, int], exif: int = 1) -> np.ndarray:

@@ -253,7 +253,7 @@ def hull(grid: Voxels, member: np.ndarray) -> np.ndarray:
     shown = grid.shown[member].sum(0)
     hidden = grid.hidden[member].sum(0)
     empty = shown > np.maximum(MOST_SHOWN * (shown + hidden), 1)
-    solid = (hidden >= LEAST_HIDDEN) & ~empty
+    solid: np.ndarray = (hidden >= LEAST_HIDDEN) & ~empty
     # next to the support, nothing is known behind the object: what stands on it goes down to it
     above = np.cumsum(solid[..., ::-1], axis=2)[..., ::-1] > 0
     solid |= above & ~empty

@@ -238,8 +238,10 @@ def on_object(xyz: np.ndarray, centres: np.ndarray, centre: np.ndarray, radius: 
     near = np.linalg.norm(xyz - centre, axis=1) < 0.8 * radius
     plane = _plane(xyz[np.linalg.norm(xyz - centre, axis=1) < 1.3 * radius], centres, FLAT * radius, seed)
     if plane is None:
-        return near & (np.linalg.norm(xyz - centre, axis=1) < 0.5 * radius)
-    return near & (xyz @ plane[:3] + plane[3] > 3 * FLAT * radius)
+        out: np.ndarray = near & (np.linalg.norm(xyz - centre, axis=1) < 0.5 * radius)
+    else:
+        out = near & (xyz @ plane[:3] + plane[3] > 3 * FLAT * radius)
+    return out
 
 
 def _plane(xyz: np.ndarray, centres: np.ndarray, tolerance: float, seed: int) -> np.ndarray | None:

@@ -244,7 +244,8 @@ def _in_box(scene: Scene, piece: np.ndarray, at: Located) -> np.ndarray:
     # what lies behind the object shows a part only
     mostly = (count > 0.6 * np.maximum(whole, 1)) & (count >= 0.1 * count.max())
     mostly[int(count.argmax())] = True
-    return inside & mostly[piece]
+    out: np.ndarray = inside & mostly[piece]
+    return out
 
 
 # ---- what it stands on
@@ -478,8 +479,8 @@ def picture(reading: Reading, scene: Scene, view: int, image: np.ndarray, width:
     own = uv[reading.member]
     own = own[np.isfinite(own).all(1)]
     factor = width / image.shape[1]
-    out = cv2.resize(image, (width, max(1, round(image.shape[0] * factor))), interpolation=cv2.INTER_AREA)
-    mask = np.zeros(out.shape[:2], np.uint8)
+    out: np.ndarray = cv2.resize(image, (width, max(1, round(image.shape[0] * factor))), interpolation=cv2.INTER_AREA)
+    mask = np.zeros((out.shape[0], out.shape[1]), np.uint8)
     i, j = np.rint(own * factor).astype(int).T if len(own) else (np.zeros(0, int),) * 2
     inside = (i >= 0) & (j >= 0) & (i < mask.shape[1]) & (j < mask.shape[0])
     mask[j[inside], i[inside]] = 1

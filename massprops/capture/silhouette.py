@@ -131,7 +131,7 @@ def _solid(weak: np.ndarray, strong: np.ndarray) -> np.ndarray:
     total = max(int(area[1:].max()), 1)
     keep = (support >= 4) & (area > max(12, 0.004 * total))
     keep[0] = False
-    mask = keep[label].astype(np.uint8) * 255
+    mask: np.ndarray = keep[label].astype(np.uint8) * 255
     count, label, stats, _ = cv2.connectedComponentsWithStats((mask == 0).astype(np.uint8), connectivity=4)
     for i in range(1, count):
         x, y, w, h, size = stats[i]

@@ -218,7 +218,8 @@ def _bilinear(source: Array, columns: int, u: np.floating, v: np.floating) -> np
     top = source[at] + fu * (source[at + np.uint32(1)] - source[at])
     at += np.uint32(columns)
     low = source[at] + fu * (source[at + np.uint32(1)] - source[at])
-    return top + fv * (low - top)
+    out: np.floating = top + fv * (low - top)
+    return out
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
@@ -474,4 +475,5 @@ def polish(
 def grey_pyramid_half(image: np.ndarray) -> np.ndarray:
     """Half the size by area, (h // 2, w // 2)."""
     h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
-    return image[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3), dtype=np.float32)
+    out: np.ndarray = image[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3), dtype=np.float32)
+    return out

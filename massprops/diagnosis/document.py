@@ -45,7 +45,7 @@ def gap(s: Selection) -> dict[str, Any]:
     fits = {
         "before": s.base,
         "after": named.alone if named else s.base,
-        "beside_unknown": named.beside if named else None,
+        "beside_unknown": named.with_latent if named else None,
     }
     return {
         "fitted": {k: None if f is None else fitted_rms(f, s.noise) for k, f in fits.items()},
@@ -213,9 +213,9 @@ def where(s: Selection) -> list[dict[str, Any]]:
 
 def latent(s: Selection) -> dict[str, Any]:
     """What a torque that nothing is known of would have to be: alone, and what is left of it beside the effect named."""
-    beside = s.named[0].beside if s.named else s.unknown
-    with_named = beside is not None
-    fit = beside if beside is not None else s.unknown
+    with_latent = s.named[0].with_latent if s.named else s.unknown
+    with_named = with_latent is not None
+    fit = with_latent if with_latent is not None else s.unknown
     rate = fit.rate
     out: list[dict[str, Any]] = []
     for axis, letter in enumerate("xyz"):

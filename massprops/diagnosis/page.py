@@ -99,7 +99,7 @@ def _torque(d: BalanceDiagnosis) -> str:
     s = d.selection
     if s.verdict == "none":
         return ""
-    fit = s.named[0].beside if s.named and s.named[0].beside is not None else s.unknown
+    fit = s.named[0].with_latent if s.named and s.named[0].with_latent is not None else s.unknown
     beside = f"beside {s.named[0].name}" if s.named else "beside a rigid body alone"
     series = [(a, fit.record.path.t, fit.torque[:, k]) for k, a in enumerate("xyz")]
     return f"<p>Body axes, over the mean moment, {text(beside)}.</p>" + plot(series, "time [s]", "torque [rad/s²]")

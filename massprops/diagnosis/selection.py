@@ -34,11 +34,11 @@ class Candidate:
     """An effect that was tried.
 
     Attributes:
-        alone: fitted by itself; beside: beside a latent torque, or None where it was not worth it.
+        alone: fitted by itself; with_latent: together with a latent torque, or None where it was not worth it.
     """
 
     alone: HypothesisFit
-    beside: HypothesisFit | None = None
+    with_latent: HypothesisFit | None = None
 
     @property
     def name(self) -> str:
@@ -55,8 +55,8 @@ class Candidate:
         only takes a part of it. Else the more likely of the two."""
         if self.alone.record.stated and within_noise(self.alone):
             return self.alone
-        if self.beside is not None and self.beside.evidence > self.alone.evidence:
-            return self.beside
+        if self.with_latent is not None and self.with_latent.evidence > self.alone.evidence:
+            return self.with_latent
         return self.alone
 
 
@@ -87,8 +87,8 @@ class Selection:
     @property
     def noise(self) -> np.ndarray:
         """(3,) the noise that residuals are told in, over that of the rows."""
-        beside = self.named[0].beside if self.named else None
-        return noise_floor(self.unknown if beside is None else beside)
+        with_latent = self.named[0].with_latent if self.named else None
+        return noise_floor(self.unknown if with_latent is None else with_latent)
 
 
 def select(record: Record, watch: Watch = lambda what, done, total: None) -> Selection:
@@ -111,11 +111,11 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         tried.append(wheel_of_any_history(record))
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
-        if one.beside is not None:
+        if one.with_latent is not None:
             continue
         watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
         h = one.alone.hypothesis
-        tried[k] = Candidate(alone=one.alone, beside=admissible(record, h, again(one.alone), latent=True))
+        tried[k] = Candidate(alone=one.alone, with_latent=admissible(record, h, again(one.alone), latent=True))
     if asks_for_two(tried, base, *unknowns):
         watch("two effects at once", 0, 1)
         tried += _pairs(tried, usable, base, unknowns)
@@ -135,7 +135,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
 def _with_scanned(c: Candidate, gap: float) -> Candidate:
     """With what the record leaves open of what was scanned."""
     found = with_scanned(c.best, gap)
-    return replace(c, beside=found) if c.best is c.beside else replace(c, alone=found)
+    return replace(c, with_latent=found) if c.best is c.with_latent else replace(c, alone=found)
 
 
 def asks_for_two(tried: list[Candidate], base: HypothesisFit, *unknowns: HypothesisFit) -> bool:
@@ -145,7 +145,10 @@ def asks_for_two(tried: list[Candidate], base: HypothesisFit, *unknowns: Hypothe
     if not base.record.stated:
         return not good
     likeliest = max(
-        [*(u.evidence for u in unknowns), *(f.evidence for c in tried for f in (c.alone, c.beside) if f is not None)]
+        [
+            *(u.evidence for u in unknowns),
+            *(f.evidence for c in tried for f in (c.alone, c.with_latent) if f is not None),
+        ]
     )
     enough = [c for c in good if within_noise(c.alone) and c.alone.evidence > likeliest - criteria.BEATS_UNKNOWN]
     return bool(tried) and not enough
@@ -172,8 +175,8 @@ def _pairs(
     out = []
     for k, fit in enumerate(found):
         if fit.evidence > enough and not held_out_rms(fit, noise) > held:
-            beside = admissible(record, fit.hypothesis, again(fit), latent=True) if k == 0 else None
-            out.append(Candidate(alone=fit, beside=beside))
+            with_latent = admissible(record, fit.hypothesis, again(fit), latent=True) if k == 0 else None
+            out.append(Candidate(alone=fit, with_latent=with_latent))
     return out
 
 
@@ -245,11 +248,11 @@ def wheel_of_any_history(record: Record) -> Candidate:
             fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), again(first)))
     # how the wheel follows its drive has no say in its axis: a fit that left it went astray
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
-    beside = max(fits, key=lambda f: f.evidence, default=first)
-    alone = fit_hypothesis(record, replace(beside.hypothesis, latent=False), again(beside))
-    if alone.evidence > beside.evidence:  # more freedom cannot be less likely: it went astray
-        beside = fit_hypothesis(record, beside.hypothesis, again(alone))
-    return Candidate(alone=alone, beside=beside)
+    with_latent = max(fits, key=lambda f: f.evidence, default=first)
+    alone = fit_hypothesis(record, replace(with_latent.hypothesis, latent=False), again(with_latent))
+    if alone.evidence > with_latent.evidence:  # more freedom cannot be less likely: it went astray
+        with_latent = fit_hypothesis(record, with_latent.hypothesis, again(alone))
+    return Candidate(alone=alone, with_latent=with_latent)
 
 
 def _apart(a: HypothesisFit, b: HypothesisFit) -> float:

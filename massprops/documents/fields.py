@@ -247,7 +247,7 @@ class Listed(_Field):
 
     def described(self) -> tuple[str, str, str]:
         kind, unit, words = self.of.described()
-        return f"list of {self.count or 'any'} x {kind}", unit, words
+        return (f"list of {self.count} x {kind}" if self.count else f"list, each: {kind}"), unit, words
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,12 @@ class IntervalsFile:
 class ScaleFile:
     """Where the scale comes from."""
 
-    source: Annotated[str, Text("`none`, `given`, or a source of `massprops.sfm.scale`")] | None = None
+    source: (
+        Annotated[
+            str, Text("`none`, `given`, `baseline`, `range`, `distance`, `marker`, or one of an installed package")
+        ]
+        | None
+    ) = None
     metres_per_unit: (
         Annotated[float, Number("metres per unit of the model; `null` without a scale", "m", above=0, high=1e15)] | None
     ) = None
@@ -102,7 +107,22 @@ class MassFile:
     format: Annotated[str, Text("kind and version of the file", (FORMAT,))] = FORMAT
     interval_90: Annotated[IntervalsFile, Nested("90 % intervals")] | None = None
     scale: Annotated[ScaleFile, Nested("where the scale comes from")] | None = None
-    surface: Annotated[dict[str, Any], Names("`watertight`, `area`, `observed_fraction`")] | None = None
+    surface: (
+        Annotated[
+            dict[str, Any],
+            Names(
+                "`watertight`; `area` [length^2]; shares of it: `measured_fraction` (also as `observed_fraction`), "
+                "`inferred_fraction` (closed at the support), `filled_fraction`"
+            ),
+        ]
+        | None
+    ) = None
     frame: Annotated[str, Text("what the axes are")] | None = None
-    images: Annotated[dict[str, Any], Names("`given`, `used`, `registered`")] | None = None
+    images: (
+        Annotated[
+            dict[str, Any],
+            Names("`given`: in the footage; `used`: chosen for structure from motion; `registered`: placed by it"),
+        ]
+        | None
+    ) = None
     warnings: Annotated[tuple[Any, ...], Listed("one sentence each", Text("", longest=10_000))] | None = None

@@ -174,7 +174,9 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
         else:
             position, velocity, features, scaled = placed_one
             if not scaled:
-                warnings.append("one camera without range0: lengths are up to scale")
+                warnings.append(
+                    "one camera without ranges (range0) shows no lengths: positions have no unit; inertia ratios need none"
+                )
     return Start(
         times,
         fit.q,

@@ -42,151 +42,199 @@ LEVELS = ("high", "medium", "low")
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """What confidence rests on.
+class SurfaceEvidence:
+    """What the surface says of itself.
 
     Attributes:
         half_width: of the volume's 90 % interval, over the volume.
-        filled: share of the surface that was filled in.
-        inferred: share that was closed at the plane of support.
-        images: how many were given to structure from motion.
-        used: how many show the object where the model has it.
-        unjoined: placements of the object that could not be joined to the one used.
-        joined: placements that the mesh is made of.
-        valid: share of the replicates that are bodies at all.
+        filled: share of the area that was filled in.
+        inferred: share of the area that was closed at the plane of support.
+        valid: share of the replicates that enclose a volume at all.
         overlap: intersection over union of the mesh's silhouettes and the images' own, median over the images.
-        outside: share of the images in which a measured point may lie outside the silhouette, so that it is kept.
-        contradicted: share of the matches that contradict where the model has images of one placement.
-        contradicting: two such images, in words.
-        cut: images in which the object goes on beyond the frame.
-        scenes: images of each set that hangs together, the one that was used first.
-        misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
-        readings: what else the object may be, in words, where nothing decides; the one that is used first.
-        hollow_possible: share of the volume that an underside nobody saw may hide as empty, or filled-in sides of what was
-            turned over.
-        hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
-        hollow_elsewhere: a placement that could not be joined shows a hollow upper side, or was not measured.
-        unlike: placements that could not be joined and have another volume or other moments.
-        shutter: what is said of a rolling shutter that may have done harm.
+        outside: share of the images that show sky where a measured point is, of all points but the worst hundredth.
     """
 
     half_width: float
     filled: float
     inferred: float
-    images: int
-    used: int
-    unjoined: int = 0
-    joined: int = 1
     valid: float = 1.0
     overlap: float = 1.0
-    readings: tuple[str, ...] = ()
+    outside: float = 0.0
+
+
+@dataclass(frozen=True)
+class ImageEvidence:
+    """What the images say.
+
+    Attributes:
+        given: how many were given to structure from motion.
+        used: how many show the object where the model has it.
+        cut: in how many the object goes on beyond the frame.
+        scenes: images of each set that hangs together, the one that was used first.
+        misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
+        contradicted: share of the matches that contradict where the model has images of one placement.
+        contradicting: two such images, in words.
+        readings: what else the object may be, in words, where nothing decides; the one that is used first.
+        shutter: what is said of a rolling shutter that may have done harm.
+    """
+
+    given: int
+    used: int
     cut: int = 0
     scenes: tuple[int, ...] = ()
     misfit: int = 0
+    contradicted: float = 0.0
+    contradicting: str = ""
+    readings: tuple[str, ...] = ()
+    shutter: str = ""
+
+
+@dataclass(frozen=True)
+class PlacementEvidence:
+    """What the ways say in which the object lay, and what no image shows of it.
+
+    Attributes:
+        joined: placements that the mesh is made of.
+        unjoined: placements that could not be joined to the one used.
+        differing: those of them that have another volume or other moments, measured by themselves.
+        hollow_possible: share of the volume that an underside nobody saw may hide as empty, or filled-in sides of what was
+            turned over.
+        hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
+        hollow_elsewhere: a placement that could not be joined shows a hollow upper side, or was not measured.
+    """
+
+    joined: int = 1
+    unjoined: int = 0
+    differing: int = 0
     hollow_possible: float = 0.0
     hollow_likely: float = 0.0
     hollow_elsewhere: bool = False
-    outside: float = 0.0
-    contradicted: float = 0.0
-    contradicting: str = ""
-    unlike: int = 0
-    shutter: str = ""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What confidence rests on."""
+
+    surface: SurfaceEvidence
+    images: ImageEvidence
+    placements: PlacementEvidence = PlacementEvidence()
+
+
+Finding = tuple[int, str]
+"""Index in `LEVELS` that a finding allows at best, and its words."""
 
 
 def confidence(evidence: Evidence) -> dict[str, Any]:
     """`confidence` of `massprops.json`: {"level": "high" | "medium" | "low", "because": [text]}."""
-    e = evidence
-    known = _known(e.half_width)
-    findings = [_contradiction(e), _finding(e.half_width, WIDE, TOO_WIDE, known), *_of_surface(e), *_of_images(e)]
-    if e.joined > 1 and e.filled > FILLED:
-        findings.append((2, _open_though_turned(e)))
-    if e.unjoined:
-        other = counted(e.unjoined, "other placement", "other placements")
-        findings.append((1, f"{other} of the object could not be joined to the one used: what they show is missing"))
-    if e.unlike:
-        findings.append((2, "another placement of the object, measured by itself, has another volume or other moments"))
-    if e.shutter:
-        findings.append((1, e.shutter))
+    surface, images = evidence.surface, evidence.images
+    known = _known(surface.half_width)
+    findings = [
+        _contradiction(images),
+        _finding(surface.half_width, WIDE, TOO_WIDE, known),
+        *_of_surface(surface),
+        *_of_images(images),
+        *_of_placements(evidence.placements, surface.filled),
+    ]
     level = max(rank for rank, _ in findings)
     because = [text for rank, text in sorted(findings, key=lambda s: -s[0]) if rank > 0]
-    if len(e.readings) > 1:
+    if len(images.readings) > 1:
         level = 2
-        other = " or ".join(e.readings[1:])
-        because.insert(0, f"it is not clear which object is meant: {e.readings[0]} (measured here), or {other}")
+        other = " or ".join(images.readings[1:])
+        because.insert(0, f"it is not clear which object is meant: {images.readings[0]} (measured here), or {other}")
     if not because:
         because = [known]
-    return {"level": LEVELS[level], "because": because + _unseen(e)}
+    return {"level": LEVELS[level], "because": because + _unseen(evidence.placements, surface.inferred)}
 
 
-def _contradiction(e: Evidence) -> tuple[int, str]:
+def _contradiction(images: ImageEvidence) -> Finding:
     return _finding(
-        e.contradicted,
+        images.contradicted,
         CONTRADICTED,
         MOSTLY_CONTRADICTED,
-        f"{100 * e.contradicted:.0f} % of what matches between images contradicts the rest, such as between "
-        f"{e.contradicting}: the object was moved between photographs and its surroundings were not, or two of its sides "
-        "look alike",
+        f"{100 * images.contradicted:.0f} % of the matches between images contradict the rest, such as those between "
+        f"{images.contradicting}: either the object was moved while its surroundings stayed, or two of its sides look alike",
     )
 
 
-def _of_surface(e: Evidence) -> list[tuple[int, str]]:
-    """Rank and words of what the surface itself says."""
+def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
     return [
         _finding(
-            e.filled,
+            surface.filled,
             FILLED,
             MOSTLY_FILLED,
-            f"{100 * e.filled:.0f} % of the surface was filled in, not measured"
-            + (DULL if e.filled > MOSTLY_FILLED else ""),
+            f"{100 * surface.filled:.0f} % of the surface was filled in, not measured"
+            + (DULL if surface.filled > MOSTLY_FILLED else ""),
         ),
         _finding(
-            1.0 - e.overlap,
+            1.0 - surface.overlap,
             1.0 - AGREES,
             1.0 - DIFFERS,
-            f"the mesh and the object's silhouettes in the images overlap by only {100 * e.overlap:.0f} %",
+            f"the mesh and the object's silhouettes in the images overlap by only {100 * surface.overlap:.0f} %",
         ),
         _finding(
-            e.outside,
+            surface.outside,
             OUTSIDE,
             MOSTLY_OUTSIDE,
-            f"measured points lie outside the silhouettes of up to {100 * e.outside:.0f} % of the images: the cameras "
-            "or the silhouettes are wrong; film with less compression and blur, or check the silhouettes",
+            f"measured points lie outside the silhouettes of up to {100 * surface.outside:.0f} % of the images: the cameras "
+            "or the silhouettes are wrong; look at them with 'massprops masks', and film with less compression and blur",
         ),
         _finding(
-            1.0 - e.valid,
+            1.0 - surface.valid,
             0.05,
             0.5,
-            "the surface is so uncertain that some of its variants are not closed bodies: take more images, from more sides",
+            "the surface is so uncertain that some shapes within its uncertainty enclose no volume: take more images, from "
+            "more sides",
         ),
     ]
 
 
-def _of_images(e: Evidence) -> list[tuple[int, str]]:
-    """Rank and words of what the images say."""
-    lost = 1.0 - e.used / e.images if e.images else 0.0
+def _of_images(images: ImageEvidence) -> list[Finding]:
+    shutter = [(1, images.shutter)] if images.shutter else []
+    lost = 1.0 - images.used / images.given if images.given else 0.0
     return [
-        _finding(lost, LOST, MOSTLY_LOST, f"{e.images - e.used} of {e.images} images could not be used"),
+        *shutter,
+        _finding(lost, LOST, MOSTLY_LOST, f"{images.given - images.used} of {images.given} images could not be used"),
         _finding(
-            e.cut / max(e.used, 1),
+            images.cut / max(images.used, 1),
             CUT,
             MOSTLY_CUT,
-            f"the object reaches the edge of the frame in {e.cut} of {e.used} images: step back, keep hands and arms out",
+            f"the object reaches the edge of the frame in {images.cut} of {images.used} images: step back, keep hands and "
+            "arms out",
         ),
         _finding(
-            max(e.scenes[1:], default=0) / max(e.images, 1),
+            max(images.scenes[1:], default=0) / max(images.given, 1),
             OTHER_SCENE,
             MOSTLY_OTHER,
-            f"the images fall into scenes that do not connect ({', '.join(map(str, e.scenes))} images); the largest was used: "
-            "give one object in one place, or each placement as a separate INPUT",
+            f"the images fall into scenes that do not connect ({', '.join(map(str, images.scenes))} images); the largest was "
+            "used: give one object in one place, or each placement as a separate INPUT",
         ),
         _finding(
-            e.misfit / max(e.images, 1),
+            images.misfit / max(images.given, 1),
             0.0,
             MOSTLY_OTHER,
-            counted(e.misfit, "image shows", "images show")
+            counted(images.misfit, "image shows", "images show")
             + " what may be another object: it does not fit the one measured, however it is turned",
         ),
     ]
+
+
+def _of_placements(placements: PlacementEvidence, filled: float) -> list[Finding]:
+    """Findings of a turned object; filled: share of the surface."""
+    found = []
+    if placements.joined > 1 and filled > FILLED:
+        found.append((2, _open_though_turned(filled)))
+    if placements.unjoined:
+        other = counted(placements.unjoined, "other placement", "other placements")
+        shown = "what it shows" if placements.unjoined == 1 else "what they show"
+        found.append((1, f"{other} of the object could not be joined to the one used: {shown} is missing"))
+    if placements.differing:
+        found.append(
+            (
+                2,
+                "measured in another placement alone, the object has another volume or other moments: one of the two is wrong",
+            )
+        )
+    return found
 
 
 def _known(half_width: float) -> str:
@@ -195,43 +243,40 @@ def _known(half_width: float) -> str:
     return f"the volume is known to ±{100 * half_width:.0f} %"
 
 
-def _open_though_turned(e: Evidence) -> str:
+def _open_though_turned(filled: float) -> str:
     """What is filled in although the object was seen from several sides: it may be open there.
 
     A flower pot that was turned over and joined rightly was filled to its rim, as nothing was measured in its dark inside.
     """
     return (
-        f"the object was turned over, and {100 * e.filled:.0f} % of the surface was filled in all the same: it may be hollow "
+        f"the object was turned over, and {100 * filled:.0f} % of the surface was filled in all the same: it may be hollow "
         "there; light its inside and photograph it from above"
     )
 
 
-def _unseen(e: Evidence) -> list[str]:
-    """What remains unknown when the underside was not seen."""
-    if e.hollow_likely > 0.02 and e.hollow_elsewhere:
+def _unseen(placements: PlacementEvidence, inferred: float) -> list[str]:
+    """What remains unknown when the underside was not seen; inferred: share of the surface closed at its support."""
+    less = f"{100 * placements.hollow_likely:.0f} % less volume"
+    if placements.hollow_likely > 0.02 and placements.hollow_elsewhere:
         return [
-            "a side that was not seen here is shown by another placement, which could not be joined, and is hollow there or "
-            f"was not measured: the interval reaches down to a thin shell, with {100 * e.hollow_likely:.0f} % less volume"
+            "another placement, which could not be joined, shows a side that was not seen here. That side is hollow or was "
+            f"not measured: the interval reaches down to a thin shell, with {less}"
         ]
-    if e.hollow_likely > 0.02 and e.joined > 1:
+    if placements.hollow_likely > 0.02 and placements.joined > 1:
+        return [f"behind the filled-in sides it may be empty: the interval reaches down to a body with {less}"]
+    if placements.hollow_likely > 0.02:
         return [
-            "what lies behind the filled-in sides may be empty: the interval reaches down to a body with "
-            f"{100 * e.hollow_likely:.0f} % less volume"
+            f"it is hollow above, and its underside was not seen: the interval reaches down to a thin shell, with {less}; "
+            "turn it over and photograph it again"
         ]
-    if e.hollow_likely > 0.02:
-        return [
-            "it is hollow above, and its underside was not seen: the interval reaches down to a thin shell, with "
-            f"{100 * e.hollow_likely:.0f} % less volume; turn it over and photograph it again"
-        ]
-    if e.inferred <= 0.02:
+    if inferred <= 0.02:
         return []
-    sentence = f"{100 * e.inferred:.0f} % of the surface stood on its support and was closed there: "
-    if e.hollow_possible <= 0.02:
-        return [sentence + "a hollow underneath would not be seen"]
+    sentence = f"{100 * inferred:.0f} % of the surface stood on its support and was closed there"
+    if placements.hollow_possible <= 0.02:
+        return [f"{sentence}: a hollow underneath would not be seen"]
     return [
-        sentence
-        + "it is taken to be solid; a hollow underneath would not be seen, and of a thin shell the volume would be "
-        f"{100 * e.hollow_possible:.0f} % less"
+        f"{sentence}, as if solid: a hollow underneath would not be seen, and a thin shell would have "
+        f"{100 * placements.hollow_possible:.0f} % less volume"
     ]
 
 
@@ -242,5 +287,5 @@ def lowered(trust: dict[str, Any], text: str) -> dict[str, Any]:
     return {"level": level, "because": [text, *kept]}
 
 
-def _finding(value: float, medium: float, low: float, text: str) -> tuple[int, str]:
+def _finding(value: float, medium: float, low: float, text: str) -> Finding:
     return (2 if value > low else 1 if value > medium else 0), text

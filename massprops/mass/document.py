@@ -19,6 +19,15 @@ FRAME = (
     "mesh, cloud, cameras and centre of mass share them; inertia about the centre of mass in these axes"
 )
 
+METRES_FROM = {
+    "given": "the length that was given",
+    "baseline": "the stereo baseline",
+    "range": "the range sensor",
+    "distance": "a known distance between two points",
+    "marker": "a marker of known size",
+}
+"""Sources of a scale, in words."""
+
 
 def document(
     properties: MassProperties,

@@ -16,6 +16,7 @@ from massprops.estimators.outcome import Outcome
 from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem
 from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
+from massprops.report.curves import component_style, method_style
 from massprops.report.data import read_json
 from massprops.report.html import number, table, text
 from massprops.report.page import document as page
@@ -134,11 +135,17 @@ def _side_by_side(outcome: Outcome, found: dict[str, Errors | None]) -> str:
 
 def _overlaid(what: str, unit: str, curves: dict[str, tuple[np.ndarray, np.ndarray]], size: bool) -> str:
     """One curve a method, of sizes or of values; the height is that of the second half."""
-    drawn = []
+    drawn: list[tuple[str, np.ndarray, np.ndarray]] = []
+    styles: list[str] = []
     for name, (times, values) in curves.items():
         keep = thin(len(times))
         y = np.linalg.norm(values[keep], axis=1) if size else values[keep, 0]
+        same = [i for i, (_, x, other) in enumerate(drawn) if _alike(x, times[keep]) and _alike(other, y)]
+        if same:  # one curve with both names: the second would hide the first
+            drawn[same[0]] = (f"{drawn[same[0]][0]}, {name}", *drawn[same[0]][1:])
+            continue
         drawn.append((name, times[keep], y))
+        styles.append(method_style(name))
     late = np.concatenate([y[len(y) // 2 :] for _, _, y in drawn])
     late = late[np.isfinite(late)]
     if not len(late):
@@ -146,7 +153,12 @@ def _overlaid(what: str, unit: str, curves: dict[str, tuple[np.ndarray, np.ndarr
     low, high = float(late.min()), float(late.max())
     room = 0.5 * (high - low) + 1e-300
     clipped = [(name, x, np.clip(y, 0.0 if size else low - room, high + room)) for name, x, y in drawn]
-    return f"<div>{plot(clipped, 'time [s]', what + (f' [{unit}]' if unit else ''), 560, 230)}</div>"
+    return f"<div>{plot(clipped, 'time [s]', what + (f' [{unit}]' if unit else ''), 560, 230, styles=styles)}</div>"
+
+
+def _alike(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two curves cover each other."""
+    return len(a) == len(b) and bool(np.allclose(a, b, rtol=1e-6, atol=1e-9, equal_nan=True))
 
 
 def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> str:
@@ -278,16 +290,20 @@ def _error_plots(e: Estimate, error: Errors) -> str:
 
     parts = [
         _bounded(
-            "attitude error", "°", error.times, error.attitude * degrees, _scaled(turned(e.sigma_attitude), degrees)
+            "attitude error [°]",
+            e.name,
+            error.times,
+            error.attitude * degrees,
+            _scaled(turned(e.sigma_attitude), degrees),
         ),
-        _bounded("rate error", "°/s", error.times, error.w * degrees, _scaled(turned(e.sigma_w), degrees)),
+        _bounded("rate error [°/s]", e.name, error.times, error.w * degrees, _scaled(turned(e.sigma_w), degrees)),
     ]
     if error.position is not None:
         sigma = None if e.sigma_position is None else e.sigma_position[error.at]
-        parts.append(_bounded("position error", "m", error.times, error.position, sigma))
+        parts.append(_bounded("position error [m]", e.name, error.times, error.position, sigma))
     if error.k_history is not None:
         sigma = None if e.k_sigma_history is None else e.k_sigma_history[error.at]
-        parts.append(_bounded("error of k1, k2", "", error.times, error.k_history, sigma, ("k1", "k2")))
+        parts.append(_bounded("error of k1, k2", e.name, error.times, error.k_history, sigma, ("k1", "k2")))
     return f'<div class="two">{"".join(parts)}</div>'
 
 
@@ -295,11 +311,11 @@ def _state_plots(e: Estimate) -> str:
     degrees = np.degrees(1.0)
     parts, times = [], np.asarray(e.times)
     if e.w is not None:
-        parts.append(_bounded("rate", "°/s", times, e.w * degrees, _scaled(e.sigma_w, degrees), about=True))
+        parts.append(_bounded("rate [°/s]", e.name, times, e.w * degrees, _scaled(e.sigma_w, degrees), about=True))
     if e.position is not None:
-        parts.append(_bounded("position", "m", times, e.position, e.sigma_position, about=True))
+        parts.append(_bounded("position [m]", e.name, times, e.position, e.sigma_position, about=True))
     if e.k_history is not None:
-        parts.append(_bounded("k1, k2", "", times, e.k_history, e.k_sigma_history, ("k1", "k2"), about=True))
+        parts.append(_bounded("k1, k2", e.name, times, e.k_history, e.k_sigma_history, ("k1", "k2"), about=True))
     return f'<div class="two">{"".join(parts)}</div>'
 
 
@@ -308,16 +324,17 @@ def _scaled(values: np.ndarray | None, factor: float) -> np.ndarray | None:
 
 
 def _bounded(
-    what: str,
-    unit: str,
+    label: str,
+    method: str,
     times: np.ndarray,
     values: np.ndarray,
     sigma: np.ndarray | None,
     names: tuple[str, ...] = tuple(AXES),
     about: bool = False,
 ) -> str:
-    """One plot, a curve a column with its 3-sigma band, about zero for errors, about the value for states.
+    """One plot in the method's colour, a curve a column with its 3-sigma band.
 
+    The band is about zero for errors, about the value for states (about).
     The plot's height is that of the second half: what a filter does before it settles would hide all else.
     """
     keep, half = thin(len(times)), len(values) // 2
@@ -343,6 +360,7 @@ def _bounded(
         for j in columns if about else [int(np.argmax(np.nanmax(three[half:], axis=0)))]:
             at = values[keep, j] if about else np.zeros(len(keep))
             bands.append((times[keep], cut(at - three[keep, j]), cut(at + three[keep, j])))
-    label = what + (f" [{unit}]" if unit else "")
+    colour = method_style(method)
+    styles = [f"{colour} {component_style(j)}" for j in columns]
     note = "" if not bands else "band: 3σ" if about else "band: 3σ, of the widest"
-    return f'<div>{plot(series, "time [s]", label, 560, 220, bands)}<p class="soft">{note}</p></div>'
+    return f'<div>{plot(series, "time [s]", label, 560, 220, bands, styles)}<p class="soft">{note}</p></div>'

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprops.report.axes import Axes
+from massprops.report.curves import COLOURS
 from massprops.report.html import round_marks, text
 
 
@@ -24,11 +25,14 @@ def plot(
     width: int = 640,
     height: int = 240,
     bands: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]] = (),
+    styles: Sequence[str] = (),
 ) -> str:
     """Series of (name, x, y) as lines, bands of (x, low, high) as areas behind them; nothing without finite numbers.
 
-    A line ends where a number is missing and begins again after it.
+    A line ends where a number is missing and begins again after it. styles: classes of each line in `style.css`; a colour
+    by its place without.
     """
+    styles = styles or [f"s{k % COLOURS}" for k in range(len(series))]
     xs = np.concatenate([np.asarray(s[1], float) for s in series]) if series else np.zeros(1)
     values = [np.asarray(s[2], float) for s in series] + [np.asarray(v, float) for b in bands for v in b[1:]]
     ys = np.concatenate(values) if values else np.zeros(1)
@@ -48,10 +52,11 @@ def plot(
         low, high = (np.clip(np.asarray(v, float), *axes.y) for v in (low, high))
         area = f"{axes.points(x, high)} {axes.points(x[::-1], low[::-1])}"
         parts.append(f'<polygon class="band" points="{area}"/>')
-    for k, (_name, x, y) in enumerate(series):
+    for (_name, x, y), style in zip(series, styles, strict=True):
         for piece in _pieces(np.asarray(y, float)):
             points = axes.points(np.asarray(x)[piece], np.asarray(y)[piece])
-            parts.append(f'<polyline class="s{k % 8}" points="{points}"/>')
-    legend = "".join(f'<span class="key s{k % 8}">{text(name)}</span>' for k, (name, _, _) in enumerate(series) if name)
+            parts.append(f'<polyline class="{style}" points="{points}"/>')
+    named = [(name, style) for (name, _, _), style in zip(series, styles, strict=True) if name]
+    legend = "".join(f'<span class="key {style}">{text(name)}</span>' for name, style in named)
     parts += [axes.titles(x_label, y_label), "</svg>", f'<div class="legend">{legend}</div>' if legend else ""]
     return "".join(parts)

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from massprops.report.axes import Axes
+from massprops.report.curves import OWN, method_style
 from massprops.report.html import round_marks, text
 
 NINETY = 2.1460
 """Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
 REACH = 3.0
 """Methods farther off than so many times the reach of what is drawn thick are named instead of drawn."""
-OWN = "own"
-"""Style of the mesh, or of the truth."""
 SIZE, MARGIN = (480, 360), (62, 10, 10, 40)
 
 
@@ -81,7 +80,7 @@ def _marks(own: dict[str, Any], estimators: list[dict[str, Any]]) -> list[Mark]:
             old = marks[same[0]]
             marks[same[0]] = Mark(f"{old.name}, {name}", old.k, old.outline, old.style)
             continue
-        style = OWN if entry is own else f"s{sum(m.style != OWN for m in marks) % 8}"
+        style = OWN if entry is own else method_style(name)
         marks.append(Mark(name, k, _outline(entry, k), style))
     return marks
 

@@ -146,6 +146,11 @@ def checked_options(source: str | Path | Sequence[str | Path], options: dict[str
         given = options.get(name) or ()
         options[name] = (given,) if isinstance(given, str) else tuple(given)
     _check_early(source, bool(more), options)
+    for one in fields(ReconstructOptions):  # 150 and 150.0 are one option: stages that are done stay so
+        if str(one.type).startswith("float") and options.get(one.name) is not None:
+            options[one.name] = float(options[one.name])
+    if options.get("distance") is not None:
+        options["distance"] = (*options["distance"][:2], float(options["distance"][2]))
     return ReconstructOptions(source=str(source.resolve()), more=more, **options)
 
 

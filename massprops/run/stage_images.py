@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from massprops.core.inputs import read_image
@@ -28,3 +30,17 @@ def undistorted_mask(job: Job, views: Views, i: int) -> np.ndarray:
     """
     mask = read_image(job.work("silhouettes") / "masks" / f"{views.names[i]}.png", 0)
     return undistort(mask, views.K[i], views.distortion[i], nearest=True)
+
+
+def mask_for_stereo(job: Job, views: Views, i: int, footage: dict[str, Any]) -> np.ndarray:
+    """`undistorted_mask` of view i, 0 where a planet's limb or a star shines in nearly all frames of `footage.json`.
+
+    There the silhouette says nothing, but stereo must not measure: clouds and stars stay while the body turns, so their points
+    would lie anywhere in the space about it.
+    """
+    mask = undistorted_mask(job, views, i)
+    beside = next((f.get("beside") for f in footage["frames"] if f["name"] == views.names[i]), None)
+    if beside is None:
+        return mask
+    region = undistort(read_image(job.work("capture") / beside, 0), views.K[i], views.distortion[i], nearest=True)
+    return np.where(region > 0, np.uint8(0), mask)

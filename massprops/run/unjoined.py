@@ -73,19 +73,19 @@ def _measured(job: Job, number: int, focal_sigma: float) -> Unjoined | None:
     return Unjoined(body, rows, water > VESSEL * body[0], len(here))
 
 
-def underside_open(place: dict[str, Any], others: list[Unjoined]) -> bool:
+def underside_may_be_hollow(place: dict[str, Any], others: list[Unjoined]) -> bool:
     """Whether the side that the object stood on may be hollow: it is the upper side of a placement that could not be joined,
     and hollow there or not measured. `place` is `join.json`, `others` of `unjoined`.
     """
     return len(others) < len(place["unjoined"]) or any(other.vessel for other in others)
 
 
-def on_support_hollows(surface: Surface, support: np.ndarray, open_below: bool = False) -> Hollows:
+def on_support_hollows(surface: Surface, support: np.ndarray, underside_hollow: bool = False) -> Hollows:
     """Space that may be empty in a body that stands on a plane (4,).
 
     Args:
         surface: of the body; support: the plane.
-        open_below: there is reason to think that the side it stands on is hollow, and then all of it may be a thin shell:
+        underside_hollow: there is reason to think that the side it stands on is hollow, and then all of it may be a thin shell:
             of a toy car the wheels, seen from both sides, were many times as thick as its walls.
     """
     found = hollows(
@@ -95,6 +95,6 @@ def on_support_hollows(surface: Surface, support: np.ndarray, open_below: bool =
         support,
         surface.noise,
         surface.spacing,
-        walls_alike=not open_below,
+        walls_alike=not underside_hollow,
     )
-    return Hollows(found.possible, found.possible) if open_below else found
+    return Hollows(found.possible, found.possible) if underside_hollow else found

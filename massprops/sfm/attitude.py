@@ -19,7 +19,7 @@ def quaternion(R: np.ndarray) -> np.ndarray:
     """(n, 4) Hamilton w x y z of rotation matrices (n, 3, 3), with the sign that keeps neighbours close."""
     from scipy.spatial.transform import Rotation
 
-    q = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]
+    q: np.ndarray = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]
     if len(q):
         q[0] *= 1.0 if q[0, 0] >= 0 else -1.0
     for i in range(1, len(q)):

@@ -60,7 +60,8 @@ def describe(keypoints: np.ndarray, descriptors: np.ndarray) -> Described:
 def unit(descriptors: np.ndarray) -> np.ndarray:
     """(k, 128) float32 of length one."""
     rows = descriptors.astype(np.float32)
-    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
+    out: np.ndarray = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
+    return out
 
 
 def repeating(images: list[Described]) -> float:
@@ -94,4 +95,5 @@ def _second(cosine: np.ndarray) -> np.ndarray:
 
 def angles(cosine: np.ndarray) -> np.ndarray:
     """Angles [rad] of cosines."""
-    return np.arccos(np.clip(cosine, -1.0, 1.0))
+    out: np.ndarray = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return out

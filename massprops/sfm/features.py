@@ -55,7 +55,7 @@ def read_mask(footage: FootageRecord, name: str, size: tuple[int, int]) -> np.nd
     if not path.is_file():
         return None
     with silenced_stderr():
-        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        mask: np.ndarray | None = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if mask is None:
         raise InputError(f"{path}: not a readable mask; write an 8-bit PNG with black where there is no object")
     if mask.shape != (size[1], size[0]):
@@ -104,7 +104,8 @@ def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
 def root_sift(descriptors: np.ndarray) -> np.ndarray:
     """Square roots of descriptors (k, 128) of unit sum (Arandjelović and Zisserman 2012), as COLMAP stores them: uint8."""
     d = descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9)
-    return np.clip(np.round(512 * np.sqrt(d)), 0, 255).astype(np.uint8)
+    out: np.ndarray = np.clip(np.round(512 * np.sqrt(d)), 0, 255).astype(np.uint8)
+    return out
 
 
 def extract_all(

@@ -98,7 +98,8 @@ def grid_shifts(views: Views, points: SparsePoints, motion: Motion, readout: Rea
         return np.zeros((*u.shape, 2), np.float32)
     z = points.xyz[points.obs_point[own]] @ views.R[i, 2] + views.t[i, 2]
     shift = _shift_of(views, motion, readout, i, uv, _depth_between(points.obs_uv[own], z, uv))
-    return shift.reshape(*u.shape, 2).astype(np.float32)
+    coarse: np.ndarray = shift.reshape(*u.shape, 2).astype(np.float32)
+    return coarse
 
 
 def _places(coarse: np.ndarray, step: int, size: np.ndarray | tuple[int, ...]) -> np.ndarray:

@@ -134,7 +134,8 @@ def distances(model: pycolmap.Reconstruction, held: HeldOut) -> np.ndarray:
     v = np.array([row[i] for i in held.image.tolist()], int)
     xyz = np.array([model.point3D(p).xyz for p in held.point.tolist()]).reshape(-1, 3)
     uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], xyz)
-    return np.linalg.norm(uv - held.uv, axis=1)
+    out: np.ndarray = np.linalg.norm(uv - held.uv, axis=1)
+    return out
 
 
 def loss(distance: np.ndarray, scale: float) -> np.ndarray:

@@ -137,7 +137,8 @@ def _facing(
 def view_directions(views: Views, points: SparsePoints) -> np.ndarray:
     """(n, 3) unit vectors from the middle of the points to each camera, in the world."""
     d = views.centres - np.median(points.xyz, axis=0)
-    return d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)
+    out: np.ndarray = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)
+    return out
 
 
 def spread_deg(views: Views, points: SparsePoints) -> float:

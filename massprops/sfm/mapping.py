@@ -211,7 +211,8 @@ def _global(database: Path, frames: Path, out: Path, options: MappingOptions) ->
     m.bundle_adjustment.refine_extra_params = options.free_distortion and not options.fixed_intrinsics
     m.bundle_adjustment.refine_sensor_from_rig = False
     m.retriangulation.random_seed = options.seed
-    return pycolmap.global_mapping(database, frames, out, o)
+    found: dict[str, Any] = pycolmap.global_mapping(database, frames, out, o)
+    return found
 
 
 def retriangulate(

@@ -110,4 +110,5 @@ def signatures(descriptors: list[np.ndarray], seed: int, words: int = 48, sample
             np.add.at(out[i], nearest, x - centres[nearest])
     out = out.reshape(len(some), -1)
     out = np.sign(out) * np.sqrt(np.abs(out))
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+    found: np.ndarray = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+    return found

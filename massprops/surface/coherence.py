@@ -54,7 +54,8 @@ class Extent:
     @property
     def size(self) -> float:
         """Longest side of the grid [world units]."""
-        return self.step * (max(self.value.shape) - 1)
+        out: float = self.step * (max(self.value.shape) - 1)
+        return out
 
     def at(self, xyz: np.ndarray) -> np.ndarray:
         """(m,) values at places (m, 3)."""
@@ -90,7 +91,7 @@ class Witnesses:
     def __len__(self) -> int:
         return len(self.start) - 1
 
-    def missed(self, own: Extent, R: np.ndarray | None = None, t: np.ndarray | None = None) -> float:
+    def rim_error(self, own: Extent, R: np.ndarray | None = None, t: np.ndarray | None = None) -> float:
         """Mean distance [px] by which the groups miss an extent, as they lie or carried by R x + t."""
         R, t = np.eye(3) if R is None else np.ascontiguousarray(R), np.zeros(3) if t is None else t
         return float(own.of(self, R, t)[1].mean()) if len(self) else 0.0
@@ -286,7 +287,8 @@ def _value(grid: Array, origin: Array, step: float, x: float, y: float, z: float
     near += (grid[i, j + 1, k] * (1 - c) + grid[i, j + 1, k + 1] * c) * b
     far = (grid[i + 1, j, k] * (1 - c) + grid[i + 1, j, k + 1] * c) * (1 - b)
     far += (grid[i + 1, j + 1, k] * (1 - c) + grid[i + 1, j + 1, k + 1] * c) * b
-    return near * (1 - a) + far * a
+    out: float = near * (1 - a) + far * a
+    return out
 
 
 @njit(cache=True, error_model="numpy")

@@ -82,13 +82,15 @@ def components(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     same = inside[t] == inside[other]
     shape = (len(inside), len(inside))
     links = coo_matrix((np.ones(int(same.sum()), np.int8), (t[same], other[same])), shape=shape)
-    return connected_components(links, directed=False)[1]
+    out: np.ndarray = connected_components(links, directed=False)[1]
+    return out
 
 
 def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     part = components(tetra, inside)
     rim = np.unique(part[(tetra.neighbours < 0).any(1) & ~inside])
-    return np.isin(part, rim) & ~inside
+    out: np.ndarray = np.isin(part, rim) & ~inside
+    return out
 
 
 def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +117,7 @@ def surface_faces(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     """(f, 3) triangles between inside and outside, wound so that normals point out; indices of tetra.points."""
     after = np.where(tetra.neighbours >= 0, inside[tetra.neighbours], False)
     t, k = np.nonzero(inside[:, None] & ~after)
-    face = tetra.corners[t[:, None], (k[:, None] + [[1, 2, 3]]) % 4]
+    face: np.ndarray = tetra.corners[t[:, None], (k[:, None] + [[1, 2, 3]]) % 4]
     a, b, c = (tetra.points[face[:, i]] for i in range(3))
     apex = tetra.points[tetra.corners[t, k]]
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), apex - a) > 0

@@ -60,7 +60,8 @@ class _Grid:
 
     def world(self, index: np.ndarray) -> np.ndarray:
         """Middles (k, 3) of the cuboids at `index` (k, 3)."""
-        return (self.corner + (index + 0.5) * self.step - [0.0, 0.0, self.offset]) @ self.base
+        out: np.ndarray = (self.corner + (index + 0.5) * self.step - [0.0, 0.0, self.offset]) @ self.base
+        return out
 
 
 def hollows(
@@ -93,9 +94,9 @@ def hollows(
     wall = wall_thickness(vertices, faces[walls]) if walls_alike else 0.0
     sheet = wall if wall > RESOLVED * spacing else noise
     loose[tuple(index.T)] = ~within(grid.world(index), vertices, faces[walls], sheet)
-    open_below = np.zeros(grid.shape[0] * grid.shape[1], bool)
-    open_below[cell[start[~observed[face[start]]]]] = True
-    loose = _reached(loose, solid, open_below.reshape(tuple(grid.shape[:2])))
+    underside_unseen = np.zeros(grid.shape[0] * grid.shape[1], bool)
+    underside_unseen[cell[start[~observed[face[start]]]]] = True
+    loose = _reached(loose, solid, underside_unseen.reshape(tuple(grid.shape[:2])))
     vessel = _vessel(grid, cell, height, start, count, ~observed[face[start + count - 1]], RESOLVED * spacing)
     likely = loose & vessel[:, :, None]
     return Hollows(*(integrals_of(np.argwhere(which), grid) for which in (loose, likely)))
@@ -108,7 +109,8 @@ def hollowed(rows: np.ndarray, body: np.ndarray, space: np.ndarray, seed: int) -
     ends, all and nothing, their due. What is left is as uncertain as before, relative to its volume.
     """
     share = np.random.default_rng([seed, 31]).beta(0.5, 0.5, len(rows))[:, None]
-    return body - share * space + (1 - share * space[0] / body[0]) * (rows - body)
+    out: np.ndarray = body - share * space + (1 - share * space[0] / body[0]) * (rows - body)
+    return out
 
 
 def wall_thickness(vertices: np.ndarray, faces: np.ndarray) -> float:
@@ -214,11 +216,11 @@ def within(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, sheet: f
     return np.asarray(found & (np.hypot(deep, np.maximum(beside - edge, 0.0)) < sheet))
 
 
-def _reached(loose: np.ndarray, solid: np.ndarray, open_below: np.ndarray) -> np.ndarray:
-    """What hangs together with the underside where it was not seen; open_below (a, b) says in which columns."""
+def _reached(loose: np.ndarray, solid: np.ndarray, underside_unseen: np.ndarray) -> np.ndarray:
+    """What hangs together with the underside where it was not seen; underside_unseen (a, b) says in which columns."""
     from scipy.ndimage import label
 
-    lowest = solid & (np.cumsum(solid, axis=2) == 1) & open_below[:, :, None]
+    lowest = solid & (np.cumsum(solid, axis=2) == 1) & underside_unseen[:, :, None]
     piece, _ = label(loose)
     first = np.unique(piece[lowest & loose])
     return np.isin(piece, first[first > 0])

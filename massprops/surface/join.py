@@ -36,7 +36,8 @@ def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = T
     body = int(np.argmax(worth))
     few = parts(worth) if moving else np.array([body])
     if len(few) < 2:
-        return part == body
+        out: np.ndarray = part == body
+        return out
     part = np.where(np.isin(part, few), part, -1)
     limit = float(np.sort(worth)[-2])
     facet, sides = _facets(tetra)
@@ -44,7 +45,7 @@ def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = T
     graph = coo_matrix((price, ends.T), shape=(len(sides), len(sides))).tocsr()
     distance, before, owner = _search(graph, part, sides, limit)
     link, first = _links(ends, price, distance, owner, len(worth))
-    label = part == body
+    label: np.ndarray = part == body
     for a, b in _kept_links(link, worth, body):
         label |= np.isin(part, (a, b))
         crossing = first[min(a, b), max(a, b)]

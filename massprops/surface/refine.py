@@ -16,7 +16,8 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(f, 3) unit normals, zero for triangles without area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     n = np.cross(b - a, c - a)
-    return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+    out: np.ndarray = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+    return out
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -26,7 +27,8 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     out = np.zeros_like(vertices)
     for i in range(3):
         np.add.at(out, faces[:, i], n)
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
+    found: np.ndarray = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
+    return found
 
 
 def measured_faces(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: float) -> np.ndarray:
@@ -39,7 +41,8 @@ def measured_faces(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach:
     index = np.where(found, index, 0)
     facing = np.einsum("fki,fi->fk", cloud.normal[index], normal) > 0.5
     off = np.abs(np.einsum("fki,fi->fk", cloud.xyz[index] - middle[:, None], normal))
-    return (found & facing & (off < 0.5 * reach)).sum(1) >= 2
+    out: np.ndarray = (found & facing & (off < 0.5 * reach)).sum(1) >= 2
+    return out
 
 
 def residuals(
@@ -82,7 +85,8 @@ def remove_bias(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: fl
         np.add.at(total, faces[face, i], weight * distance)
         np.add.at(count, faces[face, i], weight)
     shift = np.where(free, total / (count + 3.0), 0.0)
-    return vertices + shift[:, None] * vertex_normals(vertices, faces)
+    out: np.ndarray = vertices + shift[:, None] * vertex_normals(vertices, faces)
+    return out
 
 
 def mean_matrix(faces: np.ndarray, size: int) -> csr_matrix:

@@ -68,7 +68,7 @@ class Placed:
         rims: the rays along its silhouettes' rims.
         middle: (3,) of its first shape; shape: (m, 3) points all over that, the side it stood on among them.
         pixel: size of a pixel at the object [world units].
-        missed: mean distance by which its rims miss its own silhouettes [px]: how far these can be relied on.
+        rim_error: mean distance by which its rims miss its own silhouettes [px]: how far these can be relied on.
         photographs: where the other placement's points are looked for, or None.
     """
 
@@ -79,7 +79,7 @@ class Placed:
     middle: np.ndarray
     shape: np.ndarray
     pixel: float
-    missed: float
+    rim_error: float
     photographs: Photographs | None = None
 
 
@@ -107,7 +107,7 @@ def placed(
     own = extent(hull, shape)
     rng = np.random.default_rng([seed, 32])
     rims, every = (rim_rays(views, masks, own, RIMS, rng, touches) for touches in (TOUCHES, MOST))
-    return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.missed(own))
+    return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.rim_error(own))
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
         max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=0.0),
         noise,
         any(a.outside < worse(best.outside) for a in alike),
-        0.5 * (first.missed + second.missed),
+        0.5 * (first.rim_error + second.rim_error),
         _candidates(best, answers),
     )
 
@@ -329,7 +329,7 @@ class _Pair:
         pick = np.sort(rng.permutation(len(second.cloud))[:1500])
         self.moving, self.facing = second.cloud.xyz[pick], second.cloud.normal[pick]
         wrong = np.mean(cKDTree(second.shape).query(self.moving)[0] > self.tolerance)
-        self.borne = 1.0 - OTHER_SHARE - 2.0 * float(wrong)
+        self.least_agreement = 1.0 - OTHER_SHARE - 2.0 * float(wrong)
         shown = np.sort(rng.permutation(len(second.cloud))[:PAINTED])
         self.shown, self.shown_facing = second.cloud.xyz[shown], second.cloud.normal[shown]
         self.colours = texture(self.xyz, first.colour, self.xyz)
@@ -384,13 +384,13 @@ class _Pair:
         """
         across, back = other.R @ one.R.T, one.R.T @ other.R
         ways = ((self.first, across, other.t - across @ one.t), (self.second, back, one.R.T @ (other.t - one.t)))
-        if not any(side.rims.missed(side.extent, R, t) < worse(side.missed) for side, R, t in ways):
+        if not any(side.rims.rim_error(side.extent, R, t) < worse(side.rim_error) for side, R, t in ways):
             return False
         first, second = self.bodies
         for a, b in ((one, other), (other, one)):
             x = self.moving @ a.R.T + a.t
             away = np.minimum(first.query(x)[0], second.query((x - b.t) @ b.R)[0])
-            if np.mean(away < self.tolerance) < self.borne:
+            if np.mean(away < self.tolerance) < self.least_agreement:
                 return False
         return True
 

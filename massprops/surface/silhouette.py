@@ -60,7 +60,8 @@ class Hull:
         value = _best(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)[:, -1]
         if self.support is None:
             return value
-        return np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
+        out: np.ndarray = np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
+        return out
 
     def sparing(self, measured: np.ndarray, least: int = FEWEST_AGREE) -> Hull:
         """The same with the smallest `need`, at least `least`, that spares 99 % of the measured points (m, 3) by
@@ -178,7 +179,8 @@ def _distance(view: _View, x: float, y: float, z: float) -> float:
     fb, fa = b - i, a - j
     top = m[i, j] * (1 - fa) + m[i, j + 1] * fa
     low = m[i + 1, j] * (1 - fa) + m[i + 1, j + 1] * fa
-    return (top * (1 - fb) + low * fb) / 4.0
+    out: float = (top * (1 - fb) + low * fb) / 4.0
+    return out
 
 
 @njit(cache=True, error_model="numpy")

@@ -245,4 +245,5 @@ def _bootstrap(
     w = drawn[:, block].astype(float)
     # A patch that a replicate lost keeps its mean: 2 points of no residual.
     middle = total.sum(0) / (weight.sum(0) + 2)
-    return (w @ total) / (w @ weight + 2) - middle
+    out: np.ndarray = (w @ total) / (w @ weight + 2) - middle
+    return out

@@ -33,7 +33,8 @@ class Tetrahedra:
     def volume(self) -> np.ndarray:
         """(t,) volumes."""
         a, b, c, d = (self.points[self.corners[:, k]] for k in range(4))
-        return np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6
+        out: np.ndarray = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6
+        return out
 
     @property
     def facets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

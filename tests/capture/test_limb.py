@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 
 from massprops.capture.limb import always_bright, without
 from massprops.capture.motion import judge
 from massprops.capture.silhouette import against_sky, sky_level
+from massprops.run.job import Job, ReconstructOptions
+from massprops.run.stage_images import mask_for_stereo
+from massprops.views import Views
 
 SHAPE = (90, 120)
 
@@ -56,3 +61,24 @@ def test_a_sky_without_limb_or_stars_is_left_as_it_is():
     frames, bodies = footage()
     bare = np.where(bodies, frames, 3).astype(np.uint8)
     assert not always_bright(bare).any()
+
+
+def test_stereo_does_not_measure_the_limb(tmp_path: Path):
+    views = Views(
+        names=("cam0/a.png", "cam0/b.png"), timestamp_ns=np.arange(2), size=np.tile([120, 90], (2, 1)),
+        K=np.tile(np.eye(3), (2, 1, 1)), distortion=np.zeros((2, 4)), R=np.tile(np.eye(3), (2, 1, 1)), t=np.zeros((2, 3)),
+    )  # fmt: skip
+    region = np.zeros(SHAPE, np.uint8)
+    region[70:] = 255
+    mask = np.full(SHAPE, 255, np.uint8)
+    mask[70:] = mask[:5] = 128
+    (tmp_path / "work/capture/beside").mkdir(parents=True)
+    (tmp_path / "work/silhouettes/masks/cam0").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "work/capture/beside/0.png"), region)
+    for name in views.names:
+        cv2.imwrite(str(tmp_path / "work/silhouettes/masks" / f"{name}.png"), mask)
+    frames = [{"name": "cam0/a.png", "beside": "beside/0.png"}, {"name": "cam0/b.png"}]
+    job = Job(tmp_path, ReconstructOptions(), tmp_path / "out")
+    found = [mask_for_stereo(job, views, i, {"frames": frames}) for i in range(2)]
+    assert (found[0] == np.where(region > 0, 0, mask)).all(), "the body's unlit parts stay unknown, and are measured"
+    assert (found[1] == mask).all()

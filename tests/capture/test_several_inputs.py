@@ -130,3 +130,10 @@ def test_what_cannot_be_a_placement_is_refused(tmp_path: Path) -> None:
         staged(tmp_path, a, tmp_path / "seq")
     options = checked_options([a, b], {})
     assert options.more == (str(b.resolve()),) and checked_options(a, {}).more == ()
+
+
+def test_whole_numbers_and_others_are_the_same_option(tmp_path: Path) -> None:
+    """In Python `density=150` is usual, on the command line it is 150.0: both belong to the same run."""
+    a, _ = folders(tmp_path)
+    whole = checked_options(a, {"density": 150, "distance": ("0,0,0", "1,0,0", 2)})
+    assert repr(whole) == repr(checked_options(a, {"density": 150.0, "distance": ("0,0,0", "1,0,0", 2.0)}))

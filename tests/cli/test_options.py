@@ -46,10 +46,19 @@ def test_bare_massprops_shows_its_help_and_so_does_h(capsys: pytest.CaptureFixtu
     assert run(["export", "-h"]) == 0 and "--to" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_usage_and_arguments_are_shown_plainly(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([name, "-h"]) == 0
+    said = capsys.readouterr().out
+    usage = said.splitlines()[0]
+    assert usage.startswith(f"Usage: massprops {name} [OPTIONS]") and "[[" not in usage and "{" not in usage
+    assert "list[" not in said, "a word of Python"
+
+
 @pytest.mark.parametrize(("typed", "meant"), [("reconstrct", "reconstruct"), ("diagnos", "diagnose"), ("xyzzy", "")])
 def test_a_mistyped_command_gets_the_nearest(capfd: pytest.CaptureFixture[str], typed: str, meant: str) -> None:
     said = command_line(capfd, typed, "-o", "x")
-    assert said.code == 2 and len(said.lines) == 1 and "No such command" in said.err
+    assert said.code == 2 and len(said.lines) == 1 and "no such command" in said.err
     assert (f"did you mean {meant}?" in said.err) == bool(meant)
 
 
@@ -134,3 +143,10 @@ def test_estimate_and_diagnose_print_without_a_folder(tmp_path: Path, capsys: py
     said = capsys.readouterr()
     assert "momentum-ls" in said.out and "report:" not in said.out
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_effects_are_listed_with_what_their_parameters_mean(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["effects"]) == 0
+    said = capsys.readouterr().out
+    assert "A mass rests at `arm`" in said, "a note"
+    assert "(100 in all)" in said and "push_12_y" not in said, "of a hundred parameters the first"

@@ -29,3 +29,12 @@ def test_without_a_length_a_result_shows_its_ratios_alone() -> None:
     ratios["units"]["length"] = "model"
     shown = repr(type(solid)(solid.mesh, ratios))
     assert "kg" not in shown and "unit^3" in shown and "k1" in shown
+
+
+def test_where_metres_come_from_is_said_in_words() -> None:
+    box = trimesh.creation.box((1, 2, 3))
+    assert "metres from the length that was given: taken as exact" in mass_table(
+        massprops.mass_properties(box).document
+    )
+    wide = massprops.mass_properties(box, scale_sigma=0.02).document
+    assert "1-sigma error 2 %" in mass_table(wide)

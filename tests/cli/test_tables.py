@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from massprops_cli.compare import comparison_table
+from massprops_cli.diagnose import diagnosis_table
 from massprops_cli.estimate import _against_truth
 
 
@@ -23,3 +24,13 @@ def test_the_values_that_a_run_recommends_are_marked_and_stand_first() -> None:
     said = comparison_table({**document, "distances": distances, "scale": 1.0, "free_scale": False})
     heads = [line for line in said.splitlines() if line.startswith("from ")]
     assert heads == ["from mesh and motion together (recommended):", "from the mesh:"]
+
+
+def test_a_diagnosis_names_places_in_words_and_none_where_nothing_is_missing() -> None:
+    place = {"interval_s": [0.0, 2.5], "z": 8.0, "features": []}
+    where = [{**place, "channel": "cam1 v"}, {**place, "channel": "tracks", "direction": "+y"}]
+    both = {"before": 1.5, "after": 1.0}
+    found = {"verdict": "unexplained", "reason": "r", "effects": [], "gap": {"fitted": both, "held_out": both}}
+    said = diagnosis_table({**found, "where": where})
+    assert "rows of the pixels in cam1, 0 to 2.5 s (z = 8.0)" in said and "features on the +y side of the body" in said
+    assert "departs" not in diagnosis_table({**found, "verdict": "none", "where": where})

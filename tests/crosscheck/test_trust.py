@@ -10,11 +10,11 @@ import pytest
 from massprops.consistency.trust import enter_verdict
 from massprops.core.files import hash_tree, write_json
 from massprops.core.outputs import Outputs, claim, verify
-from massprops.mass.confidence import Evidence, confidence, lowered
+from massprops.mass.confidence import Evidence, ImageEvidence, SurfaceEvidence, confidence, lowered
 
 VERDICTS = {v: {"verdict": v, "reason": "k1 differs"} for v in ("consistent", "inconsistent", "unobservable")}
-GOOD = confidence(Evidence(0.03, 0.05, 0.0, 40, 40))
-FAIR = confidence(Evidence(0.10, 0.05, 0.0, 40, 40))
+GOOD = confidence(Evidence(SurfaceEvidence(0.03, 0.05, 0.0), ImageEvidence(40, 40)))
+FAIR = confidence(Evidence(SurfaceEvidence(0.10, 0.05, 0.0), ImageEvidence(40, 40)))
 
 
 def run_of(folder: Path, trust: dict | None) -> Outputs:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnosis.search.beside import fits_beside
+from massprops.diagnosis.search.candidate_fits import fit_candidates
 from massprops.diagnosis.search.case import Case, case_of
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment
 from massprops.diagnosis.search.refit import Added, Scored, refit, with_effects
@@ -46,7 +46,7 @@ def at(case: Case, base: Scored, moment: float) -> Scored:
 
 def test_a_moment_one_epoch_off_is_put_right(deployed: tuple[Case, Scored, float]) -> None:
     case, base, true = deployed
-    rests = fits_beside(case, base, [effects()[CHANGE]], 1, QUIET, "")[0]
+    rests = fit_candidates(case, base, [effects()[CHANGE]], 1, QUIET, "")[0]
     assert gap(case, moment_of(rests)) == gap(case, true) + 1, "the search by slopes comes to the right gap by itself"
     best = stepwise(case, rests, [], QUIET)[-1]
     assert gap(case, moment_of(best)) == gap(case, true)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnosis.search.beside import fits_beside
+from massprops.diagnosis.search.candidate_fits import fit_candidates
 from massprops.diagnosis.search.case import Case, case_of
 from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.profile import profiled
@@ -25,7 +25,7 @@ def friction() -> tuple[Case, Scored, np.ndarray]:
     made = simulate_tracks(TrackScenario(frames=160, features=10, seed=3, rate_deg=4.0, effects=(f"{FRICTION}:5",)))
     case = case_of(problem_of(made.sequence))
     base = refit(case, case.first.state, (), most=40)
-    best = fits_beside(case, base, [effects()[FRICTION]], 1, QUIET, "")[0]
+    best = fit_candidates(case, base, [effects()[FRICTION]], 1, QUIET, "")[0]
     best = refit(case, best.fit.state, best.added, most=100, idle=1e-3)
     return case, best, np.array(list(made.truth["effects"][FRICTION].values()))
 
@@ -47,5 +47,7 @@ def test_sigma_reaches_to_where_chi_square_has_risen_by_one(friction: tuple[Case
 
 def test_a_fit_without_a_pace_is_left_as_it_is(friction: tuple[Case, Scored, np.ndarray]) -> None:
     case, _, _ = friction
-    damped = fits_beside(case, refit(case, case.first.state, (), most=40), [effects()["viscous-damping"]], 1, QUIET, "")
+    damped = fit_candidates(
+        case, refit(case, case.first.state, (), most=40), [effects()["viscous-damping"]], 1, QUIET, ""
+    )
     assert profiled(case, damped[0]).sigma == damped[0].sigma

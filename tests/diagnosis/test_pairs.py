@@ -134,7 +134,7 @@ def test_what_two_effects_share_of_the_noise_is_not_left_to_one() -> None:
     start = again(unknown)
     terms = (Term(effect=effects()["constant-body-torque"]),)
     torque = fit_hypothesis(record, Hypothesis(terms=terms, latent=False), start)
-    tried = Candidate(alone=torque, beside=fit_hypothesis(record, Hypothesis(terms=terms), again(torque)))
+    tried = Candidate(alone=torque, with_latent=fit_hypothesis(record, Hypothesis(terms=terms), again(torque)))
     assert within_noise(torque) and may_be_named(tried, base, unknown)
     assert asks_for_two([tried], base, unknown)
 

@@ -122,7 +122,7 @@ def candidate(record: Record, unknown: HypothesisFit, *names: str) -> Candidate:
     terms = tuple(Term(effect=effects()[n]) for n in names)
     start = Start(inertia=unknown.inertia, left=1.0)
     alone = fit_hypothesis(record, Hypothesis(terms=terms, latent=False), start)
-    return Candidate(alone=alone, beside=fit_hypothesis(record, Hypothesis(terms=terms), again(alone)))
+    return Candidate(alone=alone, with_latent=fit_hypothesis(record, Hypothesis(terms=terms), again(alone)))
 
 
 def test_what_follows_all_of_a_pair_is_not_named_for_it() -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.report.estimates import _doubts, _reliable
+from massprops.estimators.methods import own
+from massprops.report.curves import COLOURS, method_style
+from massprops.report.estimates import _bounded, _doubts, _overlaid, _reliable
 from massprops.report.html import unit
 from massprops.report.plot import plot
 from massprops.report.ratio_plane import ratio_plane
@@ -38,7 +40,13 @@ def test_an_ellipse_within_reach_is_drawn_whole() -> None:
         return {"name": name, "k1": k1, "k2": -0.2, "sigma_k1": sigma, "sigma_k2": sigma, "converged": True}
 
     page = ratio_plane({}, [one("smoother", -0.5, 0.01), one("ekf", -0.49, 0.015)], "smoother")
-    inside = [p for p in page.split('<polygon class="ring s1"')[1].split('points="')[1].split('"')[0].split()]
+    inside = [
+        p
+        for p in page.split(f'<polygon class="ring {method_style("ekf")}"')[1]
+        .split('points="')[1]
+        .split('"')[0]
+        .split()
+    ]
     x = np.array([float(p.split(",")[0]) for p in inside])
     assert x.min() >= 62 and x.max() <= 470, "the second method's ellipse lies within the pane"
 
@@ -49,3 +57,24 @@ def test_a_comparison_shows_first_what_the_run_recommends() -> None:
     assert [key for key, _ in _sides({**both, "recommended": "fused"})] == ["fused", "rows"]
     assert [key for key, _ in _sides({**both, "recommended": "mesh"})] == ["rows", "fused"]
     assert [key for key, _ in _sides({"rows": [row], "fused": None, "recommended": "mesh"})] == ["rows"]
+
+
+def test_a_method_has_one_colour_in_every_chart() -> None:
+    styles = {name: method_style(name) for name in own()}
+    assert len(set(styles.values())) == min(len(styles), COLOURS), "the methods are told apart"
+    times, flat = np.arange(5.0), np.ones((5, 3))
+    for name, style in styles.items():
+        entry = {"name": name, "k1": -0.5, "k2": -0.2, "sigma_k1": 0.1, "sigma_k2": 0.1, "converged": True}
+        plane = ratio_plane({}, [{**entry, "name": "another", "k1": -0.4}, entry])
+        assert f'<span class="key {style}">{name}</span>' in plane
+        beside = _overlaid("error", "", {"another": (times, 2 * flat), name: (times, flat)}, size=True)
+        assert f'<span class="key {style}">{name}</span>' in beside and f'<polyline class="{style}"' in beside
+        alone = _bounded("rate", name, times, flat, None)
+        assert alone.count(f'<polyline class="{style} d') == 3
+
+
+def test_methods_whose_curves_cover_each_other_share_one() -> None:
+    times = np.arange(5.0)
+    same = {"ukf": (times, np.ones((5, 1))), "ukf-gp": (times, np.ones((5, 1))), "ekf": (times, np.zeros((5, 1)))}
+    drawn = _overlaid("k1", "", same, size=False)
+    assert drawn.count("<polyline") == 2 and f'<span class="key {method_style("ukf")}">ukf, ukf-gp</span>' in drawn

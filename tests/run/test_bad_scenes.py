@@ -13,7 +13,9 @@ import pytest
 import trimesh
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "mass"))
 
+from some_evidence import evidence
 from test_object_on_support import box, rectangle
 from test_readings import GREY, RED, SIZE, VIEWS, ground, made, on_stand, pixel_of, two_boxes
 
@@ -21,7 +23,7 @@ from massprops.capture.frame_edge import cut_off
 from massprops.capture.readings import Scene
 from massprops.errors import InputError, NotPossible
 from massprops.geometry.rasterise import silhouette
-from massprops.mass.confidence import Evidence, confidence
+from massprops.mass.confidence import confidence
 from massprops.run.job import Job, ReconstructOptions
 from massprops.run.stages import shape, silhouettes
 from massprops.run.stages.mass import readings_of
@@ -87,7 +89,7 @@ def test_glass_and_mirrors_are_no_object(tmp_path: Path, monkeypatch: pytest.Mon
     points = made((table, GREY), ((mirrored[0], -mirrored[1]), RED))
     with pytest.raises(NotPossible, match="texture or side light"):
         shaped(monkeypatch, run_of(tmp_path), points)
-    found = confidence(Evidence(0.04, 0.7, 0.0, 30, 30))
+    found = confidence(evidence(0.04, 0.7, 0.0, 30, 30))
     assert found["level"] == "low" and "mirrors, glass" in found["because"][0] and "dull them" in found["because"][0]
 
 
@@ -102,7 +104,7 @@ def test_two_things_of_like_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     said = readings_of(facts, 2.0)
     assert [r["used"] for r in said] == [True, False] and "picture" not in said[0]
     assert np.allclose(said[0]["extent"], 2.0 * np.array(readings[0]["extent"]))
-    found = confidence(Evidence(0.03, 0, 0, 30, 30, readings=tuple(f"{r['reading']} ({r['option']})" for r in said)))
+    found = confidence(evidence(0.03, 0, 0, 30, 30, readings=tuple(f"{r['reading']} ({r['option']})" for r in said)))
     assert found["level"] == "low" and "--object X,Y" in found["because"][0]
     settled, _ = shaped(
         monkeypatch, run_of(tmp_path / "b"), points, object=("{:.0f},{:.0f}".format(*pixel_of((-0.2, 0, 0.24)).uv[0]),)
@@ -198,7 +200,7 @@ def test_an_object_in_a_hand_reaches_the_frame(tmp_path: Path) -> None:
     silhouettes.run(job)
     facts = json.loads((job.out / "silhouettes.json").read_text())
     assert len(facts["cut_off"]) == len(VIEWS) and any("keep hands and arms out" in note for note in job.notes)
-    assert confidence(Evidence(0.04, 0, 0, 24, 24, cut=24))["level"] == "low"
+    assert confidence(evidence(0.04, 0, 0, 24, 24, cut=24))["level"] == "low"
 
 
 def test_an_object_cut_off_by_the_frame_is_said(tmp_path: Path) -> None:
@@ -210,7 +212,7 @@ def test_an_object_cut_off_by_the_frame_is_said(tmp_path: Path) -> None:
     facts, job = outlined(run_of(tmp_path, images=images), near)
     assert len(facts["cut_off"]) > 0.5 * len(VIEWS)
     assert any("edge of the frame" in note and "step back" in note for note in job.notes)
-    found = confidence(Evidence(0.04, 0, 0, 24, 24, cut=len(facts["cut_off"])))
+    found = confidence(evidence(0.04, 0, 0, 24, 24, cut=len(facts["cut_off"])))
     assert found["level"] == "low" and "step back, keep hands and arms out" in found["because"][0]
 
 
@@ -229,14 +231,14 @@ def test_the_edge_of_the_frame(reach: int, cut: bool) -> None:
 
 
 def test_photographs_of_two_different_objects_are_low() -> None:
-    found = confidence(Evidence(0.03, 0, 0, 40, 22, unjoined=1, misfit=18))
+    found = confidence(evidence(0.03, 0, 0, 40, 22, unjoined=1, misfit=18))
     assert found["level"] == "low" and "18 images show what may be another object" in found["because"][0]
-    assert confidence(Evidence(0.03, 0, 0, 40, 38, unjoined=1, misfit=2))["level"] == "medium"
+    assert confidence(evidence(0.03, 0, 0, 40, 38, unjoined=1, misfit=2))["level"] == "medium"
 
 
 def test_a_video_whose_middle_is_another_scene_is_low() -> None:
-    found = confidence(Evidence(0.03, 0, 0, 60, 36, scenes=(36, 22)))
+    found = confidence(evidence(0.03, 0, 0, 60, 36, scenes=(36, 22)))
     assert found["level"] == "low" and "scenes that do not connect (36, 22 images)" in found["because"][0]
     assert "as a separate INPUT" in found["because"][0]
-    assert confidence(Evidence(0.03, 0, 0, 32, 27, scenes=(27, 5)))["level"] == "medium"
-    assert confidence(Evidence(0.03, 0, 0, 60, 60, scenes=(60,)))["level"] == "high"
+    assert confidence(evidence(0.03, 0, 0, 32, 27, scenes=(27, 5)))["level"] == "medium"
+    assert confidence(evidence(0.03, 0, 0, 60, 60, scenes=(60,)))["level"] == "high"

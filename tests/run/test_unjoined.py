@@ -15,7 +15,7 @@ import trimesh
 from surface.synthetic_dense import boxes, cameras, observe
 
 from massprops.run.job import Job, ReconstructOptions
-from massprops.run.unjoined import Unjoined, on_support_hollows, underside_open, unjoined
+from massprops.run.unjoined import Unjoined, on_support_hollows, underside_may_be_hollow, unjoined
 from massprops.surface.cloud import Cloud
 
 WALL, LONG, HIGH = 0.06, 1.0, 0.4
@@ -69,8 +69,8 @@ def test_an_underside_that_an_unmeasured_placement_shows_may_be_hollow() -> None
     """As of a toy car on its back, of which an outline alone was known: standing, it was filled to the table."""
     block, tray = (Unjoined(np.ones(10), np.ones((1, 10)), vessel, 20) for vessel in (False, True))
     one = {"unjoined": [{"images": 20}]}
-    assert underside_open(one, []) and underside_open(one, [tray])
-    assert not underside_open(one, [block]) and not underside_open({"unjoined": []}, [])
+    assert underside_may_be_hollow(one, []) and underside_may_be_hollow(one, [tray])
+    assert not underside_may_be_hollow(one, [block]) and not underside_may_be_hollow({"unjoined": []}, [])
 
 
 def test_a_body_that_is_open_below_may_be_a_thin_shell() -> None:
@@ -80,4 +80,4 @@ def test_a_body_that_is_open_below_may_be_a_thin_shell() -> None:
     surface: Any = SimpleNamespace(noise=0.005, **made)
     plane = np.array([0.0, 0.0, 1.0, 0.0])
     assert on_support_hollows(surface, plane).likely[0] == 0
-    assert on_support_hollows(surface, plane, open_below=True).likely[0] > 0.8 * body.volume
+    assert on_support_hollows(surface, plane, underside_hollow=True).likely[0] > 0.8 * body.volume

@@ -53,7 +53,7 @@ def test_only_the_true_turn_makes_one_body(pair: Pair) -> None:
     half = rotation_matrix(np.array([0.0, 0, 0, 1.0]))
     true, other = pair.scores(np.stack([TURN, half @ TURN]), np.stack([SHIFT, half @ SHIFT]))
     assert true < 0.1 < 1.0 < other, (true, other)
-    assert pair.of_first.missed(pair.first) < 0.1
+    assert pair.of_first.rim_error(pair.first) < 0.1
 
 
 def test_a_fit_comes_back_to_the_true_turn(pair: Pair) -> None:
@@ -82,5 +82,5 @@ def test_what_stereo_did_not_measure_has_room(pair: Pair) -> None:
     own, rims = outlined(whole, 0, part.reshape(-1, 3))
     inner = 0.9 * np.asarray(whole.vertices)
     assert (own.at(inner) < 0).all()
-    assert rims.missed(own) < 0.2
+    assert rims.rim_error(own) < 0.2
     assert own.step < 1.5 * pair.first.step

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from massprops.mass.confidence import Evidence, confidence
+from massprops.mass.confidence import Evidence, ImageEvidence, PlacementEvidence, SurfaceEvidence, confidence
 from massprops.mass.integrals import mesh_integrals
 from massprops.mass.intervals import valid_bodies
 from massprops.surface.hollow import hollowed, hollows, wall_thickness, water_held
@@ -102,8 +102,8 @@ def test_where_nothing_can_be_hollow_replicates_stay():
 
 
 def test_the_confidence_says_what_was_not_seen():
-    seen = {"half_width": 0.01, "filled": 0.0, "images": 40, "used": 40, "inferred": 0.1}
-    vessel = confidence(Evidence(**seen, hollow_possible=0.8, hollow_likely=0.7))
-    drum = confidence(Evidence(**seen, hollow_possible=0.8))
+    surface, images = SurfaceEvidence(half_width=0.01, filled=0.0, inferred=0.1), ImageEvidence(given=40, used=40)
+    vessel = confidence(Evidence(surface, images, PlacementEvidence(hollow_possible=0.8, hollow_likely=0.7)))
+    drum = confidence(Evidence(surface, images, PlacementEvidence(hollow_possible=0.8)))
     assert "70 % less volume" in vessel["because"][-1]
     assert "80 % less" in drum["because"][-1] and drum["level"] == "high"

@@ -34,7 +34,7 @@ from massprops.dynamics.quaternion import (
     rotation_vector,
 )
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.ranging.first_frames import fit_first
+from massprops.estimators.ranging.batch_start import fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
 from massprops.estimators.result import ratios
 from massprops.sequence.data import Environment, Orbit

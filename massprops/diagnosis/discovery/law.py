@@ -34,7 +34,7 @@ class Law:
 
     Attributes:
         terms: of the torque, with their probability (k,); effect: as an effect file holds it; source: that file.
-        alone: the joint refit of the whole record; beside: the same beside a latent torque; base, unknown: without it.
+        alone: the joint refit of the whole record; with_latent: the same together with a latent torque; base, unknown: without it.
     """
 
     terms: tuple[LibraryTerm, ...]
@@ -42,14 +42,14 @@ class Law:
     effect: ModuleType
     source: str
     alone: HypothesisFit
-    beside: HypothesisFit
+    with_latent: HypothesisFit
     base: HypothesisFit
     unknown: HypothesisFit
 
     @property
     def evidence(self) -> float:
         """Log evidence of the better of the two fits."""
-        return max(self.alone.evidence, self.beside.evidence)
+        return max(self.alone.evidence, self.with_latent.evidence)
 
     @property
     def doubt(self) -> str:
@@ -134,11 +134,11 @@ def _refit(
 ) -> Law:
     effect = effect_of(source_of(terms, [1e-4] * len(terms)))
     alone = max((_fitted(record, effect, near) for near in (unknown, base)), key=lambda f: f.evidence)
-    beside = _fitted(record, effect, alone, latent=True)
+    with_latent = _fitted(record, effect, alone, latent=True)
     values = alone.values[effect.NAME]
     source = source_of(terms, [float(v) for v in values])
     return Law(
-        terms=terms, probability=probability, effect=effect, source=source, alone=alone, beside=beside, base=base,
+        terms=terms, probability=probability, effect=effect, source=source, alone=alone, with_latent=with_latent, base=base,
         unknown=unknown,
     )  # fmt: skip
 
@@ -172,7 +172,7 @@ def document_of_law(law: Law | None) -> dict[str, Any]:
     name = law.effect.NAME
     values = law.alone.values[name]
     sigma = np.sqrt(np.maximum(np.diag(law.alone.covariance[name]), 0.0))
-    noise = noise_floor(law.beside)
+    noise = noise_floor(law.with_latent)
     held = {"before": held_out_rms(law.base, noise), "after": held_out_rms(law.alone, noise)}
     return {
         "formula": formula(law.terms, values),

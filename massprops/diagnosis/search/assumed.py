@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnosis.search.beside import Watch
+from massprops.diagnosis.search.candidate_fits import Watch
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.moment import EVIDENCE
 from massprops.diagnosis.search.refit import POLISH, Added, Scored, near, refit, with_effects
@@ -50,8 +50,8 @@ def with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
     return found if s.bic - found.bic > EVIDENCE and not found.implausible else None
 
 
-def beside_each(case: Case, singles: list[Scored], usable: list[ModuleType], watch: Watch) -> list[Scored]:
-    """Uneven density beside each effect: fitted first and alone it bends to what the other does, and rests there."""
+def density_with_each(case: Case, singles: list[Scored], usable: list[ModuleType], watch: Watch) -> list[Scored]:
+    """Uneven density together with each effect: fitted first and alone it bends to what the other does, and rests there."""
     density = [Added(m) for m in usable if m.NAME == DENSITY]
     out: list[Scored] = []
     for k, s in enumerate(singles):

@@ -161,19 +161,19 @@ def diagnose_problem(
     Args:
         own_attitudes: attitude0 does not come from the same pictures as the tracks, as it does in a run.
     """
+    from massprops.diagnosis.search.acceptance import explained
     from massprops.diagnosis.search.axes import otherwise
     from massprops.diagnosis.search.case import case_of
+    from massprops.diagnosis.search.outlier_features import without_outlier_features
     from massprops.diagnosis.search.refit import refit
     from massprops.diagnosis.search.select import Selection
-    from massprops.diagnosis.search.strays import mended
     from massprops.diagnosis.search.unexplained import recovered_torque
-    from massprops.diagnosis.search.worth import explained
 
     # many fits are to come: the free body goes by the compiled kernel, too
     importlib.import_module("massprops.dynamics.compiled_integration")
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
-    case, base = mended(case, base)
+    case, base = without_outlier_features(case, base)
     blind = _blind(case, base)
     if blind:
         selection = Selection(base, best=base)
@@ -228,10 +228,10 @@ def _begin(
 def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Selection]:
     """The selection of effects on the path of free fall beside the chaser, or on a straight one where that explains more:
     then one of the two is held in its place, or the record was made so."""
+    from massprops.diagnosis.search.acceptance import explained
     from massprops.diagnosis.search.moment import EVIDENCE
     from massprops.diagnosis.search.refit import refit
     from massprops.diagnosis.search.stepwise import lean
-    from massprops.diagnosis.search.worth import explained
     from massprops.dynamics.surroundings import Surroundings
 
     if not case.around.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):

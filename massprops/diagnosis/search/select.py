@@ -7,9 +7,19 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnosis.search.assumed import DENSITY, beside_each
-from massprops.diagnosis.search.beside import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fits_beside
+from massprops.diagnosis.search.acceptance import (
+    MISPREDICTED,
+    PREDICTS,
+    acceptable,
+    adequate,
+    all_needed,
+    distinct,
+    explained,
+    fits,
+)
+from massprops.diagnosis.search.assumed import DENSITY, density_with_each
 from massprops.diagnosis.search.by_balance import fits_by_balance
+from massprops.diagnosis.search.candidate_fits import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.misfit import count, mean_square
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
@@ -17,7 +27,6 @@ from massprops.diagnosis.search.profile import profiled
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
 from massprops.diagnosis.search.score import score_tests
 from massprops.diagnosis.search.stepwise import stepwise
-from massprops.diagnosis.search.worth import PREDICTS, STRAYS, all_needed, distinct, explained, fits, may_be, settled
 from massprops.effects import changes_motion, effects, forms, places_of
 from massprops.model import lacks
 from massprops.model.linearise import residuals
@@ -81,14 +90,14 @@ class _Course:
 
     def join(self, found: list[Scored]) -> None:
         """Takes those of some fits that may be named among the good ones."""
-        self.good = sorted([*self.good, *(s for s in found if may_be(s, self.base))], key=lambda s: s.bic)
+        self.good = sorted([*self.good, *(s for s in found if acceptable(s, self.base))], key=lambda s: s.bic)
 
     def lengthen(self, modules: list[ModuleType]) -> None:
         """Longer forms of some effects, until one explains the data."""
         found: list[Scored] = []
         for module in modules:
             found += _longer_forms(self.case, self.base, module, self.first, self.watch)
-            if any(explained(s) and may_be(s, self.base) for s in found):
+            if any(explained(s) and acceptable(s, self.base) for s in found):
                 break
         self.longer.extend(found)
         self.out.tried.extend(found)
@@ -107,22 +116,22 @@ class _Course:
         return by_balance.forced
 
     def pair(self, violated: bool) -> None:
-        """Two effects at once: a second beside each of the best, until a pair is settled."""
-        pairs = beside_each(self.case, self.first, self.usable, self.watch) if violated else []
+        """Two effects at once: a second beside each of the best, until a pair is adequate."""
+        pairs = density_with_each(self.case, self.first, self.usable, self.watch) if violated else []
         better = self._needed(pairs)
-        for k, s in enumerate([] if any(settled(p) for p in better) else _beam(self.good)):
+        for k, s in enumerate([] if any(adequate(p) for p in better) else _beam(self.good)):
             rest = [m for m in self.usable if m.NAME not in s.names]
             what = f"two effects, with {s.names[0]} ({k + 1})"
             least = min((p.fit.cost for p in pairs), default=np.inf)
-            pairs += fits_beside(self.case, s, rest, FITS_OF_A_PAIR, self.watch, what, against=least)
+            pairs += fit_candidates(self.case, s, rest, FITS_OF_A_PAIR, self.watch, what, against=least)
             better = self._needed(pairs)
-            if any(settled(p) for p in better):
+            if any(adequate(p) for p in better):
                 break
         self.out.tried += pairs
         self.good = sorted([*self.good, *better], key=lambda s: s.bic)
 
     def _needed(self, pairs: list[Scored]) -> list[Scored]:
-        return [p for p in pairs if may_be(p, self.base) and all_needed(p, [*self.first, *self.longer])]
+        return [p for p in pairs if acceptable(p, self.base) and all_needed(p, [*self.first, *self.longer])]
 
 
 def select(
@@ -160,12 +169,12 @@ def _more_than_one(course: _Course, violated: bool) -> None:
     case, base, first = course.case, course.base, course.first
     leading, far = _nearness(case, first, base, [m for m in course.usable if forms(m) > 1])
     beyond = False
-    if not any(settled(s) for s in course.good) and not violated and not explained(base):
+    if not any(adequate(s) for s in course.good) and not violated and not explained(base):
         # attitudes that show a torque, and nothing in the catalogue explains it: a longer search has no more to try
         beyond = course.balance() and not any(explained(s) for s in course.good)
-    if not beyond and not any(settled(s) for s in course.good):
+    if not beyond and not any(adequate(s) for s in course.good):
         course.lengthen(leading)
-    if not beyond and course.good and not any(settled(s) for s in course.good):
+    if not beyond and course.good and not any(adequate(s) for s in course.good):
         course.pair(violated)
     if course.good:
         steps = stepwise(
@@ -198,11 +207,11 @@ def _usable(case: Case) -> tuple[list[ModuleType], dict[str, str]]:
 
 def _singles(case: Case, base: Scored, usable: list[ModuleType], watch: Watch, violated: bool) -> list[Scored]:
     """Fits of one effect, the best first."""
-    first = fits_beside(case, base, usable, FEWEST_FITS, watch, "one effect")
+    first = fit_candidates(case, base, usable, FEWEST_FITS, watch, "one effect")
     if violated and not any(DENSITY in s.names for s in first):
         # what the contradiction itself says, however steep the scores of others from so wrong a model
         density = [m for m in usable if m.NAME == DENSITY]
-        first = sorted([*first, *fits_beside(case, base, density, 1, watch, "one effect")], key=lambda s: s.bic)
+        first = sorted([*first, *fit_candidates(case, base, density, 1, watch, "one effect")], key=lambda s: s.bic)
     if first and not explained(first[0]) and first[0].fit.iterations >= MOST_ITERATIONS:
         # what leads is seen through to its end before another effect is asked to help
         first[0] = refit(case, first[0].fit.state, first[0].added, most=3 * MOST_ITERATIONS)
@@ -222,7 +231,7 @@ def _concluded(case: Case, base: Scored, good: list[Scored], out: Selection) -> 
     if good:
         out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
         left = good[0].fitted ** 2 - 1.0
-        nearly = left < NEARLY * (base.fitted**2 - 1.0) and not good[0].held > STRAYS and not good[0].implausible
+        nearly = left < NEARLY * (base.fitted**2 - 1.0) and not good[0].held > MISPREDICTED and not good[0].implausible
         if nearly and _constant(case, good[0]):
             out.best = _to_the_end(case, good[0])
             out.rivals = _rivals_of(good)
@@ -276,9 +285,9 @@ def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
     close = [s for s in models if s.bic - models[0].bic < EVIDENCE and len(s.added) == len(models[0].added)]
     if len(close) == 1:
         return close[0], []
-    worth = {s.names: _on_all(case, s).bic for s in close}
-    close.sort(key=lambda s: worth[s.names])
-    return close[0], [s for s in close[1:] if worth[s.names] - worth[close[0].names] < CLOSE]
+    bic = {s.names: _on_all(case, s).bic for s in close}
+    close.sort(key=lambda s: bic[s.names])
+    return close[0], [s for s in close[1:] if bic[s.names] - bic[close[0].names] < CLOSE]
 
 
 def _rivals_of(models: list[Scored]) -> list[Scored]:
@@ -293,8 +302,8 @@ def _rivals_of(models: list[Scored]) -> list[Scored]:
 
 def _explains_more(other: Case, base: Scored, first: list[Scored]) -> bool:
     """Whether an effect alone explains more in another case than the best does here."""
-    good = [s for s in first if may_be(s, base)]
-    if not good or settled(good[0]):
+    good = [s for s in first if acceptable(s, base)]
+    if not good or adequate(good[0]):
         return False
     against = good[0].fit.cost
     tried = (refit(other, s.fit.state, s.added, against=against) for s in distinct(good))

@@ -7,13 +7,13 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.diagnosis.search.acceptance import WORSE, explained, penalised_bic
 from massprops.diagnosis.search.assumed import DENSITY, believing, with_mass
-from massprops.diagnosis.search.beside import FITS_OF_A_PAIR, Watch, fits_beside
+from massprops.diagnosis.search.candidate_fits import FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
-from massprops.diagnosis.search.worth import WORSE, explained, worth
 from massprops.effects import has_pace, searched
 
 MOST_EFFECTS = 2
@@ -46,8 +46,8 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
         follow(_best_pace(case, found[-1], watch))
     at = found[-1]
     if len(at.added) > MOST_EFFECTS:
-        fewer = min((_without(case, at, a, against=near(at.fit.cost)) for a in at.added), key=worth)
-        if worth(fewer) < worth(at) and _may_follow(fewer, at):
+        fewer = min((_without(case, at, a, against=near(at.fit.cost)) for a in at.added), key=penalised_bic)
+        if penalised_bic(fewer) < penalised_bic(at) and _may_follow(fewer, at):
             found.append(fewer)
     if explained(found[-1]) and len(found[-1].added) > 1:
         found += _exchanged(case, found[-1], usable, watch)
@@ -60,7 +60,7 @@ def lean(case: Case, at: Scored) -> Scored:
     for a in at.added if len(at.added) > 1 else ():
         price = EVIDENCE + np.log(count(at.fit.residuals)) * sum(searched(a.effect, a.form))
         fewer = _without(case, at, a) if _needed(at, a) < price else None
-        if fewer is not None and worth(fewer) <= worth(at) and _may_follow(fewer, at):
+        if fewer is not None and penalised_bic(fewer) <= penalised_bic(at) and _may_follow(fewer, at):
             return fewer
     return at
 
@@ -89,13 +89,13 @@ def _grown(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Sc
 def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
     """The model with another effect, or with that in place of one of its own; None where neither is worth it."""
     what = f"beside {' + '.join(at.names)}"
-    larger = fits_beside(case, at, _rest(at, usable), FITS_OF_A_PAIR, watch, what, pays=True, against=at.fit.cost)
-    if not larger or not worth(larger[0]) < worth(at):
+    larger = fit_candidates(case, at, _rest(at, usable), FITS_OF_A_PAIR, watch, what, pays=True, against=at.fit.cost)
+    if not larger or not penalised_bic(larger[0]) < penalised_bic(at):
         return None
     fewer = [_without(case, larger[0], a, against=near(at.fit.cost)) for a in at.added]
     options = fewer if len(at.added) >= MOST_EFFECTS else [larger[0], *fewer]
-    better = [s for s in options if _may_follow(s, at) and worth(s) < worth(at)]
-    return min(better, key=worth) if better else None
+    better = [s for s in options if _may_follow(s, at) and penalised_bic(s) < penalised_bic(at)]
+    return min(better, key=penalised_bic) if better else None
 
 
 def _best_pace(case: Case, at: Scored, watch: Watch) -> Scored:
@@ -104,7 +104,7 @@ def _best_pace(case: Case, at: Scored, watch: Watch) -> Scored:
     for a in at.added:
         if has_pace(a.effect):
             rest = _without(case, at, a, most=0)
-            tried = fits_beside(case, rest, [a.effect], 1, watch, f"pace of {a.name}", against=at.fit.cost)
+            tried = fit_candidates(case, rest, [a.effect], 1, watch, f"pace of {a.name}", against=at.fit.cost)
             at = min([at, *(s for s in tried if _may_follow(s, at))], key=lambda s: s.bic)
     return at
 
@@ -115,7 +115,7 @@ def _exchanged(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -
     for a in at.added:
         rest = _without(case, at, a, most=0)
         what = f"in place of {a.name}"
-        out += fits_beside(case, rest, _rest(at, usable), EXCHANGES, watch, what, against=at.fit.cost)
+        out += fit_candidates(case, rest, _rest(at, usable), EXCHANGES, watch, what, against=at.fit.cost)
     return sorted((s for s in out if _may_follow(s, at)), key=lambda s: s.bic)
 
 

@@ -8,8 +8,14 @@ from massprops.effects import Parameter
 NAME = "spring-mass-damper"
 SENTENCE = "Something swings on a spring: fuel sloshes, a hinged panel or a loose mass moves against the body."
 FORMULA = (
-    "s'' + damping s' + frequency^2 s = -along . (acceleration of the body at arm + s along);  "
-    "momentum inside = (arm + s along) x (w x (arm + s along) + s' along) - arm x (w x arm)"
+    "r = arm + s along;  s'' + damping s' + frequency^2 s = -along . (acceleration of the body's point r);  "
+    "extra momentum = r x (w x r + s' along) - arm x (w x arm)"
+)
+NOTE = (
+    "A mass rests at `arm` from the centre of mass and moves by s along the direction `along`; s is `displacement` and s' is "
+    "`velocity` at the first timestamp. `frequency` and `damping` are those of the mass on its spring while the body holds still. "
+    "Lengths are without unit, since motion alone shows none: they are multiplied by the square root of the mass over the "
+    "body's mean moment of inertia."
 )
 PARAMETERS = (
     *(Parameter(f"arm_{a}", "1", 0.1, 2.0) for a in "xyz"),
@@ -19,8 +25,7 @@ PARAMETERS = (
     Parameter("displacement", "1", 0.01, 1.0),
     Parameter("velocity", "s^-1", 0.001, 10.0),
 )
-"""Lengths (`arm` from the centre of mass to the mass at rest, `displacement` along its way) are times the square root of the
-mass over the mean moment; the mass is the reduced one where the body is not much heavier."""
+"""Of a body that is not much heavier, the mass in `NOTE` is the reduced one."""
 NEEDS = ()
 STATES = 3  # displacement, its momentum, none
 SEARCHED = False  # the balance of momentum finds it

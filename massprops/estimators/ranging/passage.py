@@ -15,7 +15,7 @@ from massprops.estimators.filters.begin import longest
 from massprops.estimators.filters.features import Passage, joined
 from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Noise, Run
-from massprops.estimators.ranging.first_frames import BatchFit, fit_first
+from massprops.estimators.ranging.batch_start import BatchFit, fit_first
 from massprops.estimators.ranging.inertial import (
     BASE,
     RangeData,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.report.curves import OWN, method_style
 from massprops.report.data import RunData
 from massprops.report.html import between, number, table, text
 from massprops.report.meshes import Shape, decimated
@@ -60,7 +61,7 @@ def render(data: RunData) -> str:
     ]
     parts.append(_together(data))
     parts.append(_axes(data))
-    parts.append(_residuals(document.get("residuals") or {}))
+    parts.append(_residuals(document.get("residuals") or {}, str(document.get("rests_on") or "")))
     return "".join(parts)
 
 
@@ -113,18 +114,23 @@ def _axes(data: RunData) -> str:
     )
 
 
-def _residuals(series: dict[str, Any]) -> str:
-    """What the best free rotation leaves of the attitude history, with the mesh's inertia and with the motion's."""
+def _residuals(series: dict[str, Any], method: str) -> str:
+    """What the best free rotation leaves of the attitude history, with the mesh's inertia and with the motion's (by a method)."""
     if not series.get("times"):
         return ""
-    times, curves = np.array(series["times"], float), []
-    for key, name in (("mesh", "with the mesh's inertia"), ("motion", "with the motion's inertia")):
+    times, curves, styles = np.array(series["times"], float), [], []
+    for key, name, style in (
+        ("mesh", "with the mesh's inertia", OWN),
+        ("motion", "with the motion's inertia", method_style(method)),
+    ):
         if series.get(key):
             size = np.linalg.norm(np.array(series[key]["turn_deg"], float), axis=1)
             curves.append((f"{name}: {number(series[key]['rms'], 3)} times the noise", times, size))
+            styles.append(style)
     if series.get("noise_deg"):
         curves.append(("noise of the attitudes", times, np.array(series["noise_deg"], float)))
-    drawn = plot(curves, "time [s]", "attitude residual [°]")
+        styles.append("noise")
+    drawn = plot(curves, "time [s]", "attitude residual [°]", styles=styles)
     return (
         f'<h3>Residuals over time</h3><div class="narrow">{drawn}</div><p class="soft">Difference between the attitudes '
         "in the footage and the best free rotation with each inertia. The inertia of the mesh is uncertain, so it may leave more "

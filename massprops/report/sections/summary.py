@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.mass.document import METRES_FROM
 from massprops.mass.recommended import as_recommended
 from massprops.report.data import RunData
 from massprops.report.html import Safe, number, table, text
@@ -180,14 +181,7 @@ def scale_in_words(data: RunData) -> str:
             "ratios are meaningful: k1, k2, the principal axes and the shape. For metres, run again with <code>--scale</code>, "
             "<code>--distance</code> or <code>--marker</code>, or with a stereo baseline."
         )
-    names = {
-        "given": "the length that was given",
-        "baseline": "the stereo baseline",
-        "range": "the range sensor",
-        "distance": "a known distance between two points",
-        "marker": "a marker of known size",
-    }
-    known = names.get(str(source), str(source))
+    known = METRES_FROM.get(str(source), str(source))
     if not sigma:
         return f"<b>Metres</b> come from {text(known)}, which is taken as exact. The intervals contain no error of the scale."
     return (

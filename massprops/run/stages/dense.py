@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.errors import NotPossible
 from massprops.run.job import Job
-from massprops.run.stage_images import undistorted_frame, undistorted_mask
+from massprops.run.stage_images import mask_for_stereo, undistorted_frame
 
 READS = ("capture", "silhouettes", "join")
 OPTIONS = ("dense_views",)
@@ -25,9 +25,10 @@ def run(job: Job) -> dict[str, Any]:
 
     views = Views.load(job.work("join") / "views.npz")
     sparse = SparsePoints.load(job.work("join") / "points.npz")
+    footage = json.loads((job.work("capture") / "footage.json").read_text())
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
-        return undistorted_frame(job, views, i), undistorted_mask(job, views, i)
+        return undistorted_frame(job, views, i), mask_for_stereo(job, views, i, footage)
 
     try:
         options = DenseOptions(job.options.dense_views, job.seed, job.threads)

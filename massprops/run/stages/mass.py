@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from massprops.mass.confidence import Evidence, confidence, lowered
+from massprops.mass.confidence import (
+    Evidence,
+    ImageEvidence,
+    PlacementEvidence,
+    SurfaceEvidence,
+    confidence,
+    lowered,
+)
 from massprops.mass.document import document
 from massprops.mass.integrals import mesh_integrals, scale_integrals
 from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, valid_bodies
@@ -29,9 +36,9 @@ def run(job: Job) -> dict[str, Any]:
         rows, lengths, outer = z["replicate_integrals"], z["replicate_length"], z["outer_integrals"]
 
     length = model_length(vertices, faces, observed.astype(bool))[0]
-    metric = scale.get("metres_per_unit") is not None and scale.get("source", "none") != "none"
-    factor = float(scale.get("unit_per_sfm") or 1.0 / length) * (float(scale["metres_per_unit"]) if metric else 1.0)
-    warnings = list(surface.get("warnings", []))
+    metric = scale["metres_per_unit"] is not None and scale["source"] != "none"
+    factor = float(scale["unit_per_sfm"]) * (float(scale["metres_per_unit"]) if metric else 1.0)
+    warnings = list(surface["warnings"])
     if not metric:
         warnings.append(
             "no length given: one unit is the object's greatest length, and only k1, k2 and the axes are meaningful "
@@ -42,8 +49,8 @@ def run(job: Job) -> dict[str, Any]:
     density, assumed = job.options.density, job.options.density is None
     properties = properties_of_integrals(mesh_integrals(final, faces), ASSUMED_DENSITY if density is None else density)
     rng = np.random.default_rng([job.seed, 5])
-    own = scale.get("source", "none") in OWN_LENGTH
-    draws = scaled_replicates(rows, lengths, length, factor, float(scale.get("relative_sigma") or 0.0), own, rng)
+    own = scale["source"] in OWN_LENGTH
+    draws = scaled_replicates(rows, lengths, length, factor, float(scale["relative_sigma"] or 0.0), own, rng)
     if not metric:
         scale = {**scale, "source": "none", "metres_per_unit": None}
     bounds = intervals(draws, properties, scale_integrals(outer, factor))
@@ -52,11 +59,11 @@ def run(job: Job) -> dict[str, Any]:
     low, high = bounds["volume"]
     half_width = 0.5 * (high - low) / properties.volume
     trust = confidence(_evidence(job, surface, shape, half_width, float(valid_bodies(draws).mean()), open_readings))
-    symmetric = described(surface.get("symmetric") or [], properties, factor)
+    symmetric = described(surface["symmetric"], properties, factor)
     unplaced = undecided(symmetric, bounds)
     for i, line in enumerate(sentences(symmetric, properties, len(surface["silhouette_overlap_by_image"]))):
         trust = lowered(trust, line) if i in unplaced else {**trust, "because": [*trust["because"], line]}
-    partial = surface.get("partial")
+    partial = surface["partial"]
     if partial is None and trust["level"] == "low":
         partial = f"low confidence: {trust['because'][0]}"
     result = document(properties, bounds, scale, _described(surface, final[faces]), warnings, density_assumed=assumed)
@@ -78,7 +85,7 @@ def run(job: Job) -> dict[str, Any]:
 
 def _shares(surface: dict[str, Any]) -> tuple[float, float, float]:
     """Shares of the surface that were measured, inferred and filled."""
-    measured, inferred = float(surface["observed_fraction"]), float(surface.get("inferred_fraction", 0.0))
+    measured, inferred = float(surface["observed_fraction"]), float(surface["inferred_fraction"])
     return measured, inferred, max(0.0, 1.0 - measured - inferred)
 
 
@@ -112,27 +119,33 @@ def _evidence(
     _, inferred, filled = _shares(surface)
     shutter = sfm.get("shutter") or {}
     return Evidence(
-        half_width=half_width,
-        filled=filled,
-        inferred=inferred,
-        hollow_possible=float(surface.get("hollow_possible", 0.0)),
-        hollow_likely=float(surface.get("hollow_likely", 0.0)),
-        hollow_elsewhere=bool(surface.get("hollow_elsewhere", False)),
-        unlike=int(surface.get("unlike_placements", 0)),
-        images=int(sfm["given"]),
-        used=sum(p["images"] for p in join["joined"]),
-        unjoined=len(join["unjoined"]),
-        joined=len(join["joined"]),
-        valid=valid,
-        overlap=float(surface.get("silhouette_overlap", 1.0)),
-        outside=float(surface.get("outside_share", 0.0)),
-        cut=len(silhouettes.get("cut_off") or []),
-        scenes=tuple(m["images"] for m in sfm.get("models") or []),
-        misfit=sum(p["images"] for p in join["unjoined"] if not p.get("fits", True)),
-        readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
-        contradicted=contradicted,
-        contradicting=contradicting,
-        shutter=str(shutter.get("said", "")) if shutter.get("doubtful") else "",
+        SurfaceEvidence(
+            half_width,
+            filled,
+            inferred,
+            valid,
+            overlap=float(surface["silhouette_overlap"]),
+            outside=float(surface["outside_share"]),
+        ),
+        ImageEvidence(
+            given=int(sfm["given"]),
+            used=sum(p["images"] for p in join["joined"]),
+            cut=len(silhouettes["cut_off"]),
+            scenes=tuple(m["images"] for m in sfm["models"]),
+            misfit=sum(p["images"] for p in join["unjoined"] if not p["fits"]),
+            contradicted=contradicted,
+            contradicting=contradicting,
+            readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
+            shutter=str(shutter["said"]) if shutter.get("doubtful") else "",
+        ),
+        PlacementEvidence(
+            joined=len(join["joined"]),
+            unjoined=len(join["unjoined"]),
+            differing=int(surface["differing_placements"]),
+            hollow_possible=float(surface["hollow_possible"]),
+            hollow_likely=float(surface["hollow_likely"]),
+            hollow_elsewhere=bool(surface["hollow_elsewhere"]),
+        ),
     )
 
 
@@ -141,7 +154,7 @@ def _contradicted(sfm: dict[str, Any], shape: dict[str, Any]) -> tuple[float, st
 
     An object that was turned over in a room that stayed contradicts across its placements, each of which is solved by itself.
     """
-    together = [set(p["images"]) for p in shape.get("placements") or []]
+    together = [set(p["images"]) for p in shape["placements"]]
     share, first = 0.0, ""
     for pair in sfm.get("contradicted_pairs") or []:
         if not together or any(images.issuperset(pair["images"]) for images in together):
@@ -157,7 +170,7 @@ def readings_of(shape: dict[str, Any], factor: float) -> list[dict[str, Any]]:
         shape: `shape.json`; of several placements, the first in which two readings fit speaks.
         factor: final units per unit of the reconstruction.
     """
-    for placement in shape.get("placements") or []:
+    for placement in shape["placements"]:
         if readings := placement.get("readings"):
             return [
                 {

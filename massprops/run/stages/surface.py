@@ -47,7 +47,7 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 def run(job: Job) -> dict[str, Any]:
     """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json."""
-    from massprops.run.unjoined import underside_open, unjoined
+    from massprops.run.unjoined import underside_may_be_hollow, unjoined
     from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
@@ -77,11 +77,11 @@ def run(job: Job) -> dict[str, Any]:
     focal_sigma = _focal_sigma(job)
     rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
     others = unjoined(job, place, focal_sigma)
-    open_below = underside_open(place, others)
-    hollow = _hollows(surface, place, open_below)
+    underside_hollow = underside_may_be_hollow(place, others)
+    hollow = _hollows(surface, place, underside_hollow)
     body = mesh_integrals(surface.vertices, surface.faces)
     rows = hollowed(rows, body, hollow.likely, job.seed)
-    rows, unlike = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
+    rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     np.savez(
         job.out / "surface.npz",
         vertices=surface.vertices,
@@ -100,7 +100,7 @@ def run(job: Job) -> dict[str, Any]:
     )
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
     facts |= {"hollow_possible": hollow.possible[0] / body[0], "hollow_likely": hollow.likely[0] / body[0]}
-    facts |= {"hollow_elsewhere": open_below, "unlike_placements": unlike}
+    facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
@@ -173,8 +173,8 @@ def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]
     return cloud.take(np.flatnonzero(~flat)), cloud.take(np.flatnonzero(flat))
 
 
-def _hollows(surface: Surface, place: dict[str, Any], open_below: bool = False) -> Hollows:
-    """Space of which nothing proves that it is material. `place` is `join.json`; open_below: of `on_support_hollows`."""
+def _hollows(surface: Surface, place: dict[str, Any], underside_hollow: bool = False) -> Hollows:
+    """Space of which nothing proves that it is material. `place` is `join.json`; underside_hollow: of `on_support_hollows`."""
     from massprops.mass.confidence import FILLED
     from massprops.run.unjoined import on_support_hollows
     from massprops.surface.behind_fill import behind_fill
@@ -185,7 +185,7 @@ def _hollows(surface: Surface, place: dict[str, Any], open_below: bool = False) 
             return Hollows(np.zeros(10), np.zeros(10))
         space = behind_fill(surface.vertices, surface.faces, surface.observed, surface.noise, surface.spacing)
         return Hollows(space, space)
-    return on_support_hollows(surface, np.array(place["support_plane"], float), open_below)
+    return on_support_hollows(surface, np.array(place["support_plane"], float), underside_hollow)
 
 
 def _filled(surface: Surface) -> float:

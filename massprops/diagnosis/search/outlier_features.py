@@ -1,4 +1,4 @@
-"""Features whose tracks a fit throws out: placed anew, and left out when that does not help."""
+"""Outlier features, whose tracks a fit rejects: placed anew, and left out when that does not help."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST = 0.4
 """Share of the features beyond which the fit is wrong, not they."""
 
 
-def mended(case: Case, base: Scored) -> tuple[Case, Scored]:
+def without_outlier_features(case: Case, base: Scored) -> tuple[Case, Scored]:
     """The base model with its misplaced features placed anew by the motion found, or without them.
 
     A point far from its place has all its tracks gated out, and nothing then moves it back.

@@ -1,4 +1,4 @@
-"""What a fitted model is worth: whether it explains the data, may be, and needs each of its effects."""
+"""Which fitted models are accepted: whether they explain and predict the data, and need each of their effects."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from massprops.diagnosis.search.misfit import WHITE
 from massprops.diagnosis.search.moment import EVIDENCE
 from massprops.diagnosis.search.refit import Scored
 
-STRAYS = 1.5
+MISPREDICTED = 1.5
 """Held-out residual over the noise at which a model that fits does not predict."""
 PREDICTS = 1.12
 """Held-out residual over the noise up to which nothing better is looked for."""
@@ -24,19 +24,21 @@ NOISY = 1.3
 
 def explained(s: Scored) -> bool:
     """Nothing but noise is left."""
-    return fits(s) and not s.held >= STRAYS
+    return fits(s) and not s.held >= MISPREDICTED
 
 
 def fits(s: Scored) -> bool:
+    """The residuals of the fitted data are white and about as large as the noise."""
     return bool(s.fitted < ENOUGH or (s.white < WHITE and s.fitted < NOISY))
 
 
-def settled(s: Scored) -> bool:
-    """Explained, and not so that a structure in what is left and a poor prediction both speak for something more."""
+def adequate(s: Scored) -> bool:
+    """Explained, and not such that a structure in what is left and a poor prediction both speak for something more."""
     return explained(s) and not (s.held > PREDICTS and s.white > HINT)
 
 
-def may_be(s: Scored, base: Scored) -> bool:
+def acceptable(s: Scored, base: Scored) -> bool:
+    """Plausible, better than the base model by more than the evidence asked for, and predicting no worse."""
     predicts = not np.isfinite(s.held) or s.held < base.held + WORSE
     return bool(not s.implausible and np.isfinite(s.bic) and base.bic - s.bic > EVIDENCE and predicts)
 
@@ -58,6 +60,6 @@ def distinct(models: list[Scored]) -> list[Scored]:
     return list(seen.values())
 
 
-def worth(s: Scored) -> float:
-    """BIC with the evidence that each effect must bring besides; lower is better."""
+def penalised_bic(s: Scored) -> float:
+    """BIC and a penalty for each effect, the evidence that it must bring; lower is better."""
     return s.bic + EVIDENCE * len(s.added)

@@ -1,4 +1,4 @@
-"""Fits of the promising candidates beside a model, in the order of their score tests."""
+"""Fits of the promising candidates together with a model, in the order of their score tests."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.diagnosis.search.acceptance import explained
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.moment import EVIDENCE
 from massprops.diagnosis.search.refit import Added, Scored, near, refit, start_values, with_effects
 from massprops.diagnosis.search.score import Score, score_tests
-from massprops.diagnosis.search.worth import explained
 from massprops.effects import has_pace, searched
 
 WORTH_A_FIT = 0.1
@@ -24,7 +24,7 @@ FITS_OF_A_PAIR = 3
 Watch = Callable[[str, int, int], None]
 
 
-def fits_beside(
+def fit_candidates(
     case: Case,
     upon: Scored,
     modules: list[ModuleType],
@@ -34,7 +34,7 @@ def fits_beside(
     pays: bool = False,
     against: float = np.inf,
 ) -> list[Scored]:
-    """Score tests of all candidates beside a model, then fits of the promising ones, best first.
+    """Score tests of all candidates added to a model, then fits of the promising ones, best first.
 
     Args:
         fewest: effects that are fitted in any case; what: told to `watch`.
