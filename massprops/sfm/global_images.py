@@ -98,8 +98,7 @@ def grid_shifts(views: Views, points: SparsePoints, motion: Motion, readout: Rea
         return np.zeros((*u.shape, 2), np.float32)
     z = points.xyz[points.obs_point[own]] @ views.R[i, 2] + views.t[i, 2]
     shift = _shift_of(views, motion, readout, i, uv, _depth_between(points.obs_uv[own], z, uv))
-    coarse: np.ndarray = shift.reshape(*u.shape, 2).astype(np.float32)
-    return coarse
+    return shift.reshape(*u.shape, 2).astype(np.float32)
 
 
 def _places(coarse: np.ndarray, step: int, size: np.ndarray | tuple[int, ...]) -> np.ndarray:
@@ -131,7 +130,8 @@ def _depth_between(uv: np.ndarray, depth: np.ndarray, at: np.ndarray) -> np.ndar
         between = LinearNDInterpolator(uv, depth)(at)
     except QhullError:  # all on a line
         return np.asarray(near)
-    return np.where(np.isfinite(between), between, near)
+    out: np.ndarray = np.where(np.isfinite(between), between, near)
+    return out
 
 
 def _shift_of(views: Views, motion: Motion, readout: Readout, i: int, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
