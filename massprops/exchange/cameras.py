@@ -10,6 +10,7 @@ import numpy as np
 from massprops.documents.scale_json import ScaleStageFile
 from massprops.errors import InputError
 from massprops.exchange.body import Body
+from massprops.sfm.footage import frames_folder
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -52,7 +53,7 @@ def read_cameras(body: Body, to: str) -> Cameras:
         points = None
     if points is not None:
         points = replace(points, xyz=points.xyz * factor)
-    return Cameras(replace(views, t=views.t * factor), points, work / "capture" / "frames")
+    return Cameras(replace(views, t=views.t * factor), points, frames_folder(work))
 
 
 def camera_to_body(views: Views) -> np.ndarray:

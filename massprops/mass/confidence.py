@@ -82,6 +82,7 @@ class ImageEvidence:
         contradicted: share of the matches that contradict where the model has images of one placement.
         contradicting: two such images, in words.
         readings: what else the object may be, in words, where nothing decides; the one that is used first.
+        shutter: what is said of a rolling shutter that may have done harm.
     """
 
     given: int
@@ -92,6 +93,7 @@ class ImageEvidence:
     contradicted: float = 0.0
     contradicting: str = ""
     readings: tuple[str, ...] = ()
+    shutter: str = ""
 
 
 @dataclass(frozen=True)
@@ -202,8 +204,10 @@ def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
 
 
 def _of_images(images: ImageEvidence) -> list[Finding]:
+    shutter = [(1, images.shutter)] if images.shutter else []
     lost = 1.0 - images.used / images.given if images.given else 0.0
     return [
+        *shutter,
         _finding(lost, LOST, MOSTLY_LOST, f"{images.given - images.used} of {images.given} images could not be used"),
         _finding(
             images.cut / max(images.used, 1),

@@ -11,6 +11,7 @@ import numpy as np
 from massprops.documents.arrays import open_arrays
 from massprops.report.data import RunData
 from massprops.report.html import data_uri
+from massprops.sfm.footage import frame_file
 
 MOST_POINTS, MOST_FRAMES, FILM_WIDTH = 12_000, 60, 220
 FRUSTUM = 0.22
@@ -103,12 +104,11 @@ def film_of(data: RunData) -> tuple[Frame, ...]:
 
     if data.views is None:
         return ()
-    frames = data.folder / "work" / "capture" / "frames"
     order = np.argsort(data.views.timestamp_ns, kind="stable")
     first = [i for i in order if data.views.names[i].split("/")[0] == data.views.names[order[0]].split("/")[0]]
     found = []
     for i in np.array(first)[np.unique(np.linspace(0, len(first) - 1, MOST_FRAMES).astype(int))]:
-        image = cv2.imread(str(frames / data.views.names[i]))
+        image = cv2.imread(str(frame_file(data.folder / "work", data.views.names[i])))
         if image is None:
             continue
         size = (FILM_WIDTH, max(1, round(FILM_WIDTH * image.shape[0] / image.shape[1])))

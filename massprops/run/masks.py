@@ -18,6 +18,7 @@ from massprops.documents.arrays import open_arrays
 from massprops.documents.loading import load_json
 from massprops.errors import InputError
 from massprops.report.masks_page import Sheet, Silhouette, masks_page
+from massprops.sfm.global_images import SHIFTS, as_read
 
 COMMAND = "masks"
 PAGE = "masks.html"
@@ -125,7 +126,7 @@ def _encoded(run: Path, footage: dict[str, Any], names: list[str]) -> Iterator[t
         for w, h in (size, (frame["width"], frame["height"])):
             if not (w >= 1 and h >= 1 and w * h <= LARGEST_PIXELS):
                 raise ValueError(f"an image of {w}x{h} pixels")
-        mask = read_mask(run, frame["name"])
+        mask = _over_stored(run, frame["name"])
         if mask is None or not (mask == 255).any():
             mask = np.zeros((frame["height"], frame["width"]), np.uint8)
         done, data = cv2.imencode(".png", to_original(mask, size, _exif(_file(footage, frame))))
@@ -158,9 +159,15 @@ def read_mask(run: Path, stored: str) -> np.ndarray | None:
 
 
 def _pictures(run: Path, stored: str) -> tuple[np.ndarray, np.ndarray | None]:
-    mask = read_mask(run, stored)
+    mask = _over_stored(run, stored)
     known = mask is not None and bool((mask == 255).any())
     return read_image(run / "work" / "capture" / "frames" / stored), mask if known else None
+
+
+def _over_stored(run: Path, stored: str) -> np.ndarray | None:
+    """As `read_mask`, over the frame as it was filmed, also where a rolling shutter was corrected."""
+    mask = read_mask(run, stored)
+    return None if mask is None else as_read(mask, run / "work" / "sfm" / SHIFTS, stored)
 
 
 def against_mesh(run: Path) -> dict[str, float]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from massprops.core.inputs import read_image
 from massprops.run.job import Job
+from massprops.sfm.footage import frame_file
 from massprops.views import Views, undistort
 
 
@@ -17,7 +18,7 @@ def undistorted_frame(job: Job, views: Views, i: int, flags: int = 1) -> np.ndar
     Raises:
         OSError: the frame is missing or cannot be read.
     """
-    image = read_image(job.work("capture") / "frames" / views.names[i], flags)
+    image = read_image(frame_file(job.run / "work", views.names[i]), flags)
     return undistort(image, views.K[i], views.distortion[i])
 
 

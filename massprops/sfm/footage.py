@@ -119,6 +119,25 @@ class FootageRecord:
         return (height, width) if frame.turn % 2 else (width, height)
 
 
+def frames_folder(work: Path) -> Path:
+    """Folder of the placed frames in a run's folder of stages: as a global shutter would have taken them, where that was
+    needed."""
+    corrected = work / "sfm" / "frames"
+    return corrected if corrected.is_dir() else work / "capture" / "frames"
+
+
+def frame_file(work: Path, name: str) -> Path:
+    """File of a frame, placed or not; otherwise as `frames_folder`."""
+    corrected = frames_folder(work) / name
+    return corrected if corrected.is_file() else work / "capture" / "frames" / name
+
+
+def mask_file(work: Path, name: str) -> Path:
+    """Likewise of a frame's first silhouette, which need not exist."""
+    corrected = work / "sfm" / "masks" / f"{name}.png"
+    return corrected if corrected.is_file() else work / "capture" / "masks" / f"{name}.png"
+
+
 def read_footage(folder: Path) -> FootageRecord:
     """Reads `footage.json` of a capture folder.
 

@@ -38,6 +38,44 @@ class Precision:
     focal_by_camera: dict[int, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Adjusted:
+    """How a model was adjusted; as the arguments of `precision`."""
+
+    free_focal: bool
+    radial_terms: int | dict[int, int]
+    loss_px: float
+    camera: np.ndarray
+    constant: frozenset[int] = frozenset()
+
+
+def further_parameters(
+    views: Views, points: SparsePoints, how: Adjusted, columns: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What further parameters of all cameras would be, adjusted with poses, points and lenses; to first order.
+
+    Args:
+        columns: derivatives (k, 2) of each observation by each of them [px].
+
+    Returns:
+        (e,) values, from where the model stands, and (e,) standard deviations, by the sandwich of the module.
+    """
+    r = residuals(views, points)
+    weight = 1 / (1 + (r**2).sum(1) / how.loss_px**2)
+    numbers = np.unique(how.camera).tolist()
+    free = [c for c in numbers if how.free_focal and c not in how.constant]
+    terms = {c: how.radial_terms if isinstance(how.radial_terms, int) else how.radial_terms.get(c, 0) for c in numbers}
+    slopes = _slopes(views, points)
+    lens = _lens(slopes, how.camera[points.obs_view], free, terms)
+    lens.columns.extend(columns)
+    H, score = _eliminated(len(views), points, slopes, lens, r, weight)
+    inverse = _inverse(H)
+    value = -inverse @ np.asarray(score.sum(axis=0)).ravel()
+    meat = np.asarray((score.T @ score).todense())
+    sigma = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0))
+    return value[-len(columns) :], sigma[-len(columns) :]
+
+
 def precision(
     views: Views,
     points: SparsePoints,
@@ -192,6 +230,14 @@ def _eliminated(
 
 def _deviations(H: np.ndarray, score: Any) -> tuple[np.ndarray, np.ndarray]:
     """1-sigma (q,) of each number by the sandwich, and what independent errors of size 1 would give."""
+    inverse = _inverse(H)
+    meat = np.asarray((score.T @ score).todense())
+    cov = inverse @ meat @ inverse
+    return np.sqrt(np.maximum(np.diag(cov), 0)), np.sqrt(np.maximum(np.diag(inverse), 0))
+
+
+def _inverse(H: np.ndarray) -> np.ndarray:
+    """Inverse (q, q) of a normal matrix but for what nothing fixes."""
     import scipy.linalg
 
     scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
@@ -199,6 +245,5 @@ def _deviations(H: np.ndarray, score: Any) -> tuple[np.ndarray, np.ndarray]:
     keep = np.arange(len(values)) >= 7  # rotation, translation and scale of the whole are free
     inverse = (vectors[:, keep] / np.maximum(values[keep], 1e-14)) @ vectors[:, keep].T
     inverse *= scale[:, None] * scale
-    meat = np.asarray((score.T @ score).todense())
-    cov = inverse @ meat @ inverse
-    return np.sqrt(np.maximum(np.diag(cov), 0)), np.sqrt(np.maximum(np.diag(inverse), 0))
+    out: np.ndarray = inverse
+    return out

@@ -14,6 +14,7 @@ from massprops.core.progress import Progress, silent
 from massprops.core.text import counted
 from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
+from massprops.sfm.as_global import as_global
 from massprops.sfm.attempt import (
     ENOUGH,
     Attempt,
@@ -38,6 +39,8 @@ from massprops.sfm.points import SparsePoints
 from massprops.sfm.precision import Precision
 from massprops.sfm.predicted_images import add_predicted_images
 from massprops.sfm.refine import Refined, RefineOptions, refine
+from massprops.sfm.rolling_shutter import Settings, Shutter, find_shutter, frame_times
+from massprops.sfm.row_motion import Seen
 from massprops.sfm.sound import flat_remarks, require_sound, take_out
 from massprops.sfm.surface_tracks import PIXELS, ROOM_PIXELS, Image, with_surface
 from massprops.sfm.turned import turn_image, upright
@@ -81,6 +84,9 @@ class SfmResult:
         warnings: one line each.
         against: the pairs of images whose matches contradict the model.
         masked: only features within the silhouettes were used.
+        shutter: how the shutter reads an image's rows.
+        seen: the model by which its motion is known, where it does so one after the other.
+        corrected: folder with `frames/` and `masks/` as a global shutter would have taken them, where that was needed.
     """
 
     model: pycolmap.Reconstruction
@@ -92,6 +98,9 @@ class SfmResult:
     warnings: tuple[str, ...]
     against: Contradictions = Contradictions(0.0, ())
     masked: bool = False
+    shutter: Shutter = Shutter("unknown")
+    seen: Seen | None = None
+    corrected: Path | None = None
 
 
 def reconstruct(
@@ -135,11 +144,54 @@ def reconstruct(
         if not found.repeats:
             model = join_models(model, _apart(model, found.models), given)
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
-    result = finish(model, footage, found.mapping, options, sizes, warnings, progress)
+    mapped = pycolmap.Reconstruction(model)
+    result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
+    result = _with_shutter(_corrected(result, mapped, given, sizes, warnings))
     against = contradictions(model, found.database)
     more = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
     return replace(result, against=against, masked=masked, warnings=(*result.warnings, *more))
+
+
+def _corrected(
+    result: SfmResult,
+    mapped: pycolmap.Reconstruction,
+    given: ModelInputs,
+    sizes: tuple[tuple[int, int], ...],
+    warnings: list[str],
+) -> SfmResult:
+    """The last adjustment once more on features and images as a global shutter would have given them, where one is missing.
+
+    Args:
+        result: of the adjustment without.
+        mapped: the model before it; is changed.
+        sizes, warnings: as `finish` takes them.
+    """
+    shutter = result.shutter
+    if shutter.state != "rolling" or result.seen is None or shutter.readout is None:
+        return result
+    try:
+        footage = as_global(mapped, result.seen, shutter.readout, given)
+        again = finish(mapped, footage, given.found.mapping, given.options, sizes, list(warnings), given.progress)
+    except NotPossible:  # the images hold together as they are, and not as they are thought to be
+        return replace(result, shutter=replace(shutter, state="suspected"))
+    remains = bool(again.shutter.said())
+    return replace(again, shutter=replace(shutter, remains=remains), corrected=footage.folder)
+
+
+def _with_shutter(result: SfmResult) -> SfmResult:
+    """What the shutter says to the user, and how much less sure the focal length is for it."""
+    shutter = result.shutter
+    doubt = shutter.focal_doubt
+    if not doubt:
+        return result
+    precision, cameras = result.precision, result.cameras
+    by_camera = {c: float(np.hypot(s, doubt)) for c, s in precision.focal_by_camera.items()}
+    precision = replace(
+        precision, focal_relative=float(np.hypot(precision.focal_relative, doubt)), focal_by_camera=by_camera
+    )
+    cameras = tuple(replace(c, focal_sigma_relative=float(np.hypot(c.focal_sigma_relative, doubt))) for c in cameras)
+    return replace(result, precision=precision, cameras=cameras, warnings=(*result.warnings, shutter.said()))
 
 
 def _apart(model: pycolmap.Reconstruction, models: list[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
@@ -247,20 +299,8 @@ def finish(
     accuracy = refined.precision
     if free and not mapping.constant:
         warnings += flat_remarks(to_points(model, to_views(model)[1]), accuracy.focal_relative)
-    image, pixels = _surface_pictures(footage, to_views(model)[0], masked)
-    if image is not None:
-        accuracy = with_surface(
-            model,
-            accuracy,
-            image,
-            settings,
-            free,
-            refined.radial_terms,
-            pixels,
-            options.seed,
-            options.threads,
-            progress,
-        )
+    how = Settings(settings, free, refined.radial_terms, options.seed, options.threads)
+    accuracy, shutter, seen = _on_surface(model, footage, accuracy, how, masked, progress)
     cameras = _solved(footage, model, accuracy, refined)
     model = upright(model, footage)
     model.extract_colors_for_all_images(footage.folder / "frames", options.threads)
@@ -278,7 +318,38 @@ def finish(
             + " taken out again: too few points tie it to the rest"
         )
     warnings += _remarks(sizes, len(views), used, turned)
-    return SfmResult(model, views, points, sizes, accuracy, cameras, tuple(warnings))
+    return SfmResult(model, views, points, sizes, accuracy, cameras, tuple(warnings), shutter=shutter, seen=seen)
+
+
+def _on_surface(
+    model: pycolmap.Reconstruction,
+    footage: FootageRecord,
+    before: Precision,
+    how: Settings,
+    masked: bool,
+    progress: Progress,
+) -> tuple[Precision, Shutter, Seen | None]:
+    """The model adjusted in place with tracks of the surface, where there is one: its precision, and what these say of the
+    shutter."""
+    image, pixels = _surface_pictures(footage, to_views(model)[0], masked)
+    if image is None:
+        return before, Shutter("unknown"), None
+    surface = with_surface(
+        model,
+        before,
+        image,
+        how.options,
+        how.free_focal,
+        how.radial_terms,
+        pixels,
+        how.seed,
+        how.threads,
+        progress,
+    )
+    times = frame_times(footage)
+    if surface.pieces is None or times is None:
+        return surface.precision, Shutter("unknown"), None
+    return surface.precision, *find_shutter(surface.pieces, times, how)
 
 
 def _moving(footage: FootageRecord) -> str:

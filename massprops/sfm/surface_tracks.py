@@ -59,6 +59,19 @@ class Pieces:
     uv: np.ndarray
 
 
+LEAST = 30
+"""Pieces in a view below which it needs its features beside them."""
+
+
+@dataclass(frozen=True)
+class OnSurface:
+    """precision of the model afterwards; pieces: the model with the pieces for points, and features where a view shows too few
+    of them, or None where no surface was found."""
+
+    precision: Precision
+    pieces: pycolmap.Reconstruction | None = None
+
+
 def with_surface(
     model: pycolmap.Reconstruction,
     before: Precision,
@@ -70,7 +83,7 @@ def with_surface(
     seed: int,
     threads: int,
     progress: Progress = silent,
-) -> Precision:
+) -> OnSurface:
     """Adjusts in place with tracks of the surface; the model keeps its own points only.
 
     Where too little surface is found, or the tracks do not make the attitudes surer, the model stays as it is.
@@ -82,8 +95,6 @@ def with_surface(
         radial_terms: estimated terms of the distortion, of all cameras or by number.
         pixels: that a depth map may have, `PIXELS` or `ROOM_PIXELS`.
 
-    Returns:
-        the precision afterwards.
     """
     from massprops.dense.reconstruct import DenseOptions, dense_points
 
@@ -92,7 +103,7 @@ def with_surface(
     try:
         cloud, facts = dense_points(views, image, sparse, DenseOptions(MAPS, seed, threads, pixels), progress)
     except NotPossible:
-        return before
+        return OnSurface(before)
     pieces = follow_pieces(views, image, cloud, facts["image_factor"], seed)
     trial = pycolmap.Reconstruction(model)
     _add(trial, views, ids, pieces)
@@ -100,8 +111,10 @@ def with_surface(
     adjust(trial, free_focal, bent, options.least_loss_px, threads, 20, options.constant)
     loss = robust_loss(trial, options)
     after = model_precision(trial, free_focal, radial_terms, loss, options.constant)
+    few = np.flatnonzero(np.bincount(pieces.view, minlength=len(views)) < LEAST)
+    alone = _without(trial, model, {ids[i] for i in few})
     if not np.median(after.attitude) < np.median(before.attitude):
-        return before
+        return OnSurface(before, alone)
     for camera_id, camera in trial.cameras.items():
         model.cameras[camera_id].params = camera.params
     for frame_id in trial.reg_frame_ids():
@@ -109,7 +122,18 @@ def with_surface(
     for point_id in model.point3D_ids():
         model.point3D(point_id).xyz = trial.point3D(point_id).xyz
     model.update_point_3d_errors()
-    return after
+    return OnSurface(after, alone)
+
+
+def _without(
+    trial: pycolmap.Reconstruction, model: pycolmap.Reconstruction, images: set[int]
+) -> pycolmap.Reconstruction:
+    """A copy of a model without another's points, but for those that one of the images shows."""
+    out = pycolmap.Reconstruction(trial)
+    for point_id in model.point3D_ids():
+        if images.isdisjoint(e.image_id for e in model.point3D(point_id).track.elements):
+            out.delete_point3D(point_id)
+    return out
 
 
 def follow_pieces(views: Views, image: Image, cloud: DensePoints, factor: float, seed: int) -> Pieces:

@@ -31,6 +31,7 @@ from massprops.mass.properties import properties_of_integrals
         (evidence(1.5, 0.05, 0.0, 40, 40), "low", "leave open how large the volume is"),
         (evidence(0.03, 0.05, 0.0, 40, 40, contradicted=0.07, contradicting="a and b"), "medium", "between a and b"),
         (evidence(0.3, 0.7, 0.0, 40, 40, contradicted=0.23), "low", "23 % of the matches"),
+        (evidence(0.03, 0.05, 0.0, 40, 40, shutter="the shutter may read"), "medium", "the shutter may read"),
         (evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.92), "medium", "overlap by only 92 %"),
         (evidence(0.03, 0.05, 0.0, 40, 40, overlap=0.63), "low", "overlap by only 63 %"),
     ],

@@ -8,6 +8,7 @@ from massprops.capture.images import printable
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, swatch, text
 from massprops.report.outline import outlined
+from massprops.sfm.footage import frame_file
 
 TITLE, ORDER = "Frames and silhouettes", 3
 MOST, WIDTH = 24, 280
@@ -62,7 +63,7 @@ def _thumbnail(data: RunData, name: str) -> np.ndarray | None:
     import cv2
 
     capture = data.folder / "work" / "capture"
-    image = cv2.imread(str(capture / "frames" / name))
+    image = cv2.imread(str(frame_file(data.folder / "work", name)))
     if image is None:
         return None
     for folder in (data.folder / "masks", data.folder / "work" / "silhouettes" / "masks", capture / "masks"):

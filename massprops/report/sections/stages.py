@@ -71,6 +71,7 @@ def _facts(data: RunData) -> list[tuple[str, str]]:
         else None,
         *_cameras(sfm.get("cameras") or []),
         ("lens", str(sfm["lens"])) if sfm.get("lens") else None,
+        ("shutter", str(sfm["shutter"]["said"])) if (sfm.get("shutter") or {}).get("said") else None,
         ("method of the silhouettes", str(silhouettes["method"])) if silhouettes.get("method") else None,
         ("depth maps", str(dense["references"])) if dense.get("references") is not None else None,
         ("dense points", f"{dense['points']:,}".replace(",", " ")) if isinstance(dense.get("points"), int) else None,

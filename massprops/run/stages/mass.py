@@ -117,6 +117,7 @@ def _evidence(
     )
     contradicted, contradicting = _contradicted(sfm, shape)
     _, inferred, filled = _shares(surface)
+    shutter = sfm.get("shutter") or {}
     return Evidence(
         SurfaceEvidence(
             half_width,
@@ -137,6 +138,7 @@ def _evidence(
             contradicted=contradicted,
             contradicting=contradicting,
             readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
+            shutter=str(shutter["said"]) if shutter.get("doubtful") else "",
         ),
         PlacementEvidence(
             joined=len(join["joined"]),

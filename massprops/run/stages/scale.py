@@ -20,7 +20,7 @@ OPTIONS = ("scale", "scale_sigma", "distance", "marker")
 
 def run(job: Job) -> dict[str, Any]:
     """Writes scale.json."""
-    from massprops.sfm.footage import read_footage
+    from massprops.sfm.footage import frames_folder, read_footage
     from massprops.sfm.points import SparsePoints
     from massprops.sfm.scale import ScaleInputs, find_scale
     from massprops.sfm.scale.distance import read_named
@@ -38,7 +38,7 @@ def run(job: Job) -> dict[str, Any]:
         views=Views.load(job.work("sfm") / "views.npz"),
         points=SparsePoints.load(job.work("sfm") / "points.npz"),
         centre_of_mass=centroid(vertices, faces),
-        frames=job.work("capture") / "frames",
+        frames=frames_folder(job.run / "work"),
         range=_range(Path(o.source)) if footage.motion == "tumbling" else None,
         rig_metres=sfm.get("scale_metres_per_unit"),
         rig_focal_sigma=float(sfm.get("focal_sigma_relative") or 0.0),

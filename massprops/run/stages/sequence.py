@@ -22,7 +22,7 @@ def run(job: Job) -> dict[str, Any]:
     """Writes sequence/ and sequence.json."""
     from massprops.sequence.write import write_sequence
     from massprops.sfm.attitude import to_sequence
-    from massprops.sfm.footage import read_footage
+    from massprops.sfm.footage import frame_file, read_footage
     from massprops.sfm.points import SparsePoints
     from massprops.views import Views
 
@@ -46,7 +46,7 @@ def run(job: Job) -> dict[str, Any]:
         mounting,
         ranges,
         environment,
-        {n: job.work("capture") / "frames" / n for n in views.names},
+        {n: frame_file(job.run / "work", n) for n in views.names},
     )
     write_sequence(job.out / "sequence", sequence)
     for line in told(sequence.warnings, footage.motion):

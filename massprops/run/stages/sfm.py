@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from massprops.sfm.footage import FootageRecord
     from massprops.sfm.points import SparsePoints
     from massprops.sfm.reconstruct import SolvedCamera
+    from massprops.sfm.rolling_shutter import Shutter
 
 READS = ("capture",)
 OPTIONS = ("mapper", "sparse", "focal", "motion", "masks")
@@ -32,7 +33,7 @@ LENS = {
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes views.npz, points.npz, sparse/ and sfm.json."""
+    """Writes views.npz, points.npz, sparse/ and sfm.json; frames/ and masks/ too where a rolling shutter was corrected."""
     from massprops.sfm.footage import read_footage
 
     footage = read_footage(job.work("capture"))
@@ -43,7 +44,9 @@ def run(job: Job) -> dict[str, Any]:
         job.warn(line)
     (job.out / "sfm.json").write_text(json.dumps(document, indent=1))
     facts = {k: document[k] for k in ("registered", "reprojection_error_px", "focal_px", "focal_sigma_relative")}
-    return facts if document["imported"] else {**facts, "lens": document["lens"]}
+    return (
+        facts if document["imported"] else {**facts, "lens": document["lens"], "shutter": document["shutter"]["state"]}
+    )
 
 
 def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
@@ -56,6 +59,8 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
     # focal length by a tenth of a percent
     options = SfmOptions(mapper=job.options.mapper, seed=job.seed, threads=1, parts=job.parts)
     result = reconstruct(footage, work, options, job.progress)
+    for part in result.corrected.iterdir() if result.corrected else ():  # frames/, perhaps masks/, and what moved them
+        part.rename(job.out / part.name)
     shutil.rmtree(work)
     cameras = [_camera(footage, c) for c in result.cameras]
     result.views.save(job.out / "views.npz")
@@ -82,6 +87,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "distortion_estimated": any(c.estimated for c in result.cameras),
         "cameras": cameras,
         "lens": _lens_line(cameras),
+        "shutter": _shutter(result.shutter),
         # the mounting of the second camera is in metres, and the adjustment keeps it
         "scale_metres_per_unit": 1.0 if rig else None,
         "imported": False,
@@ -106,6 +112,22 @@ def _camera(footage: FootageRecord, camera: SolvedCamera) -> dict[str, Any]:
         "distortion_estimated": camera.estimated,
         "held_out_px": camera.lens.held_out_px,
         "held_out": camera.lens.observations,
+    }
+
+
+def _shutter(found: Shutter) -> dict[str, Any]:
+    """`shutter` of `sfm.json`: `readout` in frames, from the first row (or column) to the last."""
+    if found.readout is None:
+        return {"state": found.state}
+    return {
+        "state": found.state,
+        "readout": found.readout.duration,
+        "sigma": found.sigma,
+        "along": "rows" if found.readout.axis == 1 else "columns",
+        "moved_px": found.moved_px,
+        "held_out_px": list(found.held_out_px),
+        "said": found.said(),
+        "doubtful": found.doubtful,
     }
 
 

@@ -29,6 +29,7 @@ from massprops.core.text import counted
 from massprops.errors import NotPossible
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
+from massprops.sfm.footage import mask_file
 from massprops.views import Views
 
 READS = ("capture", "sfm", "shape")
@@ -109,7 +110,7 @@ def _refine(job: Job, views: Views, points: np.ndarray, footage: dict[str, Any])
     beside = {f["name"]: f["beside"] for f in footage["frames"] if f.get("beside")}
     share = []
     for i, name in enumerate(views.names):
-        mask = read_image(job.work("capture") / "masks" / f"{name}.png", 0)
+        mask = read_image(mask_file(job.run / "work", name), 0)
         if not footage.get("masks_given"):
             mask = with_doubt(mask, predicted_silhouette(_pixels(views, i, points), mask.shape))
         if name in beside:
