@@ -19,6 +19,7 @@ from massprops.core.files import plain
 from massprops.core.parts import Parts
 from massprops.core.processes import die_with_parent, limit_memory, peak_memory_mb
 from massprops.errors import MasspropsError
+from massprops.run.full_disk import disk_full, no_place
 from massprops.run.job import Job, ReconstructOptions
 from massprops.run.stages import load_stage
 
@@ -58,7 +59,7 @@ def main() -> int:
         facts = load_stage(request["stage"], request["package"]).run(job)
         if job.parts.damaged:
             job.warn(f"{len(job.parts.damaged)} finished parts of {request['stage']} were damaged, and were made again")
-        if _disk_full(job.out):  # some native libraries write half a file without a word
+        if disk_full(job.out):  # some native libraries write half a file without a word
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(job.run))
         say({"facts": facts or {}, "warnings": job.notes})
     except MasspropsError as error:
@@ -66,7 +67,7 @@ def main() -> int:
     except OSError as error:
         if error.errno not in NO_PLACE:
             return _unexpected(say, error, job)
-        say({"error": _no_place(error.filename or job.run, str(error.strerror)), "exit_code": 2, "again": True})
+        say({"error": no_place(error.filename or job.run, str(error.strerror)), "exit_code": 2, "again": True})
     except MemoryError:
         say(
             {
@@ -94,25 +95,9 @@ NO_PLACE = (errno.ENOSPC, errno.EACCES, errno.EPERM, errno.EROFS, errno.EDQUOT, 
 """Of the place of writing, not of the work."""
 
 
-def _no_place(where: str | Path, why: str) -> str:
-    return f"{where}: {why}: free some space or choose another -o"
-
-
-def _disk_full(folder: Path, probe: int = 1 << 18) -> bool:
-    """Whether `probe` more bytes do not fit; native libraries tell it in words of their own, or not at all."""
-    file = folder / ".probe"
-    try:
-        file.write_bytes(b"\0" * probe)
-    except OSError:
-        return True
-    finally:
-        file.unlink(missing_ok=True)
-    return False
-
-
 def _unexpected(say: Callable[[dict[str, Any]], None], error: Exception, job: Job) -> int:
-    if _disk_full(job.out):
-        say({"error": _no_place(job.run, "the disk is full"), "exit_code": 2, "again": True})
+    if disk_full(job.out):
+        say({"error": no_place(job.run, "the disk is full"), "exit_code": 2, "again": True})
         return 0
     traceback.print_exc()
     say({"error": f"{type(error).__name__}: {error}".splitlines()[0], "unexpected": True, "warnings": job.notes})

@@ -31,6 +31,7 @@ from massprops.core.outputs import BASES, OWN, Outputs, lock_to_pass
 from massprops.core.processes import address_space_hint, child_environment, processors, python_module
 from massprops.documents.loading import load_json, load_yaml
 from massprops.errors import InputError
+from massprops.run.full_disk import disk_full, no_place
 from massprops.run.job import ReconstructOptions
 from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
 
@@ -184,7 +185,7 @@ class _Chain:
             elif not outcome.exit_code:
                 self._drop(name)
         except OSError as error:
-            code, reason = 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
+            code, reason = 2, no_place(self.run, str(error.strerror))
             entry["status"] = "failed"
         finally:
             remove_folder(out)
@@ -277,7 +278,7 @@ class _Chain:
             request = self._write_request(name, out)
             output = written.open("wb")
         except OSError as error:
-            return {"status": "failed"}, 2, f"{self.run}: {error.strerror}: free some space or choose another -o"
+            return {"status": "failed"}, 2, no_place(self.run, str(error.strerror))
         begun = time.monotonic()
         with output:
             child, answer, usage = self._run_child(name, number, request, output)
@@ -371,6 +372,8 @@ class _Chain:
                         self.watch(name, number, len(self.order), *message["progress"])
             _, status, usage = os.wait4(child.pid, 0)
             child.returncode = os.waitstatus_to_exitcode(status)
+            if child.returncode < 0 and not answer and disk_full(self.run / "work"):
+                answer = {"error": no_place(self.run, "the disk is full"), "exit_code": 2, "again": True}
         except BaseException:
             if child is not None:
                 child.send_signal(signal.SIGKILL)

@@ -53,7 +53,7 @@ def test_help_loads_nothing_heavy_and_shows_an_example(arguments: list[str]) -> 
         (["reconstruct", ".", "-o", "run", "--motion", "sideways"], "tumbling"),
         (["reconstruct", ".", "-o", "run", "--masks", "nowhere"], "--masks"),
         (["reconstruct", "."], "-o"),
-        (["reconstrct"], "No such command"),
+        (["reconstrct"], "no such command"),
         (["reconstruct", ".", "-o", "run", "--frames", "many"], "--frames"),
         (["simulate", "nothing", "-o", "seq"], "asteroid, bracket, spacecraft"),
         (["simulate", "asteroid", "-o", "seq", "--size", "big"], "640x480"),
