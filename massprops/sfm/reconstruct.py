@@ -136,8 +136,8 @@ def reconstruct(
         model = join_pieces(model, _apart(model, found.models), given)
         if model.num_reg_images() > before:
             warnings.append(
-                f"the film fell into pieces, of {before} images and fewer, which were joined by the free motion and by what two "
-                "of them show"
+                f"the film fell into pieces that share too few features, the largest of {before} images: they were joined by the "
+                "body's free motion and by the surface that two pieces show"
             )
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
