@@ -12,10 +12,9 @@ from itertools import combinations
 import numpy as np
 
 from massprops.diagnosis.effect_columns import steps, term_of
-from massprops.diagnosis.effect_search import again, can_be
-from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
+from massprops.diagnosis.effect_search import admissible, again
+from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import with_points
-from massprops.errors import NotPossible
 
 FALL = (1.0, 6.0)
 """Of the log evidence over a step by which its curvature is measured: a sigma is a fall of a half. Less is near what two fits
@@ -123,11 +122,7 @@ def _finer(found: HypothesisFit, gap: float) -> HypothesisFit:
     if not more:
         return found
     record = with_points(found.record, np.unique(np.concatenate(more)))
-    try:
-        fit = fit_hypothesis(record, found.hypothesis, again(found))
-    except NotPossible:
-        return found
-    return fit if can_be(fit) else found
+    return admissible(record, found.hypothesis, again(found), found.hypothesis.latent) or found
 
 
 def _moved(found: HypothesisFit, places: list[_Place], by: np.ndarray) -> HypothesisFit | None:
@@ -139,11 +134,8 @@ def _moved(found: HypothesisFit, places: list[_Place], by: np.ndarray) -> Hypoth
         if not place.signed and held[place.name] <= 0.0:
             return None
         terms[place.term] = term_of(terms[place.term].effect, held)
-    try:
-        fit = fit_hypothesis(found.record, replace(found.hypothesis, terms=tuple(terms)), again(found))
-    except NotPossible:
-        return None
-    return fit if can_be(fit) else None
+    moved = replace(found.hypothesis, terms=tuple(terms))
+    return admissible(found.record, moved, again(found), moved.latent)
 
 
 def _law(found: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:

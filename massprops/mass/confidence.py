@@ -7,9 +7,8 @@ cannot know of (images that show something else, a side filled in without eviden
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
-
-import numpy as np
 
 from massprops.core.text import counted
 
@@ -188,7 +187,7 @@ def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
         _finding(
             surface.holes_share,
             HOLES,
-            np.inf,
+            inf,
             counted(surface.holes, "dark place of the surface, in which", "dark places of the surface, in which")
             + f" nothing was measured, may be {'a hole' if surface.holes == 1 else 'holes'}: the interval reaches down to a "
             f"body with {100 * surface.holes_share:.0f} % less volume; light them from the camera and take images that look in",

@@ -133,7 +133,7 @@ class Attempt:
     @property
     def covered(self) -> int:
         """Images of all models."""
-        return _count(self.models)
+        return count_images(self.models)
 
 
 @dataclass(frozen=True)
@@ -315,14 +315,14 @@ def mapped_in_pieces(
     """
     models = mapped(database, footage, out / "free", mapping, total, progress)
     pieces = separate([likelier(m, mapping) for m in models], footage, mapping)
-    if _count(pieces) < ENOUGH * total and not mapping.fixed_intrinsics:
+    if count_images(pieces) < ENOUGH * total and not mapping.fixed_intrinsics:
         frames, held = footage.folder / "frames", replace(mapping, fixed_intrinsics=True)
         try:
             again = map_images(database, frames, out / "held", held, total, progress)
         except NotPossible:
             again = []
         sound = separate([likelier(m, mapping) for m in again], footage, mapping)
-        if _count(sound) > _count(pieces):
+        if count_images(sound) > count_images(pieces):
             return sound
     return pieces or models
 
@@ -341,7 +341,8 @@ def separate(
     return out
 
 
-def _count(pieces: list[pycolmap.Reconstruction]) -> int:
+def count_images(pieces: list[pycolmap.Reconstruction]) -> int:
+    """Images that any of some models holds."""
     return len({i for m in pieces for i in m.reg_image_ids()})
 
 

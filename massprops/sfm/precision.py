@@ -40,13 +40,18 @@ class Precision:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """How a model was adjusted; as the arguments of `precision`."""
+    """How a model was adjusted; as the arguments of `precision`, but an infinite loss is least squares."""
 
     free_focal: bool
     radial_terms: int | dict[int, int]
     loss_px: float
     camera: np.ndarray
     constant: frozenset[int] = frozenset()
+
+    def weight(self, residual: np.ndarray) -> np.ndarray:
+        """(k,) of the loss, of residuals (k, 2) [px]."""
+        out: np.ndarray = 1 / (1 + (residual**2).sum(1) / self.loss_px**2)
+        return out
 
 
 def further_parameters(
@@ -61,18 +66,14 @@ def further_parameters(
         (e,) values, from where the model stands, and (e,) standard deviations, by the sandwich of the module.
     """
     r = residuals(views, points)
-    weight = 1 / (1 + (r**2).sum(1) / how.loss_px**2)
-    numbers = np.unique(how.camera).tolist()
-    free = [c for c in numbers if how.free_focal and c not in how.constant]
-    terms = {c: how.radial_terms if isinstance(how.radial_terms, int) else how.radial_terms.get(c, 0) for c in numbers}
+    weight = how.weight(r)
     slopes = _slopes(views, points)
-    lens = _lens(slopes, how.camera[points.obs_view], free, terms)
+    lens = _lens(slopes, points, how)
     lens.columns.extend(columns)
     H, score = _eliminated(len(views), points, slopes, lens, r, weight)
     inverse = _inverse(H)
     value = -inverse @ np.asarray(score.sum(axis=0)).ravel()
-    meat = np.asarray((score.T @ score).todense())
-    sigma = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0))
+    sigma, _ = _deviations(inverse, score)
     return value[-len(columns) :], sigma[-len(columns) :]
 
 
@@ -101,13 +102,12 @@ def precision(
     numbers, many = np.unique(camera, return_counts=True)
     if n < 3 or k < 6 * n:
         return Precision(rms, np.nan if free_focal else 0.0, np.nan, np.full(n, np.nan), np.nan)
-    weight = np.ones(k) if loss_px is None else 1 / (1 + (r**2).sum(1) / loss_px**2)
+    how = Adjusted(free_focal, radial_terms, np.inf if loss_px is None else loss_px, camera, constant)
+    weight = how.weight(r)
     slopes = _slopes(views, points)
-    free = [c for c in numbers.tolist() if free_focal and c not in constant]
-    terms = {c: radial_terms if isinstance(radial_terms, int) else radial_terms.get(c, 0) for c in numbers.tolist()}
-    lens = _lens(slopes, camera[points.obs_view], free, terms)
+    lens = _lens(slopes, points, how)
     H, score = _eliminated(n, points, slopes, lens, r, weight)
-    stated, independent = _deviations(H, score)
+    stated, independent = _deviations(_inverse(H), score)
     by_camera = {c: float(stated[6 * n + i]) for c, i in lens.focal_at.items()}
     first = int(numbers[int(np.argmax(many))])
     bent, long = lens.bent_at.get(first), lens.focal_at.get(first)
@@ -166,8 +166,11 @@ class _Lens:
     bent_at: dict[int, int]
 
 
-def _lens(s: _Slopes, camera: np.ndarray, free: list[int], terms: dict[int, int]) -> _Lens:
-    """camera: (k,) of each observation; free: cameras with an estimated focal length; terms: radial terms of each."""
+def _lens(s: _Slopes, points: SparsePoints, how: Adjusted) -> _Lens:
+    """Of every camera what was estimated of it."""
+    camera, numbers = how.camera[points.obs_view], np.unique(how.camera).tolist()
+    free = [c for c in numbers if how.free_focal and c not in how.constant]
+    terms = {c: how.radial_terms if isinstance(how.radial_terms, int) else how.radial_terms.get(c, 0) for c in numbers}
     columns: list[np.ndarray] = []
     focal_at: dict[int, int] = {}
     bent_at: dict[int, int] = {}
@@ -228,9 +231,9 @@ def _eliminated(
     return H, S - back @ Vinv @ C.T
 
 
-def _deviations(H: np.ndarray, score: Any) -> tuple[np.ndarray, np.ndarray]:
-    """1-sigma (q,) of each number by the sandwich, and what independent errors of size 1 would give."""
-    inverse = _inverse(H)
+def _deviations(inverse: np.ndarray, score: Any) -> tuple[np.ndarray, np.ndarray]:
+    """1-sigma (q,) of each number by the sandwich, and what independent errors of size 1 would give; inverse (q, q) of the
+    normal matrix."""
     meat = np.asarray((score.T @ score).todense())
     cov = inverse @ meat @ inverse
     return np.sqrt(np.maximum(np.diag(cov), 0)), np.sqrt(np.maximum(np.diag(inverse), 0))

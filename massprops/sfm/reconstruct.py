@@ -21,6 +21,7 @@ from massprops.sfm.attempt import (
     ModelInputs,
     SfmOptions,
     attempt,
+    count_images,
     may_distort,
     separate,
     steady,
@@ -262,7 +263,7 @@ def _enlarged(
         return again
     before = separate(found.models, footage, found.mapping)
     now = separate(again.models, footage, again.mapping)
-    held = [(len({i for m in p for i in m.reg_image_ids()}), p[0].num_reg_images() if p else 0) for p in (before, now)]
+    held = [(count_images(p), p[0].num_reg_images() if p else 0) for p in (before, now)]
     return replace(again, models=now) if now and held[1] >= held[0] else found
 
 

@@ -10,15 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.surface.hollow import (
-    RESOLVED,
-    columns_of,
-    grid_of,
-    integrals_of,
-    solid_cells,
-    wall_thickness,
-    within,
-)
+from massprops.surface.hollow import RESOLVED, integrals_of, solid_of, wall_thickness, within
 
 
 def behind_fill(
@@ -33,11 +25,7 @@ def behind_fill(
     """
     from scipy.ndimage import label
 
-    grid, local = grid_of(vertices, np.array([0.0, 0.0, 1.0, -float(vertices[:, 2].min())]))
-    cell, height, _ = columns_of(grid, local, faces)
-    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
-    count = np.diff(np.append(start, len(cell)))
-    solid = solid_cells(grid, cell, height, start[count >= 2], count[count >= 2])
+    grid, solid = solid_of(vertices, faces)
     index = np.argwhere(solid)
     walls = faces[observed]
     wall = wall_thickness(vertices, walls)

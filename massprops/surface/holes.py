@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from massprops.geometry.rasterise import rasterise
-from massprops.surface.hollow import columns_of, grid_of, integrals_of, solid_cells, within
+from massprops.surface.hollow import columns_of, grid_of, integrals_of, solid_of, within
 from massprops.surface.refine import face_normals
 from massprops.views import Views
 
@@ -168,11 +168,8 @@ def _straight_behind(body: Surface, normal: np.ndarray, places: list[np.ndarray]
     """Integrals (10,) of the cells of the body that lie straight behind a place, against its mean normal, up to where the
     body ends, less the wall that a measured far side proves."""
     vertices, faces = body.vertices, body.faces
-    grid, local = grid_of(vertices, np.array([0.0, 0.0, 1.0, -float(vertices[:, 2].min())]))
-    cell, height, _ = columns_of(grid, local, faces)
-    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
-    count = np.diff(np.append(start, len(cell)))
-    index = np.argwhere(solid_cells(grid, cell, height, start[count >= 2], count[count >= 2]))
+    grid, solid = solid_of(vertices, faces)
+    index = np.argwhere(solid)
     middle = grid.world(index)
     empty = np.zeros(len(index), bool)
     for place in places:

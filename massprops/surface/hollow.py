@@ -198,6 +198,15 @@ def solid_cells(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.nda
     return np.asarray(np.cumsum(turn, axis=2)[:, :, :-1] > 0)
 
 
+def solid_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[_Grid, np.ndarray]:
+    """A grid along z, and the cuboids (a, b, c) bool of it whose middle lies within a closed body."""
+    grid, local = grid_of(vertices, np.array([0.0, 0.0, 1.0, -float(vertices[:, 2].min())]))
+    cell, height, _ = columns_of(grid, local, faces)
+    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
+    count = np.diff(np.append(start, len(cell)))
+    return grid, solid_cells(grid, cell, height, start[count >= 2], count[count >= 2])
+
+
 def within(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, sheet: float) -> np.ndarray:
     """(k,) bool: points (k, 3) no farther than `sheet` from the faces."""
     from scipy.spatial import cKDTree
