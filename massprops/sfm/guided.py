@@ -80,17 +80,27 @@ def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray, lent: bool
 
 def seen_alike(views: Views, points: SparsePoints, i: int) -> tuple[np.ndarray, np.ndarray]:
     """Points that other views saw from within `ALIKE_DEG` and that fall in view i: their numbers (m,) and places (m, 2)."""
-    rays = [points.xyz[points.obs_point] - c for c in (views.centres[points.obs_view], views.centres[i])]
-    cosine = np.einsum("ki,ki->k", *rays) / np.maximum(
-        np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0), 1e-12
-    )
-    alike = (cosine > np.cos(np.deg2rad(ALIKE_DEG))) & (points.obs_view != i)
+    alike = (cosines(views, points, views.centres[i]) > np.cos(np.deg2rad(ALIKE_DEG))) & (points.obs_view != i)
     index = np.unique(points.obs_point[alike])
     camera = points.xyz[index] @ views.R[i].T + views.t[i]
-    with np.errstate(all="ignore"):
-        at = project_camera(views.K[i][None], views.distortion[i][None], camera)
-        inside = (camera[:, 2] > 0) & (at >= 0).all(1) & (at < views.size[i]).all(1)
+    at, inside = in_frame(camera, views.K[i], views.distortion[i], views.size[i])
     return index[inside], at[inside]
+
+
+def cosines(views: Views, points: SparsePoints, centre: np.ndarray) -> np.ndarray:
+    """(k,) of the angle at each observation's point between its view and a camera at `centre` (3,)."""
+    rays = [points.xyz[points.obs_point] - c for c in (views.centres[points.obs_view], centre)]
+    lengths = np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0)
+    return np.asarray(np.einsum("ki,ki->k", *rays) / np.maximum(lengths, 1e-12))
+
+
+def in_frame(
+    camera: np.ndarray, K: np.ndarray, distortion: np.ndarray, size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (m, 2) [px] of points (m, 3) in camera axes, and which of them (m,) lie in the image of `size` (2,)."""
+    with np.errstate(all="ignore"):
+        at = project_camera(K[None], distortion[None], camera)
+        return at, (camera[:, 2] > 0) & (at >= 0).all(1) & (at < size).all(1)
 
 
 def match_placed(
@@ -135,16 +145,29 @@ def _best(
     if not len(which):
         return other, which
     angle = angles(np.einsum("kd,kd->k", unit_a[rows[which]], unit_b[other]))
+    which, other = likest(which, other, angle, b.uv, WIDEST, RATIO)
+    return other, rows[which]
+
+
+def likest(
+    which: np.ndarray, other: np.ndarray, angle: np.ndarray, uv: np.ndarray, widest: float, ratio: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of pairs (k,), what is looked for and a feature that it may be, those (g,) whose feature is the likest by far.
+
+    Args:
+        angle: (k,) between their descriptors [rad]; uv: (m, 2) places of all features [px].
+        widest: angle up to which it counts [rad]; ratio: to that of the next best elsewhere.
+    """
     order = np.lexsort((angle, which))
     which, other, angle = which[order], other[order], angle[order]
-    begin = np.flatnonzero(np.r_[True, which[1:] != which[:-1]])
-    group = np.cumsum(np.r_[False, which[1:] != which[:-1]])
+    first = np.r_[True, which[1:] != which[:-1]][: len(which)]
+    begin, group = np.flatnonzero(first), np.cumsum(first) - 1
     # the next best elsewhere: a place may hold several features
-    elsewhere = np.linalg.norm(b.uv[other] - b.uv[other[begin]][group], axis=1) > APART
+    elsewhere = np.linalg.norm(uv[other] - uv[other[begin]][group], axis=1) > APART
     second = np.full(len(begin), np.pi / 2)
     np.minimum.at(second, group[elsewhere], angle[elsewhere])
-    good = (angle[begin] < WIDEST) & (angle[begin] < RATIO * second)
-    return other[begin][good], rows[which[begin][good]]
+    good = (angle[begin] < widest) & (angle[begin] < ratio * second)
+    return which[begin][good], other[begin][good]
 
 
 def _predicted(views: Views, pair: tuple[int, int], a: Placed, gate: Gate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

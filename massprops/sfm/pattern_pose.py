@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from massprops.sfm.distinct import APART, RATIO, WIDEST, angles
-from massprops.sfm.guided import ALIKE_DEG, within
-from massprops.sfm.points import SparsePoints, project_camera
+from massprops.sfm.distinct import RATIO, WIDEST, angles
+from massprops.sfm.guided import ALIKE_DEG, cosines, in_frame, likest, within
+from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
 TRIALS = 1000
@@ -178,32 +178,19 @@ def _looked_for(
     look = known.look[seen].astype(np.float32)
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-9)
     angle = angles(np.einsum("kd,kd->k", look[which], image.unit[other]))
-    order = np.lexsort((angle, which))
-    which, other, angle = which[order], other[order], angle[order]
-    first = np.r_[True, which[1:] != which[:-1]][: len(which)]
-    begin, group = np.flatnonzero(first), np.cumsum(first) - 1
-    elsewhere = np.linalg.norm(image.uv[other] - image.uv[other[begin]][group], axis=1) > APART
-    second = np.full(len(begin), np.pi / 2)
-    np.minimum.at(second, group[elsewhere], angle[elsewhere])
-    good = (angle[begin] < WIDEST) & (angle[begin] < RATIO * second)
-    return known.points.obs_point[seen[which[begin][good]]], other[begin][good], len(seen)
+    which, other = likest(which, other, angle, image.uv, WIDEST, RATIO)
+    return known.points.obs_point[seen[which]], other, len(seen)
 
 
 def _shown(known: Known, image: Photograph, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of each point that a pose shows from a direction like that of a placed image, the observation from the likest one,
     and its place (m, 2) [px]."""
     points = known.points
-    xyz = points.xyz[points.obs_point]
-    rays = xyz - known.views.centres[points.obs_view], xyz + R.T @ t
-    cosine = np.einsum("ki,ki->k", *rays) / np.maximum(
-        np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0), 1e-12
-    )
+    cosine = cosines(known.views, points, -R.T @ t)
     order = np.lexsort((-cosine, points.obs_point))
     point = points.obs_point[order]
-    likest = order[np.r_[True, point[1:] != point[:-1]][: len(point)]]
-    likest = likest[cosine[likest] > np.cos(np.deg2rad(ALIKE_DEG))]
-    camera = points.xyz[points.obs_point[likest]] @ R.T + t
-    with np.errstate(all="ignore"):
-        at = project_camera(image.K[None], image.distortion[None], camera)
-        inside = (camera[:, 2] > 0) & (at >= 0).all(1) & (at < image.size).all(1)
-    return likest[inside], at[inside]
+    nearest = order[np.r_[True, point[1:] != point[:-1]][: len(point)]]
+    nearest = nearest[cosine[nearest] > np.cos(np.deg2rad(ALIKE_DEG))]
+    camera = points.xyz[points.obs_point[nearest]] @ R.T + t
+    at, inside = in_frame(camera, image.K, image.distortion, image.size)
+    return nearest[inside], at[inside]
