@@ -56,6 +56,7 @@ class SurfaceEvidence:
         overlap: intersection over union of the mesh's silhouettes and the images' own, median over the images.
         outside: share of the images that show sky where a measured point is, of all points but the worst hundredth.
         holes: dark places that may be the mouths of holes; holes_share: what they may take of the volume.
+        opened: holes that were opened; opened_share: what they took, over the volume.
     """
 
     half_width: float
@@ -66,6 +67,8 @@ class SurfaceEvidence:
     outside: float = 0.0
     holes: int = 0
     holes_share: float = 0.0
+    opened: int = 0
+    opened_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,14 @@ def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
             counted(surface.holes, "dark place of the surface, in which", "dark places of the surface, in which")
             + f" nothing was measured, may be {'a hole' if surface.holes == 1 else 'holes'}: the interval reaches down to a "
             f"body with {100 * surface.holes_share:.0f} % less volume; light them from the camera and take images that look in",
+        ),
+        _finding(
+            surface.opened_share,
+            HOLES,
+            inf,
+            counted(surface.opened, "hole was", "holes were")
+            + f" opened through the object ({100 * surface.opened_share:.0f} % of the volume), from two mouths that face each "
+            "other: between them nothing was measured; look through, as a wall in between would not be noticed",
         ),
         _finding(
             1.0 - surface.valid,

@@ -8,7 +8,6 @@ view. How deep it goes nothing tells: at most straight on, through the body, up 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -64,20 +63,8 @@ class Surface(Protocol):
     def spacing(self) -> float: ...
 
 
-@dataclass(frozen=True)
-class Holes:
-    """Places that may be holes.
-
-    Attributes:
-        count: how many; space: integrals (10,) of what they may take, about the origin of the vertices.
-    """
-
-    count: int
-    space: np.ndarray
-
-
-def holes(body: Surface, views: Views, grey: list[np.ndarray]) -> Holes:
-    """Dark places among the filled faces that the views show differently, and the space straight behind them.
+def dark_places(body: Surface, views: Views, grey: list[np.ndarray]) -> list[np.ndarray]:
+    """Dark places among the filled faces that the views show differently, of each the indices of its faces.
 
     Args:
         body: closed and wound outward.
@@ -86,7 +73,7 @@ def holes(body: Surface, views: Views, grey: list[np.ndarray]) -> Holes:
     normal = face_normals(body.vertices, body.faces)
     places = _places(body.vertices, body.faces, ~body.observed & ~body.inferred, SMALLEST * body.spacing**2)
     if not places:
-        return Holes(0, np.zeros(10))
+        return []
     some = np.flatnonzero(body.observed)
     some = some[:: max(1, len(some) // MOST_SAMPLES)]
     looked = np.concatenate([some, *places])
@@ -105,9 +92,7 @@ def holes(body: Surface, views: Views, grey: list[np.ndarray]) -> Holes:
         as_changing = float(np.mean(measured[1] >= np.median(change[part][good])))
         if as_dark < AS_DARK and as_changing < AS_CHANGING and as_dark * as_changing < AS_RARE:
             found.append(place)
-    if not found:
-        return Holes(0, np.zeros(10))
-    return Holes(len(found), _straight_behind(body, normal, found))
+    return found
 
 
 def _places(vertices: np.ndarray, faces: np.ndarray, filled: np.ndarray, least: float) -> list[np.ndarray]:
@@ -164,10 +149,13 @@ def _seen(value: np.ndarray, measured: int) -> tuple[np.ndarray, np.ndarray, np.
     return brightness, change, shown
 
 
-def _straight_behind(body: Surface, normal: np.ndarray, places: list[np.ndarray]) -> np.ndarray:
-    """Integrals (10,) of the cells of the body that lie straight behind a place, against its mean normal, up to where the
-    body ends, less the wall that a measured far side proves."""
+def straight_behind(body: Surface, places: list[np.ndarray]) -> np.ndarray:
+    """Integrals (10,), about the origin of the vertices, of the cells of the body that lie straight behind a place, against
+    its mean normal, up to where the body ends, less the wall that a measured far side proves."""
+    if not places:
+        return np.zeros(10)
     vertices, faces = body.vertices, body.faces
+    normal = face_normals(vertices, faces)
     grid, solid = solid_of(vertices, faces)
     index = np.argwhere(solid)
     middle = grid.world(index)

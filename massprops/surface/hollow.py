@@ -48,7 +48,7 @@ class Hollows:
 
 
 @dataclass(frozen=True)
-class _Grid:
+class Grid:
     """Cuboids over the plane: corner (3,) of the first, step (3,), shape (3,), in axes `base` (3, 3) whose third is the
     plane's normal, `offset` of the plane from the origin."""
 
@@ -142,7 +142,7 @@ def wall_thickness(vertices: np.ndarray, faces: np.ndarray) -> float:
     return float(np.quantile(seen, WALL)) if len(seen) > LEAST_WALLS * len(own) else 0.0
 
 
-def grid_of(vertices: np.ndarray, support: np.ndarray) -> tuple[_Grid, np.ndarray]:
+def grid_of(vertices: np.ndarray, support: np.ndarray) -> tuple[Grid, np.ndarray]:
     """The grid, and the vertices (v, 3) in its axes, the third from the plane."""
     first = np.linalg.svd(support[None, :3])[2][1]
     base = np.stack([first, np.cross(support[:3], first), support[:3]])
@@ -150,10 +150,10 @@ def grid_of(vertices: np.ndarray, support: np.ndarray) -> tuple[_Grid, np.ndarra
     low, high = local.min(0), local.max(0)
     flat = float((high - low)[:2].max()) / CELLS
     step = np.array([flat, flat, min(flat, (high - low)[2] / LAYERS)])
-    return _Grid(low - step, step, np.ceil((high - low) / step).astype(int) + 2, base, float(support[3])), local
+    return Grid(low - step, step, np.ceil((high - low) / step).astype(int) + 2, base, float(support[3])), local
 
 
-def columns_of(grid: _Grid, local: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def columns_of(grid: Grid, local: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the columns cross the faces, from below: cell (c,), height over the plane (c,), face (c,)."""
     xy = np.ascontiguousarray((local[:, :2] - grid.corner[:2]) / grid.step[:2] - 0.5)
     rows, columns = grid.shape[:2].tolist()
@@ -187,7 +187,7 @@ def _cross(xy: Array, z: Array, faces: Array, rows: int, columns: int, cell: Arr
     return n
 
 
-def solid_cells(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
+def solid_cells(grid: Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
     """(a, b, c) bool: cuboids whose middle lies within the body."""
     turn = np.zeros((*grid.shape[:2], grid.shape[2] + 1), np.int32)
     flat = turn.reshape(-1, grid.shape[2] + 1)
@@ -198,7 +198,7 @@ def solid_cells(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.nda
     return np.asarray(np.cumsum(turn, axis=2)[:, :, :-1] > 0)
 
 
-def solid_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[_Grid, np.ndarray]:
+def solid_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[Grid, np.ndarray]:
     """A grid along z, and the cuboids (a, b, c) bool of it whose middle lies within a closed body."""
     grid, local = grid_of(vertices, np.array([0.0, 0.0, 1.0, -float(vertices[:, 2].min())]))
     cell, height, _ = columns_of(grid, local, faces)
@@ -251,7 +251,7 @@ def water_held(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray, spa
     return float(_water(ground, RESOLVED * spacing)[0].sum() * np.prod(grid.step[:2]))
 
 
-def _ground(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
+def _ground(grid: Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
     """(a, b) height of the upper side over the plane, 0 beside the body; columns as for `_vessel`."""
     ground = np.zeros(tuple(int(n) for n in grid.shape[:2]))
     ground.ravel()[cell[start]] = np.maximum(height[start + count - 1], 0.0)
@@ -259,7 +259,7 @@ def _ground(grid: _Grid, cell: np.ndarray, height: np.ndarray, start: np.ndarray
 
 
 def _vessel(
-    grid: _Grid,
+    grid: Grid,
     cell: np.ndarray,
     height: np.ndarray,
     start: np.ndarray,
@@ -313,7 +313,7 @@ def _water(ground: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     return depth, deepest
 
 
-def integrals_of(index: np.ndarray, grid: _Grid) -> np.ndarray:
+def integrals_of(index: np.ndarray, grid: Grid) -> np.ndarray:
     """(10,) of the cuboids at `index` (k, 3)."""
     volume = float(np.prod(grid.step))
     middle = grid.world(index)

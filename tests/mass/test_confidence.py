@@ -110,3 +110,10 @@ def test_dark_places_that_may_be_holes_are_a_reason() -> None:
     assert found["level"] == "medium"
     assert any("3 dark places" in line and "12 % less volume" in line for line in found["because"])
     assert confidence(evidence(0.03, 0.04, 0.0, 40, 40, holes=1, holes_share=0.001))["level"] == "high"
+
+
+def test_holes_that_were_opened_are_a_reason() -> None:
+    found = confidence(evidence(0.03, 0.04, 0.0, 40, 40, opened=1, opened_share=0.05))
+    assert found["level"] == "medium"
+    assert found["because"][0].startswith("1 hole was opened through the object (5 % of the volume)")
+    assert confidence(evidence(0.03, 0.04, 0.0, 40, 40, opened=2, opened_share=0.001))["level"] == "high"

@@ -1,4 +1,4 @@
-"""Dark places that may be holes: a tube whose bore was closed, and cylinders that are solid."""
+"""Dark places that may be holes: a tube whose bore was closed, and cylinders that are solid; holes that go through."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 from massprops.geometry.rasterise import rasterise
-from massprops.surface.holes import Holes, holes
+from massprops.surface.holes import dark_places, straight_behind
+from massprops.surface.through_holes import as_open, opened, through_holes
 from massprops.views import Views
 
 INNER, OUTER, HEIGHT = 0.35, 1.0, 1.6
@@ -63,7 +64,8 @@ def _drawn(mesh: trimesh.Trimesh, views: Views, inside: str) -> list[np.ndarray]
     return images
 
 
-def _found(inside: str) -> Holes:
+def _closed(inside: str) -> tuple[SimpleNamespace, list[np.ndarray]]:
+    """A cylinder whose bore was closed level with its ends, and its dark places."""
     solid = trimesh.creation.cylinder(OUTER, HEIGHT, sections=48).subdivide_to_size(0.08)
     tube = trimesh.creation.annulus(INNER, OUTER, HEIGHT, sections=48)
     vertices, faces = np.asarray(solid.vertices, float), np.asarray(solid.faces)
@@ -74,17 +76,90 @@ def _found(inside: str) -> Holes:
     grey = _drawn(tube if inside == "bore" else solid, views, inside)
     none = np.zeros(len(faces), bool)
     body = SimpleNamespace(vertices=vertices, faces=faces, observed=~filled, inferred=none, noise=0.01, spacing=0.05)
-    return holes(body, views, grey)
+    return body, dark_places(body, views, grey)
 
 
 def test_a_bore_that_was_closed_may_be_empty() -> None:
-    found = _found("bore")
-    assert found.count == 2  # both its ends
-    assert found.space[0] == pytest.approx(np.pi * INNER**2 * HEIGHT, rel=0.1)
-    assert np.abs(found.space[1:4]).max() < 0.02 * found.space[0]
+    body, places = _closed("bore")
+    assert len(places) == 2  # both its ends
+    space = straight_behind(body, places)
+    assert space[0] == pytest.approx(np.pi * INNER**2 * HEIGHT, rel=0.1)
+    assert np.abs(space[1:4]).max() < 0.02 * space[0]
 
 
 @pytest.mark.parametrize("inside", ["stain", "plain"])
 def test_a_dark_stain_and_a_plain_side_are_no_holes(inside: str) -> None:
-    found = _found(inside)
-    assert found.count == 0 and not found.space.any()
+    body, places = _closed(inside)
+    assert not places
+    assert not straight_behind(body, places).any()
+
+
+def _dented(
+    depths: tuple[float, float], floor: bool = False, turn: float = 0.0
+) -> tuple[SimpleNamespace, list[np.ndarray]]:
+    """A cylinder with a bore from both ends, as deep as stereo measured its walls, each floor filled; and its floors.
+
+    Args:
+        depths: from above and below, 0 for none; floor: the lower floor was measured.
+        turn: [rad] of the body about x.
+    """
+    solid = trimesh.creation.cylinder(OUTER, HEIGHT, sections=48)
+    for depth, end in zip(depths, (1, -1), strict=True):
+        if depth:
+            bore = trimesh.creation.cylinder(INNER, 2 * depth, sections=48)
+            bore.apply_translation([0, 0, end * 0.5 * HEIGHT])
+            solid = trimesh.boolean.difference([solid, bore], engine="manifold")
+    solid = solid.subdivide_to_size(0.15)
+    solid.merge_vertices()
+    vertices, faces = np.asarray(solid.vertices, float), np.asarray(solid.faces)
+    middle = vertices[faces].mean(axis=1)
+    inner = np.linalg.norm(middle[:, :2], axis=1) < INNER - 1e-3
+    flat = np.abs(np.asarray(solid.face_normals)[:, 2]) > 0.9
+    upper, lower = inner & flat & (middle[:, 2] > 0), inner & flat & (middle[:, 2] < 0)
+    filled = (upper & bool(depths[0])) | (lower & bool(depths[1]) & (not floor))
+    c, s = np.cos(turn), np.sin(turn)
+    vertices = vertices @ np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]]).T
+    none = np.zeros(len(faces), bool)
+    body = SimpleNamespace(vertices=vertices, faces=faces, observed=~filled, inferred=none, noise=0.01, spacing=0.05)
+    return body, [np.flatnonzero(side & filled) for side in (upper, lower) if (side & filled).any()]
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_bore_measured_from_both_ends_is_opened(turn: float) -> None:
+    body, places = _dented((0.4, 0.5), turn=turn)
+    tubes, left = through_holes(body, places)
+    assert len(tubes) == 1 and not left
+    made = trimesh.Trimesh(*opened(body, tubes)[:2], process=False)
+    assert made.is_volume and made.body_count == 1
+    assert made.euler_number == 0  # one hole goes through it
+    assert made.volume == pytest.approx(np.pi * (OUTER**2 - INNER**2) * HEIGHT, rel=0.03)
+    vertices, faces, observed, inferred = opened(body, tubes)
+    assert not observed[_between(vertices[faces].mean(axis=1), turn)].any()
+    assert observed.sum() > 0.9 * body.observed.sum() and not inferred.any()
+    rows = as_open(np.tile(np.ones(10), (500, 1)), tubes[0].unsure, 0)
+    assert np.ptp(rows[:, 0]) <= tubes[0].unsure[0] and rows[:, 0].mean() == pytest.approx(1.0, abs=0.01)
+
+
+def _between(points: np.ndarray, turn: float) -> np.ndarray:
+    """Whether points (k, 3) lie in the bore where nothing was measured."""
+    along = -np.sin(turn) * points[:, 1] + np.cos(turn) * points[:, 2]
+    away = np.cos(turn) * points[:, 1] + np.sin(turn) * points[:, 2]
+    return (np.hypot(points[:, 0], away) < INNER + 0.05) & (along > -0.25) & (along < 0.35)
+
+
+def test_a_bore_whose_other_end_was_measured_solid_stays_closed() -> None:
+    body, places = _dented((0.4, 0.5), floor=True)
+    tubes, left = through_holes(body, places)
+    assert not tubes and len(left) == 1
+    body, places = _dented((0.4, 0.0))
+    tubes, left = through_holes(body, places)
+    assert not tubes and len(left) == 1
+
+
+def test_dents_of_other_sections_are_no_hole() -> None:
+    body, places = _dented((0.4, 0.4))
+    # the lower dent is twice as wide
+    inner = np.linalg.norm(body.vertices[:, :2], axis=1) < INNER + 0.02
+    body.vertices[inner & (body.vertices[:, 2] < 0), :2] *= 1.8
+    tubes, left = through_holes(body, places)
+    assert not tubes and len(left) == 2

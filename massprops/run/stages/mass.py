@@ -128,6 +128,8 @@ def _evidence(
             outside=float(surface["outside_share"]),
             holes=int(surface["holes"]),
             holes_share=float(surface["holes_possible"]),
+            opened=int(surface["holes_opened"]),
+            opened_share=float(surface["holes_opened_share"]),
         ),
         ImageEvidence(
             given=int(sfm["given"]),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from massprops.run.stage_images import undistorted_frame
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
-    from massprops.surface.holes import Holes
     from massprops.surface.hollow import Hollows
     from massprops.surface.reconstruct import Surface
     from massprops.surface.spread import Joint
@@ -39,6 +39,25 @@ BALL = 1.4
 """Radius in which a body known by its outlines alone is looked for, in radii of its first shape."""
 
 
+class _Holes(NamedTuple):
+    """Holes of a body.
+
+    Attributes:
+        count: dark places that may be the mouths of holes; behind: integrals (10,) of the space straight behind them.
+        opened: holes that were opened; taken: volume that they took; unsure: integrals (10,) of the space of which their two
+            mouths say different things.
+    """
+
+    count: int
+    behind: np.ndarray
+    opened: int
+    taken: float
+    unsure: np.ndarray
+
+
+NO_HOLES = _Holes(0, np.zeros(10), 0, 0.0, np.zeros(10))
+
+
 def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
     """Share of points (n, 3) that lie farther than `far` from every vertex (v, 3)."""
     from scipy.spatial import cKDTree
@@ -51,11 +70,11 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.run.unjoined import underside_may_be_hollow, unjoined
     from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
-    from massprops.surface.holes import Holes, holes
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
+    from massprops.surface.through_holes import as_open
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
 
@@ -76,15 +95,15 @@ def run(job: Job) -> dict[str, Any]:
             f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
             "closed body was measured; give images with more overlap and from more sides"
         )
+    # what turns in the light changes on every side from view to view
+    surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
     focal_sigma = _focal_sigma(job)
     rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
     others = unjoined(job, place, focal_sigma)
     underside_hollow = underside_may_be_hollow(place, others)
     body = mesh_integrals(surface.vertices, surface.faces)
-    # what turns in the light changes on every side from view to view
-    dark = Holes(0, np.zeros(10)) if free else holes(surface, views, _grey(job, views))
-    empty, told = _may_be_empty(_hollows(surface, place, underside_hollow), dark, float(body[0]))
-    rows = hollowed(rows, body, empty, job.seed)
+    empty, told = _may_be_empty(_hollows(surface, place, underside_hollow), holes, float(body[0]))
+    rows = as_open(hollowed(rows, body, empty, job.seed), holes.unsure, job.seed)
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     # what the body is within at most, where its replicates leave that open
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
@@ -189,12 +208,29 @@ def _hollows(surface: Surface, place: dict[str, Any], underside_hollow: bool = F
     return on_support_hollows(surface, np.array(place["support_plane"], float), underside_hollow)
 
 
-def _may_be_empty(hollow: Hollows, dark: Holes, volume: float) -> tuple[np.ndarray, dict[str, Any]]:
+def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Surface, _Holes]:
+    """The surface with the holes opened that go through it, and what else may be holes; grey: undistorted images (h, w)."""
+    from massprops.surface.holes import dark_places, straight_behind
+    from massprops.surface.through_holes import opened, through_holes
+
+    tubes, places = through_holes(surface, dark_places(surface, views, grey))
+    behind = straight_behind(surface, places)
+    if not tubes:
+        return surface, _Holes(len(places), behind, 0, 0.0, np.zeros(10))
+    vertices, faces, observed, inferred = opened(surface, tubes)
+    rest = replace(surface, vertices=vertices, faces=faces, observed=observed, inferred=inferred)
+    taken = float(mesh_integrals(surface.vertices, surface.faces)[0] - mesh_integrals(vertices, faces)[0])
+    unsure = np.sum([tube.unsure for tube in tubes], axis=0)
+    return rest, _Holes(len(places), behind, len(tubes), taken, unsure)
+
+
+def _may_be_empty(hollow: Hollows, holes: _Holes, volume: float) -> tuple[np.ndarray, dict[str, Any]]:
     """Integrals (10,) of the space that the intervals allow to be empty, the larger of the two kinds as they may be the
     same space, and what `surface.json` says of both; volume: of the body."""
     shares = {"hollow_possible": hollow.possible[0] / volume, "hollow_likely": hollow.likely[0] / volume}
-    empty = max(hollow.likely, dark.space, key=lambda space: float(space[0]))
-    return empty, shares | {"holes": dark.count, "holes_possible": dark.space[0] / volume}
+    empty = max(hollow.likely, holes.behind, key=lambda space: float(space[0]))
+    opened = {"holes_opened": holes.opened, "holes_opened_share": holes.taken / volume}
+    return empty, shares | {"holes": holes.count, "holes_possible": holes.behind[0] / volume} | opened
 
 
 def _filled(surface: Surface) -> float:

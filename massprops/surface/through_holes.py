@@ -1,0 +1,285 @@
+"""Holes that go through a body although nothing was measured in their middle.
+
+Stereo measures the walls of a bore at both of its mouths, and nothing in the dark between: the surface is closed there. Where
+the walls of two mouths that face each other leave the same section free, and nothing between was measured, one hole is the
+simplest body that shows both. It is opened by the space between the two sections. How deep a hole with one mouth goes, nothing
+tells (`holes`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from massprops.surface.holes import Surface
+from massprops.surface.hollow import Grid, columns_of, grid_of, integrals_of, solid_cells
+from massprops.surface.level_set import level_set
+from massprops.surface.refine import face_normals
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+ALIKE = 0.6
+"""Overlap (intersection over union) of the sections at two mouths above which they belong to one hole. Of a machined part's
+bores (Blender) it is .7 to .9, as their measured walls are rough; of unlike places that face each other by chance at most .3."""
+MEASURED = 0.8
+"""Share of a section's rim that was measured from which on the section is believed; deeper in, the fill narrows it."""
+SAME_DIRECTION = 0.996
+"""Cosine above which two directions are tried as one (5 degrees)."""
+DIRECTIONS = 6
+"""Main directions of the body's sides that are tried."""
+SMALLEST = 12
+"""Cells of a section below which nothing is opened."""
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Tube:
+    """The space of a hole between its mouths, in the units and axes of the body.
+
+    Attributes:
+        vertices: (v, 3); faces: (f, 3), closed and wound outward.
+        unsure: integrals (10,) of the space in which its two mouths differ, about the origin of the vertices.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    unsure: np.ndarray
+
+
+class _Layers(NamedTuple):
+    """A body cut across a direction.
+
+    Attributes:
+        grid: its third axis is the direction.
+        cell, height, face: (c,) where the columns cross the faces; rank: (c,) which crossing of its column.
+        piece: (a, b, c) int, which piece of empty space, closed about within its layer; 0 elsewhere.
+    """
+
+    grid: Grid
+    cell: np.ndarray
+    height: np.ndarray
+    face: np.ndarray
+    rank: np.ndarray
+    piece: np.ndarray
+
+
+class _Section(NamedTuple):
+    """Free cells (a, b) bool of a layer; middle (3,) of them in the body's axes."""
+
+    free: np.ndarray
+    layer: int
+    middle: np.ndarray
+
+
+class _Mouths(NamedTuple):
+    """The two ends of a hole along a direction, and how much their sections are alike."""
+
+    layers: _Layers
+    upper: _Section
+    lower: _Section
+    alike: float
+
+    def hold(self, points: np.ndarray) -> bool:
+        """Whether most of the points (k, 3) lie between the mouths."""
+        grid = self.layers.grid
+        local = points @ grid.base.T + [0.0, 0.0, grid.offset]
+        i, j, k = np.floor((local - grid.corner) / grid.step).astype(int).T
+        within = (self.upper.free | self.lower.free)[i, j] & (k >= self.lower.layer) & (k <= self.upper.layer)
+        return bool(within.mean() > 0.5)
+
+
+def through_holes(body: Surface, places: list[np.ndarray]) -> tuple[list[Tube], list[np.ndarray]]:
+    """Holes between two mouths, and the places (indices of faces) that belong to none.
+
+    Args:
+        body: closed and wound outward.
+        places: faces that may be the mouths of holes (`holes.dark_places`), of each.
+    """
+    from scipy.spatial import cKDTree
+
+    normal = face_normals(body.vertices, body.faces)
+    corner = body.vertices[body.faces]
+    faces = cKDTree(corner.mean(axis=1))
+    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    directions = _directions(area, normal, body.observed, places)
+    found: list[_Mouths] = []
+    left = []
+    cut: dict[bytes, _Layers | None] = {}
+    for place in sorted(places, key=lambda p: -float(area[p].sum())):
+        middle = corner[place].mean(axis=1)
+        if any(mouths.hold(middle) for mouths in found):
+            continue
+        up = [d if area[place] @ normal[place] @ d >= 0 else -d for d in directions]
+        mouths = _mouths(body, faces, place, up, cut)
+        if mouths is None:
+            left.append(place)
+        else:
+            found.append(mouths)
+    left = [place for place in left if not any(mouths.hold(corner[place].mean(axis=1)) for mouths in found)]
+    return [_tube(mouths) for mouths in found], left
+
+
+def opened(body: Surface, tubes: list[Tube]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The body without the tubes: vertices (v, 3), faces (f, 3) int32, observed and inferred (f,) bool; walls of the tubes
+    are neither. Unchanged where the result is no solid."""
+    from manifold3d import Error, Manifold, Mesh64
+    from scipy.spatial import cKDTree
+
+    def solid(vertices: np.ndarray, faces: np.ndarray) -> Manifold:
+        return Manifold(Mesh64(np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces, np.uint64)))
+
+    same = body.vertices, body.faces, body.observed, body.inferred
+    whole = solid(body.vertices, body.faces).as_original()
+    rest = whole
+    for tube in tubes:
+        rest = rest - solid(tube.vertices, tube.faces).as_original()
+    if rest.status() != Error.NoError or rest.is_empty():
+        return same
+    made = max(rest.decompose(), key=lambda part: part.volume()).to_mesh64()
+    vertices, faces = np.array(made.vert_properties[:, :3]), np.array(made.tri_verts, np.int32)
+    run = np.searchsorted(np.asarray(made.run_index) // 3, np.arange(len(faces)), side="right") - 1
+    own = np.asarray(made.run_original_id)[run] == whole.original_id()
+    nearest = cKDTree(body.vertices[body.faces].mean(axis=1)).query(vertices[faces].mean(axis=1))[1]
+    return vertices, faces, own & body.observed[nearest], own & body.inferred[nearest]
+
+
+def as_open(rows: np.ndarray, unsure: np.ndarray, seed: int) -> np.ndarray:
+    """Replicates (r, 10) of an opened body: any share of the space (10,) in which the mouths differ may be empty, and half of
+    it is."""
+    share = np.random.default_rng([seed, 32]).random(len(rows))[:, None] - 0.5
+    return np.asarray(rows + share * unsure)
+
+
+def _directions(
+    area: np.ndarray, normal: np.ndarray, observed: np.ndarray, places: list[np.ndarray]
+) -> list[np.ndarray]:
+    """Directions (3,) in which a hole may go: those that the places face, and across the body's largest flat sides."""
+    mean = [area[p] @ normal[p] for p in places]
+    tried = [m / np.linalg.norm(m) for m in mean if np.linalg.norm(m) > 0.0]
+    left, weight = normal[observed], area[observed]
+    for _ in range(DIRECTIONS):
+        if not len(left):
+            break
+        some = left[:: max(1, len(left) // 500)]
+        best = some[np.argmax((np.abs(some @ left.T) > SAME_DIRECTION) @ weight)]
+        near = np.abs(left @ best) > SAME_DIRECTION
+        flat = np.linalg.eigh((left[near] * weight[near, None]).T @ left[near])[1][:, 2]
+        tried.append(flat)
+        left, weight = left[~near], weight[~near]
+    kept: list[np.ndarray] = []
+    for direction in tried:
+        if all(abs(direction @ other) < SAME_DIRECTION for other in kept):
+            kept.append(direction)
+    return kept
+
+
+def _layers(body: Surface, up: np.ndarray) -> _Layers | None:
+    """The body's layers across `up`; None where its columns do not close."""
+    from scipy.ndimage import binary_fill_holes, label
+
+    grid, local = grid_of(body.vertices, np.array([*up, -float((body.vertices @ up).min())]))
+    cell, height, face = columns_of(grid, local, body.faces)
+    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
+    count = np.diff(np.append(start, len(cell)))
+    if not (count >= 2).any():
+        return None
+    solid = solid_cells(grid, cell, height, start[count >= 2], count[count >= 2])
+    free = np.stack([binary_fill_holes(layer) for layer in np.moveaxis(solid, 2, 0)], axis=2) & ~solid
+    in_layer = np.zeros((3, 3, 3), int)
+    in_layer[1, :, 1] = in_layer[:, 1, 1] = 1
+    rank = np.arange(len(cell)) - np.repeat(start, count)
+    return _Layers(grid, cell, height, face, rank, label(free, in_layer)[0])
+
+
+def _mouths(
+    body: Surface, faces: cKDTree, place: np.ndarray, directions: list[np.ndarray], cut: dict[bytes, _Layers | None]
+) -> _Mouths | None:
+    """The best pair of mouths of which the place closes one; `cut` keeps the layers of a direction."""
+    best = None
+    for first in directions:
+        up = first
+        for _ in range(ROUNDS):
+            if up.tobytes() not in cut:
+                cut[up.tobytes()] = _layers(body, up)
+            layers = cut[up.tobytes()]
+            found = None if layers is None else _pair(body, faces, place, layers)
+            if found is None:
+                break
+            inside = found.hold(body.vertices[body.faces[place]].mean(axis=1))
+            if inside and (best is None or found.alike > best.alike):
+                best = found
+            line = found.upper.middle - found.lower.middle
+            up = line / np.linalg.norm(line)
+    return best if best is not None and best.alike > ALIKE else None
+
+
+def _pair(body: Surface, faces: cKDTree, place: np.ndarray, layers: _Layers) -> _Mouths | None:
+    """The sections above the place and below what lies under it, where nothing was measured there."""
+    top = np.flatnonzero(np.isin(layers.face, place) & (layers.rank % 2 == 1))
+    if not len(top) or body.observed[layers.face[top - 1]].mean() > 0.5:
+        return None
+    columns, low, step = layers.cell[top], layers.grid.corner[2], layers.grid.step[2]
+    middle = int((np.median(0.5 * (layers.height[top] + layers.height[top - 1])) - low) / step)
+    upper = _section(body, faces, layers, columns, range(middle, layers.piece.shape[2]))
+    lower = _section(body, faces, layers, columns, range(middle - 1, -1, -1))
+    if upper is None or lower is None:
+        return None
+    alike = np.count_nonzero(upper.free & lower.free) / np.count_nonzero(upper.free | lower.free)
+    return _Mouths(layers, upper, lower, float(alike))
+
+
+def _section(body: Surface, faces: cKDTree, layers: _Layers, columns: np.ndarray, order: range) -> _Section | None:
+    """The free space over the columns in the first layer, from inside, whose rim was measured, else in the one of which
+    most was. None where the walls close about nothing."""
+    from scipy.ndimage import binary_erosion
+
+    best, share = None, 0.0
+    for k in order:
+        flat = layers.piece[:, :, k]
+        pieces = flat.ravel()[columns]
+        pieces = pieces[pieces > 0]
+        if not len(pieces):
+            if best is not None:
+                break
+            continue
+        free = flat == np.bincount(pieces).argmax()
+        rim = np.argwhere(free & ~binary_erosion(free))
+        at = layers.grid.world(np.column_stack([rim, np.full(len(rim), k)]))
+        rim_measured = float(body.observed[faces.query(at)[1]].mean())
+        if rim_measured > share and np.count_nonzero(free) >= SMALLEST:
+            cells = np.argwhere(free)
+            middle = layers.grid.world(np.column_stack([cells, np.full(len(cells), k)])).mean(axis=0)
+            best, share = _Section(free, k, middle), rim_measured
+        if share >= MEASURED:
+            break
+    return best
+
+
+def _tube(mouths: _Mouths) -> Tube:
+    """The space between the two sections, whose outlines go over into each other."""
+    grid, upper, lower = mouths.layers.grid, mouths.upper, mouths.lower
+    either = upper.free | lower.free
+    corner = np.maximum(np.argwhere(either).min(axis=0) - 3, 0)
+    end = np.argwhere(either).max(axis=0) + 4
+    part = slice(corner[0], end[0]), slice(corner[1], end[1])
+    first, last = sorted((lower.layer, upper.layer))
+    share = np.linspace(0.0, 1.0, last - first + 1)[1:-1] if last - first > 1 else np.zeros(0)
+    share = np.concatenate([[0.0], share, [1.0]])
+    low, high = _outside(lower.free[part]), _outside(upper.free[part])
+    value = (1.0 - share) * low[:, :, None] + share * high[:, :, None]
+    value = np.pad(value, 1, constant_values=1.0)
+    vertices, faces = level_set(value, np.array([*corner, first], float) - 1.0, 1.0)
+    unlike = np.repeat((upper.free ^ lower.free)[:, :, None], last - first + 1, axis=2)
+    index = np.argwhere(unlike) + [0, 0, first]
+    return Tube(grid.world(vertices), faces, integrals_of(index, grid))
+
+
+def _outside(free: np.ndarray) -> np.ndarray:
+    """(a, b) distance from the free cells' outline, negative within them [cells], without the cells' steps."""
+    from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+    distance = distance_transform_edt(~free) - distance_transform_edt(free)
+    return np.asarray(gaussian_filter(distance - 0.5 * np.sign(distance), 1.0))
