@@ -101,7 +101,7 @@ def open_sources(path: Path, focal: float | None = None) -> list[Source]:
     """What the input holds: one source per stream.
 
     Args:
-        path: video, folder of images, or sequence folder.
+        path: video, folder of images or with one such folder in it, or sequence folder.
         focal: focal length given by the user [px of the source images]; of several cameras, the one with most images.
 
     Raises:
@@ -110,7 +110,7 @@ def open_sources(path: Path, focal: float | None = None) -> list[Source]:
     if path.is_dir() and any((path / f"cam{i}").is_dir() for i in (0, 1)):
         sources = _sequence_sources(path)
     elif path.is_dir():
-        sources = [_folder_source(path, list_images(path))]
+        sources = [_folder_source(*_images_of(path))]
     else:
         sources = [_video_source(path, 0, "video")]
     if focal is not None:
@@ -149,10 +149,23 @@ def _folder_source(folder: Path, files: list[Path], stream: int = 0) -> Source:
     return Source(stream, "images", None, images, tuple(cameras), left_out=tuple(left_out))
 
 
+def _images_of(folder: Path) -> tuple[Path, list[Path]]:
+    """The folder with its images; where it has none, those of the one folder within that has, or of its `images`."""
+    files = list_images(folder)
+    inner = [] if files else _inner_folders(folder)
+    if len(inner) > 1:
+        inner = [p for p in inner if p.name == "images"]
+    return (inner[0], list_images(inner[0])) if inner else (folder, files)
+
+
+def _inner_folders(folder: Path) -> list[Path]:
+    """The folders within that hold images."""
+    return sorted(p for p in folder.iterdir() if p.is_dir() and p.name[0] != "." and list_images(p))
+
+
 def _folders_of_images(folder: Path) -> str:
     """Names the folders within that hold images, as the beginning of a list of what to give; empty where none does."""
-    inner = sorted(p for p in folder.iterdir() if p.is_dir() and list_images(p))[:NAMED]
-    return "".join(f"its folder {printable(p.name)}, " for p in inner)
+    return "".join(f"its folder {printable(p.name)}, " for p in _inner_folders(folder)[:NAMED])
 
 
 def refuse_few(name: str, count: int, left_out: Sequence[tuple[str, str]]) -> None:

@@ -227,10 +227,22 @@ def test_frames_from_python(tmp_path: Path) -> None:
     nothing.mkdir()
     with pytest.raises(InputError, match="no images here.*; give a video"):
         next(read_frames(nothing))
-    (nothing / "images").mkdir()
-    Image.fromarray(scene(0)).save(nothing / "images" / "1.png")
-    with pytest.raises(InputError, match="give its folder images, a video"):
-        next(read_frames(nothing))
+
+
+def test_images_in_the_one_folder_within_are_found(tmp_path: Path) -> None:
+    from massprops.capture.frames import read_frames
+
+    for folder in ("day one", "day two"):
+        (tmp_path / folder).mkdir()
+        for k in range(3):
+            Image.fromarray(scene(9 * k)).save(tmp_path / folder / f"{k}.png")
+    with pytest.raises(InputError, match="give its folder day one, its folder day two, a video"):
+        next(read_frames(tmp_path))
+    (tmp_path / "day two").rename(tmp_path / ".hidden")
+    assert len(list(read_frames(tmp_path))) == 3
+    (tmp_path / ".hidden").rename(tmp_path / "images")
+    source = open_sources(tmp_path)[0]
+    assert [s.path.parent.name for s in source.images] == ["images"] * 3
 
 
 def encoded(path: Path, codec: str, pixels: str, images: list[np.ndarray], stamps: list[int], **options: str) -> Path:
