@@ -16,7 +16,7 @@ APART = 8.0
 """Features nearer than this to each other show the same place [px]."""
 
 RATIO = 0.8
-"""Of the angle between matching descriptors to that of the next best."""
+"""Of the angle between matching descriptors to that of the next best, of all features or of those within a gate."""
 
 OWN_RATIO = 0.7
 """Of the angle between matching descriptors to that between either and the likest in its own image."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.geometry.epipolar import fundamental, sampson
-from massprops.sfm.distinct import APART, angles
+from massprops.sfm.distinct import APART, RATIO, WIDEST, angles
 from massprops.sfm.points import SparsePoints, project_camera
 from massprops.views import Views
 
@@ -21,12 +21,6 @@ BESIDE = 5
 
 ALIKE_DEG = 30.0
 """Angle between two rays to a point within which both views see the surface about it."""
-
-RATIO = 0.8
-"""Of the angle between matching descriptors to that of the next best within the gate."""
-
-WIDEST = 0.7
-"""Angle between descriptors above which nothing matches [rad]."""
 
 MOST_GATES = 4
 """Features whose depth leaves more than this many gates open are not looked for."""
