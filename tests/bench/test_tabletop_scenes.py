@@ -30,6 +30,20 @@ def test_the_scenes_are_those_asked_for() -> None:
         assert {s.table for s in mine} == set(rooms.TABLES)
 
 
+def test_a_scene_can_be_drawn_anew() -> None:
+    first, again = by_name("09_held_part"), by_name("09_held_part-2")
+    assert again.held_out and (again.item, again.turned, again.number) == (first.item, first.turned, first.number)
+    assert own(again).mesh.volume != own(first).mesh.volume
+    assert (
+        own(again).mesh.volume
+        == own(by_name("09_held_part-2")).mesh.volume
+        != own(by_name("09_held_part-3")).mesh.volume
+    )
+    for name in ("09_held_part-1", "09_held_part-", "nothing-2"):
+        with pytest.raises(KeyError):
+            by_name(name)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_our_objects_are_closed_and_rest_on_the_table(kind: str) -> None:
     for scene in (s for s in SCENES if s.item == kind):

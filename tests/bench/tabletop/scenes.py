@@ -3,11 +3,14 @@
 Scenes with an even number are for development. **Scenes with an odd number are held out**: nobody looks at their
 pictures or runs the tool on them until the end. Objects of the two halves differ; where a kind of our own objects
 stands in both, its shape is drawn anew.
+
+Once the held-out scenes have been looked at, `NAME-2`, `NAME-3` and so on are the same kinds of scenes drawn anew: another
+room, camera, path and pose, and another shape of our own objects.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +37,7 @@ class Scene:
         finish: `textured`, `plain` or `glossy` of our own objects; scanned ones keep their colours and may be
             `glossy`.
         count: images.
+        draw: 1 as in `SCENES`, more of a scene drawn anew.
     """
 
     number: int
@@ -47,6 +51,7 @@ class Scene:
     up: tuple[float, float, float] | None = None
     finish: str = "textured"
     count: int = 40
+    draw: int = 1
 
     @property
     def held_out(self) -> bool:
@@ -55,7 +60,7 @@ class Scene:
 
     def generator(self) -> np.random.Generator:
         """The scene's own random numbers."""
-        return np.random.default_rng([SEED, self.number])
+        return np.random.default_rng([SEED, self.number] if self.draw == 1 else [SEED, self.number, self.draw])
 
 
 def _scene(number: int, item: str, images: str, table: str, words: str = "", up: tuple | None = None) -> Scene:
@@ -109,12 +114,18 @@ SCENES = (
 
 
 def by_name(name: str) -> Scene:
-    """The scene of that name.
+    """The scene of that name, drawn anew where `-2` or more follows it.
 
     Raises:
         KeyError: there is none.
     """
-    return {s.name: s for s in SCENES}[name]
+    first, _, draw = name.partition("-")
+    known = {s.name: s for s in SCENES}
+    if name in known:
+        return known[name]
+    if not (draw.isdecimal() and int(draw) > 1):
+        raise KeyError(name)
+    return replace(known[first], name=name, draw=int(draw))
 
 
 def render_order() -> tuple[Scene, ...]:
