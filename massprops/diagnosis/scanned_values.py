@@ -1,6 +1,7 @@
-"""What the record leaves open of the values that an effect's columns hold, such as the time of a knock.
+"""What is told of an effect that is named: along a finer path, and with what the record leaves open of the values that its
+columns hold, such as the time of a knock.
 
-They are scanned, then moved to their best; all else is solved for at given values. The evidence about the best is taken
+These are scanned, then moved to their best; all else is solved for at given values. The evidence about the best is taken
 for a normal law (Laplace's approximation), and what the solved unknowns move by with them joins their covariance.
 """
 
@@ -23,6 +24,9 @@ WANTED = 2.5
 """The fall that a step along an axis of the law is begun with."""
 ABOUT, FINER = 3.0, 8
 """Measurements before and after an event between which the path has so many points for each."""
+LARGEST_STEP = np.radians(1.5)
+"""Turn over which a step of the path is halved. By steps of 3 degrees the trapezoid moves a kick by up to 1.1 of its sigma, by
+steps of 1.5 by up to 0.3 (ten firings of Basilisk without noise: mean square 0.16 and 0.007 of the variance)."""
 TRIES = 8
 ROUNDS = 4
 FLAT = 0.1
@@ -63,7 +67,8 @@ class _Law:
 
 
 def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
-    """The fit, at the best of its scanned values, with their 1-sigma (`held_sd`) and what they add to its covariance.
+    """The fit along a finer path, at the best of its scanned values, with their 1-sigma (`held_sd`) and what they add to its
+    covariance.
 
     Where the evidence about the best cannot be told, the fit is returned as it is.
 
@@ -71,9 +76,9 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
         gap: between measurements [s].
     """
     places = _places(found, gap)
+    found = _finer(found, gap)
     if not places:
         return found
-    found = _finer(found, gap)
     try:
         # a knock's time and duration are known far worse than its middle: the law's own axes are found first
         axes = _law(found, places, np.diag([p.step for p in places])).principal
@@ -111,18 +116,30 @@ def _places(found: HypothesisFit, gap: float) -> list[_Place]:
 
 
 def _finer(found: HypothesisFit, gap: float) -> HypothesisFit:
-    """The fit along a path with more points about its events, so that one can begin and end between two measurements: by the
-    path's own steps a kick moves by its sigma with where they happen to lie."""
-    more = []
+    """The fit along a path with its longer steps halved, and with more points about its events, so that one can begin and end
+    between two measurements: by the path's own steps a kick moves by its sigma with where they happen to lie."""
+    more = [_halfway(found)]
     for term in found.hypothesis.terms:
         held = dict(term.held)
         if "time" in held:
             begins, ends = held["time"] - ABOUT * gap, held["time"] + held.get("duration", 0.0) + ABOUT * gap
             more.append(np.arange(begins, ends, gap / FINER))
-    if not more:
+    points = np.unique(np.concatenate(more))
+    if not len(points):
         return found
-    record = with_points(found.record, np.unique(np.concatenate(more)))
-    return admissible(record, found.hypothesis, again(found), found.hypothesis.latent) or found
+    record, start = with_points(found.record, points), again(found)
+    if found.history is not None:
+        start = replace(start, history=np.interp(record.path.t, found.record.path.t, found.history))
+    return admissible(record, found.hypothesis, start, found.hypothesis.latent) or found
+
+
+def _halfway(found: HypothesisFit) -> np.ndarray:
+    """Times (k,) in the middle of the path's longer steps; none along a gyroscope's own path, which its rates make."""
+    path = found.record.path
+    if found.record.rows.rates:
+        return np.zeros(0)
+    long = np.linalg.norm(path.steps, axis=1) * np.diff(path.t) > LARGEST_STEP
+    return np.asarray(0.5 * (path.t[1:] + path.t[:-1])[long])
 
 
 def _moved(found: HypothesisFit, places: list[_Place], by: np.ndarray) -> HypothesisFit | None:

@@ -168,10 +168,25 @@ def integrated(
     times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
     sky = around.sky(times, acting.orbiting)
     position = np.stack([np.broadcast_to(x, times.shape) for x in sky.position], axis=-1)
+    begin, length = np.ascontiguousarray(start, float), np.ascontiguousarray(size, float)
+    run, every = _typed()
+    return run(
+        np.array(y0, float), begin, length, tuple(float(v) for v in six), np.array(p, float), every,
+        tuple(_places(n, acting) for n in SIGNATURES), sky._replace(position=(0.0, 0.0, 0.0)), np.array(position, float),
+    )  # fmt: skip
+
+
+@cache
+def _typed() -> tuple[Callable[..., np.ndarray], Functions]:
+    """`integrate` compiled for the functions of the catalogue, and these. Called by its own name it would find the types of
+    all these functions anew at each call, which is a tenth of a fit to tracks."""
+    every = tuple(tuple(functions(n).values()) for n in SIGNATURES)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
-        return integrate(
-            np.array(y0, float), start, size, six, np.asarray(p, float), tuple(tuple(functions(n).values()) for n in SIGNATURES),
-            tuple(_places(n, acting) for n in SIGNATURES),
-            sky._replace(position=(0.0, 0.0, 0.0)), position,
+        types = (
+            _P, _P, _P, _6, _P, numba.typeof(every), nt.UniTuple(nt.Array(nt.int64, 2, "C"), len(SIGNATURES)), _SKY,
+            nt.Array(nt.float64, 3, "C"),
         )  # fmt: skip
+        dispatcher: Any = integrate
+        dispatcher.compile(types)
+    return dispatcher.get_overload(types), every

@@ -24,10 +24,11 @@ def internal(t, z, p):
     x = t / span * (SHAPES - 1) if span > 0 else 0.0 * t
     g = 1.0
     for k in range(SHAPES):
-        away = abs(x - k)
-        hat = (1.0 - away) * (away < 1.0)
-        mean = (0.5 if k in (0, SHAPES - 1) else 1.0) / (SHAPES - 1)
-        g = g + p[3 + k] * (hat - mean)
+        if p[3 + k] != 0.0:
+            away = abs(x - k)
+            hat = (1.0 - away) * (away < 1.0)
+            mean = (0.5 if k in (0, SHAPES - 1) else 1.0) / (SHAPES - 1)
+            g = g + p[3 + k] * (hat - mean)
     return p[0] * g, p[1] * g, p[2] * g
 
 
