@@ -66,14 +66,22 @@ def scale_integrals(rows: np.ndarray, factor: np.ndarray | float) -> np.ndarray:
     return scaled
 
 
+def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(f,) areas of the triangles of vertices (v, 3) and faces (f, 3)."""
+    corners = np.asarray(vertices, float)[faces]
+    out: np.ndarray = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    return out
+
+
 def offset_response(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(f, 10) change of each integral when a face moves outward by one unit of length (Reynolds' theorem).
 
     d int g dV = int g d dA for a normal offset d; g is integrated exactly over the triangle with the three mid-edge
     points.
     """
-    corners = np.asarray(vertices, float)[faces]
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners, area = np.asarray(vertices, float)[faces], face_areas(vertices, faces)
     middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
     out = np.empty((len(faces), 10))
     out[:, 0] = area

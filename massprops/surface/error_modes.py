@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.mass.integrals import face_areas
 from massprops.surface.refine import face_normals
 
 SIDE_PIXELS = 0.3
@@ -108,8 +109,7 @@ def hidden_depth(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     from scipy.spatial import cKDTree
 
     middle, normal = vertices[faces].mean(axis=1), face_normals(vertices, faces)
-    corner = vertices[faces]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    area = face_areas(vertices, faces)
     pick = np.random.default_rng(18).choice(len(faces), min(SAMPLES, len(faces)), replace=False, p=area / area.sum())
     near = cKDTree(middle).query(middle[pick], min(16, len(faces)))[1]
     up = np.einsum("pk,pki->pi", area[near], normal[near])

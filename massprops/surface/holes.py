@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from massprops.geometry.rasterise import rasterise
+from massprops.mass.integrals import face_areas
 from massprops.surface.hollow import columns_of, grid_of, integrals_of, solid_of, within
 from massprops.surface.refine import face_normals
 from massprops.views import Views
@@ -111,9 +112,7 @@ def _places(vertices: np.ndarray, faces: np.ndarray, filled: np.ndarray, least: 
     pairs = which[:-1][same], which[1:][same]
     graph = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(len(own), len(own)))
     _, label = connected_components(graph, directed=False)
-    corner = vertices[faces[own]]
-    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    large = np.flatnonzero(np.bincount(label, area) > least)
+    large = np.flatnonzero(np.bincount(label, face_areas(vertices, faces[own])) > least)
     return [own[label == k] for k in large]
 
 
@@ -161,9 +160,7 @@ def straight_behind(body: Surface, places: list[np.ndarray]) -> np.ndarray:
     middle = grid.world(index)
     empty = np.zeros(len(index), bool)
     for place in places:
-        corner = vertices[faces[place]]
-        area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-        mean = area @ normal[place]
+        mean = face_areas(vertices, faces[place]) @ normal[place]
         if np.linalg.norm(mean) > 0.0:
             empty |= _below(middle, vertices, faces, place, mean / np.linalg.norm(mean))
     kept = np.flatnonzero(empty)

@@ -84,8 +84,7 @@ def hollows(
     """
     grid, local = grid_of(vertices, support)
     cell, height, face = columns_of(grid, local, faces)
-    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
-    count = np.diff(np.append(start, len(cell)))
+    start, count = runs_of(cell)
     start, count = start[count >= 2], count[count >= 2]
     solid = solid_cells(grid, cell, height, start, count)
     index = np.argwhere(solid)
@@ -165,6 +164,12 @@ def columns_of(grid: Grid, local: np.ndarray, faces: np.ndarray) -> tuple[np.nda
     return cell[order], height[order], face[order]
 
 
+def runs_of(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each column begins among the crossings (`columns_of`), (k,), and how many it has, (k,)."""
+    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
+    return start, np.diff(np.append(start, len(cell)))
+
+
 @njit(cache=True, error_model="numpy")
 def _cross(xy: Array, z: Array, faces: Array, rows: int, columns: int, cell: Array, height: Array, face: Array) -> int:
     """Number of crossings; written where there is room."""
@@ -202,8 +207,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[Grid, np.ndarray]
     """A grid along z, and the cuboids (a, b, c) bool of it whose middle lies within a closed body."""
     grid, local = grid_of(vertices, np.array([0.0, 0.0, 1.0, -float(vertices[:, 2].min())]))
     cell, height, _ = columns_of(grid, local, faces)
-    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
-    count = np.diff(np.append(start, len(cell)))
+    start, count = runs_of(cell)
     return grid, solid_cells(grid, cell, height, start[count >= 2], count[count >= 2])
 
 
@@ -245,8 +249,7 @@ def water_held(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray, spa
     """
     grid, local = grid_of(vertices, support)
     cell, height, _ = columns_of(grid, local, faces)
-    start = np.flatnonzero(np.diff(cell, prepend=-1) > 0)
-    count = np.diff(np.append(start, len(cell)))
+    start, count = runs_of(cell)
     ground = _ground(grid, cell, height, start, count)
     return float(_water(ground, RESOLVED * spacing)[0].sum() * np.prod(grid.step[:2]))
 

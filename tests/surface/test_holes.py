@@ -10,7 +10,7 @@ import trimesh
 
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.holes import dark_places, straight_behind
-from massprops.surface.through_holes import as_open, opened, through_holes
+from massprops.surface.through_holes import Tube, as_open, opened, through_holes
 from massprops.views import Views
 
 INNER, OUTER, HEIGHT = 0.35, 1.0, 1.6
@@ -129,11 +129,13 @@ def test_a_bore_measured_from_both_ends_is_opened(turn: float) -> None:
     body, places = _dented((0.4, 0.5), turn=turn)
     tubes, left = through_holes(body, places)
     assert len(tubes) == 1 and not left
-    made = trimesh.Trimesh(*opened(body, tubes)[:2], process=False)
+    made_of = opened(body, tubes)
+    assert made_of is not None
+    vertices, faces, observed, inferred = made_of
+    made = trimesh.Trimesh(vertices, faces, process=False)
     assert made.is_volume and made.body_count == 1
     assert made.euler_number == 0  # one hole goes through it
     assert made.volume == pytest.approx(np.pi * (OUTER**2 - INNER**2) * HEIGHT, rel=0.03)
-    vertices, faces, observed, inferred = opened(body, tubes)
     assert not observed[_between(vertices[faces].mean(axis=1), turn)].any()
     assert observed.sum() > 0.9 * body.observed.sum() and not inferred.any()
     rows = as_open(np.tile(np.ones(10), (500, 1)), tubes[0].unsure, 0)
@@ -145,6 +147,25 @@ def _between(points: np.ndarray, turn: float) -> np.ndarray:
     along = -np.sin(turn) * points[:, 1] + np.cos(turn) * points[:, 2]
     away = np.cos(turn) * points[:, 1] + np.sin(turn) * points[:, 2]
     return (np.hypot(points[:, 0], away) < INNER + 0.05) & (along > -0.25) & (along < 0.35)
+
+
+def test_what_would_part_the_body_is_not_opened() -> None:
+    body, _ = _dented((0.4, 0.5))
+    slab = trimesh.creation.box((3.0, 3.0, 0.2))
+    assert opened(body, [Tube(np.asarray(slab.vertices), np.asarray(slab.faces), np.zeros(10))]) is None
+
+
+def test_holes_that_cannot_be_opened_may_still_be_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+    from massprops.run.stages import surface as stage
+
+    body, places = _closed("bore")
+    tube = Tube(body.vertices, body.faces, np.ones(10))
+    monkeypatch.setattr("massprops.surface.holes.dark_places", lambda *_: places)
+    monkeypatch.setattr("massprops.surface.through_holes.through_holes", lambda *_: ([tube], []))
+    monkeypatch.setattr("massprops.surface.through_holes.opened", lambda *_: None)
+    same, found = stage._opened(body, _views(), [])
+    assert same is body and (found.count, found.opened) == (2, 0)
+    assert found.behind[0] == pytest.approx(np.pi * INNER**2 * HEIGHT, rel=0.1) and not found.unsure.any()
 
 
 def test_a_bore_whose_other_end_was_measured_solid_stays_closed() -> None:

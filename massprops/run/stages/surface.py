@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from massprops.errors import NotPossible
-from massprops.mass.integrals import mesh_integrals
+from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
@@ -213,15 +213,17 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     from massprops.surface.holes import dark_places, straight_behind
     from massprops.surface.through_holes import opened, through_holes
 
-    tubes, places = through_holes(surface, dark_places(surface, views, grey))
-    behind = straight_behind(surface, places)
-    if not tubes:
-        return surface, _Holes(len(places), behind, 0, 0.0, np.zeros(10))
-    vertices, faces, observed, inferred = opened(surface, tubes)
-    rest = replace(surface, vertices=vertices, faces=faces, observed=observed, inferred=inferred)
+    places = dark_places(surface, views, grey)
+    tubes, left = through_holes(surface, places)
+    rest = opened(surface, tubes) if tubes else None
+    if rest is None:
+        return surface, _Holes(len(places), straight_behind(surface, places), 0, 0.0, np.zeros(10))
+    vertices, faces, observed, inferred = rest
     taken = float(mesh_integrals(surface.vertices, surface.faces)[0] - mesh_integrals(vertices, faces)[0])
-    unsure = np.sum([tube.unsure for tube in tubes], axis=0)
-    return rest, _Holes(len(places), behind, len(tubes), taken, unsure)
+    holes = _Holes(
+        len(left), straight_behind(surface, left), len(tubes), taken, np.sum([tube.unsure for tube in tubes], axis=0)
+    )
+    return replace(surface, vertices=vertices, faces=faces, observed=observed, inferred=inferred), holes
 
 
 def _may_be_empty(hollow: Hollows, holes: _Holes, volume: float) -> tuple[np.ndarray, dict[str, Any]]:
@@ -235,8 +237,7 @@ def _may_be_empty(hollow: Hollows, holes: _Holes, volume: float) -> tuple[np.nda
 
 def _filled(surface: Surface) -> float:
     """Share of the surface that was neither measured nor closed at the support."""
-    corners = surface.vertices[surface.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = face_areas(surface.vertices, surface.faces)
     return float(area[~surface.observed & ~surface.inferred].sum() / area.sum())
 
 
@@ -323,8 +324,7 @@ def _surface(
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
     """`surface.json`; lost: share of the measured points that the mesh misses; overlap: by image."""
-    corners = surface.vertices[surface.faces]
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = face_areas(surface.vertices, surface.faces)
     observed, inferred = (float(area[w].sum() / area.sum()) for w in (surface.observed, surface.inferred))
     filled = 1 - observed - inferred
     warnings = []
