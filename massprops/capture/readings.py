@@ -50,6 +50,11 @@ WIDER = 1.25
 ALIKE = 0.6
 """Overlap of the colours of stand and carried (Bhattacharyya) above which they are one thing: a plate with its handle, a
 machined part with its boss."""
+APART = 3.0
+"""Distance of the hues of stand and carried, in standard deviations within them, from which on they are two things however
+alike their colours are in light and shade: 7 for a plain pale figure on a plain pale block (overlap of colours 0.78)."""
+HUE_FLOOR = 0.02
+"""Least standard deviation of a hue: two steps in a hundred grey levels."""
 COLOUR_BINS = 8
 LOWEST = 1.0
 """Percentile of heights at which a plate ends: what lies below it are wrong matches."""
@@ -295,7 +300,9 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         level = own[np.abs(rise) < step]
         if not _is_ledge(scene, level, plane):
             continue
-        if _carried(scene, own, rise, step, top) and _colours_alike(scene.rgb[own], upper, ~upper) < ALIKE:
+        rgb = scene.rgb[own]
+        differ = _colours_alike(rgb, upper, ~upper) < ALIKE or _hues_apart(rgb[upper], rgb[~upper]) > APART
+        if differ and _carried(scene, own, rise, step, top):
             found.append((float(upper.mean() * lower.mean() + upper.mean()), top))
     return max(found, key=lambda f: f[0])[1] if found else None
 
@@ -374,6 +381,22 @@ def _colours_alike(rgb: np.ndarray, one: np.ndarray, other: np.ndarray) -> float
         smooth = gaussian_filter(count, 0.5).ravel()
         share.append(smooth / max(smooth.sum(), 1e-9))
     return float(np.sqrt(share[0] * share[1]).sum())
+
+
+def _hues_apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Mahalanobis distance between the middles of two sets of colours (n, 3) uint8 without their brightness: logarithms of
+    red and green over blue, which light and shade leave as they are. Their covariance is the mean of both."""
+    middle, spread = [], np.zeros((2, 2))
+    for rgb in (one, other):
+        level = np.log(rgb.astype(float) + 1)
+        hue = level[:, :2] - level[:, 2:]
+        away = hue - np.median(hue, axis=0)
+        # what is far off is a reflection or a wrong match
+        near = np.linalg.norm(away, axis=1) <= np.percentile(np.linalg.norm(away, axis=1), 90)
+        spread += 0.5 * np.cov(away[near].T)
+        middle.append(np.median(hue, axis=0))
+    off = middle[0] - middle[1]
+    return float(np.sqrt(off @ np.linalg.solve(spread + HUE_FLOOR**2 * np.eye(2), off)))
 
 
 def _with_stand(scene: Scene, whole: OnSupport, top: np.ndarray, pointed: Sequence[Located]) -> Found:

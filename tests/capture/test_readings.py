@@ -195,6 +195,19 @@ def test_a_plate_with_a_handle_of_its_own_colour_is_one_thing() -> None:
     assert found.readings == [] and found.split.member[(on_stand(BLUE).rgb == BLUE).all(1)].mean() > 0.7
 
 
+@pytest.mark.parametrize(("hue", "things"), [((158, 150, 136), 2), ((160, 156, 159), 1)])
+def test_hues_tell_a_pale_thing_from_a_pale_stand(hue: tuple[int, int, int], things: int) -> None:
+    """In light and shade their colours overlap by far more than the limit."""
+    points = on_stand(hue)
+    rng = np.random.default_rng(6)
+    pale = np.where((points.rgb == BLUE).all(1)[:, None], (160, 156, 159), points.rgb)
+    shaded = np.clip(pale * rng.uniform(0.5, 1.0, (len(pale), 1)) + rng.normal(0, 1.5, pale.shape), 0, 255)
+    found = find_object(replace(points, rgb=shaded.astype(np.uint8)))
+    assert len(found.readings) == (2 if things == 2 else 0)
+    stand = found.split.member[(points.rgb == BLUE).all(1)].mean()
+    assert stand < 0.02 if things == 2 else stand > 0.7
+
+
 def on_plate(colour: tuple[int, int, int] = RED) -> Scene:
     """A box of some colour on a blue plate that turns: nothing is measured of the room, and the plate's rim is seen."""
     points = on_stand(colour)
