@@ -10,7 +10,8 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
 4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`);
-5. how placements of an object that was turned over lie on each other.
+5. how placements of an object that was turned over lie on each other;
+6. what the silhouettes say otherwise: how far the outlines end from the faces (`outline_gap`), all over and by places.
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
 """
@@ -24,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
-from massprops.surface.error_modes import SIDE_PIXELS, fill_modes, measured_modes
+from massprops.surface.error_modes import SIDE_PIXELS, fill_modes, measured_modes, outline_modes
 from massprops.surface.length import model_length
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
@@ -32,6 +33,8 @@ from massprops.views import entries
 
 BIAS_PIXELS = 0.15
 """Least 1-sigma of the offset common to all measured faces [px]."""
+BLOCKS = 12
+"""Blocks of neighbouring views that are drawn together."""
 PATCHES = 400
 SAMPLES = 3000
 """Points about which the scatter of their neighbours is taken."""
@@ -63,9 +66,9 @@ def replicates(
     views: int,
     focal_sigma: float,
     count: int = 1000,
-    blocks: int = 12,
     seed: int = 0,
     joints: Sequence[Joint] = (),
+    gaps: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Integrals and greatest lengths of `count` bodies that the data allow.
 
@@ -74,9 +77,9 @@ def replicates(
         views: number of views the cloud's lists refer to.
         focal_sigma: relative 1-sigma of the focal length.
         count: replicates.
-        blocks: blocks of neighbouring views that are drawn together.
         seed: of the draws.
         joints: of placements that were joined.
+        gaps: (f,) of `outline_gaps`: how far the silhouettes are from the faces; none by default.
 
     Returns:
         rows (count, 10) about the world origin, lengths (count,); units of the reconstruction.
@@ -95,7 +98,7 @@ def replicates(
     scatter = _scatter(surface, rng)
     shown = surface.observed if surface.observed.any() else np.ones(len(surface.faces), bool)
     add(rng.standard_normal((count, 1)), np.where(shown, np.maximum(BIAS_PIXELS * pixel, scatter), 0.0)[None])
-    offset = _bootstrap(surface, patch, views, count, blocks, rng)
+    offset = _bootstrap(surface, patch, views, count, rng)
     rows += offset @ _by_patch(response, patch, offset.shape[1])
     for e in (0, 1):
         if patch[ends.face[e]] >= 0:
@@ -106,6 +109,9 @@ def replicates(
     of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred)
     add(_fill_draws(count, len(of_fill), bool(surface.observed.any()), rng), of_fill)
 
+    if gaps is not None:
+        of_outlines = outline_modes(*mesh, ~surface.inferred, ends.length, gaps)
+        add(rng.standard_normal((count, len(of_outlines))), of_outlines)
     for joint in joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
 
@@ -223,9 +229,7 @@ def _patches(surface: Surface, rng: np.random.Generator) -> np.ndarray:
     return out
 
 
-def _bootstrap(
-    surface: Surface, patch: np.ndarray, views: int, count: int, blocks: int, rng: np.random.Generator
-) -> np.ndarray:
+def _bootstrap(surface: Surface, patch: np.ndarray, views: int, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, patches) change of each patch's mean residual when views are resampled."""
     patches = int(patch.max()) + 1 if (patch >= 0).any() else 0
     if patches == 0:
@@ -239,7 +243,7 @@ def _bootstrap(
     code = cloud.view_index[place] * patches + own[which]
     total = np.bincount(code, share * distance[which], views * patches).reshape(views, patches)
     weight = np.bincount(code, share, views * patches).reshape(views, patches)
-    blocks = min(blocks, views)
+    blocks = min(BLOCKS, views)
     block = np.arange(views) * blocks // views
     drawn = np.stack([np.bincount(d, minlength=blocks) for d in rng.integers(0, blocks, (count, blocks))])
     w = drawn[:, block].astype(float)

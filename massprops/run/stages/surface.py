@@ -72,6 +72,7 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
+    from massprops.surface.outline_gap import outline_gaps
     from massprops.surface.silhouette import agreement
     from massprops.surface.spread import replicates
     from massprops.surface.through_holes import as_open
@@ -98,7 +99,9 @@ def run(job: Job) -> dict[str, Any]:
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
     focal_sigma = _focal_sigma(job)
-    rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
+    # the dark side of a body in the Sun has no outline
+    gaps = None if free else outline_gaps(surface.vertices, surface.faces, views, masks)
+    rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place), gaps=gaps)
     others = unjoined(job, place, focal_sigma)
     underside_hollow = underside_may_be_hollow(place, others)
     body = mesh_integrals(surface.vertices, surface.faces)
