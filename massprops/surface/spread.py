@@ -96,8 +96,7 @@ def replicates(
         np.add(lengths, drawn @ (modes[:, ends.face] @ ends.pull), out=lengths)
 
     scatter = _scatter(surface, rng)
-    shown = surface.observed if surface.observed.any() else np.ones(len(surface.faces), bool)
-    add(rng.standard_normal((count, 1)), np.where(shown, np.maximum(BIAS_PIXELS * pixel, scatter), 0.0)[None])
+    add(rng.standard_normal((count, 1)), np.where(_shown(surface), np.maximum(BIAS_PIXELS * pixel, scatter), 0.0)[None])
     offset = _bootstrap(surface, patch, views, count, rng)
     rows += offset @ _by_patch(response, patch, offset.shape[1])
     for e in (0, 1):
@@ -122,6 +121,11 @@ def replicates(
     strain = 0.5 * (strain + strain.transpose(0, 2, 1))
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
+
+
+def _shown(surface: Surface) -> np.ndarray:
+    """(f,) bool: measured faces, or all where there are only outlines."""
+    return surface.observed if surface.observed.any() else np.ones(len(surface.faces), bool)
 
 
 def _fill_draws(count: int, modes: int, measured: bool, rng: np.random.Generator) -> np.ndarray:

@@ -72,9 +72,7 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
-    from massprops.surface.outline_gap import outline_gaps
     from massprops.surface.silhouette import agreement
-    from massprops.surface.spread import replicates
     from massprops.surface.through_holes import as_open
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
@@ -100,8 +98,7 @@ def run(job: Job) -> dict[str, Any]:
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
     focal_sigma = _focal_sigma(job)
     # the dark side of a body in the Sun has no outline
-    gaps = None if free else outline_gaps(surface.vertices, surface.faces, views, masks)
-    rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place), gaps=gaps)
+    rows, lengths = _replicates(job, surface, views, [] if free else masks, place, focal_sigma)
     others = unjoined(job, place, focal_sigma)
     underside_hollow = underside_may_be_hollow(place, others)
     body = mesh_integrals(surface.vertices, surface.faces)
@@ -128,6 +125,22 @@ def run(job: Job) -> dict[str, Any]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _replicates(
+    job: Job, surface: Surface, views: Views, outlines: list[np.ndarray], place: dict[str, Any], focal_sigma: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals (r, 10) and lengths (r,) that the body may have; `place` is `join.json`.
+
+    Args:
+        outlines: silhouettes (h, w) that show where the body ends on all sides, or none.
+        focal_sigma: relative.
+    """
+    from massprops.surface.outline_gap import outline_gaps
+    from massprops.surface.spread import replicates
+
+    gaps = outline_gaps(surface.vertices, surface.faces, views, outlines) if outlines else None
+    return replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place), gaps=gaps)
 
 
 def _focal_sigma(job: Job) -> float:
