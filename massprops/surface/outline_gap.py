@@ -13,7 +13,7 @@ from massprops.mass.integrals import greatest_length
 from massprops.surface.refine import face_normals
 from massprops.views import Views
 
-LONGEST = 0.05
+LONGEST = 0.02
 """Gap over the length of the body from which on a silhouette shows something else there, as a shadow or a part that is
 missing."""
 LIKE = 0.5

@@ -24,7 +24,7 @@ from massprops.errors import NotPossible
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
-from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias
+from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
 from massprops.views import Views
@@ -40,6 +40,10 @@ MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD = range(6)
 far outside."""
 HOLLOW = 1 / 3
 """Where an unmeasured side is put, from 0 on the cut, which fills up to the hull, to 1 on a membrane."""
+
+OVERHANGS = -0.5
+"""Component along the support's normal of the normals of fill that hangs over: lines of sight less steep than 60 degrees
+leave such. With all of it on the membrane a thin-legged chair went from +40 to -5 % of its volume."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ def reconstruct_surface(
     vertices, faces, kinds = _mesh(tetra, kind, body)
     h = thinned.spacing
     measured, fixed = kinds == MEASURED, (kinds == MEASURED) | (kinds == CONTACT)
-    vertices = _hollow(vertices, faces, fixed)
+    vertices = _hollow(vertices, faces, fixed, support)
     vertices = fair(vertices, faces, fixed, 10)
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
@@ -155,11 +159,23 @@ def on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | No
     return out
 
 
-def _hollow(vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """Unmeasured vertices moved `HOLLOW` of the way to a membrane over the measured rims."""
+def _hollow(
+    vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray, support: np.ndarray | None = None
+) -> np.ndarray:
+    """Unmeasured vertices moved `HOLLOW` of the way to a membrane over the measured rims, or all of it where they look down
+    on a support: there the hull is no more than how steeply the cameras looked.
+
+    Args:
+        vertices: (v, 3); faces: (f, 3).
+        measured: (v,) bool, vertices that were measured or stand on the support.
+        support: (4,) plane the object stands on, or None.
+    """
     out = vertices.copy()
     if measured.any() and not measured.all():
-        out[~measured] += HOLLOW * (membrane(vertices, faces, measured) - vertices)[~measured]
+        share = np.full(len(vertices), HOLLOW)
+        if support is not None:
+            share[vertex_normals(vertices, faces) @ support[:3] < OVERHANGS] = 1.0
+        out[~measured] += (share[:, None] * (membrane(vertices, faces, measured) - vertices))[~measured]
     return out
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import trimesh
 
+from massprops.surface.reconstruct import _hollow
 from massprops.surface.silhouette import make_hull
 from massprops.views import Views
 
@@ -33,3 +36,16 @@ def test_hull_ends_at_the_support() -> None:
     inside, below = np.array([[0, 0, 0.0]]), np.array([[0, 0, -0.35]])
     assert free.value(inside) < 0 and free.value(below) < 0
     assert standing.value(inside) < 0 < standing.value(below)
+
+
+@pytest.mark.parametrize(("support", "depth"), [(None, 2 / 3), ((0.0, 0.0, 1.0, 2.0), 0.0)])
+def test_fill_that_hangs_over_a_support_is_a_film(support: tuple[float, ...] | None, depth: float) -> None:
+    """Below a seat the hull ends in a cone as steep as the cameras looked; the side walls keep theirs."""
+    plate = trimesh.creation.cylinder(radius=1.0, height=0.4, sections=24).subdivide()
+    vertices, faces = np.array(plate.vertices), np.array(plate.faces)
+    below = np.isclose(vertices[:, 2], -0.2) & (np.hypot(vertices[:, 0], vertices[:, 1]) < 0.99)
+    vertices[below, 2] -= 0.9 * (1 - np.hypot(vertices[below, 0], vertices[below, 1]))
+    deepest = int(np.argmin(vertices[:, 2]))
+    found = _hollow(vertices, faces, ~below, None if support is None else np.array(support))
+    assert found[deepest, 2] == pytest.approx(-0.2 - depth * 0.9, abs=0.02)
+    assert np.array_equal(found[~below], vertices[~below])
