@@ -73,7 +73,6 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
-    from massprops.surface.spread import replicates
     from massprops.surface.through_holes import as_open
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
@@ -97,9 +96,8 @@ def run(job: Job) -> dict[str, Any]:
         )
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
-    focal_sigma = _focal_sigma(job)
-    rows, lengths = replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place))
-    others = unjoined(job, place, focal_sigma)
+    (rows, lengths), drift = _replicates(job, surface, views, masks, place, free)
+    others = unjoined(job, place, _focal_sigma(job))
     underside_hollow = underside_may_be_hollow(place, others)
     body = mesh_integrals(surface.vertices, surface.faces)
     empty, told = _may_be_empty(_hollows(surface, place, underside_hollow), holes, float(body[0]))
@@ -120,11 +118,33 @@ def run(job: Job) -> dict[str, Any]:
     overlap = agreement(surface.vertices, surface.faces, views, masks)
     facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= told | {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
+    facts |= told | {"camera_drift_px": drift, "hollow_elsewhere": underside_hollow, "differing_placements": differing}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _replicates(
+    job: Job, surface: Surface, views: Views, masks: list[np.ndarray], place: dict[str, Any], never_lit: bool
+) -> tuple[tuple[np.ndarray, np.ndarray], float]:
+    """Integrals (r, 10) and lengths (r,) of bodies that the data allow, and by how much cameras drift, as outlines show it [px].
+
+    Args:
+        place: `join.json`; never_lit: what was not measured was never seen lit.
+    """
+    from massprops.surface.error_modes import REACH
+    from massprops.surface.length import model_length
+    from massprops.surface.outline_gaps import outline_gaps
+    from massprops.surface.spread import Doubts, replicates
+
+    gaps = None
+    # about a support silhouettes take in shadows, and what stands beside the object; outlines alone make their own surface
+    if place["support_plane"] is None and surface.observed.any():
+        mesh = surface.vertices, surface.faces
+        gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
+    doubts = Doubts(_focal_sigma(job), gaps, never_lit, _joints(place))
+    return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift if gaps else 0.0
 
 
 def _focal_sigma(job: Job) -> float:
