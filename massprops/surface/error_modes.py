@@ -63,18 +63,6 @@ def measured_modes(
     return modes
 
 
-def outline_modes(
-    vertices: np.ndarray, faces: np.ndarray, shown: np.ndarray, length: float, gaps: np.ndarray
-) -> np.ndarray:
-    """(m, f) outward offsets of the faces by how far the silhouettes end from them, one row for each mode at one sigma: the
-    gaps as they are, and each patch's own.
-
-    Args:
-        vertices, faces, length: as for `measured_modes`; shown: (f,) bool, faces that outlines show; gaps: (f,).
-    """
-    return np.concatenate([np.where(shown, gaps, 0.0)[None], measured_modes(vertices, faces, shown, length, gaps)])
-
-
 def fill_modes(
     vertices: np.ndarray,
     faces: np.ndarray,

@@ -63,6 +63,22 @@ class Hull:
         out: np.ndarray = np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
         return out
 
+    def room(self, start: np.ndarray, direction: np.ndarray, reach: float) -> np.ndarray:
+        """(e,) how far a body may go on from points of its surface before the silhouettes end [world units]; 0 where they do
+        not end within reach, and so say nothing.
+
+        Args:
+            start: (e, 3); direction: (e, 3) unit, outward.
+            reach: longest way that is looked at.
+        """
+        begin = np.ascontiguousarray(start - self.pixel * direction)
+        step = 0.25 * self.pixel
+        end, found = _shoot(
+            begin, np.ascontiguousarray(direction), step, reach, self.maps, self.size, self.P, self.need
+        )
+        out: np.ndarray = np.where(found, np.maximum(np.einsum("ei,ei->e", end - start, direction), 0.0), 0.0)
+        return out
+
     def sparing(self, measured: np.ndarray, least: int = FEWEST_AGREE) -> Hull:
         """The same with the smallest `need`, at least `least`, that spares 99 % of the measured points (m, 3) by
         `MARGIN` views."""

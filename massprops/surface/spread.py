@@ -11,7 +11,9 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
    a shape whose poses were fitted with it;
 4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`);
 5. how placements of an object that was turned over lie on each other;
-6. what the silhouettes say otherwise: how far the outlines end from the faces (`outline_gap`), all over and by places.
+6. cameras that drift: where the object's outlines lie outside or inside the mesh's (`outline_gaps`) the surface is off by
+   that; as far as they scatter about it, it is off in patches and bent as a whole;
+7. tips that stereo did not measure, where the silhouettes of a free body leave room for them.
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
 """
@@ -25,16 +27,21 @@ from typing import NamedTuple
 import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
-from massprops.surface.error_modes import SIDE_PIXELS, fill_modes, measured_modes, outline_modes
+from massprops.surface.error_modes import COMMON, SIDE_PIXELS, fill_modes, measured_modes
 from massprops.surface.length import model_length
+from massprops.surface.outline_gaps import HALO, Gaps
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 from massprops.views import entries
 
 BIAS_PIXELS = 0.15
 """Least 1-sigma of the offset common to all measured faces [px]."""
-BLOCKS = 12
-"""Blocks of neighbouring views that are drawn together."""
+WIDENED = 1.2
+"""Of the half of the draws in which a mesh is off as its outlines say: one in twenty of all is off by twice that."""
+DARK_MEAN, DARK_SIGMA = -0.3, 0.3
+"""Mean and 1-sigma of the offset common to what was never seen lit of a body that turns, over its distance from measured
+surface: silhouettes of lit parts leave room behind the terminator, and the fill takes most of it. Set on 17 films of six
+bodies, some of them badly filmed; with -0.2 and 0.4 the small asteroid of `tests/run`, a fifth of which is filled in, had a wider interval than it should."""
 PATCHES = 400
 SAMPLES = 3000
 """Points about which the scatter of their neighbours is taken."""
@@ -61,25 +68,40 @@ class Joint:
         return np.asarray(rng.standard_normal((count, 6)) * np.sqrt(np.maximum(size, 0.0)) @ axes.T)
 
 
+@dataclass(frozen=True)
+class Doubts:
+    """What is uncertain beside the surface's own points.
+
+    Attributes:
+        focal: relative 1-sigma of the focal length.
+        gaps: between the mesh's outlines and the images'; None where these say nothing.
+        never_lit: what was not measured was never seen lit: the body turns, and the Sun stands.
+        joints: of placements that were joined.
+    """
+
+    focal: float = 0.0
+    gaps: Gaps | None = None
+    never_lit: bool = False
+    joints: Sequence[Joint] = ()
+
+
 def replicates(
     surface: Surface,
     views: int,
-    focal_sigma: float,
+    doubts: Doubts,
     count: int = 1000,
+    blocks: int = 12,
     seed: int = 0,
-    joints: Sequence[Joint] = (),
-    gaps: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Integrals and greatest lengths of `count` bodies that the data allow.
 
     Args:
         surface: the estimate, with its cloud and hull.
         views: number of views the cloud's lists refer to.
-        focal_sigma: relative 1-sigma of the focal length.
+        doubts: what else is uncertain.
         count: replicates.
+        blocks: blocks of neighbouring views that are drawn together.
         seed: of the draws.
-        joints: of placements that were joined.
-        gaps: (f,) of `outline_gaps`: how far the silhouettes are from the faces; none by default.
 
     Returns:
         rows (count, 10) about the world origin, lengths (count,); units of the reconstruction.
@@ -95,46 +117,53 @@ def replicates(
         np.add(rows, drawn @ (modes @ response), out=rows)
         np.add(lengths, drawn @ (modes[:, ends.face] @ ends.pull), out=lengths)
 
-    scatter = _scatter(surface, rng)
-    add(rng.standard_normal((count, 1)), np.where(_shown(surface), np.maximum(BIAS_PIXELS * pixel, scatter), 0.0)[None])
-    offset = _bootstrap(surface, patch, views, count, rng)
+    scatter, drift = _scatter(surface, rng), doubts.gaps.drift * pixel if doubts.gaps else 0.0
+    add(rng.standard_normal((count, 1)), _common(surface, scatter)[None])
+    if doubts.gaps:
+        # the mesh is off by that, or silhouettes are wide and it is not
+        add(WIDENED * np.maximum(rng.standard_normal((count, 1)), 0.0), doubts.gaps.offset[None] * pixel)
+    offset = _bootstrap(surface, patch, views, count, blocks, rng)
     rows += offset @ _by_patch(response, patch, offset.shape[1])
     for e in (0, 1):
         if patch[ends.face[e]] >= 0:
             lengths += offset[:, patch[ends.face[e]]] * ends.pull[e]
 
-    of_measured = measured_modes(*mesh, surface.observed, ends.length, np.maximum(SIDE_PIXELS * pixel, scatter))
+    by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
+    of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
     of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred)
-    add(_fill_draws(count, len(of_fill), bool(surface.observed.any()), rng), of_fill)
+    add(_fill_draws(surface, doubts, (count, len(of_fill)), rng), of_fill)
 
-    if gaps is not None:
-        of_outlines = outline_modes(*mesh, ~surface.inferred, ends.length, gaps)
-        add(rng.standard_normal((count, len(of_outlines))), of_outlines)
-    for joint in joints:
+    for joint in doubts.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
 
-    # each end is one vertex, as uncertain as the points about it
-    lengths += float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
-
-    strain = focal_sigma * rng.standard_normal((count, 3, 3))
+    lengths += _of_ends(surface, ends, count, rng)
+    # poses that are off by the drift where the body's outlines are
+    strain = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum()))) * rng.standard_normal(
+        (count, 3, 3)
+    )
     strain = 0.5 * (strain + strain.transpose(0, 2, 1))
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
 
 
-def _shown(surface: Surface) -> np.ndarray:
-    """(f,) bool: measured faces, or all where there are only outlines."""
-    return surface.observed if surface.observed.any() else np.ones(len(surface.faces), bool)
+def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
+    """(f,) 1-sigma of the offset common to all measured faces, or to all where there are only outlines."""
+    shown = surface.observed if surface.observed.any() else np.ones(len(surface.faces), bool)
+    return np.where(shown, np.maximum(BIAS_PIXELS * surface.hull.pixel, scatter), 0.0)
 
 
-def _fill_draws(count: int, modes: int, measured: bool, rng: np.random.Generator) -> np.ndarray:
-    """(count, modes) of how far a fill is off, in sigmas."""
-    drawn = rng.standard_normal((count, modes))
-    if not measured:
+def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """(count, modes) of how far a fill is off, in sigmas of its modes, of which the first is common to all."""
+    drawn = rng.standard_normal(shape)
+    if not shape[1]:
+        return drawn
+    if not surface.observed.any():
         # a hull holds its body: what it hides is inward
         drawn[:, 0] = -np.abs(drawn[:, 0])
         drawn[:, 1:] *= 0.5
+    elif doubts.never_lit:
+        drawn[:, 0] = (DARK_MEAN + DARK_SIGMA * drawn[:, 0]) / COMMON
     return drawn
 
 
@@ -154,12 +183,24 @@ def _carried(surface: Surface, joint: Joint) -> np.ndarray:
 
 class _Ends(NamedTuple):
     """Of the greatest length: length, direction (3,), a face at each end (2,), and how much longer the body gets when that
-    face moves outward, pull (2,)."""
+    face moves outward, pull (2,); place: (2, 3) of the ends."""
 
     length: float
     direction: np.ndarray
     face: np.ndarray
     pull: np.ndarray
+    place: np.ndarray
+
+
+def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count,) how much longer the body may be. Each end is one vertex, as uncertain as the points about it; that of a free body
+    may be a tip which stereo did not measure, where the silhouettes leave room for it beside their own halo."""
+    out: np.ndarray = float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
+    if surface.hull.support is None:
+        outward = np.array([-ends.direction, ends.direction])
+        room = surface.hull.room(ends.place, outward, 0.5 * ends.length)
+        out += rng.random((count, 2)) @ np.maximum(room - HALO * surface.hull.pixel, 0.0)
+    return out
 
 
 def _ends(surface: Surface) -> _Ends:
@@ -168,7 +209,9 @@ def _ends(surface: Surface) -> _Ends:
     ends = np.array([end_a, end_b])
     direction = (vertices[end_b] - vertices[end_a]) / np.linalg.norm(vertices[end_b] - vertices[end_a])
     pull = np.einsum("ij,j->i", vertex_normals(vertices, faces)[ends], direction) * [-1, 1]
-    return _Ends(length, direction, np.array([np.flatnonzero((faces == e).any(1))[0] for e in ends]), pull)
+    return _Ends(
+        length, direction, np.array([np.flatnonzero((faces == e).any(1))[0] for e in ends]), pull, vertices[ends]
+    )
 
 
 def _by_patch(response: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarray:
@@ -233,7 +276,9 @@ def _patches(surface: Surface, rng: np.random.Generator) -> np.ndarray:
     return out
 
 
-def _bootstrap(surface: Surface, patch: np.ndarray, views: int, count: int, rng: np.random.Generator) -> np.ndarray:
+def _bootstrap(
+    surface: Surface, patch: np.ndarray, views: int, count: int, blocks: int, rng: np.random.Generator
+) -> np.ndarray:
     """(count, patches) change of each patch's mean residual when views are resampled."""
     patches = int(patch.max()) + 1 if (patch >= 0).any() else 0
     if patches == 0:
@@ -247,7 +292,7 @@ def _bootstrap(surface: Surface, patch: np.ndarray, views: int, count: int, rng:
     code = cloud.view_index[place] * patches + own[which]
     total = np.bincount(code, share * distance[which], views * patches).reshape(views, patches)
     weight = np.bincount(code, share, views * patches).reshape(views, patches)
-    blocks = min(BLOCKS, views)
+    blocks = min(blocks, views)
     block = np.arange(views) * blocks // views
     drawn = np.stack([np.bincount(d, minlength=blocks) for d in rng.integers(0, blocks, (count, blocks))])
     w = drawn[:, block].astype(float)

@@ -15,7 +15,7 @@ from massprops.surface.error_modes import hidden_depth
 from massprops.surface.outer import outer_integrals
 from massprops.surface.outline_cloud import ball_of_outlines, consistent, surface_of_outlines, with_margins
 from massprops.surface.silhouette import make_hull
-from massprops.surface.spread import replicates
+from massprops.surface.spread import Doubts, replicates
 from massprops.views import Views
 
 SIZE = (160, 120)
@@ -49,7 +49,7 @@ def test_the_interval_holds_what_outlines_cannot_show(make, least: float) -> Non
     middle, radius = ball_of_outlines(views, masks)
     surface = surface_of_outlines(views, masks, middle, 1.4 * radius)
     assert not surface.observed.any()
-    rows, _ = replicates(surface, len(views), 0.0)
+    rows, _ = replicates(surface, len(views), Doubts())
     hull = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     low, high = np.quantile(rows[:, 0], [0.05, 0.95]) / mesh.volume
     assert hull.is_volume and low < 1.0 < max(high, hull.volume / mesh.volume)

@@ -96,10 +96,8 @@ def run(job: Job) -> dict[str, Any]:
         )
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
-    focal_sigma = _focal_sigma(job)
-    # the dark side of a body in the Sun has no outline
-    rows, lengths = _replicates(job, surface, views, [] if free else masks, place, focal_sigma)
-    others = unjoined(job, place, focal_sigma)
+    (rows, lengths), drift = _replicates(job, surface, views, masks, place, free)
+    others = unjoined(job, place, _focal_sigma(job))
     underside_hollow = underside_may_be_hollow(place, others)
     body = mesh_integrals(surface.vertices, surface.faces)
     empty, told = _may_be_empty(_hollows(surface, place, underside_hollow), holes, float(body[0]))
@@ -120,7 +118,7 @@ def run(job: Job) -> dict[str, Any]:
     overlap = agreement(surface.vertices, surface.faces, views, masks)
     facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= told | {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
+    facts |= told | {"camera_drift_px": drift, "hollow_elsewhere": underside_hollow, "differing_placements": differing}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
@@ -128,19 +126,28 @@ def run(job: Job) -> dict[str, Any]:
 
 
 def _replicates(
-    job: Job, surface: Surface, views: Views, outlines: list[np.ndarray], place: dict[str, Any], focal_sigma: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Integrals (r, 10) and lengths (r,) that the body may have; `place` is `join.json`.
+    job: Job, surface: Surface, views: Views, masks: list[np.ndarray], place: dict[str, Any], never_lit: bool
+) -> tuple[tuple[np.ndarray, np.ndarray], float]:
+    """Integrals (r, 10) and lengths (r,) of bodies that the data allow, and by how much cameras drift, as outlines show it [px].
 
     Args:
-        outlines: silhouettes (h, w) that show where the body ends on all sides, or none.
-        focal_sigma: relative.
+        place: `join.json`; never_lit: what was not measured was never seen lit.
     """
-    from massprops.surface.outline_gap import outline_gaps
-    from massprops.surface.spread import replicates
+    from massprops.surface.error_modes import REACH
+    from massprops.surface.length import model_length
+    from massprops.surface.outline_gaps import outline_gaps
+    from massprops.surface.spread import Doubts, replicates
 
-    gaps = outline_gaps(surface.vertices, surface.faces, views, outlines) if outlines else None
-    return replicates(surface, len(views), focal_sigma, seed=job.seed, joints=_joints(place), gaps=gaps)
+    gaps = None
+    # outlines alone make their own surface
+    if surface.observed.any():
+        mesh = surface.vertices, surface.faces
+        gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
+        if place["support_plane"] is not None:
+            # shadows and what stands beside the object scatter its outlines: that is no drift of the cameras
+            gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.offset), drift=0.0)
+    doubts = Doubts(_focal_sigma(job), gaps, never_lit, _joints(place))
+    return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift if gaps else 0.0
 
 
 def _focal_sigma(job: Job) -> float:

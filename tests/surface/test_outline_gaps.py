@@ -1,0 +1,140 @@
+"""What outlines say of cameras that are wrong, and how it widens the intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from surface.synthetic_dense import cameras, observe, sphere_directions
+
+from massprops.geometry.rasterise import silhouette
+from massprops.surface.outline_gaps import Gaps, outline_gaps
+from massprops.surface.reconstruct import Surface, reconstruct_surface
+from massprops.surface.silhouette import make_hull
+from massprops.surface.spread import Doubts, replicates
+from massprops.views import Views
+
+SIZE = (320, 240)
+REACH = 0.3
+
+
+def body() -> tuple[np.ndarray, np.ndarray]:
+    mesh = trimesh.creation.icosphere(4, 1.0)
+    mesh.apply_scale([1.0, 0.8, 0.7])
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+
+
+def filmed(vertices: np.ndarray, faces: np.ndarray, n: int = 24) -> tuple[Views, list[np.ndarray]]:
+    views = cameras(sphere_directions(n), 5.0, 400.0, SIZE)
+    drawn = [silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], SIZE) for i in range(n)]
+    return views, [np.where(d, 255, 0).astype(np.uint8) for d in drawn]
+
+
+def turned(views: Views, degrees: float, seed: int = 0) -> Views:
+    rng = np.random.default_rng(seed)
+    turns = [
+        trimesh.transformations.rotation_matrix(np.radians(degrees) * rng.standard_normal(), rng.standard_normal(3))
+        for _ in range(len(views))
+    ]
+    return replace(views, R=np.stack([r @ t[:3, :3] for r, t in zip(views.R, turns, strict=True)]))
+
+
+def test_right_cameras_and_a_right_mesh_leave_nothing() -> None:
+    vertices, faces = body()
+    views, masks = filmed(vertices, faces)
+    found = outline_gaps(vertices, faces, views, masks, REACH)
+    assert not found.offset.any() and found.drift == 0.0
+
+
+def test_a_mesh_that_is_too_small_on_one_side_is_so_there() -> None:
+    vertices, faces = body()
+    views, masks = filmed(vertices, faces)
+    pixel = 5.0 / 400.0
+    small = vertices.copy()
+    small[:, 2] *= np.where(vertices[:, 2] > 0, 1.0 - 6 * pixel / 0.7, 1.0)
+    found = outline_gaps(small, faces, views, masks, REACH)
+    middle = small[faces].mean(axis=1)
+    assert 2.5 < np.median(found.offset[middle[:, 2] > 0.5]) < 6.5
+    assert not found.offset[middle[:, 2] < -0.3].any()
+
+
+def test_cameras_that_are_off_show_as_drift() -> None:
+    vertices, faces = body()
+    vertices = vertices * [1.0, 0.6, 0.5]
+    views, masks = filmed(vertices, faces)
+    drifts = [outline_gaps(vertices, faces, turned(views, d), masks, REACH).drift for d in (0.0, 8.0, 16.0)]
+    assert drifts[0] == 0.0 and 0.5 < drifts[1] < drifts[2]
+
+
+def test_a_boom_that_the_mesh_lacks_and_an_unlit_side_say_nothing() -> None:
+    vertices, faces = body()
+    boom = trimesh.creation.box((1.6, 0.03, 0.03), trimesh.transformations.translation_matrix([1.2, 0, 0]))
+    whole = trimesh.util.concatenate([trimesh.Trimesh(vertices, faces), boom])
+    views, masks = filmed(np.asarray(whole.vertices), np.asarray(whole.faces))
+    for mask in masks:
+        lit = mask[:, : SIZE[0] // 2]
+        lit[lit == 255] = 0
+        mask[:, SIZE[0] // 2 - 1 : SIZE[0] // 2][mask[:, SIZE[0] // 2 : SIZE[0] // 2 + 1] == 255] = 128
+    found = outline_gaps(vertices, faces, views, masks, REACH)
+    assert np.mean(found.offset != 0) < 0.1 and found.drift < 0.5
+
+
+def test_nothing_is_said_without_silhouettes() -> None:
+    vertices, faces = body()
+    views, masks = filmed(vertices, faces, 6)
+    found = outline_gaps(vertices, faces, views, [np.full_like(m, 128) for m in masks], REACH)
+    assert not found.offset.any() and found.drift == 0.0
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[Surface, int]:
+    vertices, faces = body()
+    views = cameras(sphere_directions(36), 5.0, 400.0, SIZE)
+    cloud, masks = observe(trimesh.Trimesh(vertices, faces), views, 0.002, 1)
+    return reconstruct_surface(views, masks, cloud, points=8_000), len(views)
+
+
+def test_drift_widens_all_and_an_offset_widens_to_its_own_side(measured: tuple[Surface, int]) -> None:
+    surface, views = measured
+    none, pixel = np.zeros(len(surface.faces)), surface.hull.pixel
+    own, drifting, small = (
+        np.quantile(replicates(surface, views, Doubts(gaps=g))[0][:, 0], [0.05, 0.5, 0.95])
+        for g in (None, Gaps(none, 3.0), Gaps(none + 4.0, 0.0))
+    )
+    area = trimesh.Trimesh(surface.vertices, surface.faces, process=False).area
+    assert drifting[2] - drifting[0] > 3 * (own[2] - own[0])
+    assert small[2] - own[2] > 4.0 * pixel * area
+    assert abs(small[0] - own[0]) < 0.3 * (own[2] - own[0])
+
+
+def test_what_was_never_lit_is_expected_further_in() -> None:
+    vertices, faces = body()
+    directions = sphere_directions(48)
+    views = cameras(directions[directions[:, 2] > 0.1], 5.0, 400.0, SIZE)
+    cloud, masks = observe(trimesh.Trimesh(vertices, faces), views, 0.002, 1)
+    surface = reconstruct_surface(views, masks, cloud, points=8_000)
+    usual, dark = (
+        np.median(replicates(surface, len(views), Doubts(never_lit=lit))[0][:, 0]) for lit in (False, True)
+    )
+    assert dark < 0.97 * usual
+
+
+def test_a_hull_tells_how_far_a_body_may_go_on() -> None:
+    vertices, faces = body()
+    views, masks = filmed(vertices, faces, 36)
+    hull = make_hull(views, masks, vertices)
+    start, outward = np.array([[0.9, 0, 0], [0, 0, -0.7]]), np.array([[1.0, 0, 0], [0, 0, -1.0]])
+    room = hull.room(start, outward, 1.0)
+    assert room[0] == pytest.approx(0.1, abs=2.5 * hull.pixel) and room[1] < 2.5 * hull.pixel
+    # where silhouettes say nothing they leave no known room
+    blind = make_hull(views, [np.full_like(m, 128) for m in masks], vertices)
+    assert not blind.room(start, outward, 1.0).any()
+
+
+def test_a_tip_that_was_not_measured_makes_the_length_uncertain(measured: tuple[Surface, int]) -> None:
+    surface, views = measured
+    wide = replace(surface, hull=replace(surface.hull, need=9))
+    own, longer = (replicates(s, views, Doubts())[1] for s in (surface, wide))
+    assert longer.mean() > own.mean() and longer.std() > own.std()
