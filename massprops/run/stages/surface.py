@@ -135,15 +135,16 @@ def _replicates(
     """
     from massprops.surface.error_modes import REACH
     from massprops.surface.length import model_length
-    from massprops.surface.outline_gaps import outline_gaps
+    from massprops.surface.outline_gaps import BETWEEN_COLOURS, HALO, outline_gaps
     from massprops.surface.spread import Doubts, replicates
 
-    gaps = None
+    gaps, stands = None, place["support_plane"] is not None
     # outlines alone make their own surface
     if surface.observed.any():
         mesh = surface.vertices, surface.faces
-        gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
-        if place["support_plane"] is not None:
+        reach = REACH * model_length(*mesh, surface.observed)[0]
+        gaps = outline_gaps(*mesh, views, masks, reach, BETWEEN_COLOURS if stands else HALO)
+        if stands:
             # shadows and what stands beside the object scatter its outlines: that is no drift of the cameras
             gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.offset), drift=0.0)
     doubts = Doubts(_focal_sigma(job), gaps, never_lit, _joints(place))
