@@ -64,9 +64,16 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     enough = told.sum(axis=1) >= FEWEST
     middle = np.full(len(faces), HALO)
     middle[enough] = np.nanmedian(said[enough], axis=1)
-    off = np.where(middle > HALO + SURE, middle - HALO, np.where(middle < -SURE, middle, 0.0))
-    spread = _spread(gap - np.median(gap))
-    return Gaps(off, float(np.sqrt(max(0.0, spread**2 - SHARP**2))))
+    whole = float(np.median(gap))
+    drift = float(np.sqrt(max(0.0, _spread(gap - whole) ** 2 - SHARP**2)))
+    # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
+    wrong = min(1.0, float(np.hypot(drift, _beyond_halo(np.array(whole)))) / SHARP)
+    return Gaps(wrong * _beyond_halo(middle), drift)
+
+
+def _beyond_halo(gap: np.ndarray) -> np.ndarray:
+    """What of gaps no halo explains [px]; exact silhouettes have none."""
+    return np.where(gap > HALO + SURE, gap - HALO, np.where(gap < -SURE, gap, 0.0))
 
 
 def _spread(apart: np.ndarray) -> float:
