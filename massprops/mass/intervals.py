@@ -9,6 +9,9 @@ divided by its own length; when the scale comes from elsewhere (baseline, range,
 An interval is the 5th to the 95th percentile of the replicates, stretched where needed to hold the estimate. Replicates
 that are no bodies have collapsed: where they are more than the 5 % below, volume, mass and moments may be anything from
 zero to those of the silhouettes' hull, and the ratios anything that a body may have.
+
+Two moments that are nearly equal are driven apart by every error, as they are told by their order. So where the replicates'
+tensors do not exclude that two are equal, the ratio's interval reaches to 0.
 """
 
 from __future__ import annotations
@@ -51,6 +54,8 @@ def scaled_replicates(
     return scale_integrals(rows, drawn * (length / lengths) if own_length else drawn)
 
 
+ROUNDING = 1e-9
+"""Least 1-sigma of an element of the inertia over its trace."""
 TAIL = 0.05
 """Share of the replicates beyond either end of an interval."""
 
@@ -80,8 +85,12 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
             known[..., 0], known[..., 1] = 0.0, np.maximum(known[..., 1], most)
         return known.tolist()
 
-    def ratio(draws: np.ndarray, value: float) -> Any:
-        return [float(min(draws.min(), value)), 0.0] if vague else bounds(draws, value)
+    equal = may_be_equal(inertia, estimate.principal_axes)
+
+    def ratio(k: int) -> Any:
+        draws, value = ratios[:, k], middle[k]
+        low, high = (float(min(draws.min(), value)), 0.0) if vague else bounds(draws, value)
+        return [low, 0.0 if equal[k] else high]
 
     largest = (
         _largest(outer, estimate.density) if vague and outer is not None and outer[0] > 0 else (0.0, 0.0, np.zeros(3))
@@ -92,9 +101,31 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
         "center_of_mass": bounds(centre, estimate.center_of_mass),
         "inertia": bounds(inertia, estimate.inertia),
         "principal_moments": within(moments, estimate.principal_moments, largest[2]),
-        "k1": ratio(ratios[:, 0], middle[0]),
-        "k2": ratio(ratios[:, 1], middle[1]),
+        "k1": ratio(0),
+        "k2": ratio(1),
     }
+
+
+def may_be_equal(inertia: np.ndarray, axes: np.ndarray) -> tuple[bool, bool]:
+    """Whether I1 and I2, and I2 and I3, may be equal by 90 %.
+
+    Of two equal moments the tensor is round in the plane of their axes: half the difference of its two diagonal elements
+    there and the element beside them are both zero, which is tested by their mean and covariance over the replicates.
+
+    Args:
+        inertia: (r, 3, 3) of replicates about their centres of mass.
+        axes: (3, 3) principal axes of the estimate, as columns, of ascending moments.
+    """
+    from scipy.stats import chi2
+
+    turned = axes.T @ (inertia / np.trace(inertia, axis1=1, axis2=2)[:, None, None]) @ axes
+    out = []
+    for i in (0, 1):
+        apart = np.stack([0.5 * (turned[:, i, i] - turned[:, i + 1, i + 1]), turned[:, i, i + 1]], axis=1)
+        middle, spread = apart.mean(axis=0), (apart - apart.mean(axis=0)).T @ (apart - apart.mean(axis=0)) / len(apart)
+        away = middle @ np.linalg.solve(spread + ROUNDING**2 * np.eye(2), middle)
+        out.append(bool(away < chi2.ppf(1.0 - 2.0 * TAIL, 2)))
+    return out[0], out[1]
 
 
 def collapsed(valid: np.ndarray) -> bool:

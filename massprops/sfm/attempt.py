@@ -27,7 +27,7 @@ from massprops.sfm.chance import drop_chance
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, match_distinct, repeating
-from massprops.sfm.features import FeatureOptions, extract_all
+from massprops.sfm.features import FeatureOptions, calmed, extract_all
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
@@ -195,6 +195,8 @@ def attempt(
     """
     work.mkdir(parents=True, exist_ok=True)
     wanted = {"usual": options.features, "enlarged": options.enlarged, "faint": options.faint}[way]
+    if way == "enlarged":
+        wanted = calmed(footage, wanted)
     features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
     enough = sum(len(k) >= 30 for k, _ in features.values())
     if enough < 3:

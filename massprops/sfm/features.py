@@ -8,7 +8,7 @@ the wrong size without a word. OpenCV's SIFT finds the same places as COLMAP's t
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,13 @@ from massprops.core.progress import Progress, silent
 from massprops.errors import InputError
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.turned import turn_keypoints
+
+NOISY, CALM = 8.0, 1.0
+"""Noise on the object from which on it hides features [grey levels], and the blur that brings them out [px]. Of an asteroid and
+a spacecraft 120 px wide at a noise of 7, 10 and 14 levels (measured as 8 to 18, with the texture) such a blur leaves 1.6 to 2.3 times
+as many right matches of neighbouring images, no less exact; 1.5 px leave fewer. Non-local means leave no more than no blur."""
+NOISE_IMAGES = 12
+"""Images whose noise is measured."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +39,14 @@ class FeatureOptions:
         enlarge: times by which the image is enlarged, beside the doubling that SIFT begins with. Where a body of 100 px shows detail
             in every pixel, most of it is finer than the first scale of the doubled image: twice as large it has five to seven
             times as many features.
+        calm: 1-sigma of the blur that noise is taken out with before features are looked for [px]; 0 for none.
     """
 
     most: int = 4096
     peak: float = 0.005
     margin: int = 2
     enlarge: int = 1
+    calm: float = 0.0
 
 
 def object_region(mask: np.ndarray, margin: int) -> np.ndarray:
@@ -87,6 +96,8 @@ def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
         pad = 12
         y0, x0 = max(0, ys[0] - pad), max(0, xs[0] - pad)
         gray = gray[y0 : ys[-1] + pad + 1, x0 : xs[-1] + pad + 1]
+    if options.calm > 0:
+        gray = cv2.GaussianBlur(gray, (0, 0), options.calm)
     # features, layers, contrast, edge, sigma, descriptor type, exact doubling of the image
     if options.enlarge > 1:
         gray = cv2.resize(gray, None, fx=options.enlarge, fy=options.enlarge, interpolation=cv2.INTER_CUBIC)
@@ -109,6 +120,25 @@ def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
         keep = region[row, col]
         xy, data = xy[keep], data[keep]
     return xy, data
+
+
+def calmed(footage: FootageRecord, options: FeatureOptions) -> FeatureOptions:
+    """The options with a blur where the images are noisy on the object, as those of a few of them show."""
+    noise = []
+    for frame in footage.frames[:: max(1, len(footage.frames) // NOISE_IMAGES)]:
+        gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        mask = read_mask(footage, frame.name, footage.size(frame))
+        if gray is not None and mask is not None and (mask == 255).any():
+            noise.append(_noise(gray, mask == 255))
+    return replace(options, calm=CALM) if noise and np.median(noise) > NOISY else options
+
+
+def _noise(gray: np.ndarray, own: np.ndarray) -> float:
+    """1-sigma of the noise of an image (h, w) on its object [grey levels] (Immerkaer 1996), fine texture taken for some of it."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    response = np.abs(cv2.filter2D(gray.astype(np.float32), cv2.CV_32F, kernel))[own]
+    # the lower quartile of |N(0, 6 sigma)|
+    return float(np.percentile(response, 25)) / (0.3186 * 6.0)
 
 
 def root_sift(descriptors: np.ndarray) -> np.ndarray:

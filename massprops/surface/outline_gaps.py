@@ -22,13 +22,12 @@ HALO, SHARP = 1.0, 1.0
 """Where cameras are right the object's outline lies up to this far outside the mesh's, since silhouettes take in the pixels that
 the object fills in part, and scatters by as much [px]. An asteroid in 320x240 and one blurred by motion had 1.0 and 1.4 in the
 middle and 0.7 and 0.8 of scatter; five films of asteroids and spacecraft whose cameras were wrong 1.4 to 3.2, and 1.9 to 3.5."""
-BETWEEN_COLOURS = 0.0
-"""The same of silhouettes that are cut between the colours of an object and of what is about it [px]: those of a chair, a figure
-and a jug on tables lie 0.0 px outside the true ones in the middle."""
 MUTUAL = 2.0
 """By how much nearer to an outline another place of the other one may be [px], for both to be outlines of one place."""
 BULK, BULK_MEAN = 0.8, 0.5586
 """Share of deviations that are averaged, the smallest, and what their mean is for a normal distribution of 1-sigma 1."""
+SURE = 1.0
+"""Part of an offset that may be the halo of other images or of other light [px]."""
 NEIGHBOURS, FEWEST = 60, 15
 """Places on outlines that say where a face should be, and how many of them it takes."""
 
@@ -40,39 +39,45 @@ class Gaps:
     Attributes:
         offset: (f,) how far outside the mesh the object is at each face, in the middle of all that is said there [px].
         drift: 1-sigma by which the object's outline scatters about the mesh's, beyond what it does where cameras are right [px].
+        middle: (f,) how far outside the mesh the object's outline is in the middle [px], 0 where nothing is said.
     """
 
     offset: np.ndarray
     drift: float
+    middle: np.ndarray
 
 
-def outline_gaps(
-    vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray], reach: float, halo: float = HALO
-) -> Gaps:
+def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray], reach: float) -> Gaps:
     """How far the mesh's outlines lie from the object's.
 
     Args:
         vertices: (v, 3) and faces: (f, 3) of the mesh.
         views: n cameras; masks: n undistorted silhouettes (h, w), 255 object, 0 sky, anything between no evidence.
         reach: distance within which outlines speak for a face [world units].
-        halo: by how much silhouettes are too wide, and may be again in other images or other light [px].
     """
     from scipy.spatial import cKDTree
 
     face, gap = _on_outlines(vertices, faces, views, masks)
     if len(face) < NEIGHBOURS:
-        return Gaps(np.zeros(len(faces)), 0.0)
+        return Gaps(np.zeros(len(faces)), 0.0, np.zeros(len(faces)))
     # the two sides of a plate are different places
     place = np.column_stack([vertices[faces].mean(axis=1), 2 * reach * face_normals(vertices, faces)])
     near, which = cKDTree(place[face]).query(place, NEIGHBOURS, distance_upper_bound=reach)
     told = np.isfinite(near)
     said = np.where(told, gap[np.minimum(which, len(gap) - 1)], np.nan)
     enough = told.sum(axis=1) >= FEWEST
-    middle = np.full(len(faces), halo)
+    middle = np.full(len(faces), HALO)
     middle[enough] = np.nanmedian(said[enough], axis=1)
-    off = np.where(middle > 2 * halo, middle - halo, np.where(middle < -halo, middle, 0.0))
-    spread = _spread(gap - np.median(gap))
-    return Gaps(off, float(np.sqrt(max(0.0, spread**2 - SHARP**2))))
+    whole = float(np.median(gap))
+    drift = float(np.sqrt(max(0.0, _spread(gap - whole) ** 2 - SHARP**2)))
+    # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
+    wrong = min(1.0, float(np.hypot(drift, _beyond_halo(np.array(whole)))) / SHARP)
+    return Gaps(wrong * _beyond_halo(middle), drift, np.where(enough, middle, 0.0))
+
+
+def _beyond_halo(gap: np.ndarray) -> np.ndarray:
+    """What of gaps no halo explains [px]; exact silhouettes have none."""
+    return np.where(gap > HALO + SURE, gap - HALO, np.where(gap < -SURE, gap, 0.0))
 
 
 def _spread(apart: np.ndarray) -> float:

@@ -135,7 +135,7 @@ def _replicates(
     """
     from massprops.surface.error_modes import REACH
     from massprops.surface.length import model_length
-    from massprops.surface.outline_gaps import BETWEEN_COLOURS, HALO, outline_gaps
+    from massprops.surface.outline_gaps import outline_gaps
     from massprops.surface.spread import Doubts, replicates
 
     gaps, stands = None, place["support_plane"] is not None
@@ -143,10 +143,10 @@ def _replicates(
     if surface.observed.any():
         mesh = surface.vertices, surface.faces
         reach = REACH * model_length(*mesh, surface.observed)[0]
-        gaps = outline_gaps(*mesh, views, masks, reach, BETWEEN_COLOURS if stands else HALO)
+        gaps = outline_gaps(*mesh, views, masks, reach)
         if stands:
-            # shadows and what stands beside the object scatter its outlines: that is no drift of the cameras
-            gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.offset), drift=0.0)
+            # an outline between colours has no halo; it scatters with shadows and things behind, not with the cameras
+            gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
     doubts = Doubts(_focal_sigma(job), gaps, never_lit, _joints(place))
     return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift if gaps else 0.0
 
