@@ -20,7 +20,6 @@ from massprops.errors import InputError
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.turned import turn_keypoints
 
-
 NOISY, CALM = 8.0, 1.0
 """Noise on the object from which on it hides features [grey levels], and the blur that brings them out [px]. Of an asteroid and
 a spacecraft 120 px wide at a noise of 7, 10 and 14 levels (measured as 8 to 18, with the texture) such a blur leaves 1.6 to 2.3 times
