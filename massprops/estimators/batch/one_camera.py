@@ -3,14 +3,15 @@
 The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared:
 features near each other on the body slide alike under one Sun, and all features of neighbouring frames are matched
 alike. So the covariance is a sandwich with clusters in both ways, places on the body and blocks of time (Huber 1967;
-Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011, eq. 2.10). Focal length and radial distortion were found from the same images: both are free again,
+Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011, eq. 2.10), each cluster judged without itself. Focal length and radial distortion were found from the same images: both are free again,
 since a body that turns freely tells them apart from its shape.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,10 @@ LENS = ("focal-length-error", "lens-distortion")
 FEWEST_FEATURES = 20
 PLACES, BLOCKS = 30, 12
 """Clusters of features on the body, and of time."""
+SIDES = 12
+"""Clusters of where the body's surface is before the camera."""
+LEAST_LEFT = 0.02
+"""Share of the information on a combination of numbers that counts as left where a cluster holds all of it."""
 
 
 def applies(problem: Problem, start: Any) -> bool:
@@ -110,16 +115,19 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: 
     V += 1e-9 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
     back = W @ np.linalg.inv(V)
     # each observation's part of the score, with its own feature point eliminated
-    score = w * (np.einsum("okp,ok->op", J, r) - np.einsum("opi,oki,ok->op", back[at], F, r))
+    slope = J - np.einsum("oki,opi->okp", F, back[at])
+    score = w * np.einsum("okp,ok->op", slope, r)
     places = found.state.points[who]
     count = max(2, min(PLACES, len(who) // 3))
     place = kmeans2(places / (places.std() or 1.0), count, seed=1, minit="++")[1][at]
     block = m.seen.epoch * BLOCKS // len(problem.times)
-    both = place * BLOCKS + block
-    middle = _summed(score, place) + _summed(score, block) - _summed(score, both)
+    before = np.einsum("oij,oj->oi", rotation_matrix(found.predicted.q[m.seen.epoch]), found.state.points[m.seen.feature])
+    side = kmeans2(before / (before.std() or 1.0), SIDES, seed=1, minit="++")[1]
     scale = np.sqrt(np.maximum(np.diag(found.information), 1e-300))
     values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / scale[:, None] / scale
+    seen = _Seen(score, np.sqrt(w)[..., None] * slope, (vectors / np.sqrt(np.maximum(values, 1e-12))).T / scale)
+    middle = _in_all_ways(seen, (place, block, side))
     plain = inverse * max(1.0, found.chi2 / found.freedom)
     # the difference of the two ways need not be a covariance: no direction may fall below independent errors
     root = np.linalg.cholesky(plain + 1e-300 * np.eye(len(plain)))
@@ -131,10 +139,39 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: 
     return out
 
 
-def _summed(score: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """(f, f) sum over clusters of the squared sums of their scores (o, f)."""
-    known, at = np.unique(label, return_inverse=True)
-    total = np.zeros((len(known), score.shape[1]))
-    np.add.at(total, at, score)
-    out: np.ndarray = total.T @ total * len(known) / max(1, len(known) - 1)
-    return out
+class _Seen(NamedTuple):
+    """Of o observations the score (o, f) and the weighed derivatives (o, 2, f), points eliminated, and a root of the inverse
+    information: root^T root, root (f, f)."""
+
+    score: np.ndarray
+    slope: np.ndarray
+    root: np.ndarray
+
+
+def _in_all_ways(seen: _Seen, labels: tuple[np.ndarray, ...]) -> np.ndarray:
+    """(f, f) of errors alike in any of several ways: sums over clusters of each, less those of pairs, and so on."""
+    total = np.zeros((seen.score.shape[1],) * 2)
+    for count in range(1, len(labels) + 1):
+        for some in combinations(labels, count):
+            total -= (-1) ** count * _summed(seen, np.unique(np.stack(some), axis=1, return_inverse=True)[1].ravel())
+    return total
+
+
+def _summed(seen: _Seen, label: np.ndarray) -> np.ndarray:
+    """(f, f) sum over clusters (o,) of the squared sums of their scores.
+
+    The fit bends to a cluster that decides it, such as the first or the last block of a record, and leaves it small
+    residuals. So a score counts as it would without its cluster in the fit: the jackknife (Bell and McCaffrey 2002, CR3).
+    """
+    total = np.zeros((seen.score.shape[1],) * 2)
+    for one in np.unique(label):
+        own = label == one
+        slope = seen.slope[own].reshape(-1, total.shape[0]) @ seen.root.T
+        share, ways = np.linalg.eigh(slope.T @ slope)
+        # in units of the whole information: what is left without the cluster
+        left = 1.0 / np.clip(1.0 - share, LEAST_LEFT, 1.0)
+        unit = seen.root @ seen.score[own].sum(axis=0)
+        moved = np.linalg.solve(seen.root, ways @ (left * (ways.T @ unit)))
+        total += np.outer(moved, moved)
+    count = len(np.unique(label))
+    return total * (count - 1) / count
