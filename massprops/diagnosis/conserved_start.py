@@ -125,6 +125,18 @@ def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None =
     )
 
 
+def as_round(start: Start, path: MotionPath) -> Start:
+    """The same start of a wheel with the moment about its axis as large as those across it are in the mean, which the wheel
+    answers for: the balance across the axis says nothing of that moment, and from a needle's a fit seldom comes back."""
+    assert start.axis is not None and start.history is not None
+    axis = start.axis
+    about = float(axis @ start.inertia @ axis)
+    more = 0.5 * (float(np.trace(start.inertia)) - about) - about
+    inertia, h = start.inertia + more * np.outer(axis, axis), start.history - more * (path.w @ axis)
+    size = 3.0 / np.trace(inertia)
+    return Start(inertia=physical_inertia(inertia), left=start.left, axis=axis, history=size * h)
+
+
 def left_across(path: MotionPath, at: np.ndarray, forcing: Forcing) -> float:
     """Share of momentum that is not conserved under `forcing` across the best of a few directions: what a wheel of any
     history along it leaves of a motion, for a scan."""

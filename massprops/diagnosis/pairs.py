@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnosis.conserved_start import Start, conserved_across, left_across
+from massprops.diagnosis.conserved_start import Start, as_round, conserved_across, left_across
 from massprops.diagnosis.effect_columns import steps, term_of, variants
 from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
@@ -33,7 +33,8 @@ NEIGHBOURS = (-2.0, -1.0, 1.0, 2.0)
 MOVED = 3
 """Pairs, the most likely, whose times and time constants are moved to their best."""
 WHEELS = 3
-"""Effects, the most likely beside a wheel of any history and an unknown torque, that are fitted beside the wheel to the end."""
+"""Effects, the most likely beside a wheel of any history, that are fitted beside the wheel to the end: so many of those with an
+unknown torque besides, and of those without."""
 LAG = 0.045
 """Time constant of that wheel over the record: the middle of `selection.LAGS`."""
 
@@ -122,21 +123,23 @@ def _finished(record: Record, fits: list[HypothesisFit], starts: list[Start]) ->
 def _beside_wheel(record: Record, forced: list[Scanned], gap: float) -> list[HypothesisFit]:
     """Fits of an effect and a wheel of any history, about the axis across which both conserve momentum best."""
     path, at, lag = record.path, record.rows.at, LAG * record.path.span
-    begun = []
+    begun: dict[bool, list[HypothesisFit]] = {True: [], False: []}
     for own in forced:
         if own.name == "internal-rotor":
             continue
         left = [left_across(path, at, f) for f in own.forcings] if len(own.terms) > 1 else [0.0]
         for k in np.argsort(left)[:2]:
-            term, forcing = own.terms[k], own.forcings[k]
-            with suppress(NotPossible):
-                # beside an unknown torque, which keeps the wheel from answering for what the scanned value misses
-                start = conserved_across(path, at, forcing)
-                h = Hypothesis(terms=(term,), wheel=True, lag=lag)
-                begun.append(fit_hypothesis(record, h, start, passes=SHORT))
-    begun = sorted(begun, key=lambda f: -f.evidence)[:WHEELS]
+            start = conserved_across(path, at, own.forcings[k])
+            # beside an unknown torque, which keeps the wheel from answering for what the scanned value misses; and without, as
+            # it may answer for the inertia
+            for latent, where in ((True, start), (False, as_round(start, path))):
+                h = Hypothesis(terms=(own.terms[k],), wheel=True, lag=lag, latent=latent)
+                with suppress(NotPossible):
+                    begun[latent].append(fit_hypothesis(record, h, where, passes=SHORT))
+    firsts = sorted(begun[True], key=lambda f: -f.evidence)[:WHEELS]
+    firsts += sorted((f for f in begun[False] if can_be(f)), key=lambda f: -f.evidence)[:WHEELS]
     found = []
-    for first in begun:
+    for first in firsts:
         terms = first.hypothesis.terms
         short = _short(record, [terms, *_varied(terms, gap)], [again(first)], lag)
         fits = [admissible(record, f.hypothesis, again(f), latent=False) for f in short[:1]]
