@@ -68,7 +68,9 @@ def _begun(record: Record, a: Scanned, b: Scanned, gap: float) -> list[Hypothesi
     """The likeliest values of what is scanned of two effects, and of their variants, after a few passes."""
     tried = least_left(record, a, b)
     # few values begin at a ball as well
-    fits = _ranked([f for terms, own in tried for f in _short(record, [terms], [own, BALL][: 1 + (len(tried) <= KEPT)])])
+    fits = _ranked(
+        [f for terms, own in tried for f in _short(record, [terms], [own, BALL][: 1 + (len(tried) <= KEPT)])]
+    )
     if not fits or len(tried) == 1:
         return fits
     more = [v for f in fits[:2] for v in _varied(f.hypothesis.terms, gap)]
