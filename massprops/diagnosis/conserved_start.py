@@ -19,6 +19,10 @@ PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 DIRECTIONS = 400
 FEW_DIRECTIONS = 60
 """For a scan: some 18 degrees apart."""
+TOGETHER = 100
+"""Directions solved for at once: more only take more memory."""
+RIDGE = 1e-10
+"""Of the mean square of the unknowns' columns: keeps those that are alike apart."""
 LEAST_MOMENT = 0.002
 """Least second moment of mass over their sum: a body of such shape is a disk 20 times as wide as thick."""
 
@@ -49,8 +53,45 @@ def conserved(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) 
     """The start under torques or internal momenta that are linear in their unknowns."""
     M, N = _columns(path, at, forcing)
     M, N = M.reshape(-1, M.shape[2]), N.reshape(-1, 6)
-    value, x = _least(M.T @ M, N.T @ N, np.eye(6))
-    return Start(inertia=physical_inertia(_positive(_matrix(x))), left=float(np.sqrt(max(value, 0.0))))
+    value, six = _least((M.T @ M)[None], (N.T @ N)[None], np.eye(6)[None])
+    return _start(value[0], six[0])
+
+
+def conserved_by_both(path: MotionPath, at: np.ndarray, a: list[Forcing], b: list[Forcing]) -> list[list[Start]]:
+    """The start under one forcing of `a` together with one of `b`, for all of either: as `conserved` of both, but each column's
+    products with the others are taken once."""
+    M, N = _columns(path, at, None)
+    sides = [[_sized(path, at, f) for f in side] for side in (a, b)]
+    X = np.concatenate([M, *sides[0], *sides[1]], axis=2).reshape(3 * len(at), -1)
+    whole = X.T @ X
+    whole[range(6, len(whole)), range(6, len(whole))] += RIDGE * np.mean(np.diag(whole)[6:])
+    part = np.einsum("nic,nid->cd", N, N, optimize=True)
+    ends = 9 + np.cumsum([f.shape[2] for side in sides for f in side])
+    places = [np.arange(end - f.shape[2], end) for f, end in zip([*sides[0], *sides[1]], ends, strict=True)]
+    firsts, seconds = places[: len(a)], places[len(a) :]
+    out = []
+    for own in firsts:
+        kept = np.concatenate([np.arange(6), *seconds])
+        left = _without(whole, kept, np.concatenate([np.arange(6, 9), own]))
+        where = np.searchsorted(kept, np.concatenate(seconds)).tolist()
+        begun, sixes = 0, []
+        for second in seconds:
+            sixes.append(_without(left, np.arange(6), np.array(where[begun : begun + len(second)])))
+            begun += len(second)
+        value, six = _least(np.array(sixes), np.broadcast_to(part, (len(sixes), 6, 6)), np.eye(6)[None])
+        out.append([_start(v, x) for v, x in zip(value, six, strict=True)])
+    return out
+
+
+def _without(whole: np.ndarray, kept: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Inner products of the columns `kept`, once those of `out` have taken what they can (Schur's complement)."""
+    across = whole[np.ix_(kept, out)]
+    left: np.ndarray = whole[np.ix_(kept, kept)] - across @ np.linalg.solve(whole[np.ix_(out, out)], across.T)
+    return left
+
+
+def _start(value: float, six: np.ndarray) -> Start:
+    return Start(inertia=physical_inertia(_positive(_matrix(six))), left=float(np.sqrt(max(value, 0.0))))
 
 
 def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) -> Start:
@@ -64,11 +105,12 @@ def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None =
 
     across = _Across(path, at, forcing)
     found = minimize(
-        lambda v: np.log(max(across.least(v / np.linalg.norm(v))[0], 1e-300)), across.best(DIRECTIONS)[1],
+        lambda v: np.log(max(across.least(v[None] / np.linalg.norm(v))[0][0], 1e-300)), across.best(DIRECTIONS)[1],
         method="Nelder-Mead", options={"maxfev": 150, "xatol": 1e-3, "fatol": 1e-3},
     )  # fmt: skip
     axis = found.x / np.linalg.norm(found.x)
-    value, x = across.least(axis)
+    values, sixes = across.least(axis[None])
+    value, x = float(values[0]), sixes[0]
     inertia = _matrix(x)
     if np.trace(inertia) - axis @ inertia @ axis < 0:
         inertia, x = -inertia, -x
@@ -81,6 +123,18 @@ def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None =
     return Start(
         inertia=physical_inertia(_positive(inertia)), left=float(np.sqrt(max(value, 0.0))), axis=axis, history=history
     )
+
+
+def as_round(start: Start, path: MotionPath) -> Start:
+    """The same start of a wheel with the moment about its axis as large as those across it are in the mean, which the wheel
+    answers for: the balance across the axis says nothing of that moment, and from a needle's a fit seldom comes back."""
+    assert start.axis is not None and start.history is not None
+    axis = start.axis
+    about = float(axis @ start.inertia @ axis)
+    more = 0.5 * (float(np.trace(start.inertia)) - about) - about
+    inertia, h = start.inertia + more * np.outer(axis, axis), start.history - more * (path.w @ axis)
+    size = 3.0 / np.trace(inertia)
+    return Start(inertia=physical_inertia(inertia), left=start.left, axis=axis, history=size * h)
 
 
 def left_across(path: MotionPath, at: np.ndarray, forcing: Forcing) -> float:
@@ -97,18 +151,19 @@ class _Across:
         self._whole = np.einsum("nic,njd->ijcd", self._M, self._M, optimize=True)
         self._part = np.einsum("nic,njd->ijcd", N, N, optimize=True)
 
-    def least(self, axis: np.ndarray) -> tuple[float, np.ndarray]:
-        """Least share of momentum left across an axis (3,), and the six of the inertia."""
-        P = np.eye(3) - np.outer(axis, axis)
-        along = np.array([axis[i] * axis[j] for i, j in PLACES])
-        free = np.linalg.svd(along[None])[2][1:].T
-        return _least(np.einsum("ij,ijcd->cd", P, self._whole), np.einsum("ij,ijcd->cd", P, self._part), free)
+    def least(self, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least share (d,) of momentum left across each of some axes (d, 3), and the six of the inertia (d, 6)."""
+        P = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        along = np.stack([axes[:, i] * axes[:, j] for i, j in PLACES], axis=1)
+        free = np.swapaxes(np.linalg.svd(along[:, None])[2][:, 1:], 1, 2)
+        return _least(_projected(P, self._whole), _projected(P, self._part), free)
 
     def best(self, directions: int) -> tuple[float, np.ndarray]:
         """The least share left, and across which of so many directions."""
-        found = [(self.least(a)[0], k) for k, a in enumerate(hemisphere(directions))]
-        value, k = min(found)
-        return value, hemisphere(directions)[k]
+        axes = hemisphere(directions)
+        value = np.concatenate([self.least(some)[0] for some in np.array_split(axes, max(1, directions // TOGETHER))])
+        k = int(np.argmin(value))
+        return float(value[k]), axes[k]
 
     def others(self, axis: np.ndarray, six: np.ndarray) -> np.ndarray:
         """(m, 3) what all but the inertia holds of the balance, body axes, when the six are these."""
@@ -138,27 +193,44 @@ def _columns(path: MotionPath, at: np.ndarray, forcing: Forcing | None) -> tuple
             N[:, j, k] += u[:, i]
     parts = [N, -np.swapaxes(path.R[at], 1, 2)]
     if forcing is not None and forcing.count:
-        extra = np.zeros((len(at), 3, forcing.count))
-        if forcing.momentum is not None:
-            extra -= np.swapaxes(path.R[at], 1, 2) @ forcing.momentum[at]
-        if forcing.internal is not None:
-            extra += forcing.internal[at]
-        size = np.sqrt(np.mean(extra**2, axis=(0, 1)))
-        parts.append(extra * (np.sqrt(np.mean(u**2)) / np.maximum(size, 1e-300)))
+        parts.append(_sized(path, at, forcing))
     return np.concatenate(parts, axis=2), N
 
 
-def _least(whole: np.ndarray, part: np.ndarray, free: np.ndarray) -> tuple[float, np.ndarray]:
-    """Least share of momentum left over and the six of the inertia (6,), which is a combination of `free` (6, f)."""
-    from scipy.linalg import eigh
+def _sized(path: MotionPath, at: np.ndarray, forcing: Forcing) -> np.ndarray:
+    """(m, 3, k) of a forcing's unknowns in the balance, each as large as the rates."""
+    extra = np.zeros((len(at), 3, forcing.count))
+    if forcing.momentum is not None:
+        extra -= np.swapaxes(path.R[at], 1, 2) @ forcing.momentum[at]
+    if forcing.internal is not None:
+        extra += forcing.internal[at]
+    size = np.sqrt(np.mean(extra**2, axis=(0, 1)))
+    return np.asarray(extra * (np.sqrt(np.mean(path.w[at] ** 2)) / np.maximum(size, 1e-300)))
 
-    rest = whole[6:, 6:]
-    rest = rest + 1e-10 * np.trace(rest) / len(rest) * np.eye(len(rest))
-    S = free.T @ (whole[:6, :6] - whole[:6, 6:] @ np.linalg.solve(rest, whole[6:, :6])) @ free
-    P = free.T @ part @ free
-    P = P + 1e-9 * np.trace(P) / len(P) * np.eye(len(P))
-    value, vector = eigh(S, P)
-    return float(value[0]), np.asarray(free @ vector[:, 0])
+
+def _projected(P: np.ndarray, products: np.ndarray) -> np.ndarray:
+    """(d, c, c) of products (3, 3, c, c) under each of some projections (d, 3, 3)."""
+    c = products.shape[2]
+    return np.asarray((P.reshape(-1, 9) @ products.reshape(9, c * c)).reshape(-1, c, c))
+
+
+def _least(whole: np.ndarray, part: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least share (d,) of momentum left over and the six of the inertia (d, 6), combinations of `free` (d, 6, f), of inner
+    products (d, c, c) of all columns, those of the inertia first, and (d, 6, 6) of the inertia's part."""
+    free_T = np.swapaxes(free, 1, 2)
+    S = whole[:, :6, :6]
+    if whole.shape[1] > 6:
+        rest, across = whole[:, 6:, 6:], whole[:, 6:, :6]
+        size = RIDGE * np.trace(rest, axis1=1, axis2=2) / rest.shape[1]
+        rest = rest + size[:, None, None] * np.eye(rest.shape[1])
+        S = S - np.swapaxes(across, 1, 2) @ np.linalg.solve(rest, across)
+    P = free_T @ part @ free
+    P = P + 1e-9 * (np.trace(P, axis1=1, axis2=2) / P.shape[1])[:, None, None] * np.eye(P.shape[1])
+    # the generalised problem in axes in which the inertia's part is round
+    root = np.linalg.inv(np.linalg.cholesky(P))
+    value, vector = np.linalg.eigh(root @ (free_T @ S @ free) @ np.swapaxes(root, 1, 2))
+    six = free @ (np.swapaxes(root, 1, 2) @ vector[:, :, :1])
+    return value[:, 0], np.asarray(six[:, :, 0])
 
 
 def _matrix(six: np.ndarray) -> np.ndarray:

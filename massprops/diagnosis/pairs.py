@@ -7,29 +7,21 @@ with an unknown torque follows, which is right to the noise whatever acts.
 from __future__ import annotations
 
 from contextlib import suppress
-from itertools import combinations, product
+from itertools import combinations
 from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnosis.conserved_start import Start, conserved, conserved_across, left_across
-from massprops.diagnosis.effect_columns import Term, forcing_of, scan, steps, term_of, variants
+from massprops.diagnosis.conserved_start import Start, as_round, conserved_across, left_across
+from massprops.diagnosis.effect_columns import steps, term_of, variants
 from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
-from massprops.diagnosis.momentum_balance import Forcing
+from massprops.diagnosis.pair_scan import KEPT, Scanned, Terms, least_left, scanned
 from massprops.diagnosis.record import Record
-from massprops.diagnosis.screen import joined
 from massprops.errors import NotPossible
 
 FIRSTS = 2
 """Single effects, the most likely, whose inertias a pair begins at as well."""
-KEPT = 6
-"""Values of what is scanned of a pair, those that leave the least momentum, that are fitted for a few passes."""
-FEW = 40
-"""Values up to which all are fitted: the least momentum may be left by a change of inertia that no body can have."""
-ANCHORED = 3
-"""Of more values, those that are fitted too with one of the two effects as it is likeliest by itself: an event shows its moment
-whatever acts beside it."""
 SHORT = 3
 """Passes of the fits that pairs are chosen by."""
 FINISHED = 8
@@ -41,11 +33,10 @@ NEIGHBOURS = (-2.0, -1.0, 1.0, 2.0)
 MOVED = 3
 """Pairs, the most likely, whose times and time constants are moved to their best."""
 WHEELS = 3
-"""Effects, the most likely beside a wheel of any history and an unknown torque, that are fitted beside the wheel to the end."""
+"""Effects, the most likely beside a wheel of any history, that are fitted beside the wheel to the end: so many of those with an
+unknown torque besides, and of those without."""
 LAG = 0.045
 """Time constant of that wheel over the record: the middle of `selection.LAGS`."""
-Terms = tuple[Term, ...]
-Forced = tuple[Term, Forcing]
 
 
 def pairs(
@@ -63,8 +54,8 @@ def pairs(
     alone = {f.names[0]: f.hypothesis.terms[0] for f in singles if f.hypothesis.terms}
     # an effect that is not linear in its unknowns bends to what sunlight on faces leaves: the two passed for a periodic torque
     linear = [m for m in usable if not hasattr(m, "momentum_moved")]
-    forced = [_forced(along, effect, unknown, alone.get(effect.NAME)) for effect in linear]
-    begun = [_begun(along, a, b, starts, gap) for a, b in combinations(forced, 2)]
+    forced = [scanned(along, effect, unknown, alone.get(effect.NAME)) for effect in linear]
+    begun = [_begun(along, a, b, gap) for a, b in combinations(forced, 2)]
     begun = sorted((f for f in begun if f and can_be(f[0])), key=lambda f: -f[0].evidence)
     found = [_finished(along, fits, starts) for fits in begun[:FINISHED]]
     ranked = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
@@ -73,20 +64,14 @@ def pairs(
     return sorted([*moved, *ranked[MOVED:], *wheels], key=lambda f: -f.evidence)
 
 
-def _forced(record: Record, effect: ModuleType, unknown: HypothesisFit, alone: Term | None) -> list[Forced]:
-    """The effect at every value that is scanned, the last the likeliest by itself, with its columns along the path."""
-    path = record.path
-    terms = scan(effect, record.times, path.w[record.rows.at])
-    if alone is not None and len(terms) > 1:
-        terms = [*terms, alone]
-    return [(t, forcing_of(t, path, path.w, unknown.inertia, record.sky)) for t in terms]
-
-
-def _begun(record: Record, a: list[Forced], b: list[Forced], starts: list[Start], gap: float) -> list[HypothesisFit]:
+def _begun(record: Record, a: Scanned, b: Scanned, gap: float) -> list[HypothesisFit]:
     """The likeliest values of what is scanned of two effects, and of their variants, after a few passes."""
-    terms = _least_left(record, a, b)
-    fits = _short(record, terms, starts[:2] if len(terms) <= KEPT else starts[:1])
-    if not fits or len(terms) == 1:
+    tried = least_left(record, a, b)
+    # few values begin at a ball as well
+    fits = _ranked(
+        [f for terms, own in tried for f in _short(record, [terms], [own, BALL][: 1 + (len(tried) <= KEPT)])]
+    )
+    if not fits or len(tried) == 1:
         return fits
     more = [v for f in fits[:2] for v in _varied(f.hypothesis.terms, gap)]
     return _ranked([*fits, *_short(record, more, [again(fits[0])])])
@@ -95,21 +80,6 @@ def _begun(record: Record, a: list[Forced], b: list[Forced], starts: list[Start]
 def _ranked(fits: list[HypothesisFit]) -> list[HypothesisFit]:
     """What can be first, the likeliest first, the best `SCANNED`."""
     return sorted(fits, key=lambda f: (not can_be(f), -f.evidence))[:SCANNED]
-
-
-def _least_left(record: Record, a: list[Forced], b: list[Forced]) -> list[Terms]:
-    """The values of two effects that leave the least of the momentum along the path, a linear solution each: of all, and of
-    those with one effect as it is likeliest by itself."""
-    every: list[Terms] = [(s, t) for (s, _), (t, _) in product(a, b)]
-    if len(every) <= FEW:
-        return every
-    at = record.rows.at
-    left = [conserved(record.path, at, joined([f, g])).left for (_, f), (_, g) in product(a, b)]
-    ranked = [every[k] for k in np.argsort(left)]
-    out = ranked[:KEPT]
-    for which, own in enumerate((a, b)):
-        out += [terms for terms in ranked if len(own) > 1 and terms[which] == own[-1][0]][:ANCHORED]
-    return list(dict.fromkeys(out))
 
 
 def _short(
@@ -152,23 +122,26 @@ def _finished(record: Record, fits: list[HypothesisFit], starts: list[Start]) ->
     return max((f for f in done if f is not None), key=lambda f: f.evidence, default=None)
 
 
-def _beside_wheel(record: Record, forced: list[list[Forced]], gap: float) -> list[HypothesisFit]:
+def _beside_wheel(record: Record, forced: list[Scanned], gap: float) -> list[HypothesisFit]:
     """Fits of an effect and a wheel of any history, about the axis across which both conserve momentum best."""
     path, at, lag = record.path, record.rows.at, LAG * record.path.span
-    begun = []
+    begun: dict[bool, list[HypothesisFit]] = {True: [], False: []}
     for own in forced:
-        if own[0][0].name == "internal-rotor":
+        if own.name == "internal-rotor":
             continue
-        ranked = sorted(own, key=lambda f: left_across(path, at, f[1])) if len(own) > 1 else own
-        for term, forcing in ranked[:2]:
-            with suppress(NotPossible):
-                # beside an unknown torque, which keeps the wheel from answering for what the scanned value misses
-                start = conserved_across(path, at, forcing)
-                h = Hypothesis(terms=(term,), wheel=True, lag=lag)
-                begun.append(fit_hypothesis(record, h, start, passes=SHORT))
-    begun = sorted(begun, key=lambda f: -f.evidence)[:WHEELS]
+        left = [left_across(path, at, f) for f in own.forcings] if len(own.terms) > 1 else [0.0]
+        for k in np.argsort(left)[:2]:
+            start = conserved_across(path, at, own.forcings[k])
+            # beside an unknown torque, which keeps the wheel from answering for what the scanned value misses; and without, as
+            # it may answer for the inertia
+            for latent, where in ((True, start), (False, as_round(start, path))):
+                h = Hypothesis(terms=(own.terms[k],), wheel=True, lag=lag, latent=latent)
+                with suppress(NotPossible):
+                    begun[latent].append(fit_hypothesis(record, h, where, passes=SHORT))
+    firsts = sorted(begun[True], key=lambda f: -f.evidence)[:WHEELS]
+    firsts += sorted((f for f in begun[False] if can_be(f)), key=lambda f: -f.evidence)[:WHEELS]
     found = []
-    for first in begun:
+    for first in firsts:
         terms = first.hypothesis.terms
         short = _short(record, [terms, *_varied(terms, gap)], [again(first)], lag)
         fits = [admissible(record, f.hypothesis, again(f), latent=False) for f in short[:1]]

@@ -13,25 +13,26 @@ from massprops.diagnosis.diagnose import decides, diagnose_by_balance
 from massprops.diagnosis.document import rate_change
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.effect_search import again, best_fit, moved_to_best
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.motion_path import path_from_rates
-from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.scanned_values import with_scanned
+from massprops.diagnosis.record import record_of_attitudes, record_of_rates
+from massprops.diagnosis.scanned_values import FINER, LARGEST_STEP, _finer, _halfway, with_scanned
 from massprops.diagnosis.screen import screened
 from massprops.diagnosis.selection import rms
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
 from massprops.effects import effects
-from massprops.sequence.data import AttitudeSeries, Environment, Sequence
+from massprops.sequence.data import AttitudeSeries, Environment, RateSeries, Sequence
 
 INERTIA = np.diag([0.8, 1.0, 1.2])
 SIGMA = 8e-4
 RATE = 150.0
 BEGINS, LASTS = 0.1153, 0.02
+SEVERAL_TURNS = 2.0
 PUSH = np.array([150.0, -250.0, 100.0])
 BALL = Start(inertia=np.eye(3), left=1.0)
 
 
-def tossed(push: np.ndarray, seconds: float = 0.22) -> tuple[AttitudeSeries, np.ndarray]:
+def tossed(push: np.ndarray, seconds: float = 0.22, noise: float = SIGMA) -> tuple[AttitudeSeries, np.ndarray]:
     """Attitudes of a body that a torque pushes from BEGINS on for LASTS, and the change of its rate."""
 
     def slope(t, y):
@@ -44,8 +45,8 @@ def tossed(push: np.ndarray, seconds: float = 0.22) -> tuple[AttitudeSeries, np.
     start = np.concatenate([[1.0, 0.0, 0.0, 0.0], [4.0, -2.0, 1.0]])
     found = solve_ivp(slope, (0.0, times[-1]), start, dense_output=True, rtol=1e-9, atol=1e-10, max_step=0.001)
     y = found.sol(times).T
-    noise = SIGMA * np.random.default_rng(4).standard_normal((len(times), 3))
-    q = normalise(multiply(normalise(y[:, :4]), from_rotation_vector(noise)))
+    turned = noise * np.random.default_rng(4).standard_normal((len(times), 3))
+    q = normalise(multiply(normalise(y[:, :4]), from_rotation_vector(turned)))
     change = found.sol(BEGINS + LASTS)[4:] - found.sol(BEGINS)[4:]
     return AttitudeSeries(np.round(times * 1e9).astype(np.int64), q, np.full(len(times), SIGMA)), change
 
@@ -133,3 +134,42 @@ def test_attitudes_of_free_flight_within_their_noise_are_given_nothing() -> None
     assert decides(sequence)
     document = diagnose_by_balance(sequence).document
     assert document["verdict"] == "none" and "attitude0" in document["axes"]
+
+
+def test_the_path_of_a_named_effect_is_finer_than_the_one_it_was_found_along() -> None:
+    """Its longer steps are halved, those of a gyroscope's own rates are not, and an event has points between measurements."""
+    series, _ = tossed(PUSH, seconds=SEVERAL_TURNS)
+    record = record_of_attitudes(series, Environment())
+    held = (("duration", LASTS), ("parts", 1), ("time", BEGINS))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    coarse = fit_hypothesis(record, h, BALL)
+
+    def turns(fit: HypothesisFit) -> np.ndarray:
+        path = fit.record.path
+        return np.linalg.norm(path.steps, axis=1) * np.diff(path.t)
+
+    long = turns(coarse) > LARGEST_STEP
+    assert long.sum() > 20 and len(_halfway(coarse)) == long.sum()
+    fine = _finer(coarse, 1 / RATE)
+    t, was = fine.record.path.t, coarse.record.path.t
+    assert turns(fine).max() < 1.05 * max(LARGEST_STEP, 0.5 * turns(coarse).max())
+    # none of the points it had is lost, and rows are where they were
+    assert np.abs(t[np.searchsorted(t, was - 1e-9)] - was).max() < 1e-9
+    assert t[fine.record.rows.at] == pytest.approx(record.times, abs=1e-9)
+    about = (t > BEGINS) & (t < BEGINS + LASTS)
+    assert np.diff(t[about]).max() < 1.05 / RATE / FINER
+    rates = RateSeries(series.timestamp_ns, coarse.rate[coarse.record.rows.at], 0.01)
+    free = fit_hypothesis(record_of_rates(rates), Hypothesis(latent=False), BALL)
+    assert not len(_halfway(free))
+
+
+def test_a_halved_path_tells_a_kick_better() -> None:
+    """Of attitudes without noise, from which nothing but the path's steps can move it."""
+    series, change = tossed(PUSH, seconds=SEVERAL_TURNS, noise=0.0)
+    record = record_of_attitudes(series, Environment())
+    held = (("duration", LASTS), ("parts", 1), ("time", BEGINS))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    coarse = fit_hypothesis(record, h, BALL)
+    fine = _finer(coarse, 1 / RATE)
+    before, after = (np.linalg.norm(rate_change(f) - change) / np.linalg.norm(change) for f in (coarse, fine))
+    assert before > 0.01 and after < 0.3 * before
