@@ -36,6 +36,7 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
 from massprops.estimators.filters import Noise, Run, State
 from massprops.estimators.filters.features import run_through
+from massprops.estimators.filters.principal_axes import in_principal_axes
 from massprops.estimators.filters.setup import Setup, setup
 from massprops.estimators.filters.state import ITERATED
 from massprops.estimators.geometry.alignment import inverse_of
@@ -275,7 +276,7 @@ def _problem(c: dict[str, Any], times: np.ndarray, uv: np.ndarray, sigma_px: flo
 
 def followed(c: dict[str, Any], problem: Problem, start: Any, turn: np.ndarray | None = None) -> Run:
     """The filter in the unique principal frame of the start's inertia, or in another of the 24, to which `turn` leads."""
-    ready = setup(problem, Prior(), start, c["features"], unique_frame)
+    ready = in_principal_axes(setup(problem, Prior(), start, c["features"]), unique_frame)
     ready = replace(ready, noise=_noise(c), state=ready.state if turn is None else in_other_axes(ready.state, turn))
     return run_through(problem, ready, ITERATED).run
 
@@ -311,7 +312,7 @@ def _unstarted(c: dict[str, Any], problem: Problem) -> Run:
         np.zeros(3), np.array([1.0, 0, 0, 0]), np.full(2, 0.1), points - centre, np.diag(sigma**2), position=centre,
         moving=True,
     )  # fmt: skip
-    ready = Setup(state, np.arange(m), _noise(c), 0, True, (False, False, False), np.eye(3), sigma[6:8])
+    ready = Setup(state, np.arange(m), _noise(c), 0, True, (False, False, False), sigma[6:8])
     return run_through(problem, ready, ITERATED).run
 
 

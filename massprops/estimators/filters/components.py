@@ -47,30 +47,39 @@ def turn_between(qw: N, qx: N, qy: N, qz: N, pw: N, px: N, py: N, pz: N) -> tupl
     return factor * x, factor * y, factor * z
 
 
+def inertia_of(k1: N, k2: N) -> tuple[N, ...]:
+    """What `acceleration` needs of the inertia: in principal axes (I2 - I3)/I1, (I3 - I1)/I2 and (I1 - I2)/I3."""
+    i1, i3 = np.exp(k1), np.exp(-k2)
+    return (1.0 - i3) / i1, i3 - i1, (i1 - 1.0) / i3
+
+
+def acceleration(inertia: tuple[N, ...], wx: N, wy: N, wz: N) -> tuple[N, N, N]:
+    """Angular acceleration without torque, of an inertia as `inertia_of` gives it."""
+    return principal_acceleration(inertia[0], inertia[1], inertia[2], wx, wy, wz)
+
+
 def torque_free(
-    w: tuple[N, N, N], q: tuple[N, N, N, N], k1: N, k2: N, dt: float, steps: int
+    w: tuple[N, N, N], q: tuple[N, N, N, N], inertia: tuple[N, ...], dt: float, steps: int
 ) -> tuple[N, N, N, N, N, N, N]:
-    """Rates and attitude after dt of torque-free motion, principal axes: `steps` Runge-Kutta steps of fourth order."""
+    """Rates and attitude after dt of torque-free motion: `steps` Runge-Kutta steps of fourth order."""
     wx, wy, wz = w
     qw, qx, qy, qz = q
-    i1, i3 = np.exp(k1), np.exp(-k2)
-    a, b, c = (1.0 - i3) / i1, i3 - i1, (i1 - 1.0) / i3
     h = dt / steps
     for _ in range(steps):
-        ax, ay, az = principal_acceleration(a, b, c, wx, wy, wz)
+        ax, ay, az = acceleration(inertia, wx, wy, wz)
         aw, ai, aj, ak = quaternion_rate(qw, qx, qy, qz, wx, wy, wz)
         ux, uy, uz = wx + 0.5 * h * ax, wy + 0.5 * h * ay, wz + 0.5 * h * az
-        bx, by, bz = principal_acceleration(a, b, c, ux, uy, uz)
+        bx, by, bz = acceleration(inertia, ux, uy, uz)
         bw, bi, bj, bk = quaternion_rate(
             qw + 0.5 * h * aw, qx + 0.5 * h * ai, qy + 0.5 * h * aj, qz + 0.5 * h * ak, ux, uy, uz
         )
         ux, uy, uz = wx + 0.5 * h * bx, wy + 0.5 * h * by, wz + 0.5 * h * bz
-        cx, cy, cz = principal_acceleration(a, b, c, ux, uy, uz)
+        cx, cy, cz = acceleration(inertia, ux, uy, uz)
         cw, ci, cj, ck = quaternion_rate(
             qw + 0.5 * h * bw, qx + 0.5 * h * bi, qy + 0.5 * h * bj, qz + 0.5 * h * bk, ux, uy, uz
         )
         ux, uy, uz = wx + h * cx, wy + h * cy, wz + h * cz
-        dx, dy, dz = principal_acceleration(a, b, c, ux, uy, uz)
+        dx, dy, dz = acceleration(inertia, ux, uy, uz)
         dw, di, dj, dk = quaternion_rate(qw + h * cw, qx + h * ci, qy + h * cj, qz + h * ck, ux, uy, uz)
         sixth = h / 6.0
         wx = wx + sixth * (ax + 2.0 * (bx + cx) + dx)

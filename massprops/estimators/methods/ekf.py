@@ -20,10 +20,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    from massprops.estimators.extended.outcome import estimate_of
-    from massprops.estimators.extended.run import run_through
-    from massprops.estimators.extended.setup import setup
-    from massprops.estimators.extended.update import EKF
+    from massprops.estimators.filters.outcome import filtered
+    from massprops.estimators.filters.state import EXTENDED
 
-    ready = setup(problem, prior, start)
-    return estimate_of(NAME, problem, ready, run_through(problem, ready, EKF, second_order=True))
+    return filtered(NAME, problem, prior, start, EXTENDED)

@@ -23,10 +23,10 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     """
     from massprops.estimators.filters.features import run_through
     from massprops.estimators.filters.outcome import estimate_of
+    from massprops.estimators.filters.principal_axes import in_principal_axes
     from massprops.estimators.filters.setup import setup
     from massprops.estimators.filters.state import ITERATED
     from massprops.estimators.unique_frame import unique_frame
 
-    ready = setup(problem, prior, start, MOST_FEATURES, unique_frame)
-    passage = run_through(problem, ready, ITERATED, most=MOST_FEATURES)
-    return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :])
+    ready = in_principal_axes(setup(problem, prior, start, MOST_FEATURES), unique_frame)
+    return estimate_of(NAME, problem, ready, run_through(problem, ready, ITERATED, most=MOST_FEATURES))

@@ -39,7 +39,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     if not gaps:
         passage = run_through(problem, ready, Settings())
         said = ("the sequence has no occlusion: the same as ukf",)
-        return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :], said)
+        return estimate_of(NAME, problem, ready, passage, said)
     warnings, carried = [], 0
     rows = gap_rows(longer, ready, ready.chosen)
     for gap in gaps:
@@ -51,8 +51,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
             warnings.append(f"occlusion of {longer.times[gap.end - 1] - longer.times[gap.begin]:.0f} s: {reason}")
     warnings.append(f"{carried} of {len(gaps)} occlusions carried by Gaussian processes")
     passage = run_through(longer, ready, Settings(), rows=rows)
-    times = longer.times[ready.first :]
-    found = estimate_of(NAME, longer, ready, passage, times, tuple(warnings))
+    found = estimate_of(NAME, longer, ready, passage, tuple(warnings))
     return replace(found, cpu_us_per_step=None) if not np.isfinite(found.cpu_us_per_step or 0.0) else found
 
 

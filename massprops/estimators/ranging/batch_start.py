@@ -15,7 +15,7 @@ from massprops.core.compiling import compiled
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_matrix
 from massprops.dynamics.quaternion import rotation_vector as turn_of
-from massprops.estimators.filters.state import GENERAL
+from massprops.estimators.filters.state import BODY_AXES, GRAVITY
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart
 
 STEPS = np.repeat([1e-5, 1e-7, 1e-5, 1e-3, 1e-6], [3, 3, 5, 3, 3])
@@ -109,7 +109,7 @@ class _Task:
     def paths(self, states: list[_State], n: int) -> np.ndarray:
         y = np.array([np.concatenate([x.q, x.w, x.r, x.v]) for x in states])
         s = np.array([x.s for x in states])
-        run = compiled("trajectories", "massprops.dynamics.kernels", GENERAL)
+        run = compiled("trajectories", "massprops.dynamics.kernels", BODY_AXES, GRAVITY)
         return np.asarray(run(self.times[:n], y, s, self.chaser[:n], LARGEST_TURN))
 
     def around(self, x: _State, n: int) -> tuple[np.ndarray, np.ndarray]:
