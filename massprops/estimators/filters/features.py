@@ -108,9 +108,7 @@ def _sights(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return last, np.isfinite(X[..., 0]) & np.isfinite(covariance[..., 0, 0])
 
 
-def _placed(
-    problem: Problem, setup: Setup, state: State, epoch: int, new: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _placed(problem: Problem, setup: Setup, state: State, epoch: int, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where features `new` (j,) are at an epoch, (j, 3) in the chaser's frame and covariance (j, 3, 3).
 
     Two cameras triangulate them; one camera puts them at the body's distance, as uncertain as the body is deep.

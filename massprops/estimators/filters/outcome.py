@@ -15,8 +15,8 @@ from massprops.dynamics.inertia import (
 )
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, skew
 from massprops.estimators.filters import verdict
-from massprops.estimators.filters.body_frame import mean_turn
 from massprops.estimators.filters.begin import early_start
+from massprops.estimators.filters.body_frame import mean_turn
 from massprops.estimators.filters.features import Passage, run_through
 from massprops.estimators.filters.setup import Setup, setup
 from massprops.estimators.filters.state import Run, Settings, State

@@ -15,7 +15,7 @@ from massprops.dynamics.inertia import (
     cholesky_parameters,
     cholesky_ratio_derivatives,
 )
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.filters.begin import (
     WIDER,
@@ -39,6 +39,10 @@ MOST_FEATURES = 16
 TRACKS_SHARE = 0.5
 """Share of the evidence of one camera's tracks, beside that of the attitudes found from the same images. How their errors hang
 together nobody states; covariance intersection with this weight never claims too much."""
+
+UNIT = 0.01
+"""1-sigma of the distance, over the body's depth, where nothing shows lengths: a filter that may still change its unit takes
+what curves in that for knowledge."""
 
 
 @dataclass(frozen=True)
@@ -162,8 +166,8 @@ def _measured_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Features `chosen` at the epochs `rows`, of attitudes q, in the chaser's frame (n, m, 3) and covariance (n, m, 3, 3).
 
-    Two cameras triangulate them. One camera shows no depth: it is that of the start's path and features f (m, 3), and of
-    all sights together as uncertain as the body is deep.
+    Two cameras triangulate them. One camera shows no depth: it is that of the start's path and features f (m, 3). All sights
+    together leave it as uncertain as the body is deep where ranges will show it, and hold it where it is only a unit.
     """
     uv = np.moveaxis(problem.uv[rows][:, :, chosen], 1, 2)
     if problem.stereo:
@@ -171,8 +175,9 @@ def _measured_points(
     camera = problem.cameras[0]
     path = np.stack([np.interp(problem.times[rows], start.times, x) for x in start.position.T], axis=1)
     X = path[:, None] + np.einsum("nij,mj->nmi", rotation_matrix(q), f)
-    along = float(np.sqrt(np.mean(np.sum(f * f, axis=1)) * np.isfinite(uv[..., 0, 0]).sum()))
-    return at_depth(camera, uv[..., 0, :], ((X - camera.t) @ camera.R[2]), problem.alike * problem.sigma_px[0], along)
+    deep = float(np.sqrt(np.mean(np.sum(f * f, axis=1)) * np.isfinite(uv[..., 0, 0]).sum()))
+    along = deep if start.scaled else UNIT * deep
+    return at_depth(camera, uv[..., 0, :], (X - camera.t) @ camera.R[2], problem.alike * problem.sigma_px[0], along)
 
 
 def _turning(

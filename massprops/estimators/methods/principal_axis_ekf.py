@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from massprops.estimators.result import Estimate, Prior
@@ -28,5 +29,8 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     from massprops.estimators.filters.state import ITERATED
     from massprops.estimators.unique_frame import unique_frame
 
+    if not problem.stereo:
+        # what one camera's tracks leave open of depth makes a filter in principal axes surer than it is
+        problem = replace(problem, uv=problem.uv[:, :, :0], features=problem.features[:0])
     ready = in_principal_axes(setup(problem, prior, start, MOST_FEATURES), unique_frame)
     return estimate_of(NAME, problem, ready, run_through(problem, ready, ITERATED, most=MOST_FEATURES))
