@@ -34,3 +34,23 @@ def chaser_path(environment: Environment, times: np.ndarray) -> ChaserPath:
         return ChaserPath(q, np.zeros((len(times), 3)), 0.0)
     place = np.stack(np.broadcast_arrays(*around.position(np.asarray(times, float))), axis=-1)
     return ChaserPath(q, place, around.mu)
+
+
+def transitions(path: ChaserPath, times: np.ndarray) -> np.ndarray:
+    """(n - 1, 6, 6): position and velocity at the end of each step between the times (n,) by those at its beginning, inertial axes.
+
+    The target's acceleration is linear in its small distance from the chaser: -mu/l^3 (r - 3 l (l.r)/l^2), which on a
+    circular orbit are the Clohessy-Wiltshire equations; without an orbit the path is straight. For metres against an orbit that
+    is right to one part in 10^5.
+    """
+    h, eye = np.diff(times)[:, None, None], np.eye(3)
+    pull = np.zeros((len(h), 3, 3))
+    if path.mu > 0:
+        l = 0.5 * (path.place[1:] + path.place[:-1])
+        distance = np.linalg.norm(l, axis=1)[:, None]
+        up = l / distance
+        pull = path.mu / distance[..., None] ** 3 * (3.0 * up[:, :, None] * up[:, None, :] - eye)
+    F = np.empty((len(h), 6, 6))
+    F[:, :3, :3] = F[:, 3:, 3:] = eye + 0.5 * h**2 * pull
+    F[:, :3, 3:], F[:, 3:, :3] = h * eye + h**3 / 6.0 * pull, h * pull
+    return F

@@ -62,6 +62,12 @@ def ratios_of_moments(moments: np.ndarray) -> np.ndarray:
     return np.asarray(log[..., :2] - log[..., 1:])
 
 
+def ratios(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """k1 = ln(I1/I2) and k2 = ln(I2/I3) (..., 2), moments ascending, and their axes (..., 3, 3) as columns, right-handed."""
+    moments, axes = principal_axes(inertia)
+    return ratios_of_moments(moments), axes
+
+
 def physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.ndarray:
     """The nearest body of trace 1 with positive moments that meet the triangle inequalities.
 

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import ratios
+from massprops.dynamics.quaternion import nearest_rotation
 from massprops.errors import InputError
-from massprops.estimators.result import Prior, ratios
+from massprops.estimators.result import Prior
 from massprops.mass.ratio_space import (
     chi_square,
     covariance,
@@ -308,10 +310,8 @@ def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarra
     keep = np.ones(len(source), bool)
     for _ in range(3):
         a, b = source[keep] - source[keep].mean(0), target[keep] - target[keep].mean(0)
-        u, d, vt = np.linalg.svd(b.T @ a)
-        sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-        R = u @ np.diag(sign) @ vt
-        scale = float((d * sign).sum() / max((a * a).sum(), 1e-300))
+        R = nearest_rotation(b.T @ a)
+        scale = float(np.sum(R * (b.T @ a)) / max((a * a).sum(), 1e-300))
         shift = target[keep].mean(0) - scale * R @ source[keep].mean(0)
         apart = np.linalg.norm(target - scale * source @ R.T - shift, axis=1)
         middle = float(np.median(apart[keep]))
@@ -319,6 +319,7 @@ def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarra
         if keep.sum() < 4:
             return None
     spread = float(np.sqrt(np.mean(np.sum((target[keep] - target[keep].mean(0)) ** 2, axis=1))))
+    d = np.linalg.svd(b.T @ a, compute_uv=False)
     flat = d[1] < 1e-6 * d[0] if d[0] > 0 else True
     if flat or scale <= 0 or middle > SAME_BODY * max(spread, 1e-300):
         return None

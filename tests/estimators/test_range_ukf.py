@@ -7,14 +7,14 @@ from tumbling import scene
 from massprops.campaigns.papers import volpe2017
 from massprops.dynamics.inertia import cholesky_inertia as inertia
 from massprops.dynamics.inertia import cholesky_parameters as from_inertia
-from massprops.dynamics.inertia import cholesky_ratio_derivatives, principal_axes
+from massprops.dynamics.inertia import cholesky_ratio_derivatives, principal_axes, ratios
 from massprops.dynamics.quaternion import conjugate, rotate
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import NotPossible
 from massprops.estimators.filters import gravity
 from massprops.estimators.filters.body_axes import six_elements
 from massprops.estimators.methods import range_ukf
-from massprops.estimators.result import Prior, ratios
+from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 
 

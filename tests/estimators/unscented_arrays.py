@@ -5,18 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from massprops.dynamics.kernels import to_body
+from massprops.dynamics.kernels import product, to_body, turn_between, turned, unit
 from massprops.estimators.filters.algebra import LOST, upper_factor
-from massprops.estimators.filters.components import (
-    feature_motion,
-    image,
-    inertia_of,
-    product,
-    torque_free,
-    turn_between,
-    turned,
-    unit,
-)
+from massprops.estimators.filters.components import feature_motion, image, inertia_of, torque_free
 from massprops.estimators.filters.prediction import BEYOND, WIDEST_TURN, bounded
 from massprops.estimators.filters.rule import (
     AXES,

@@ -98,11 +98,6 @@ class State:
         return found
 
     @property
-    def body_rate(self) -> np.ndarray:
-        """(B, 3) angular velocity in body axes [rad/s]."""
-        return rotate(conjugate(self.q), self.W)
-
-    @property
     def body_features(self) -> np.ndarray:
         """(B, m, 3) features from the centre of mass in body axes [m]."""
         return rotate(conjugate(self.q)[:, None], self.X - self.r[:, None])

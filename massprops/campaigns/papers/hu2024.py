@@ -28,6 +28,7 @@ from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_matrix,
+    mean_quaternion,
     multiply,
     rotation_matrix,
     rotation_vector,
@@ -214,8 +215,7 @@ def _true_frame(q_true: np.ndarray, q: np.ndarray, early: np.ndarray, rule: Sign
     out = []
     for b in range(len(q)):
         turns = multiply(conjugate(q[b, early]), q_true[early])
-        mean = np.linalg.eigh(turns.T @ turns)[1][:, -1]
-        R = rotation_matrix(mean)
+        R = rotation_matrix(mean_quaternion(turns))
         axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, SignRule(rule.x[b], rule.z[b]))[1]
         out.append(multiply(q_true, from_rotation_matrix(R.T @ axes)))
     return out
@@ -259,7 +259,7 @@ def _unique(truth: dict[str, np.ndarray], start: Any) -> int:
     """Which of the `SYMMETRIES` takes the true axes to the true unique frame, by the start's rule in its body axes."""
     rows = start.index
     turns = multiply(conjugate(start.q), truth["q"][rows])
-    R = rotation_matrix(np.linalg.eigh(turns.T @ turns)[1][:, -1])
+    R = rotation_matrix(mean_quaternion(turns))
     axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, sign_rule(start.inertia))[1]
     return int(np.argmax(np.einsum("sij,ij->s", SYMMETRIES, R.T @ axes)))
 

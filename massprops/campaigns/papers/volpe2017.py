@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives
+from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
 from massprops.dynamics.kernels import differential_gravity, euler_acceleration, quaternion_rate, to_body
 from massprops.dynamics.quaternion import (
     angle_between,
@@ -36,7 +36,6 @@ from massprops.dynamics.quaternion import (
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.ranging.batch_start import fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
-from massprops.estimators.result import ratios
 from massprops.sequence.data import Environment, Orbit
 
 PAPER = "volpe2017"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprops.dynamics.inertia import physical
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, nearest_rotation, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
@@ -126,9 +126,7 @@ def _gyroscope_frame(problem: Problem, start: Start) -> np.ndarray:
     both = np.isfinite(problem.rates[rows]).all(axis=1)
     if both.sum() < 3:
         return np.eye(3)
-    U, _, Vt = np.linalg.svd(problem.rates[rows[both]].T @ start.w[both])
-    found: np.ndarray = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return found
+    return nearest_rotation(problem.rates[rows[both]].T @ start.w[both])
 
 
 def _turn(w: np.ndarray) -> float:

@@ -6,45 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.kernels import cross, principal_acceleration, quaternion_rate, to_reference
+from massprops.dynamics.kernels import cross, principal_acceleration, quaternion_rate, to_reference, unit
 
 N = Any
 """A component: number or array."""
-
-TINY = 1e-300
-"""Keeps a length off zero without a branch; its root is far below anything measured."""
-
-
-def product(pw: N, px: N, py: N, pz: N, qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
-    """Quaternion p q."""
-    return (
-        pw * qw - px * qx - py * qy - pz * qz,
-        pw * qx + px * qw + py * qz - pz * qy,
-        pw * qy - px * qz + py * qw + pz * qx,
-        pw * qz + px * qy - py * qx + pz * qw,
-    )
-
-
-def unit(qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
-    """The unit quaternion of the same direction."""
-    size = 1.0 / np.sqrt(qw * qw + qx * qx + qy * qy + qz * qz + TINY)
-    return qw * size, qx * size, qy * size, qz * size
-
-
-def turned(qw: N, qx: N, qy: N, qz: N, ax: N, ay: N, az: N) -> tuple[N, N, N, N]:
-    """q exp(a): q turned by the rotation vector a [rad] in body axes."""
-    angle = np.sqrt(ax * ax + ay * ay + az * az + TINY)
-    s = np.sin(0.5 * angle) / angle
-    return product(qw, qx, qy, qz, np.cos(0.5 * angle), s * ax, s * ay, s * az)
-
-
-def turn_between(qw: N, qx: N, qy: N, qz: N, pw: N, px: N, py: N, pz: N) -> tuple[N, N, N]:
-    """Rotation vector a [rad] with q exp(a) = p."""
-    w, x, y, z = product(qw, -qx, -qy, -qz, pw, px, py, pz)
-    sine = np.sqrt(x * x + y * y + z * z + TINY)
-    sign = np.copysign(1.0, w)
-    factor = 2.0 * np.arctan2(sine, sign * w) / sine * sign
-    return factor * x, factor * y, factor * z
 
 
 def inertia_of(k1: N, k2: N) -> tuple[N, ...]:

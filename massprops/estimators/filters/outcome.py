@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,23 +14,12 @@ from massprops.dynamics.inertia import (
 )
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, skew
 from massprops.estimators.filters import verdict
-from massprops.estimators.filters.begin import early_start
 from massprops.estimators.filters.body_frame import mean_turn
-from massprops.estimators.filters.features import Passage, run_through
-from massprops.estimators.filters.setup import Setup, setup
-from massprops.estimators.filters.state import Run, Settings, State
-from massprops.estimators.result import Estimate, Prior
+from massprops.estimators.filters.features import Passage
+from massprops.estimators.filters.setup import Setup
+from massprops.estimators.filters.state import Run, State
+from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem
-
-
-def filtered(name: str, problem: Problem, prior: Prior, start: Any, settings: Settings) -> Estimate:
-    """The estimate of the filter in body axes with one update rule, begun from the first part of the data.
-
-    Raises:
-        NotPossible: the first guess found no rotation or no inertia.
-    """
-    ready = setup(problem, prior, early_start(problem, prior, start))
-    return estimate_of(name, problem, ready, run_through(problem, ready, settings))
 
 
 def estimate_of(

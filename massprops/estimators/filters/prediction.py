@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.kernels import product, turn_between, turned, unit
 from massprops.estimators.filters.algebra import upper_factor
-from massprops.estimators.filters.components import inertia_of, product, torque_free, turn_between, turned, unit
+from massprops.estimators.filters.components import inertia_of, torque_free
 from massprops.estimators.filters.rule import (
     ATTITUDE,
     INERTIA,

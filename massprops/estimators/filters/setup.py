@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.chaser_path import chaser_path, transitions
 from massprops.dynamics.inertia import (
     DIRECTIONS,
     cholesky_changes,
@@ -216,8 +216,9 @@ def _limited(P: np.ndarray, widest: np.ndarray) -> np.ndarray:
     shows the inertia, what is known of it begins at knowing nothing."""
     n = len(widest)
     gain = P[:, -n:] @ np.linalg.inv(P[-n:, -n:] + widest)
-    found: np.ndarray = P - gain @ P[-n:]
-    return 0.5 * (found + found.T)
+    less = P - gain @ P[-n:]
+    found: np.ndarray = 0.5 * (less + less.T)
+    return found
 
 
 def _rotation_variances(covariance: np.ndarray, problem: Problem, start: Any) -> np.ndarray:
@@ -297,9 +298,6 @@ class ChaserSteps:
 def chaser_steps(environment: Environment, times: np.ndarray, camera: np.ndarray | None = None) -> ChaserSteps:
     """The steps between n + 1 times [s].
 
-    Gravity is taken to first order in the distance in the transition, which is to one part in 10^5 for metres against an
-    orbit.
-
     Args:
         camera: (n + 1, 4) attitude of cam0, to inertial axes, where it is not the environment's.
     """
@@ -308,19 +306,8 @@ def chaser_steps(environment: Environment, times: np.ndarray, camera: np.ndarray
     if environment.orbit is None and camera is None:
         return ChaserSteps()
     spin = multiply(conjugate(turning[1:]), turning[:-1])
-    turn = rotation_matrix(spin)
-    back = np.swapaxes(rotation_matrix(turning[:-1]), 1, 2)[:, None]
-    places = (back @ np.stack([path.place[:-1], mid.place, path.place[1:]], axis=1)[..., None])[..., 0]
-    chaser = np.concatenate([places.reshape(-1, 9), np.full((len(places), 1), path.mu)], axis=1)
-    pull = np.zeros((len(places), 3, 3))
-    if path.mu > 0:
-        distance = np.linalg.norm(places[:, 0], axis=1)[:, None]
-        up = places[:, 0] / distance
-        pull = path.mu / distance[..., None] ** 3 * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3))
-    h = np.diff(times)[:, None, None]
-    F = np.zeros((len(h), 6, 6))
-    eye = np.eye(3)
-    F[:, :3, :3], F[:, :3, 3:] = eye + 0.5 * h**2 * pull, h * eye + h**3 / 6.0 * pull
-    F[:, 3:, :3], F[:, 3:, 3:] = h * pull, eye + 0.5 * h**2 * pull
-    F[:, :3], F[:, 3:] = turn @ F[:, :3], turn @ F[:, 3:]
-    return ChaserSteps(F, spin, chaser)
+    before, after = rotation_matrix(turning[:-1]), rotation_matrix(turning[1:])
+    F = transitions(path, times).reshape(-1, 2, 3, 2, 3)
+    F = np.einsum("nji,najbk,nkl->naibl", after, F, before).reshape(-1, 6, 6)
+    places = np.stack([path.place[:-1], mid.place, path.place[1:]], axis=1) @ before
+    return ChaserSteps(F, spin, np.concatenate([places.reshape(-1, 9), np.full((len(places), 1), path.mu)], axis=1))

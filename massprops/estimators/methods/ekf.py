@@ -20,7 +20,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    from massprops.estimators.filters.outcome import filtered
+    from massprops.estimators.filters.filtered import filtered
     from massprops.estimators.filters.state import EXTENDED
 
     return filtered(NAME, problem, prior, start, EXTENDED)

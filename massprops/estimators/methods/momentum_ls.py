@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprops.dynamics.inertia import DIRECTIONS
+from massprops.dynamics.inertia import DIRECTIONS, ratios
 from massprops.dynamics.quaternion import multiply, rotation_matrix
 from massprops.estimators.momentum import Momentum, momentum_inertia
 from massprops.estimators.observability import judge
-from massprops.estimators.result import Estimate, Halves, Prior, ratios
+from massprops.estimators.result import Estimate, Halves, Prior
 from massprops.estimators.start import Start, chaser_attitude, first_guess, within
 from massprops.model.problem import Problem
 
@@ -92,8 +92,6 @@ def _with_inertia(motion: Estimate, found: Momentum) -> Estimate:
     if not judged.observable:
         return motion
     k, axes = ratios(found.inertia)
-    if np.linalg.det(axes) < 0:
-        axes = axes * np.array([1.0, 1.0, -1.0])
     return replace(
         motion,
         observable=True,
