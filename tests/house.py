@@ -32,6 +32,7 @@ WIDE = {
     "massprops/api/verbs.py:diagnose",
     "massprops/api/verbs.py:reproduce",
     # the terms of one equation
+    "massprops/dynamics/alignment.py:align",
     "massprops/dynamics/sensitivities.py:sensitivities",
     "massprops/dynamics/sensitivities.py:_at_start",
     "massprops/dynamics/sensitivities.py:_across",
@@ -40,7 +41,6 @@ WIDE = {
     "massprops/campaigns/papers/_pesce2017_state.py:covariance_of",
     "massprops/campaigns/papers/_pesce2017_transition.py:predict",
     "massprops/campaigns/papers/_pesce2017_update.py:update",
-    "massprops/estimators/geometry/alignment.py:align",
     "massprops/estimators/gp/coregionalised.py:_nll",
     # what is measured, the options, and where progress goes
     "massprops/campaigns/papers/_pesce2017_together.py:update_again",

@@ -10,8 +10,8 @@ import numpy as np
 from massprops.consistency.jackknife import at_least, replicates, spread
 from massprops.consistency.mesh_side import MeshSide
 from massprops.core.robust import MAD_TO_SIGMA
+from massprops.dynamics.alignment import similarity
 from massprops.dynamics.quaternion import angle_between, nearest_rotation, rotation_matrix
-from massprops.estimators.prior import similarity
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import covariance, log_components
 from massprops.model.problem import Problem

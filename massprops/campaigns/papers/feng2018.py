@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.dynamics.alignment import q_method
 from massprops.dynamics.inertia import physical, ratios
 from massprops.dynamics.quaternion import (
     angle_between,
@@ -26,7 +27,6 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
-from massprops.estimators.geometry.alignment import q_method
 from massprops.estimators.methods import momentum_ls
 from massprops.estimators.momentum import momentum_inertia, plain_inertia
 from massprops.estimators.result import Prior

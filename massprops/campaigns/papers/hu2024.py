@@ -23,6 +23,7 @@ from massprops.campaigns.papers._hu2024_frames import (
     local_rates,
 )
 from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
+from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.quaternion import (
@@ -40,7 +41,6 @@ from massprops.estimators.filters.features import run_through
 from massprops.estimators.filters.principal_axes import in_principal_axes
 from massprops.estimators.filters.setup import Setup, setup
 from massprops.estimators.filters.state import ITERATED
-from massprops.estimators.geometry.alignment import inverse_of
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 from massprops.estimators.unique_frame import SignRule, sign_rule, unique_frame

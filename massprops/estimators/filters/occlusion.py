@@ -10,7 +10,7 @@ from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix, skew
 from massprops.estimators.filters.features import Passage
 from massprops.estimators.filters.foresight import foresee_features
-from massprops.estimators.filters.setup import Setup, measurements
+from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Measurements
 from massprops.estimators.geometry.stereo_path import linear_path, path_transition
 from massprops.model.problem import Problem
@@ -73,22 +73,11 @@ def informative(problem: Problem, setup: Setup) -> np.ndarray:
 
 
 def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:
-    stamp = np.concatenate([problem.stamp_ns, problem.stamp_ns[0] + np.round(times * 1e9).astype(np.int64)])
-    stamp, order = np.unique(stamp, return_index=True)
-
-    def spread(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([x, np.full((len(times), *x.shape[1:]), np.nan)])[order]
-
-    return replace(
-        problem,
-        stamp_ns=stamp,
-        times=np.concatenate([problem.times, times])[order],
-        uv=spread(problem.uv),
-        range_m=spread(problem.range_m),
-        rates=spread(problem.rates),
-        attitude=spread(problem.attitude),
-        sigma_attitude=spread(problem.sigma_attitude),
-    )
+    """The problem with epochs at more times [s], at which nothing is measured."""
+    stamp = problem.stamp_ns[0] + np.round(times * 1e9).astype(np.int64)
+    whole, order = np.unique(np.concatenate([problem.stamp_ns, stamp]), return_index=True)
+    longer = problem.of_epochs(lambda x: np.concatenate([x, np.full((len(times), *x.shape[1:]), np.nan)])[order])
+    return replace(longer, stamp_ns=whole, times=np.concatenate([problem.times, times])[order])
 
 
 def fill_gap(
@@ -254,8 +243,3 @@ def _turned_back(
     seen = reference + np.einsum("nji,nj->ni", turn, one.t + depth[:, None] * ray - reference)
     first, second = project(one, seen), project(two, seen)
     return np.column_stack([first, second[:, across]])
-
-
-def gap_rows(problem: Problem, setup: Setup, chosen: np.ndarray) -> Measurements:
-    """Measurements of all epochs from the first, for one set of features."""
-    return measurements(problem, setup, setup.first, len(problem.times), chosen, fresh=True)

@@ -12,12 +12,12 @@ from massprops.dynamics.inertia import (
     principal_axes,
     ratios_of_moments,
 )
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, skew
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.estimators.filters import verdict
 from massprops.estimators.filters.body_frame import mean_turn
 from massprops.estimators.filters.features import Passage
 from massprops.estimators.filters.setup import Setup
-from massprops.estimators.filters.state import Run, State
+from massprops.estimators.filters.state import Run
 from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem
 
@@ -118,12 +118,9 @@ def _body(
         to_turn = shape.by_turn if general else body.T
         # in principal axes the state's own error of these is a turn about body axes
         return ("attitude0" if told else "own"), turn, to_turn @ last.P[at, at] @ to_turn.T
-    if general:
-        # the axes against the attitudes: what the filter's own body axes are off by cancels
-        J = np.concatenate([np.zeros((3, 3)), np.eye(3), shape.by_turn], axis=1)
-        covariance = J @ run.block[-1] @ J.T
-    else:
-        covariance = axes_covariance_of(last)
+    # the axes against the attitudes: what the filter's own body axes are off by cancels
+    J = np.concatenate([np.zeros((3, 3)), np.eye(3), shape.by_turn], axis=1)
+    covariance = J @ run.block[-1] @ J.T
     epochs = np.searchsorted(problem.times, times - 1e-9)
     measured = problem.attitude[epochs]
     if not np.isfinite(measured[:, 0]).any():
@@ -132,16 +129,3 @@ def _body(
     variance = np.square(problem.sigma_attitude[epochs]) + np.sum(run.sigma[:, 3:6] ** 2, axis=1)
     mean, extra = mean_turn(measured, run.q, variance)
     return "attitude0", mean, covariance + extra * np.eye(3)
-
-
-def axes_covariance_of(last: State) -> np.ndarray:
-    """(3, 3) of a small turn of the principal frame against the feature points."""
-    f, at = last.features, last.places()["features"]
-    if len(f) < 2:
-        return last.P[3:6, 3:6]
-    # the turn that best explains an error of the points, weighted by how well each is known
-    J = np.concatenate([skew(p) for p in f])
-    weight = 1.0 / np.maximum(np.diag(last.P[at, at]), 1e-300)
-    back = np.linalg.pinv((J.T * weight) @ J) @ (J.T * weight)
-    found: np.ndarray = back @ last.P[at, at] @ back.T
-    return found

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import ChaserPath, transitions
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.geometry.alignment import inverse_of
 
 LARGEST_SQUARE = 16.3
 """Squared Mahalanobis distance in three dimensions that one in a thousand good points exceeds."""

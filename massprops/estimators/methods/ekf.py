@@ -1,4 +1,4 @@
-"""pesce2017: extended Kalman filter, with the second order of the images."""
+"""pesce2017: extended Kalman filter, in body axes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from massprops.model.problem import Problem
 
 NAME = "ekf"
 ORDER = 20
-SENTENCE = "extended Kalman filter of second order for motion, inertia and feature points (pesce2017)"
+SENTENCE = "extended Kalman filter for motion, inertia and feature points (pesce2017)"
 NEEDS = ("stereo|attitude|rates",)
 BEGINS_EARLY = True
 

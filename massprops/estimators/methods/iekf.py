@@ -1,4 +1,4 @@
-"""pesce2017: iterated extended Kalman filter."""
+"""pesce2017: iterated extended Kalman filter, in body axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""kabir2025 section 2.2: unscented Kalman filter for motion, ratios and features, on any sequence."""
+"""kabir2025 section 2.2: unscented Kalman filter for motion, inertia and features, in body axes, on any sequence."""
 
 from __future__ import annotations
 
