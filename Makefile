@@ -47,7 +47,7 @@ PLAIN_BLAS := $(if $(filter x86_64 amd64,$(shell uname -m)),Nehalem,ARMV8)
 OTHER_MACHINE := OPENBLAS_CORETYPE=$(PLAIN_BLAS) OPENCV_CPU_DISABLE=AVX512-SKX,AVX2,FP16 \
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-generic
 NUMPYS := from numpy._core._multiarray_umath import __cpu_dispatch__ as d, __cpu_features__ as f; print(*(x for x in d if f[x]))
-NUMERICAL := tests/estimators/test_ekf.py tests/estimators/test_ukf.py tests/estimators/test_batch_step.py \
+NUMERICAL := tests/estimators/test_ekf.py tests/campaign/test_pesce2017.py tests/estimators/test_ukf.py tests/estimators/test_batch_step.py \
 	tests/dense/test_dense.py tests/surface/test_surface.py
 
 test-other-machine: $(VENV)/.installed-dev

@@ -10,8 +10,8 @@ import numpy as np
 from massprops.consistency.jackknife import at_least, replicates, spread
 from massprops.consistency.mesh_side import MeshSide
 from massprops.core.robust import MAD_TO_SIGMA
-from massprops.dynamics.quaternion import angle_between, rotation_matrix
-from massprops.estimators.prior import similarity
+from massprops.dynamics.alignment import similarity
+from massprops.dynamics.quaternion import angle_between, nearest_rotation, rotation_matrix
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import covariance, log_components
 from massprops.model.problem import Problem
@@ -58,10 +58,10 @@ def to_mesh_axes(found: Estimate, problem: Problem, frame: Frame, same_footage: 
         late = slice(len(at) // 2, None)
         if len(at[late]) >= LEAST_COMMON:
             R = np.swapaxes(rotation_matrix(frame.q[there[late]]), 1, 2) @ rotation_matrix(found.q[at[late]])
-            u, d, vt = np.linalg.svd(R.mean(axis=0))
+            mean = R.mean(axis=0)
             # rotations that do not agree average to less than a rotation: two clocks, or two bodies
-            if d[1] > 0.99:
-                return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt, "attitude"
+            if np.linalg.svd(mean, compute_uv=False)[1] > 0.99:
+                return nearest_rotation(mean), "attitude"
     return _by_features(found, frame)
 
 

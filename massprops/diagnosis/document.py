@@ -233,7 +233,7 @@ def latent(s: Selection) -> dict[str, Any]:
 
 
 def _corrected(base: HypothesisFit, after: HypothesisFit) -> dict[str, Any]:
-    from massprops.estimators.result import ratios
+    from massprops.dynamics.inertia import ratios
 
     (k_base, axes_base), (k_after, axes_after) = ratios(base.inertia), ratios(after.inertia)
     cosine = np.clip(np.abs(np.sum(axes_base * axes_after, axis=0)), 0, 1)

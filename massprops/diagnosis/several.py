@@ -153,7 +153,7 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
 
 def common_ratios(common: CommonInertia, draws: int = 400) -> tuple[list[float], list[float]]:
     """(k1, k2) of a common inertia and their 1-sigma, by draws from its posterior with a fixed seed."""
-    from massprops.estimators.result import ratios
+    from massprops.dynamics.inertia import ratios
 
     rng = np.random.default_rng(0)
     shapes = rng.multivariate_normal(common.shape, common.covariance, draws)

@@ -37,44 +37,8 @@ euler_acceleration = _bind(
 )
 to_body = _bind(kernels.to_body, cross=cross)
 to_reference = _bind(kernels.to_reference, cross=cross)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def turned(
-    qw: float, qx: float, qy: float, qz: float, x: float, y: float, z: float
-) -> tuple[float, float, float, float]:
-    """q times the small rotation (x, y, z) [rad] in body axes, as a unit quaternion."""
-    square = x * x + y * y + z * z
-    if square < 1e-12:
-        c, s = 1.0 - square / 8.0, 0.5 - square / 48.0
-    else:
-        angle = np.sqrt(square)
-        c, s = np.cos(angle / 2), np.sin(angle / 2) / angle
-    x, y, z = s * x, s * y, s * z
-    w = qw * c - qx * x - qy * y - qz * z
-    a = qw * x + qx * c + qy * z - qz * y
-    b = qw * y - qx * z + qy * c + qz * x
-    d = qw * z + qx * y - qy * x + qz * c
-    size = np.sqrt(w * w + a * a + b * b + d * d)
-    return w / size, a / size, b / size, d / size
-
-
-@numba.njit(cache=True, error_model="numpy")
-def turn_between(
-    pw: float, px: float, py: float, pz: float, qw: float, qx: float, qy: float, qz: float
-) -> tuple[float, float, float]:
-    """The rotation vector v in body axes with q = p exp(v)."""
-    w = pw * qw + px * qx + py * qy + pz * qz
-    x = pw * qx - px * qw - py * qz + pz * qy
-    y = pw * qy + px * qz - py * qw - pz * qx
-    z = pw * qz - px * qy + py * qx - pz * qw
-    if w < 0:
-        w, x, y, z = -w, -x, -y, -z
-    sine = np.sqrt(x * x + y * y + z * z)
-    if sine < 1e-12:
-        return 2.0 * x, 2.0 * y, 2.0 * z
-    scale = 2.0 * np.arctan2(sine, w) / sine
-    return scale * x, scale * y, scale * z
+turned = _bind(kernels.turned, product=numba.njit(kernels.product))
+unit = numba.njit(kernels.unit)
 
 
 @numba.njit(cache=True, error_model="numpy")

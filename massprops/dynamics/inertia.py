@@ -62,6 +62,12 @@ def ratios_of_moments(moments: np.ndarray) -> np.ndarray:
     return np.asarray(log[..., :2] - log[..., 1:])
 
 
+def ratios(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """k1 = ln(I1/I2) and k2 = ln(I2/I3) (..., 2), moments ascending, and their axes (..., 3, 3) as columns, right-handed."""
+    moments, axes = principal_axes(inertia)
+    return ratios_of_moments(moments), axes
+
+
 def physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.ndarray:
     """The nearest body of trace 1 with positive moments that meet the triangle inequalities.
 
@@ -109,8 +115,12 @@ def cholesky_parameters(tensor: np.ndarray) -> np.ndarray:
     return np.stack([log[..., 0] - log[..., 1], log[..., 1] - log[..., 2], *below], axis=-1)
 
 
+def cholesky_changes(parameters: np.ndarray) -> np.ndarray:
+    """Derivatives (..., 5, 3, 3) of `cholesky_inertia` by the five numbers (..., 5)."""
+    step, at = 1e-6 * np.eye(5), np.asarray(parameters, float)[..., None, :]
+    return np.asarray((cholesky_inertia(at + step) - cholesky_inertia(at - step)) / 2e-6)
+
+
 def cholesky_ratio_derivatives(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`ratio_derivatives`, moments ascending, by the five numbers (..., 5): (..., 2, 5) and (..., 3, 5)."""
-    step, at = 1e-6 * np.eye(5), np.asarray(parameters, float)[..., None, :]
-    changes = (cholesky_inertia(at + step) - cholesky_inertia(at - step)) / 2e-6
-    return ratio_derivatives(*principal_axes(cholesky_inertia(parameters)), changes)
+    return ratio_derivatives(*principal_axes(cholesky_inertia(parameters)), cholesky_changes(parameters))

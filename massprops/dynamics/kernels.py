@@ -9,8 +9,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 N = Any
 """A component: number or array."""
+
+TINY = 1e-300
+"""Keeps a length off zero without a branch; its root is far below anything measured."""
 
 INSIDE = 1e-7
 """Stages at the ends of a step lie this share of it inside, so that an event at a step's end acts in one step only."""
@@ -24,6 +29,38 @@ def quaternion_rate(qw: N, qx: N, qy: N, qz: N, wx: N, wy: N, wz: N) -> tuple[N,
         0.5 * (qw * wy - qx * wz + qz * wx),
         0.5 * (qw * wz + qx * wy - qy * wx),
     )
+
+
+def product(pw: N, px: N, py: N, pz: N, qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
+    """Quaternion p q."""
+    return (
+        pw * qw - px * qx - py * qy - pz * qz,
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+    )
+
+
+def unit(qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
+    """The unit quaternion of the same direction."""
+    size = 1.0 / np.sqrt(qw * qw + qx * qx + qy * qy + qz * qz + TINY)
+    return qw * size, qx * size, qy * size, qz * size
+
+
+def turned(qw: N, qx: N, qy: N, qz: N, ax: N, ay: N, az: N) -> tuple[N, N, N, N]:
+    """q exp(a): q turned by the rotation vector a [rad] in body axes."""
+    angle = np.sqrt(ax * ax + ay * ay + az * az + TINY)
+    s = np.sin(0.5 * angle) / angle
+    return product(qw, qx, qy, qz, np.cos(0.5 * angle), s * ax, s * ay, s * az)
+
+
+def turn_between(qw: N, qx: N, qy: N, qz: N, pw: N, px: N, py: N, pz: N) -> tuple[N, N, N]:
+    """Rotation vector a [rad] with q exp(a) = p."""
+    w, x, y, z = product(qw, -qx, -qy, -qz, pw, px, py, pz)
+    sine = np.sqrt(x * x + y * y + z * z + TINY)
+    sign = np.copysign(1.0, w)
+    factor = 2.0 * np.arctan2(sine, sign * w) / sine * sign
+    return factor * x, factor * y, factor * z
 
 
 def symmetric_times(a: N, b: N, c: N, d: N, e: N, f: N, x: N, y: N, z: N) -> tuple[N, N, N]:

@@ -104,6 +104,19 @@ def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return v + w * t + np.cross(u, t)
 
 
+def nearest_rotation(M: np.ndarray) -> np.ndarray:
+    """Rotations (..., 3, 3) nearest to matrices (..., 3, 3); of a sum of rotations, their mean (Markley 1988; Kabsch 1976)."""
+    U, _, V = np.linalg.svd(M)
+    U = U * np.stack([np.ones(M.shape[:-2]), np.ones(M.shape[:-2]), np.linalg.det(U @ V)], axis=-1)[..., None, :]
+    return np.asarray(U @ V)
+
+
+def mean_quaternion(q: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """The weighted mean (4,) of turns q (n, 4), of either sign (Markley and others 2007)."""
+    mean: np.ndarray = np.linalg.eigh((q.T if weight is None else q.T * weight) @ q)[1][:, -1]
+    return mean if mean[0] >= 0 else -mean
+
+
 def angle_between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Angle [rad] of the rotation from q to p, shapes (..., 4) to (...)."""
     angle: np.ndarray = np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
+from massprops.dynamics.inertia import DIRECTIONS, principal_axes, ratio_derivatives
 from massprops.dynamics.rotation import Acting, trajectory
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
@@ -26,22 +28,6 @@ class Shown:
     reason: str
 
 
-def ratio_directions(moments: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Changes (5, 3, 3) of the inertia with k1, k2 and small turns of the axes about themselves.
-
-    Args:
-        moments: (3,) ascending; axes: (3, 3) their columns, right-handed.
-    """
-    a, b, c = moments
-    out = [np.diag([a, 0.0, 0.0]), np.diag([0.0, 0.0, -c])]
-    for i in range(3):
-        turn = np.zeros((3, 3))
-        j, k = (i + 1) % 3, (i + 2) % 3
-        turn[j, k] = turn[k, j] = moments[j] - moments[k]
-        out.append(turn)
-    return np.array([axes @ d @ axes.T for d in out])
-
-
 def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarray, inertia: np.ndarray) -> Shown:
     """The Cramer-Rao limit of ratios and axes for torque-free motion seen through its attitude.
 
@@ -50,29 +36,36 @@ def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarr
         q0: (4,), w0: (3,) at the first time, body axes [rad/s]; inertia: (3, 3) in body axes.
     """
     inertia = 3.0 * inertia / np.trace(inertia)
-    moments, axes = np.linalg.eigh(inertia)
-    if np.linalg.det(axes) < 0:
-        axes[:, 1] = -axes[:, 1]
     nothing = Acting((), ())
     around = Surroundings(Environment())
     none = np.zeros(0)
     path = trajectory(times, q0, w0, inertia, nothing, none, around)
-    turn, _ = sensitivities(times, path, q0, w0, inertia, ratio_directions(moments, axes), nothing, none, around)
+    turn, _ = sensitivities(times, path, q0, w0, inertia, DIRECTIONS, nothing, none, around)
     normal = np.einsum("n,nai,naj->ij", weight, turn, turn)
-    # a weak prior of one radian on each keeps the unobservable ones finite
-    prior = np.diag([0, 0, 0, 0, 0, 0, 1.0, 1.0, 1.0, 1.0, 1.0])
-    scale = np.sqrt(np.diag(normal + prior))
-    covariance = np.linalg.pinv((normal + prior) / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sigma_k, sigma_axes = sigma[6:8], sigma[8:11]
-    reason = ""
-    if sigma_k.max() > LARGEST_SIGMA_K:
-        along = axes.T @ w0 / max(float(np.linalg.norm(w0)), 1e-300)
-        most = float(np.degrees(np.arccos(min(1.0, float(np.abs(along).max())))))
-        reason = (
+    # a weak prior on the shape keeps what is unobservable finite
+    covariance = inverse_of(normal + np.diag([0.0] * 6 + [1.0] * 5))[6:, 6:]
+    moments, axes = principal_axes(inertia)
+    spread = [np.einsum("ai,ij,aj->a", J, covariance, J) for J in ratio_derivatives(moments, axes, DIRECTIONS)]
+    sigma_k, sigma_axes = (np.sqrt(np.maximum(square, 0.0)) for square in spread)
+    return Shown(sigma_k, sigma_axes, hidden_by(sigma_k, float(sigma_axes.max()), w0, axes))
+
+
+def hidden_by(
+    sigma_k: np.ndarray, sigma_axes: float, w0: np.ndarray, axes: np.ndarray, largest: float = LARGEST_SIGMA_K
+) -> str:
+    """One line when the data do not show ratios or axes; empty when they do.
+
+    Args:
+        sigma_k: (2,); sigma_axes: the largest [rad]; w0: (3,) body rates; axes: (3, 3) principal ones as columns;
+        largest: of sigma_k.
+    """
+    if not (np.isfinite(sigma_k).all() and sigma_k.max() <= largest):
+        along = np.abs(axes.T @ w0) / max(float(np.linalg.norm(w0)), 1e-300)
+        off = float(np.degrees(np.arccos(min(1.0, float(along.max())))))
+        return (
             f"the motion does not show k1 and k2 (1-sigma {sigma_k[0]:.2g}, {sigma_k[1]:.2g}): "
-            f"it spins within {most:.1f} deg of a principal axis or is too short"
+            f"it spins within {off:.1f} deg of a principal axis or is too short"
         )
-    elif sigma_axes.max() > LARGEST_SIGMA_AXES:
-        reason = "the body is symmetric within what the motion shows: its principal axes are not determined"
-    return Shown(sigma_k, sigma_axes, reason)
+    if sigma_axes > LARGEST_SIGMA_AXES:
+        return "the body is symmetric within what the motion shows: its principal axes are not determined"
+    return ""

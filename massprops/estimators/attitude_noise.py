@@ -47,24 +47,18 @@ def believed(problem: Problem, start: Any) -> tuple[Problem, str]:
 def _left(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray] | None:
     """What free motion leaves of the attitudes (n, 3), and its derivatives (n, 3, 11), in stated sigmas."""
     from massprops.dynamics.chaser_path import chaser_path
-    from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
-    from massprops.estimators.free_fit import free_fit, free_paths, moved
+    from massprops.dynamics.quaternion import multiply
+    from massprops.estimators.free_fit import free_fit, left_by
 
     fit = free_fit(problem, start)
     if fit is None:
         return None
-    times = problem.times[fit.rows]
     chaser = chaser_path(problem.environment, problem.times).q[fit.rows]
     sigma = problem.sigma_attitude[fit.rows]
     if not (np.isfinite(sigma) & (sigma > 0)).all():
         return None
     guess = (multiply(chaser[0], fit.q), fit.w, fit.inertia)
-    speed = max(float(np.linalg.norm(fit.w)), 1e-9)
-    h = np.array([1e-6] * 3 + [1e-6 * speed] * 3 + [1e-6] * 5)
-    paths = np.array(free_paths(times, [guess, *(moved(guess, x) for x in np.diag(h))]))[..., :4]
-    left = rotation_vector(multiply(conjugate(paths), multiply(chaser, problem.attitude[fit.rows])))
-    slope = np.moveaxis((left[1:] - left[:1]) / h[:, None, None], 0, -1)
-    return left[0] / sigma[:, None], slope / sigma[:, None, None]
+    return left_by(problem.times[fit.rows], multiply(chaser, problem.attitude[fit.rows]), sigma, guess)
 
 
 def worth(left: np.ndarray, slope: np.ndarray) -> tuple[float, float]:

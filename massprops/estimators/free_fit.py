@@ -143,6 +143,14 @@ def _residuals(times: np.ndarray, values: np.ndarray, guesses: list[Guess]) -> n
     return rotation_vector(multiply(conjugate(states[:, :, :4]), values))
 
 
+def left_by(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess) -> tuple[np.ndarray, np.ndarray]:
+    """Measured minus motion (n, 3) in units of sigma (n,), and its derivatives (n, 3, 11) by the errors of `moved`."""
+    speed = max(float(np.linalg.norm(guess[1])), 1e-9)
+    h = np.array([1e-6] * 3 + [1e-6 * speed] * 3 + [1e-6] * 5)
+    e = _residuals(times, values, [guess] + [moved(guess, x) for x in np.diag(h)])
+    return e[0] / sigma[:, None], ((e[1:] - e[:1]) / h[:, None, None]).transpose(1, 2, 0) / sigma[:, None, None]
+
+
 def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess) -> Found | None:
     """Levenberg-Marquardt, derivatives by differences, outliers weighed down: guess, residual, covariance (11, 11)."""
     damping, cost = 1e-4, np.inf
@@ -150,11 +158,7 @@ def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
     prior = np.array([gauge] * 3 + [0.0] * 3 + [1.0 / DOUBT**2] * 5)
     normal = np.eye(11)
     for _ in range(STEPS):
-        speed = max(float(np.linalg.norm(guess[1])), 1e-9)
-        h = np.array([1e-6] * 3 + [1e-6 * speed] * 3 + [1e-6] * 5)
-        e = _residuals(times, values, [guess] + [moved(guess, x) for x in np.diag(h)])
-        J = ((e[1:] - e[:1]) / h[:, None, None]).transpose(1, 2, 0) / sigma[:, None, None]
-        r = e[0] / sigma[:, None]
+        r, J = left_by(times, values, sigma, guess)
         length = np.linalg.norm(r, axis=1)
         weight = 1.0 / np.maximum(1.0, (length / max(OUTLIER, 2.0 * float(np.median(length)))) ** 2)
         normal = np.einsum("n,nia,nib->ab", weight, J, J) + np.diag(prior)

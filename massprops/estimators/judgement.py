@@ -22,9 +22,10 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.result import Estimate, ratios
+from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem
 
 FARTHEST = 4.9

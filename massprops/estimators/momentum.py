@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
 from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, physical, principal_axes, ratio_derivatives
 from massprops.dynamics.quaternion import rotation_matrix, skew
-from massprops.estimators.geometry.alignment import inverse_of
 from massprops.estimators.rates import LocalFit
 
 FEWEST = 6

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.dynamics.alignment import similarity
+from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError
-from massprops.estimators.result import Prior, ratios
+from massprops.estimators.result import Prior
 from massprops.mass.ratio_space import (
     chi_square,
     covariance,
@@ -28,8 +30,6 @@ REJECT_BELOW = 1e-3
 """A prior that the data would contradict so by chance less often than this is left out."""
 AXES_UNKNOWN = 1.0
 """1-sigma [rad] of axes that the data of the sequence do not tie to those of the prior."""
-SAME_BODY = 0.1
-"""Largest median residual of common features, over their spread, at which they are the same points."""
 
 
 @dataclass(frozen=True)
@@ -296,30 +296,3 @@ def _common(prior: Prior, problem: Problem, features: np.ndarray | None) -> tupl
     if good.sum() < 4:
         return None
     return similarity(prior.features[a[good]], features[b[good]])
-
-
-def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray] | None:
-    """Scale and rotation (3, 3) of target = scale R source + t by least squares (Umeyama 1991), twice, the second time
-    without the worst; None when the points are not the same body's.
-
-    Args:
-        source, target: (n, 3), n >= 4.
-    """
-    keep = np.ones(len(source), bool)
-    for _ in range(3):
-        a, b = source[keep] - source[keep].mean(0), target[keep] - target[keep].mean(0)
-        u, d, vt = np.linalg.svd(b.T @ a)
-        sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-        R = u @ np.diag(sign) @ vt
-        scale = float((d * sign).sum() / max((a * a).sum(), 1e-300))
-        shift = target[keep].mean(0) - scale * R @ source[keep].mean(0)
-        apart = np.linalg.norm(target - scale * source @ R.T - shift, axis=1)
-        middle = float(np.median(apart[keep]))
-        keep = apart <= max(3.0 * middle, 1e-12)
-        if keep.sum() < 4:
-            return None
-    spread = float(np.sqrt(np.mean(np.sum((target[keep] - target[keep].mean(0)) ** 2, axis=1))))
-    flat = d[1] < 1e-6 * d[0] if d[0] > 0 else True
-    if flat or scale <= 0 or middle > SAME_BODY * max(spread, 1e-300):
-        return None
-    return scale, R

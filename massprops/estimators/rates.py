@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_vector,
@@ -16,7 +17,6 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
     rotation_vector,
 )
-from massprops.estimators.geometry.alignment import inverse_of
 
 SIZES = (5, 7, 9, 11, 13, 17, 21, 25, 31, 41, 51, 65, 81, 101)
 LARGEST_SWEEP = 2.0

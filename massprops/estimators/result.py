@@ -120,10 +120,3 @@ class Estimate(Shown):
         shown = {"method": self.name}
         shown |= {name: number(getattr(self, name), bounds.get(name)) for name in ("k1", "k2")}
         return shown | ({"but": self.reason} if self.reason else {})
-
-
-def ratios(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """k1, k2 as (..., 2) and principal axes (..., 3, 3) as columns, of inertias (..., 3, 3), moments ascending."""
-    moments, axes = np.linalg.eigh(inertia)
-    log = np.log(moments)
-    return np.stack([log[..., 0] - log[..., 1], log[..., 1] - log[..., 2]], axis=-1), axes

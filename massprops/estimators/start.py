@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.orbit import lvlh_rate, true_anomaly
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
+from massprops.dynamics.chaser_path import ChaserPath, chaser_path
+from massprops.dynamics.quaternion import multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators import rates
 from massprops.estimators.geometry import bodymodel, centre
@@ -233,7 +233,7 @@ def _inertia(
     The first fit takes the rates from cubics alone; the next ones from the difference to free rotation with the
     inertia just found, which a cubic follows far better.
     """
-    chaser = chaser_attitude(problem, times)
+    chaser = chaser_path(problem.environment, times)
     fit = rates.from_attitude(times, q, covariance, shared)
     w, found = _conserved(chaser, fit, None)
     for _ in range(PASSES):
@@ -247,27 +247,9 @@ def _inertia(
     return fit, w, found
 
 
-def _conserved(
-    chaser: tuple[np.ndarray, np.ndarray] | None, fit: rates.LocalFit, first: np.ndarray | None
-) -> tuple[np.ndarray, Momentum | None]:
-    q, w = fit.q, fit.w
-    if chaser is not None:
-        turn, spin = chaser
-        w = w + np.einsum("nji,nj->ni", rotation_matrix(q), spin)
-        q = multiply(turn, q)
-    return w, momentum_inertia(q, w, fit.covariance, None, fit.window, first, fit)
-
-
-def chaser_attitude(problem: Problem, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """cam0 to inertial (k, 4) and cam0's rates in its own axes (k, 3); None when the chaser does not turn."""
-    environment = problem.environment
-    orbit = environment.orbit
-    if environment.chaser_attitude != "lvlh" or orbit is None:
-        return None
-    turned = np.unwrap(true_anomaly(orbit, times) - true_anomaly(orbit, np.zeros(1)))
-    # the turn is about the rate's own axis, which is therefore the same in cam0's axes
-    normal = np.asarray(orbit.R_inertial_perifocal)[:, 2]
-    return from_rotation_vector(turned[:, None] * normal), lvlh_rate(orbit, times)[0]
+def _conserved(chaser: ChaserPath, fit: rates.LocalFit, first: np.ndarray | None) -> tuple[np.ndarray, Momentum | None]:
+    w = fit.w + np.einsum("nji,nj->ni", rotation_matrix(fit.q), chaser.rate)
+    return w, momentum_inertia(multiply(chaser.q, fit.q), w, fit.covariance, None, fit.window, first, fit)
 
 
 def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:

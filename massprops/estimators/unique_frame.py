@@ -44,13 +44,5 @@ def unique_frame(inertia: np.ndarray, rule: SignRule | None = None) -> tuple[np.
     return moments[..., ::-1], np.stack([x, np.cross(z, x), z], axis=-1)
 
 
-def paper_frame(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The paper's rule as printed, for comparison: r3 keeps whatever sign the eigenvalue routine gave it."""
-    moments, axes = np.linalg.eigh(inertia)
-    x = axes[..., 2] * _sign(axes[..., :1, 2])
-    z = axes[..., 0]
-    return moments[..., ::-1], np.stack([x, np.cross(z, x), z], axis=-1)
-
-
 def _sign(x: np.ndarray) -> np.ndarray:
     return np.where(x < 0, -1.0, 1.0)

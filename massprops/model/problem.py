@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -60,6 +61,11 @@ class Problem:
     warnings: tuple[str, ...] = ()
     rate_memory: int = 1
     alike: float = 1.0
+
+    def of_epochs(self, change: Callable[[np.ndarray], np.ndarray]) -> Problem:
+        """The problem with what it has for each epoch (n, ...) changed: some epochs of it, or more."""
+        names = ("stamp_ns", "times", "uv", "range_m", "rates", "attitude", "sigma_attitude")
+        return replace(self, **{name: change(getattr(self, name)) for name in names})
 
     @property
     def seen(self) -> np.ndarray:

@@ -8,8 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, multiply, rotation_matrix, rotation_vector
-from massprops.estimators.result import Estimate, ratios
+from massprops.dynamics.inertia import ratios
+from massprops.dynamics.quaternion import (
+    from_rotation_matrix,
+    multiply,
+    nearest_rotation,
+    rotation_matrix,
+    rotation_vector,
+)
+from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import turn_between
 from massprops.model.problem import Problem
 from massprops.sequence.truth import Truth, read_truth
@@ -82,13 +89,6 @@ def true_inertia(truth: Truth) -> np.ndarray | None:
     return None
 
 
-def mean_rotation(R: np.ndarray) -> np.ndarray:
-    """(3, 3) nearest to all of R (n, 3, 3) in the sum of squares."""
-    u, _, vt = np.linalg.svd(R.sum(axis=0))
-    out: np.ndarray = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return out
-
-
 def errors(found: Estimate, problem: Problem, truth: Truth) -> Errors | None:
     """The estimate against the truth at common times; None when there are none.
 
@@ -109,7 +109,7 @@ def errors(found: Estimate, problem: Problem, truth: Truth) -> Errors | None:
         turn = attitude_turn(problem, truth)
     if turn is None:
         late = slice(len(at) // 2, None)
-        turn = mean_rotation(np.swapaxes(true[late], 1, 2) @ own[late])
+        turn = nearest_rotation((np.swapaxes(true[late], 1, 2) @ own[late]).sum(axis=0))
     carried = multiply(found.q[at], from_rotation_matrix(turn.T))
     apart = rotation_vector(multiply(truth.q[there] * [1, -1, -1, -1], carried))
     w = found.w[at] @ turn.T - truth.w[there]
@@ -138,4 +138,4 @@ def attitude_turn(problem: Problem, truth: Truth) -> np.ndarray | None:
     if not good.any():
         return None
     measured, true = rotation_matrix(problem.attitude[at[good]]), rotation_matrix(truth.q[there[good]])
-    return mean_rotation(np.swapaxes(true, 1, 2) @ measured)
+    return nearest_rotation((np.swapaxes(true, 1, 2) @ measured).sum(axis=0))

@@ -37,3 +37,20 @@ def project(camera: Pinhole, X: np.ndarray) -> np.ndarray:
     Y = (X - camera.t) @ camera.R.T
     depth = np.where(np.real(Y[..., 2]) > 0, Y[..., 2], np.nan)
     return np.stack([fu * Y[..., 0] / depth + cu, fv * Y[..., 1] / depth + cv], axis=-1)
+
+
+def at_depth(
+    camera: Pinhole, uv: np.ndarray, depth: np.ndarray, sigma_px: float, along: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (..., 3) of the chaser's frame at a believed depth on the rays of pixels (..., 2), and covariance (..., 3, 3).
+
+    Args:
+        depth: (...) [m]; sigma_px: 1-sigma of a pixel; along: of the depth [m].
+    """
+    slopes = (uv - camera.intrinsics[2:]) / camera.intrinsics[:2]
+    ray = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
+    lever = np.zeros((*ray.shape, 3))
+    lever[..., 0, 0], lever[..., 1, 1] = depth / camera.intrinsics[0], depth / camera.intrinsics[1]
+    lever[..., :, 2] = ray
+    lever = camera.R.T @ lever * np.array([sigma_px, sigma_px, along])
+    return (ray * depth[..., None]) @ camera.R + camera.t, lever @ np.swapaxes(lever, -1, -2)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprops.core.robust import mad_sigma
+from massprops.dynamics.quaternion import nearest_rotation
 from massprops.geometry.rasterise import rasterise
 from massprops.sfm.distinct import APART, RATIO, WIDEST, angles, unit
 from massprops.sfm.features import FeatureOptions, extract
@@ -323,8 +324,7 @@ class _Both:
 def _rigid(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The turn and shift that carry places y (k, 3) onto x (k, 3) best (Kabsch 1976)."""
     a, b = x.mean(0), y.mean(0)
-    U, _, V = np.linalg.svd((x - a).T @ (y - b))
-    Q = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ V))]) @ V
+    Q = nearest_rotation((x - a).T @ (y - b))
     return Q, a - Q @ b
 
 

@@ -18,11 +18,11 @@ from massprops.consistency.free_rotation import free_rotation_residuals
 from massprops.consistency.mesh_side import read_mesh_side
 from massprops.consistency.motion_side import Centre, Tumble, centre_of_motion, tumble_of
 from massprops.consistency.verdict import decide
+from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import from_rotation_matrix, from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import InputError
 from massprops.estimators import methods as registry
-from massprops.estimators.result import ratios
 from massprops.mass.document import document
 from massprops.mass.properties import mass_properties
 from massprops.mass.ratio_space import (

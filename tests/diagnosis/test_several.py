@@ -11,7 +11,7 @@ from diagnosis.test_momentum_balance import INERTIA, tumble
 from massprops.diagnosis.criteria import SHAPE_SD
 from massprops.diagnosis.momentum_balance import shape_of
 from massprops.diagnosis.several import common_ratios, joined
-from massprops.estimators.result import ratios
+from massprops.dynamics.inertia import ratios
 from massprops.sequence.data import Sequence
 
 

@@ -7,9 +7,10 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotate
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.result import Estimate, ratios
+from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import inertia_of
 from massprops.sequence import AttitudeSeries, Camera, Sequence, Tracks, write_sequence
 

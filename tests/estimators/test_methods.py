@@ -103,7 +103,8 @@ def test_the_same_data_give_the_same_answer(found: Estimate) -> None:
 
 GOOD = '''
 """The first guess itself."""
-from massprops.estimators.result import Estimate, ratios
+from massprops.dynamics.inertia import ratios
+from massprops.estimators.result import Estimate
 
 NAME = "first-guess"
 SENTENCE = "the first guess itself"

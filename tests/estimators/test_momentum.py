@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from motion_scene import INERTIA, RATE, scene
 
 from massprops.campaigns.papers import feng2018
-from massprops.dynamics.inertia import DIRECTIONS, physical
+from massprops.dynamics.inertia import DIRECTIONS, physical, ratios
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.estimators.methods import momentum_ls
 from massprops.estimators.momentum import momentum_inertia, plain_inertia, ratio_covariance
-from massprops.estimators.result import Prior, ratios
+from massprops.estimators.result import Prior
 
 RATE_SIZE = float(np.linalg.norm(RATE))
 

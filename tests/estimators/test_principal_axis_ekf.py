@@ -3,11 +3,12 @@ import pytest
 from tumbling import scene
 
 from massprops.campaigns.papers import hu2024
+from massprops.campaigns.papers._hu2024_frames import paper_frame
 from massprops.dynamics.quaternion import normalise, rotation_matrix
 from massprops.estimators.methods import principal_axis_ekf
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
-from massprops.estimators.unique_frame import paper_frame, sign_rule, unique_frame
+from massprops.estimators.unique_frame import sign_rule, unique_frame
 
 
 def test_unique_frame_is_one_right_handed_frame_however_the_eigenvectors_come():

@@ -7,13 +7,14 @@ from tumbling import scene
 from massprops.campaigns.papers import volpe2017
 from massprops.dynamics.inertia import cholesky_inertia as inertia
 from massprops.dynamics.inertia import cholesky_parameters as from_inertia
-from massprops.dynamics.inertia import cholesky_ratio_derivatives, principal_axes
+from massprops.dynamics.inertia import cholesky_ratio_derivatives, principal_axes, ratios
 from massprops.dynamics.quaternion import conjugate, rotate
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import NotPossible
-from massprops.estimators.filters import general_inertia
+from massprops.estimators.filters import gravity
+from massprops.estimators.filters.body_axes import six_elements
 from massprops.estimators.methods import range_ukf
-from massprops.estimators.result import Prior, ratios
+from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 
 
@@ -25,7 +26,7 @@ def body():
 
 def test_kernel_inertia_is_that_of_the_general_parameters():
     s = from_inertia(body())
-    xx, yy, zz, xy, xz, yz = general_inertia.six_elements(s)
+    xx, yy, zz, xy, xz, yz = six_elements(*s)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     assert np.allclose(tensor / np.trace(tensor), inertia(s), atol=1e-14)
 
@@ -34,7 +35,7 @@ def test_kernel_motion_is_the_physics_of_the_simulator():
     tensor = body()
     q, w = np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.02, -0.03, 0.01])
     y = np.concatenate([q, w, [1.0, 2.0, 30.0], [0.01, 0.0, -0.02]])
-    general_inertia.move_under_gravity(y, from_inertia(tensor), 10.0, 20, np.zeros(10))
+    gravity.move_under_gravity(y, from_inertia(tensor), 10.0, 20, np.zeros(10))
     expected_q, expected_w = propagate(q, w, tensor, np.array([0.0, 10.0]), largest_turn=0.01)
     assert np.allclose(y[:4], expected_q[-1], atol=1e-9)
     assert np.allclose(y[4:7], expected_w[-1], atol=1e-11)
@@ -51,8 +52,8 @@ def test_kernel_gravity_is_that_of_the_effect_and_of_the_kernels():
         [np.array([0.5, 0.5, -0.5, 0.5]), rng.standard_normal(3), [1.0, 2.0, 30.0], rng.standard_normal(3)]
     )
     l, mu, out = np.array([7e6, -1e5, 3e4]), 3.986e14, np.empty(13)
-    six = general_inertia.six_elements(from_inertia(body()))
-    general_inertia.slope_under_gravity(y, six, l, mu, out)
+    six = six_elements(*from_inertia(body()))
+    gravity.slope_under_gravity(y, six, l, mu, out)
     torque = gravity_gradient_torque.torque(0.0, tuple(y[:4]), None, (1.0,), six, Sky(tuple(l + y[7:10]), (), (), mu))
     assert np.allclose(out[4:7], euler_acceleration(six, tuple(y[4:7]), torque), rtol=1e-12)
     assert np.allclose(out[10:], differential_gravity(mu, *l, *y[7:10]), rtol=1e-12)

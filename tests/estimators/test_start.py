@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from motion_scene import Scene, scene
 
+from massprops.dynamics.alignment import align, horn, q_method
+from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -18,8 +20,7 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
 )
 from massprops.errors import NotPossible
-from massprops.estimators.geometry.alignment import align, horn, q_method
-from massprops.estimators.result import Prior, ratios
+from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.dynamics import quaternion
+from massprops.dynamics.inertia import ratios
 from massprops.dynamics.rigid_body import propagate
-from massprops.estimators.result import ratios
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 

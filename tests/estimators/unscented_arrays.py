@@ -5,17 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from massprops.dynamics.kernels import to_body
+from massprops.dynamics.kernels import product, to_body, turn_between, turned, unit
 from massprops.estimators.filters.algebra import LOST, upper_factor
-from massprops.estimators.filters.components import (
-    feature_motion,
-    image,
-    product,
-    torque_free,
-    turn_between,
-    turned,
-    unit,
-)
+from massprops.estimators.filters.components import feature_motion, image, inertia_of, torque_free
 from massprops.estimators.filters.prediction import BEYOND, WIDEST_TURN, bounded
 from massprops.estimators.filters.rule import (
     AXES,
@@ -77,7 +69,8 @@ def propagate(x: np.ndarray, P: np.ndarray, dt: float, F: np.ndarray, spin: np.n
     U = factor(P)
     d = around(U[:nd, :nd], rule.gamma)
     rates = (w[0] + d[0], w[1] + d[1], w[2] + d[2])
-    out = torque_free(rates, _turn(q, d[3:nf], additive), k[0] + d[nf], k[1] + d[nf + 1], dt, steps)
+    inertia = inertia_of(k[0] + d[nf], k[1] + d[nf + 1])
+    out = torque_free(rates, _turn(q, d[3:nf], additive), inertia, dt, steps)
     centre = [float(c[0]) for c in out]
     turns = [c[1:] - c[0] for c in out[:3]]
     if additive:

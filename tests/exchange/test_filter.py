@@ -11,8 +11,8 @@ import trimesh
 import yaml
 from estimators.made_sequence import make_sequence
 
+from massprops.dynamics.inertia import ratios
 from massprops.estimators.prior import read_filter
-from massprops.estimators.result import ratios
 from massprops.exchange.body import read_body
 from massprops.exchange.export import export
 from massprops.exchange.formats.filter import turn_covariance

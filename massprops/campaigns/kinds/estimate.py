@@ -16,6 +16,7 @@ from massprops.campaigns.kinds import always
 from massprops.campaigns.nearest import unknown
 from massprops.documents.fields import read
 from massprops.documents.loading import shown
+from massprops.dynamics.quaternion import nearest_rotation
 from massprops.errors import InputError, NotPossible
 
 if TYPE_CHECKING:
@@ -160,8 +161,7 @@ def _state_errors(found: Estimate, truth: dict[str, Any]) -> dict[str, float]:
                 np.degrees(_rms(rotate(found.q, found.w)[late] - rotate(q, np.asarray(truth["w"])[at])[late]))
             )
         between = np.swapaxes(rotation_matrix(found.q), -1, -2) @ rotation_matrix(q)
-        u, _, vt = np.linalg.svd(np.nanmean(between[late], axis=0))
-        mean = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        mean = nearest_rotation(np.nanmean(between[late], axis=0))
         cosine = 0.5 * (np.einsum("nij,ij->n", between[late], mean) - 1.0)
         row["attitude_deg"] = float(np.degrees(np.sqrt(np.nanmean(np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2))))
     return row

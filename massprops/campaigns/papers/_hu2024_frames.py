@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
+from massprops.dynamics.alignment import align, horn
 from massprops.dynamics.inertia import DIRECTIONS
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
-from massprops.estimators.geometry.alignment import align, horn, inverse_of
-from massprops.estimators.unique_frame import SignRule, paper_frame, sign_rule, unique_frame
+from massprops.estimators.unique_frame import SignRule, sign_rule, unique_frame
 
 SURE_AXES = np.radians(5.0)
 """1-sigma of the axes below which the frame is adopted and its sign rule kept."""
@@ -158,3 +159,11 @@ def _steady(sure: np.ndarray, axes: np.ndarray, count: np.ndarray, lasting: int)
         cosine = np.abs(np.einsum("bpij,bpij->bpj", axes[:, back:], axes[:, :-back])).min(axis=-1)
         out[:, back:] &= ~recent | (sure[:, :-back] & (cosine > np.cos(STEADY)))
     return out
+
+
+def paper_frame(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The paper's rule as printed, for comparison with `unique_frame`: r3 keeps whatever sign the eigenvalue routine gave it."""
+    moments, axes = np.linalg.eigh(inertia)
+    x = axes[..., 2] * np.where(axes[..., :1, 2] < 0, -1.0, 1.0)
+    z = axes[..., 0]
+    return moments[..., ::-1], np.stack([x, np.cross(z, x), z], axis=-1)

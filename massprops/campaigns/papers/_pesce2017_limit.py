@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from massprops.campaigns.papers._pesce2017_inertia import principal_prior, ratios_jacobian
+from massprops.campaigns.papers._pesce2017_observation import euler_constraint, images
 from massprops.campaigns.papers._pesce2017_run import Setup, draw, first_estimate, image_noise
-from massprops.estimators.extended.error_state import State, difference
-from massprops.estimators.extended.observation import euler_constraint, images
-from massprops.estimators.extended.transition import transition
-from massprops.estimators.extended.update import Rule, update
-from massprops.estimators.inertia_parameters import principal_prior, ratios_jacobian
+from massprops.campaigns.papers._pesce2017_state import State, difference
+from massprops.campaigns.papers._pesce2017_transition import transition
+from massprops.campaigns.papers._pesce2017_update import Rule, update
 
 
 def limit(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, np.ndarray]:

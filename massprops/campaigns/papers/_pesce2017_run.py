@@ -7,24 +7,24 @@ from typing import Any
 
 import numpy as np
 
+from massprops.campaigns.papers._pesce2017_chaser import Surroundings
 from massprops.campaigns.papers._pesce2017_columns import COLUMNS
+from massprops.campaigns.papers._pesce2017_curvature import bends, constraint_curvature, image_curvature
 from massprops.campaigns.papers._pesce2017_differentiator import rates_from_flow, slope
+from massprops.campaigns.papers._pesce2017_inertia import from_ratios, principal_prior, ratios_jacobian, ratios_of
+from massprops.campaigns.papers._pesce2017_observation import euler_constraint, for_layout, images
+from massprops.campaigns.papers._pesce2017_state import Layout, State, covariance_of, cross, difference, state_of
 from massprops.campaigns.papers._pesce2017_together import update_again, update_together
-from massprops.dynamics.kernels import differential_gravity
-from massprops.dynamics.orbit import position_velocity
-from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_matrix, multiply, normalise, rotate
-from massprops.dynamics.rigid_body import angular_acceleration, propagate
-from massprops.estimators.extended.curvature import bends, constraint_curvature, image_curvature
-from massprops.estimators.extended.error_state import Layout, State, covariance_of, cross, difference, state_of
-from massprops.estimators.extended.observation import euler_constraint, for_layout, images
-from massprops.estimators.extended.transition import (
+from massprops.campaigns.papers._pesce2017_transition import (
     ProcessNoise,
     predict,
     transition,
 )
-from massprops.estimators.extended.update import Observe, Rule, Updated, update
-from massprops.estimators.inertia_parameters import from_ratios, principal_prior, ratios_jacobian, ratios_of
-from massprops.estimators.surroundings import Surroundings
+from massprops.campaigns.papers._pesce2017_update import Observe, Rule, Updated, update
+from massprops.dynamics.kernels import differential_gravity
+from massprops.dynamics.orbit import position_velocity
+from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_matrix, multiply, normalise, rotate
+from massprops.dynamics.rigid_body import angular_acceleration, propagate
 from massprops.sensing.pinhole import Pinhole
 from massprops.sensing.stereo import triangulate
 from massprops.sequence.data import Orbit
@@ -69,7 +69,7 @@ class Setup:
         r0 = np.array(c["position_m"])
         self.r, self.v = self._path(r0, np.array(c["velocity_m_s"]) + np.cross(spin, r0))
         self.rule = Rule(c["iterations"], paper=c["paper_tolerance"])
-        self.layout = Layout(c["features"], 2, c["additive"])
+        self.layout = Layout(c["features"], c["additive"])
 
     def _path(self, r0: np.ndarray, v0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The target's own Kepler motion, to tight tolerance, less the leader's."""

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from massprops.estimators.extended.error_state import Layout, State, mirrored
-from massprops.estimators.extended.update import Observe, Rule, Updated, update
+from massprops.campaigns.papers._pesce2017_state import Layout, State, mirrored
+from massprops.campaigns.papers._pesce2017_update import Observe, Rule, Updated, update
 
 Ahead = Callable[[int, State], tuple[State, np.ndarray]]
 """`ahead(i, state)`: the state at epoch i from that at epoch i - 1 (epoch 0: from the start), and the transition."""

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.dynamics.inertia import physical
+from massprops.dynamics.alignment import q_method
+from massprops.dynamics.inertia import physical, ratios
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -26,10 +27,9 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
-from massprops.estimators.geometry.alignment import q_method
 from massprops.estimators.methods import momentum_ls
 from massprops.estimators.momentum import momentum_inertia, plain_inertia
-from massprops.estimators.result import Prior, ratios
+from massprops.estimators.result import Prior
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate

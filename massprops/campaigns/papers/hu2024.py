@@ -23,11 +23,13 @@ from massprops.campaigns.papers._hu2024_frames import (
     local_rates,
 )
 from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
+from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_matrix,
+    mean_quaternion,
     multiply,
     rotation_matrix,
     rotation_vector,
@@ -36,9 +38,9 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
 from massprops.estimators.filters import Noise, Run, State
 from massprops.estimators.filters.features import run_through
+from massprops.estimators.filters.principal_axes import in_principal_axes
 from massprops.estimators.filters.setup import Setup, setup
 from massprops.estimators.filters.state import ITERATED
-from massprops.estimators.geometry.alignment import inverse_of
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 from massprops.estimators.unique_frame import SignRule, sign_rule, unique_frame
@@ -213,8 +215,7 @@ def _true_frame(q_true: np.ndarray, q: np.ndarray, early: np.ndarray, rule: Sign
     out = []
     for b in range(len(q)):
         turns = multiply(conjugate(q[b, early]), q_true[early])
-        mean = np.linalg.eigh(turns.T @ turns)[1][:, -1]
-        R = rotation_matrix(mean)
+        R = rotation_matrix(mean_quaternion(turns))
         axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, SignRule(rule.x[b], rule.z[b]))[1]
         out.append(multiply(q_true, from_rotation_matrix(R.T @ axes)))
     return out
@@ -258,7 +259,7 @@ def _unique(truth: dict[str, np.ndarray], start: Any) -> int:
     """Which of the `SYMMETRIES` takes the true axes to the true unique frame, by the start's rule in its body axes."""
     rows = start.index
     turns = multiply(conjugate(start.q), truth["q"][rows])
-    R = rotation_matrix(np.linalg.eigh(turns.T @ turns)[1][:, -1])
+    R = rotation_matrix(mean_quaternion(turns))
     axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, sign_rule(start.inertia))[1]
     return int(np.argmax(np.einsum("sij,ij->s", SYMMETRIES, R.T @ axes)))
 
@@ -275,7 +276,7 @@ def _problem(c: dict[str, Any], times: np.ndarray, uv: np.ndarray, sigma_px: flo
 
 def followed(c: dict[str, Any], problem: Problem, start: Any, turn: np.ndarray | None = None) -> Run:
     """The filter in the unique principal frame of the start's inertia, or in another of the 24, to which `turn` leads."""
-    ready = setup(problem, Prior(), start, c["features"], unique_frame)
+    ready = in_principal_axes(setup(problem, Prior(), start, c["features"]), unique_frame)
     ready = replace(ready, noise=_noise(c), state=ready.state if turn is None else in_other_axes(ready.state, turn))
     return run_through(problem, ready, ITERATED).run
 
@@ -311,7 +312,7 @@ def _unstarted(c: dict[str, Any], problem: Problem) -> Run:
         np.zeros(3), np.array([1.0, 0, 0, 0]), np.full(2, 0.1), points - centre, np.diag(sigma**2), position=centre,
         moving=True,
     )  # fmt: skip
-    ready = Setup(state, np.arange(m), _noise(c), 0, True, (False, False, False), np.eye(3), sigma[6:8])
+    ready = Setup(state, np.arange(m), _noise(c), 0, True, (False, False, False), sigma[6:8])
     return run_through(problem, ready, ITERATED).run
 
 

@@ -120,13 +120,14 @@ def begin(configuration: dict[str, Any], z: np.ndarray) -> tuple[State, int]:
     Raises:
         NotPossible: the first seconds show no rotation.
     """
+    from massprops.estimators.filters.principal_axes import in_principal_axes
     from massprops.estimators.filters.setup import setup
     from massprops.estimators.start import first_guess
 
     until = float(configuration["start_s"])
     problem = as_problem(configuration, z[: int(until) + 1])
     start = first_guess(problem, Prior(), until_s=until)
-    ready = setup(problem, Prior(), start, most=len(configuration["features_m"]))
+    ready = in_principal_axes(setup(problem, Prior(), start, most=len(configuration["features_m"])))
     full = ready.state
     at, rows = np.arange(8, 14), np.r_[0:8, 14 : len(full.P)]
     # what a known position and velocity tell of the rest

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives
+from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
 from massprops.dynamics.kernels import differential_gravity, euler_acceleration, quaternion_rate, to_body
 from massprops.dynamics.quaternion import (
     angle_between,
@@ -34,9 +34,8 @@ from massprops.dynamics.quaternion import (
     rotation_vector,
 )
 from massprops.dynamics.surroundings import Surroundings
-from massprops.estimators.ranging.batch_start import fit_first
+from massprops.estimators.ranging.batch_start import RangeMotion, fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
-from massprops.estimators.result import ratios
 from massprops.sequence.data import Environment, Orbit
 
 PAPER = "volpe2017"
@@ -181,11 +180,29 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     begin, at = start, 0
     if c["batch_windows"]:
         *windows, n = c["batch_windows"]
-        begin, at = fit_first(start, data.part(slice(n)), tuple(windows), two_sided=True).last, n - 1
+        begin, at = fit_first(start, data.part(slice(n)), tuple(windows), mirrored).last, n - 1
     uv[: at + 1], ranges[: at + 1] = (np.nan, np.nan) if at else (uv[: at + 1], ranges[: at + 1])
     run = range_filtered(begin, data.part(slice(at, None)), c["turn_noise_rad2_s3"], 0.0, gate=0.0)
     truth = {k: v if k == "times" else v[[0, *range(at, len(v))]] for k, v in truth.items()}
     return _scores(c, truth, points, start, run)
+
+
+def mirrored(x: RangeMotion) -> RangeMotion:
+    """The state that one camera hardly tells from this one (Necker's reversal): depths mirrored about the points'
+    middle, the turn across the sight reversed, the inertia that of the mirrored body."""
+    R = rotation_matrix(x.q)
+    sight = R.T @ x.r / np.linalg.norm(x.r)
+    flip = np.eye(3) - 2 * np.outer(sight, sight)
+    middle = x.f.mean(axis=0)
+    w = -flip @ x.w
+    return RangeMotion(
+        x.q,
+        w,
+        cholesky_parameters(flip @ cholesky_inertia(x.s) @ flip),
+        x.r,
+        x.v + R @ np.cross(x.w - w, middle),
+        middle + (x.f - middle) @ flip,
+    )
 
 
 def _start(c: dict[str, Any], truth: dict[str, np.ndarray], uv: np.ndarray, rng: np.random.Generator) -> RangeStart:

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.dynamics.alignment import horn
 from massprops.dynamics.quaternion import conjugate, multiply
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
 from massprops.estimators.batch.solve import Belief
 from massprops.estimators.batch.start import BatchStart, batch_start
-from massprops.estimators.geometry.alignment import horn
 from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
 from massprops.model.measurements import Measurements, measurements_of

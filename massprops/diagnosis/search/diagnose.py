@@ -12,8 +12,8 @@ import numpy as np
 
 from massprops.core.outputs import Outputs, verify
 from massprops.diagnosis.search.result import Diagnosis
+from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError, NotPossible
-from massprops.estimators.result import ratios
 
 if TYPE_CHECKING:
     from massprops.diagnosis.diagnose import BalanceDiagnosis

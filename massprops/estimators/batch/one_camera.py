@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprops.dynamics.quaternion import rotation_matrix
+from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
 from massprops.estimators.batch.solve import Fit, fit
@@ -93,9 +93,8 @@ def _in_axes_of_attitudes(problem: Problem, found: Fit, around: Surroundings) ->
     seen = rotation_matrix(found.predicted.q[rows])
     if around.lvlh:
         seen = found.predicted.motion.turn[rows] @ seen
-    u, _, vt = np.linalg.svd((np.swapaxes(rotation_matrix(problem.attitude[rows]), 1, 2) @ seen).sum(axis=0))
-    R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return in_axes(state, R)
+    turns = np.swapaxes(rotation_matrix(problem.attitude[rows]), 1, 2) @ seen
+    return in_axes(state, nearest_rotation(turns.sum(axis=0)))
 
 
 def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> np.ndarray:

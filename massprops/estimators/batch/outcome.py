@@ -7,6 +7,7 @@ import numpy as np
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.surroundings import Surroundings
+from massprops.estimators.attitude_information import hidden_by
 from massprops.estimators.batch.solve import Fit, covariance_of
 from massprops.estimators.batch.start import BatchStart
 from massprops.estimators.judgement import INCOMPLETE
@@ -16,8 +17,6 @@ from massprops.model.state import inertia_directions, ratio_slopes
 
 LARGEST_SIGMA_K = 0.18
 """1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""
-LARGEST_SIGMA_AXES = 0.5
-"""1-sigma [rad] of a turn of the principal axes above which they are undetermined."""
 MISFIT = 2.0
 """Chi-square over freedom beyond which the model does not explain the data."""
 
@@ -38,7 +37,8 @@ def estimate_of(
     k, axes, slopes, turns = ratio_slopes(state.inertia)
     block = covariance[12:17, 12:17]
     k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
-    hidden = rival or _unobservable(np.sqrt(np.diag(k_covariance)), axes_covariance, state.w0, axes)
+    turn = float(np.sqrt(np.max(np.diag(axes_covariance))))
+    hidden = rival or hidden_by(np.sqrt(np.diag(k_covariance)), turn, state.w0, axes, LARGEST_SIGMA_K)
     tracked = "tracks" in first.channels
     sigma = _sigmas(problem, found, around, covariance)
     cam = motion.turn
@@ -108,18 +108,4 @@ def _unfit(found: Fit) -> str:
     misfit = found.chi2 / found.freedom
     if misfit > MISFIT:
         return f"residuals are {np.sqrt(misfit):.2g} times the stated noise: {INCOMPLETE}"
-    return ""
-
-
-def _unobservable(sigma: np.ndarray, axes_covariance: np.ndarray, w0: np.ndarray, axes: np.ndarray) -> str:
-    """One line when the data do not show ratios or axes; empty when they do."""
-    if not np.isfinite(sigma).all() or sigma.max() > LARGEST_SIGMA_K:
-        along = np.abs(axes.T @ w0) / max(float(np.linalg.norm(w0)), 1e-300)
-        off = float(np.degrees(np.arccos(min(1.0, float(along.max())))))
-        return (
-            f"the motion does not show the ratios (1-sigma of k1, k2: {sigma[0]:.2g}, {sigma[1]:.2g}): "
-            f"it spins {off:.1f} deg from a principal axis, or is too short"
-        )
-    if np.sqrt(np.max(np.diag(axes_covariance))) > LARGEST_SIGMA_AXES:
-        return "the body is symmetric as far as the motion shows: its principal axes are not determined"
     return ""

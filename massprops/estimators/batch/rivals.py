@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.dynamics.inertia import ratios
 from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.outcome import LARGEST_SIGMA_K
 from massprops.estimators.batch.solve import Belief, Fit, fit
-from massprops.estimators.result import ratios
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
 

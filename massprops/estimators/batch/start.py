@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 
+from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.inertia import physical
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
@@ -63,7 +65,7 @@ def batch_start(
     """
     notes: list[str] = []
     frame = start.body_frame
-    q, w = _inertial(start.q, start.times, around), start.w
+    q, w = multiply(chaser_path(problem.environment, start.times).q, start.q), start.w
     moments = inertia if inertia is not None else start.inertia
     moments = np.eye(3) if moments is None or not np.isfinite(moments).all() else moments
     features = start.features
@@ -113,22 +115,13 @@ def _free(problem: Problem, tracked: bool) -> np.ndarray:
     return free
 
 
-def _inertial(q: np.ndarray, times: np.ndarray, around: Surroundings) -> np.ndarray:
-    """Attitude to inertial axes of an attitude to cam0."""
-    if not around.lvlh:
-        return q
-    return multiply(conjugate(from_rotation_matrix(around.chaser_turn(times))), q)
-
-
 def _gyroscope_frame(problem: Problem, start: Start) -> np.ndarray:
     """(3, 3) from the start's own body axes to the gyroscope's: the turn that carries one's rates into the other's."""
     rows = np.searchsorted(problem.times, start.times)
     both = np.isfinite(problem.rates[rows]).all(axis=1)
     if both.sum() < 3:
         return np.eye(3)
-    U, _, Vt = np.linalg.svd(problem.rates[rows[both]].T @ start.w[both])
-    found: np.ndarray = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return found
+    return nearest_rotation(problem.rates[rows[both]].T @ start.w[both])
 
 
 def _turn(w: np.ndarray) -> float:
@@ -209,7 +202,9 @@ def _doubled(
         m = measurements_of(still, inside, channels=("attitude",))
         if len(m.attitude_at) >= 6:
             last = int(np.flatnonzero(inside)[-1]) + 1
-            found = fit(_until(still, last), m, blank, quiet, free, Belief(weak=1.0), Search(most=25))
+            found = fit(
+                still.of_epochs(itemgetter(slice(last))), m, blank, quiet, free, Belief(weak=1.0), Search(most=25)
+            )
             blank, misfit = found.state, found.chi2 / found.freedom
         if span >= whole:
             return blank, misfit
@@ -219,19 +214,6 @@ def _doubled(
 def around_free(problem: Problem) -> Problem:
     """The problem without its tracks: attitudes alone need none of them."""
     return replace(problem, uv=np.zeros((len(problem.times), 0, 0, 2)), features=np.zeros(0, int), cameras=())
-
-
-def _until(problem: Problem, last: int) -> Problem:
-    return replace(
-        problem,
-        stamp_ns=problem.stamp_ns[:last],
-        times=problem.times[:last],
-        uv=problem.uv[:last],
-        range_m=problem.range_m[:last],
-        rates=problem.rates[:last],
-        attitude=problem.attitude[:last],
-        sigma_attitude=problem.sigma_attitude[:last],
-    )
 
 
 def place_points(

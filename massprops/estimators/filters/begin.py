@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.inertia import DIRECTIONS, ratio_derivatives
+from massprops.dynamics.inertia import cholesky_ratio_derivatives
 from massprops.errors import NotPossible
 from massprops.estimators.result import Prior
 from massprops.model.problem import Problem
@@ -59,28 +59,13 @@ def noise_densities(problem: Problem, prior: Prior, start: Any) -> tuple[float, 
     return turn, ORBIT_NOISE if problem.environment.orbit is not None else DRIFT_NOISE
 
 
-def ratio_sigmas(start: Any, inertia: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """1-sigma of k1, k2 (2,) and of turns about the principal axes `frame` (3,), as conserved momentum shows them."""
-    k, axes = np.full(2, WIDEST_K), np.full(3, WIDEST_K)
-    if start.momentum is not None:
-        moments = np.einsum("ia,ij,ja->a", frame, inertia, frame)
-        by_k, by_turn = ratio_derivatives(moments, frame, DIRECTIONS)
-        k = np.fmin(k, WIDER * _root(by_k @ start.momentum.covariance @ by_k.T) + 1e-6)
-        axes = np.fmin(axes, WIDER * _root(by_turn @ start.momentum.covariance @ by_turn.T) + 1e-6)
-    return k, axes
-
-
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """Sigmas on the diagonal; NaN where rounding leaves no variance, as a nearly unobservable motion can."""
-    d = np.diag(covariance)
-    return np.sqrt(np.where(d >= 0, d, np.nan))
-
-
-def point_sigma(problem: Problem, distance: float) -> float:
-    """1-sigma in depth of one stereo point [m]."""
-    base = float(np.linalg.norm(problem.cameras[1].t - problem.cameras[0].t))
-    pixel = float(np.hypot(*(problem.sigma_px[:2] / [abs(c.intrinsics[0]) for c in problem.cameras])))
-    return distance**2 * pixel / base
+def inertia_covariance(numbers: np.ndarray, k_sigma: np.ndarray, axes_sigma: np.ndarray) -> np.ndarray:
+    """(5, 5) covariance of the numbers (5,) of `inertia.cholesky_inertia` from sigmas of k1, k2 (2,) and of turns of the
+    principal axes about themselves (3,) [rad]."""
+    back = np.linalg.inv(np.concatenate(cholesky_ratio_derivatives(numbers)))
+    spread = np.concatenate([np.broadcast_to(k_sigma, 2), np.broadcast_to(axes_sigma, 3)]) ** 2
+    covariance: np.ndarray = (back * spread) @ back.T
+    return covariance
 
 
 def longest(placed: np.ndarray, count: np.ndarray, most: int, least: int = 1) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, multiply
+from massprops.dynamics.quaternion import conjugate, mean_quaternion, multiply
 
 
 def mean_turn(attitude: np.ndarray, q: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
@@ -17,6 +17,5 @@ def mean_turn(attitude: np.ndarray, q: np.ndarray, variance: np.ndarray) -> tupl
     turns = multiply(conjugate(attitude[there]), q[there])
     # the last epochs know q best, and its early errors are shared by many epochs
     weight = 1.0 / variance[there] ** 2
-    mean: np.ndarray = np.linalg.eigh((turns * weight[:, None]).T @ turns)[1][:, -1]
     spread = float(np.sum(weight**2 * variance[there]) / np.sum(weight) ** 2)
-    return (mean if mean[0] >= 0 else -mean), spread
+    return mean_quaternion(turns, weight), spread

@@ -6,71 +6,45 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.kernels import cross, principal_acceleration, quaternion_rate, to_reference
+from massprops.dynamics.kernels import cross, principal_acceleration, quaternion_rate, to_reference, unit
 
 N = Any
 """A component: number or array."""
 
-TINY = 1e-300
-"""Keeps a length off zero without a branch; its root is far below anything measured."""
+
+def inertia_of(k1: N, k2: N) -> tuple[N, ...]:
+    """What `acceleration` needs of the inertia: in principal axes (I2 - I3)/I1, (I3 - I1)/I2 and (I1 - I2)/I3."""
+    i1, i3 = np.exp(k1), np.exp(-k2)
+    return (1.0 - i3) / i1, i3 - i1, (i1 - 1.0) / i3
 
 
-def product(pw: N, px: N, py: N, pz: N, qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
-    """Quaternion p q."""
-    return (
-        pw * qw - px * qx - py * qy - pz * qz,
-        pw * qx + px * qw + py * qz - pz * qy,
-        pw * qy - px * qz + py * qw + pz * qx,
-        pw * qz + px * qy - py * qx + pz * qw,
-    )
-
-
-def unit(qw: N, qx: N, qy: N, qz: N) -> tuple[N, N, N, N]:
-    """The unit quaternion of the same direction."""
-    size = 1.0 / np.sqrt(qw * qw + qx * qx + qy * qy + qz * qz + TINY)
-    return qw * size, qx * size, qy * size, qz * size
-
-
-def turned(qw: N, qx: N, qy: N, qz: N, ax: N, ay: N, az: N) -> tuple[N, N, N, N]:
-    """q exp(a): q turned by the rotation vector a [rad] in body axes."""
-    angle = np.sqrt(ax * ax + ay * ay + az * az + TINY)
-    s = np.sin(0.5 * angle) / angle
-    return product(qw, qx, qy, qz, np.cos(0.5 * angle), s * ax, s * ay, s * az)
-
-
-def turn_between(qw: N, qx: N, qy: N, qz: N, pw: N, px: N, py: N, pz: N) -> tuple[N, N, N]:
-    """Rotation vector a [rad] with q exp(a) = p."""
-    w, x, y, z = product(qw, -qx, -qy, -qz, pw, px, py, pz)
-    sine = np.sqrt(x * x + y * y + z * z + TINY)
-    sign = np.copysign(1.0, w)
-    factor = 2.0 * np.arctan2(sine, sign * w) / sine * sign
-    return factor * x, factor * y, factor * z
+def acceleration(inertia: tuple[N, ...], wx: N, wy: N, wz: N) -> tuple[N, N, N]:
+    """Angular acceleration without torque, of an inertia as `inertia_of` gives it."""
+    return principal_acceleration(inertia[0], inertia[1], inertia[2], wx, wy, wz)
 
 
 def torque_free(
-    w: tuple[N, N, N], q: tuple[N, N, N, N], k1: N, k2: N, dt: float, steps: int
+    w: tuple[N, N, N], q: tuple[N, N, N, N], inertia: tuple[N, ...], dt: float, steps: int
 ) -> tuple[N, N, N, N, N, N, N]:
-    """Rates and attitude after dt of torque-free motion, principal axes: `steps` Runge-Kutta steps of fourth order."""
+    """Rates and attitude after dt of torque-free motion: `steps` Runge-Kutta steps of fourth order."""
     wx, wy, wz = w
     qw, qx, qy, qz = q
-    i1, i3 = np.exp(k1), np.exp(-k2)
-    a, b, c = (1.0 - i3) / i1, i3 - i1, (i1 - 1.0) / i3
     h = dt / steps
     for _ in range(steps):
-        ax, ay, az = principal_acceleration(a, b, c, wx, wy, wz)
+        ax, ay, az = acceleration(inertia, wx, wy, wz)
         aw, ai, aj, ak = quaternion_rate(qw, qx, qy, qz, wx, wy, wz)
         ux, uy, uz = wx + 0.5 * h * ax, wy + 0.5 * h * ay, wz + 0.5 * h * az
-        bx, by, bz = principal_acceleration(a, b, c, ux, uy, uz)
+        bx, by, bz = acceleration(inertia, ux, uy, uz)
         bw, bi, bj, bk = quaternion_rate(
             qw + 0.5 * h * aw, qx + 0.5 * h * ai, qy + 0.5 * h * aj, qz + 0.5 * h * ak, ux, uy, uz
         )
         ux, uy, uz = wx + 0.5 * h * bx, wy + 0.5 * h * by, wz + 0.5 * h * bz
-        cx, cy, cz = principal_acceleration(a, b, c, ux, uy, uz)
+        cx, cy, cz = acceleration(inertia, ux, uy, uz)
         cw, ci, cj, ck = quaternion_rate(
             qw + 0.5 * h * bw, qx + 0.5 * h * bi, qy + 0.5 * h * bj, qz + 0.5 * h * bk, ux, uy, uz
         )
         ux, uy, uz = wx + h * cx, wy + h * cy, wz + h * cz
-        dx, dy, dz = principal_acceleration(a, b, c, ux, uy, uz)
+        dx, dy, dz = acceleration(inertia, ux, uy, uz)
         dw, di, dj, dk = quaternion_rate(qw + h * cw, qx + h * ci, qy + h * cj, qz + h * ck, ux, uy, uz)
         sixth = h / 6.0
         wx = wx + sixth * (ax + 2.0 * (bx + cx) + dx)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.kernels import turn_between, turned, unit
 from massprops.estimators.filters.algebra import (
     add_pairs,
     add_rows,
@@ -19,7 +20,6 @@ from massprops.estimators.filters.algebra import (
     take_rows,
     upper_factor,
 )
-from massprops.estimators.filters.components import turn_between, turned, unit
 from massprops.estimators.filters.prediction import bounded, perturbed, propagate
 from massprops.estimators.filters.rule import (
     ATTITUDE,

@@ -10,6 +10,8 @@ from massprops.dynamics.quaternion import rotation_matrix, skew
 from massprops.estimators.filters.setup import MOST_FEATURES, Setup, measurements
 from massprops.estimators.filters.state import Measurements, Run, Settings, State, filter_epochs
 from massprops.model.problem import Problem
+from massprops.sensing.pinhole import at_depth
+from massprops.sensing.stereo import triangulate
 
 SHORTEST = 5
 """A feature that is seen on fewer further epochs is not worth carrying."""
@@ -75,7 +77,7 @@ def run_through(
         run = filter_epochs(state, seen, setup.noise, settings)
         points[chosen] = run.last.features
         return Passage(run, points, chosen)
-    X, covariance, last, both = _stereo_points(problem)
+    last, both = _sights(problem)
     parts: list[Run] = []
     begin = setup.first
     while begin < n:
@@ -90,19 +92,33 @@ def run_through(
             state, chosen = without_features(state, keep), chosen[keep]
             new = _newcomers(end - 1, chosen, last, both, most)
             if len(new):
-                state = with_features(state, X[end - 1, new], covariance[end - 1, new])
+                state = with_features(state, *_placed(problem, setup, state, end - 1, new))
                 chosen = np.concatenate([chosen, new])
         begin = end
     return Passage(joined(parts), points, chosen)
 
 
-def _stereo_points(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    from massprops.sensing.stereo import triangulate
-
-    X, covariance = triangulate(problem.cameras, np.moveaxis(problem.uv, 1, 2), problem.sigma_px)
+def _sights(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Last epoch of each feature (m,), -1 if never seen, and whether it can be placed at each epoch (n, m)."""
     seen = np.asarray(problem.seen.any(axis=1))
     last = np.where(seen.any(axis=0), len(seen) - 1 - np.argmax(seen[::-1], axis=0), -1)
-    return X, covariance, last, np.isfinite(X[..., 0]) & np.isfinite(covariance[..., 0, 0])
+    if not problem.stereo:
+        return last, problem.seen[:, 0]
+    X, covariance = triangulate(problem.cameras, np.moveaxis(problem.uv, 1, 2), problem.sigma_px)
+    return last, np.isfinite(X[..., 0]) & np.isfinite(covariance[..., 0, 0])
+
+
+def _placed(problem: Problem, setup: Setup, state: State, epoch: int, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where features `new` (j,) are at an epoch, (j, 3) in the chaser's frame and covariance (j, 3, 3).
+
+    Two cameras triangulate them; one camera puts them at the body's distance, as uncertain as the body is deep.
+    """
+    uv = np.moveaxis(problem.uv[epoch][:, new], 0, 1)
+    if problem.stereo:
+        return triangulate(problem.cameras, uv, problem.sigma_px)
+    camera = problem.cameras[0]
+    depth = np.full(len(new), (state.position - camera.t) @ camera.R[2])
+    return at_depth(camera, uv[:, 0], depth, problem.alike * problem.sigma_px[0], setup.size)
 
 
 def _newcomers(epoch: int, chosen: np.ndarray, last: np.ndarray, both: np.ndarray, most: int) -> np.ndarray:

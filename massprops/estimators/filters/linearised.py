@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.estimators.filters.components import product
+from massprops.dynamics.kernels import product
 from massprops.estimators.filters.correction import (
     absorb,
     begin_rows,

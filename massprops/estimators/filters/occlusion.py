@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import from_rotation_matrix, rotation_matrix, skew
+from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix, skew
 from massprops.estimators.filters.features import Passage
 from massprops.estimators.filters.foresight import foresee_features
-from massprops.estimators.filters.setup import Setup, chaser_steps, measurements
+from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Measurements
+from massprops.estimators.geometry.stereo_path import linear_path, path_transition
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import project
 
@@ -71,22 +73,11 @@ def informative(problem: Problem, setup: Setup) -> np.ndarray:
 
 
 def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:
-    stamp = np.concatenate([problem.stamp_ns, problem.stamp_ns[0] + np.round(times * 1e9).astype(np.int64)])
-    stamp, order = np.unique(stamp, return_index=True)
-
-    def spread(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([x, np.full((len(times), *x.shape[1:]), np.nan)])[order]
-
-    return replace(
-        problem,
-        stamp_ns=stamp,
-        times=np.concatenate([problem.times, times])[order],
-        uv=spread(problem.uv),
-        range_m=spread(problem.range_m),
-        rates=spread(problem.rates),
-        attitude=spread(problem.attitude),
-        sigma_attitude=spread(problem.sigma_attitude),
-    )
+    """The problem with epochs at more times [s], at which nothing is measured."""
+    stamp = problem.stamp_ns[0] + np.round(times * 1e9).astype(np.int64)
+    whole, order = np.unique(np.concatenate([problem.stamp_ns, stamp]), return_index=True)
+    longer = problem.of_epochs(lambda x: np.concatenate([x, np.full((len(times), *x.shape[1:]), np.nan)])[order])
+    return replace(longer, stamp_ns=whole, times=np.concatenate([problem.times, times])[order])
 
 
 def fill_gap(
@@ -129,22 +120,16 @@ def fill_gap(
 def _attitudes(columns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nearest rotations to two predicted columns (n, 3, 2), and variances (n, 3) of a small turn in body axes."""
     third = np.cross(columns[..., 0], columns[..., 1])
-    U, _, V = np.linalg.svd(np.concatenate([columns, third[..., None]], axis=-1))
-    R = U @ V
-    R = U @ (np.linalg.det(R)[:, None, None] ** (np.arange(3) == 2)[None, :, None] * V)
+    R = nearest_rotation(np.concatenate([columns, third[..., None]], axis=-1))
     variance = np.empty((len(R), 3))
     for i in range(len(R)):
         # R exp(a): column j moves by R (a x e_j); rows of the six values are (axis, column)
         J = np.zeros((3, 2, 3))
         for j in range(2):
-            J[:, j] = -R[i] @ _cross_matrix(np.eye(3)[j])
+            J[:, j] = -R[i] @ skew(np.eye(3)[j])
         back = np.linalg.pinv(J.reshape(6, 3))
         variance[i] = np.diag(back @ covariance[i] @ back.T)
     return from_rotation_matrix(R), variance
-
-
-def _cross_matrix(v: np.ndarray) -> np.ndarray:
-    return np.asarray(skew(v))
 
 
 def _fill_points(
@@ -218,38 +203,26 @@ def _path(
     Args:
         X: (n, m, 3) triangulated features and their covariance (n, m, 3, 3).
     """
-    run = passage.run
-    n = len(times)
-    arm = np.einsum("nij,mj->nmi", rotation_matrix(run.q[:n]), run.last.features)
-    transition = chaser_steps(problem.environment, times).transition
-    to = np.empty((n, 6, 6))  # state at the last epoch to each
-    to[-1] = np.eye(6)
-    for i in range(n - 1, 0, -1):
-        if transition is None:
-            back = np.eye(6)
-            back[:3, 3:] = -(times[i] - times[i - 1]) * np.eye(3)
-        else:
-            back = np.linalg.inv(transition[i - 1])
-        to[i - 1] = back @ to[i]
-    there = np.isfinite(X).all(axis=-1) & np.isfinite(covariance).all(axis=(-2, -1))
-    weight = np.where(there[..., None, None], np.linalg.inv(np.where(there[..., None, None], covariance, np.eye(3))), 0)
-    centre = np.where(there[..., None], X - arm, 0.0)
-    W = weight.sum(axis=1)
-    side = np.einsum("nmij,nmj->ni", weight, centre)
-    normal = np.einsum("nia,nij,njb->ab", to[:, :3], W, to[:, :3])
-    state = np.linalg.solve(normal, np.einsum("nia,ni->a", to[:, :3], side))
-    spread = np.sqrt(np.diag(np.linalg.inv(normal)))
-    path = np.einsum("nij,j->ni", to[:, :3], state)
+    chaser, features = chaser_path(problem.environment, times), passage.run.last.features
+    C = rotation_matrix(chaser.q)
+    found, spread = linear_path(
+        times,
+        multiply(chaser.q, passage.run.q[: len(times)]),
+        np.einsum("nij,nmj->nmi", C, X),
+        C[:, None] @ covariance @ np.swapaxes(C, 1, 2)[:, None],
+        chaser,
+        3.0 * float(np.sqrt(np.mean(np.sum(features**2, axis=1)))),
+    )
+    path = np.einsum("nji,nja,a->ni", C, path_transition(times, chaser), found[:6])
     shift = np.linalg.norm(path - path[-1], axis=1).max() / np.linalg.norm(path[-1])
     finest = min(s / abs(c.intrinsics[0]) for s, c in zip(problem.sigma_px, problem.cameras, strict=True))
-    moving = bool(shift > STILL * finest and (np.abs(state[3:]) > SURE * spread[3:]).any())
+    speed = np.abs(found[3:6]) > SURE * np.sqrt(np.diag(spread)[3:6])
+    moving = bool(shift > STILL * finest and speed.any())
     return (path if moving else np.broadcast_to(path.mean(axis=0), path.shape)), moving
 
 
 def _turns(problem: Problem, times: np.ndarray, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Chaser's axes at `times` and at `ahead[1:]` in its axes at the first, (n, 3, 3) and (k, 3, 3); None if still."""
-    from massprops.dynamics.chaser_path import chaser_path
-
     if problem.environment.orbit is None or problem.environment.chaser_attitude != "lvlh":
         return None
     path = chaser_path(problem.environment, np.concatenate([[problem.times[0]], times, ahead[1:]]))
@@ -270,8 +243,3 @@ def _turned_back(
     seen = reference + np.einsum("nji,nj->ni", turn, one.t + depth[:, None] * ray - reference)
     first, second = project(one, seen), project(two, seen)
     return np.column_stack([first, second[:, across]])
-
-
-def gap_rows(problem: Problem, setup: Setup, chosen: np.ndarray) -> Measurements:
-    """Measurements of all epochs from the first, for one set of features."""
-    return measurements(problem, setup, setup.first, len(problem.times), chosen, fresh=True)

@@ -12,25 +12,21 @@ from massprops.dynamics.inertia import (
     principal_axes,
     ratios_of_moments,
 )
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, skew
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.estimators.filters import verdict
 from massprops.estimators.filters.body_frame import mean_turn
 from massprops.estimators.filters.features import Passage
 from massprops.estimators.filters.setup import Setup
-from massprops.estimators.filters.state import Run, State
+from massprops.estimators.filters.state import Run
 from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem
 
 
 def estimate_of(
-    name: str, problem: Problem, setup: Setup, passage: Passage, times: np.ndarray, warnings: tuple[str, ...] = ()
+    name: str, problem: Problem, setup: Setup, passage: Passage, warnings: tuple[str, ...] = ()
 ) -> Estimate:
-    """The estimate, in the body axes of attitude0 or in the filter's own.
-
-    Args:
-        times: (n,) of the run's epochs [s].
-    """
-    run, last = passage.run, passage.run.last
+    """The estimate, in the body axes of attitude0 or in the filter's own."""
+    run, last, times = passage.run, passage.run.last, problem.times[setup.first :]
     shape = _shape_of(run)
     own, turn, axes_covariance = _body(problem, setup, passage, times, shape)
     body = rotation_matrix(turn)  # the filter's axes as columns, in body axes
@@ -114,35 +110,22 @@ def _body(
 ) -> tuple[str, np.ndarray, np.ndarray]:
     """Name of the body frame, turn (4,) of the filter's vectors into it, covariance (3, 3) of the principal axes."""
     run, last = passage.run, passage.run.last
-    if not setup.points:
-        at, turn = last.places()["axes"], conjugate(last.axes)
-        body = rotation_matrix(turn)
-        # the state's own error of these is a turn about body axes
-        return ("attitude0" if setup.sensors[0] else "own"), turn, body.T @ last.P[at, at] @ body
-    if len(last.k) > 2:
-        # the axes against the attitudes: what the filter's own body axes are off by cancels
-        J = np.concatenate([np.zeros((3, 3)), np.eye(3), shape.by_turn], axis=1)
-        covariance = J @ run.block[-1] @ J.T
-    else:
-        covariance = axes_covariance_of(last)
+    general, told = len(last.k) > 2, setup.sensors[0]
+    if told or not setup.points:
+        # the axes that are measured
+        turn = conjugate(last.axes)
+        at, body = last.places()["k" if general else "axes"], rotation_matrix(turn)
+        to_turn = shape.by_turn if general else body.T
+        # in principal axes the state's own error of these is a turn about body axes
+        return ("attitude0" if told else "own"), turn, to_turn @ last.P[at, at] @ to_turn.T
+    # the axes against the attitudes: what the filter's own body axes are off by cancels
+    J = np.concatenate([np.zeros((3, 3)), np.eye(3), shape.by_turn], axis=1)
+    covariance = J @ run.block[-1] @ J.T
     epochs = np.searchsorted(problem.times, times - 1e-9)
     measured = problem.attitude[epochs]
     if not np.isfinite(measured[:, 0]).any():
         return "own", np.array([1.0, 0, 0, 0]), covariance
-    # tracks and attitude0 come from the same images: with feature points attitude0 only names the body axes
+    # tracks and attitude0 come from the same images: with two cameras attitude0 only names the body axes
     variance = np.square(problem.sigma_attitude[epochs]) + np.sum(run.sigma[:, 3:6] ** 2, axis=1)
     mean, extra = mean_turn(measured, run.q, variance)
     return "attitude0", mean, covariance + extra * np.eye(3)
-
-
-def axes_covariance_of(last: State) -> np.ndarray:
-    """(3, 3) of a small turn of the principal frame against the feature points."""
-    f, at = last.features, last.places()["features"]
-    if len(f) < 2:
-        return last.P[3:6, 3:6]
-    # the turn that best explains an error of the points, weighted by how well each is known
-    J = np.concatenate([skew(p) for p in f])
-    weight = 1.0 / np.maximum(np.diag(last.P[at, at]), 1e-300)
-    back = np.linalg.pinv((J.T * weight) @ J) @ (J.T * weight)
-    found: np.ndarray = back @ last.P[at, at] @ back.T
-    return found

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.kernels import product, turn_between, turned, unit
 from massprops.estimators.filters.algebra import upper_factor
-from massprops.estimators.filters.components import product, torque_free, turn_between, turned, unit
+from massprops.estimators.filters.components import inertia_of, torque_free
 from massprops.estimators.filters.rule import (
     ATTITUDE,
     INERTIA,
@@ -64,7 +65,7 @@ def carried(
     steps: int,
 ) -> Carried:
     """Rates w and attitude q after a step (dt, chaser), with the inertia of x moved by g along row j of U, from column nf."""
-    return torque_free(w, q, x[RATIO] + g * U[j, nf], x[RATIO + 1] + g * U[j, nf + 1], step[0], steps)
+    return torque_free(w, q, inertia_of(x[RATIO] + g * U[j, nf], x[RATIO + 1] + g * U[j, nf + 1]), step[0], steps)
 
 
 def pairs(

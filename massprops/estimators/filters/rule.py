@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 INERTIA = 2
-"""Numbers that stand for the inertia: k1, k2; `general_inertia` has five."""
+"""Numbers that stand for the inertia: k1, k2; `body_axes` has five."""
 RATE, ATTITUDE, RATIO, AXES, POSITION, VELOCITY, POINTS = 0, 3, 7, 9, 13, 16, 19
 """Where the state vector x (19 + 3 m,) has rates w 3, attitude q 4, ratios k 2, axes 4, position r 3, velocity v 3 and the
 features, 3 each."""

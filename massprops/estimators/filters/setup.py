@@ -1,24 +1,28 @@
-"""From a problem and a first guess to the filter's state, measurements and process noise."""
+"""From a problem and a first guess to the filter's state, measurements and process noise, in the first guess's body axes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from massprops.dynamics.chaser_path import chaser_path
-from massprops.dynamics.inertia import DIRECTIONS, principal_axes, ratio_derivatives, ratios_of_moments
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, skew
+from massprops.dynamics.chaser_path import chaser_path, transitions
+from massprops.dynamics.inertia import (
+    DIRECTIONS,
+    cholesky_changes,
+    cholesky_parameters,
+    cholesky_ratio_derivatives,
+)
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.filters.begin import (
     WIDER,
     WIDEST_K,
+    inertia_covariance,
     longest,
     noise_densities,
-    ratio_sigmas,
     settled_epoch,
 )
 from massprops.estimators.filters.state import Measurements, Noise, State
@@ -26,11 +30,19 @@ from massprops.estimators.free_fit import FreeFit, free_fit
 from massprops.estimators.geometry.stereo_path import linear_path
 from massprops.estimators.result import Prior
 from massprops.model.problem import Problem
+from massprops.sensing.pinhole import at_depth
 from massprops.sensing.stereo import triangulate
 from massprops.sequence.data import Environment
 
 MOST_FEATURES = 16
 """Features carried at a time."""
+TRACKS_SHARE = 0.5
+"""Share of the evidence of one camera's tracks, beside that of the attitudes found from the same images. How their errors hang
+together nobody states; covariance intersection with this weight never claims too much."""
+
+UNIT = 0.01
+"""1-sigma of the distance, over the body's depth, where nothing shows lengths: a filter that may still change its unit takes
+what curves in that for knowledge."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +52,9 @@ class Setup:
     Attributes:
         state: before the measurements of epoch `first`.
         chosen: columns of the problem's features in the state.
-        noise: process noise. first: epoch. points: stereo features are measured (or attitude0, imu0).
-        sensors: (attitude, rates, range) used. transition: (n, 6, 6), spin: (n, 4) over the step to each epoch.
-        frame: (3, 3) principal axes in the first guess's body axes. k_sigma: (2,) 1-sigma of k at the start.
+        noise: process noise. first: epoch. points: features are measured.
+        sensors: (attitude, rates, range) used. share: of the evidence, of tracks and of attitude0.
+        size: spread of the features [m]. k_sigma: (2,) 1-sigma of k at the start.
     """
 
     state: State
@@ -51,18 +63,13 @@ class Setup:
     first: int
     points: bool
     sensors: tuple[bool, bool, bool]
-    frame: np.ndarray
     k_sigma: np.ndarray
+    share: tuple[float, float] = (1.0, 1.0)
+    size: float = 0.0
     warnings: tuple[str, ...] = ()
 
 
-def setup(
-    problem: Problem,
-    prior: Prior,
-    start: Any,
-    most: int = MOST_FEATURES,
-    principal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] = principal_axes,
-) -> Setup:
+def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES) -> Setup:
     """State and noise to begin with.
 
     Args:
@@ -70,7 +77,6 @@ def setup(
         prior: beliefs; its inertia, where given, with its own sigmas.
         start: first guess, see `massprops.estimators.start`.
         most: features carried at a time.
-        principal: moments and axes of an inertia, in the order and with the signs that the filter's axes shall have.
 
     Raises:
         NotPossible: no rotation or no inertia in the first guess.
@@ -78,44 +84,35 @@ def setup(
     if not len(start.q):
         raise NotPossible("the first epochs show no rotation to start from: give a longer record, or more features")
     fit = free_fit(problem, start)
-    inertia = start.inertia if fit is None else fit.inertia
-    if prior.inertia is not None:
-        inertia = prior.inertia
-    if inertia is None:
-        raise NotPossible("the first epochs show no inertia to start from: give a longer record, or --prior")
-    moments, frame = principal(inertia)
-    k = ratios_of_moments(moments)
     row, first, q, w = _first_rotation(problem, start, fit)
     seen = _carried(problem, start, row, first, most, fit)
-    # the principal frame belongs to the dynamics: tracks do not fix it, so features and attitude turn with it
-    features, turned = seen.features @ frame, np.eye(len(seen.others))
-    for i in range(6, len(turned), 3):
-        turned[i : i + 3, i : i + 3] = frame.T
-    others = turned @ seen.others @ turned.T
-    if fit is not None and prior.inertia is None:
-        P, k_sigma = _fitted_covariance(fit, frame, k, features, others)
-    else:
-        rotation = start.covariance[row] if fit is None else fit.covariance[:6, :6]
-        k_sigma, axes_sigma = _sigmas(prior, start, inertia, frame)
-        sigma = np.concatenate([*_rotation_sigmas(rotation, problem, seen.points), k_sigma])
-        P = _with_frame(block_diag(np.diag(sigma**2), others), features, w @ frame, axes_sigma, frame)
-    turn = from_rotation_matrix(frame)
+    numbers, turning = _turning(problem, prior, start, fit, row)
+    by_k, _ = cholesky_ratio_derivatives(numbers)
     state = State(
-        w=w @ frame,
-        q=multiply(q, turn),
-        k=k,
-        features=features,
-        P=P,
-        axes=np.array([1.0, 0, 0, 0]) if seen.points else conjugate(turn),
+        w=w,
+        q=q,
+        k=numbers,
+        features=seen.features,
+        P=block_diag(turning, seen.others),
         position=seen.position,
         velocity=seen.velocity,
-        axes_free=not seen.points,
         moving=seen.points,
     )
-    points, noise = seen.points, _noise(problem, prior, start)
+    told = problem.has_attitude and start.body_frame == "attitude0" and not (seen.points and problem.stereo)
     # imu0 and the tracks need not share body axes
-    sensors = (not points and problem.has_attitude, not points and problem.has_rates, points and problem.has_range)
-    return Setup(state, seen.chosen, noise, first, points, sensors, frame, k_sigma, tuple(start.warnings))
+    sensors = (told, not seen.points and problem.has_rates, seen.points and problem.has_range)
+    return Setup(
+        state,
+        seen.chosen,
+        _noise(problem, prior, start),
+        first,
+        seen.points,
+        sensors,
+        np.sqrt(np.einsum("ai,ij,aj->a", by_k, turning[6:, 6:], by_k)),
+        (TRACKS_SHARE, 1.0 - TRACKS_SHARE) if seen.points and told else (1.0, 1.0),
+        float(np.sqrt(np.mean(np.sum(seen.features**2, axis=1)))) if seen.points else 0.0,
+        tuple(start.warnings),
+    )
 
 
 def _first_rotation(problem: Problem, start: Any, fit: FreeFit | None) -> tuple[int, int, np.ndarray, np.ndarray]:
@@ -128,7 +125,7 @@ def _first_rotation(problem: Problem, start: Any, fit: FreeFit | None) -> tuple[
 
 @dataclass(frozen=True)
 class _Carried:
-    """Whether stereo points are filtered, which (m,), where they are in the start's body axes (m, 3), position and
+    """Whether feature points are filtered, which (m,), where they are in the start's body axes (m, 3), position and
     velocity of the centre of mass, and the covariance of all that is not rotation."""
 
     points: bool
@@ -141,18 +138,16 @@ class _Carried:
 
 def _carried(problem: Problem, start: Any, row: int, first: int, most: int, fit: FreeFit | None) -> _Carried:
     """What the filter carries besides rotation at epoch `first`, near the start's `row`."""
-    if not (problem.stereo and start.features is not None and start.position is not None):
-        return _Carried(False, np.zeros(0, int), np.zeros((0, 3)), np.zeros(3), np.zeros(3), 1e-18 * np.eye(3))
+    if not problem.has_tracks or start.features is None or start.position is None:
+        return _Carried(False, np.zeros(0, int), np.zeros((0, 3)), np.zeros(3), np.zeros(3), np.zeros((0, 0)))
     chosen = longest(start.features, problem.seen[first:].sum(axis=(0, 1)), most)
     rows, q = np.searchsorted(problem.times, start.times[row:] - 1e-9), start.q[row:]
     if fit is not None:
         rows, q = fit.rows, fit.path
     path = chaser_path(problem.environment, problem.times[rows])
-    points, covariance = triangulate(
-        problem.cameras, np.moveaxis(problem.uv[rows][:, :, chosen], 1, 2), problem.sigma_px
-    )
-    C = rotation_matrix(path.q)[:, None]
     f = start.features[chosen]
+    points, covariance = _measured_points(problem, start, rows, q, chosen, f)
+    C = rotation_matrix(path.q)[:, None]
     x, spread = linear_path(
         problem.times[rows],
         multiply(path.q, q),
@@ -166,11 +161,71 @@ def _carried(problem: Problem, start: Any, row: int, first: int, most: int, fit:
     return _Carried(True, chosen, x[6:].reshape(-1, 3), x[:3], x[3:6], WIDER**2 * back @ spread @ back.T)
 
 
-def _rotation_sigmas(covariance: np.ndarray, problem: Problem, points: bool) -> tuple[np.ndarray, np.ndarray]:
-    """1-sigma of rates and attitude (3,) to start with, from the covariance of attitude and rates (6, 6)."""
+def _measured_points(
+    problem: Problem, start: Any, rows: np.ndarray, q: np.ndarray, chosen: np.ndarray, f: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Features `chosen` at the epochs `rows`, of attitudes q, in the chaser's frame (n, m, 3) and covariance (n, m, 3, 3).
+
+    Two cameras triangulate them. One camera shows no depth: it is that of the start's path and features f (m, 3). All sights
+    together leave it as uncertain as the body is deep where ranges will show it, and hold it where it is only a unit.
+    """
+    uv = np.moveaxis(problem.uv[rows][:, :, chosen], 1, 2)
+    if problem.stereo:
+        return triangulate(problem.cameras, uv, problem.sigma_px)
+    camera = problem.cameras[0]
+    path = np.stack([np.interp(problem.times[rows], start.times, x) for x in start.position.T], axis=1)
+    X = path[:, None] + np.einsum("nij,mj->nmi", rotation_matrix(q), f)
+    deep = float(np.sqrt(np.mean(np.sum(f * f, axis=1)) * np.isfinite(uv[..., 0, 0]).sum()))
+    along = deep if start.scaled else UNIT * deep
+    return at_depth(camera, uv[..., 0, :], (X - camera.t) @ camera.R[2], problem.alike * problem.sigma_px[0], along)
+
+
+def _turning(
+    problem: Problem, prior: Prior, start: Any, fit: FreeFit | None, row: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The five numbers of the inertia, and the covariance (11, 11) of rates, attitude and these.
+
+    Raises:
+        NotPossible: nothing shows an inertia.
+    """
+    P, widest = np.zeros((11, 11)), WIDEST_K**2 * np.eye(5)
+    inertia = start.inertia if fit is None else fit.inertia
+    if prior.inertia is not None:
+        inertia = prior.inertia
+    if inertia is None:
+        raise NotPossible("the first epochs show no inertia to start from: give a longer record, or --prior")
+    numbers = cholesky_parameters(inertia)
+    to_numbers = np.linalg.inv(np.einsum("aij,pij->ap", DIRECTIONS, cholesky_changes(numbers)))
+    if fit is not None and prior.inertia is None:
+        G = block_diag(np.eye(6)[[3, 4, 5, 0, 1, 2]], to_numbers)
+        P = _limited(WIDER**2 * G @ fit.covariance @ G.T, widest)
+    else:
+        rotation = start.covariance[row] if fit is None else fit.covariance[:6, :6]
+        P[np.arange(6), np.arange(6)] = _rotation_variances(rotation, problem, start)
+        P[6:, 6:] = widest
+        if prior.inertia is not None:
+            P[6:, 6:] = _prior_covariance(prior, numbers)
+        elif start.momentum is not None:
+            P[6:, 6:] = (WIDER * problem.alike) ** 2 * to_numbers @ start.momentum.covariance @ to_numbers.T
+            P = _limited(P, widest)
+    return numbers, P + 1e-18 * np.eye(11)
+
+
+def _limited(P: np.ndarray, widest: np.ndarray) -> np.ndarray:
+    """P with its last block nowhere wider than `widest`, as if the mean of that had been measured so: with a motion that hardly
+    shows the inertia, what is known of it begins at knowing nothing."""
+    n = len(widest)
+    gain = P[:, -n:] @ np.linalg.inv(P[-n:, -n:] + widest)
+    less = P - gain @ P[-n:]
+    found: np.ndarray = 0.5 * (less + less.T)
+    return found
+
+
+def _rotation_variances(covariance: np.ndarray, problem: Problem, start: Any) -> np.ndarray:
+    """(6,) of rates and attitude to start with, from the covariance of attitude and rates (6, 6)."""
     spread = WIDER * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    attitude = max(spread[:3].max(), 1e-6) if points or problem.has_attitude else 1e-6
-    return np.full(3, max(spread[3:].max(), 1e-9)), np.full(3, attitude)
+    attitude = 1e-6 if start.poses is None else max(spread[:3].max(), 1e-6)
+    return np.repeat([max(spread[3:].max(), 1e-9), attitude], 3) ** 2
 
 
 def _noise(problem: Problem, prior: Prior, start: Any) -> Noise:
@@ -179,65 +234,11 @@ def _noise(problem: Problem, prior: Prior, start: Any) -> Noise:
     return Noise(w=turn**2, attitude=turn**2 * step**2 / 3.0, k=1e-14, velocity=drift**2)
 
 
-def _fitted_covariance(
-    fit: FreeFit, frame: np.ndarray, k: np.ndarray, features: np.ndarray, others: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """P of rates, attitude, ratios and principal frame together from the fit, widened, with that of the `others` apart.
-
-    Returns:
-        P (N, N), and the 1-sigma of k1, k2 (2,).
-    """
-    moments = np.array([np.exp(k[0]), 1.0, np.exp(-k[1])])
-    moments *= np.trace(fit.inertia) / moments.sum()
-    to_k, to_turn = ratio_derivatives(moments, frame, DIRECTIONS)
-    sigma = WIDER * np.sqrt(np.einsum("ai,ij,aj->a", to_turn, fit.covariance[6:, 6:], to_turn))
-    free = sigma > WIDEST_K
-    to_turn[free] = 0.0
-    G = np.zeros((8 + len(others), 11))
-    w = frame.T @ fit.w
-    theta = np.zeros((3, 11))
-    theta[:, 6:] = to_turn
-    G[:3, 3:6], G[3:6, :3], G[6:8, 6:] = frame.T, frame.T, to_k
-    lever = _lever(len(G), features, w, frame)
-    G += lever @ theta
-    P = WIDER**2 * G @ fit.covariance @ G.T
-    P += (lever * np.where(free, WIDEST_K, 0.0) ** 2) @ lever.T
-    P[8:, 8:] += others
-    P[np.arange(8), np.arange(8)] += 1e-18
-    k_sigma = np.sqrt(np.diag(P)[6:8])
-    over = np.concatenate([np.ones(6), np.minimum(1.0, WIDEST_K / k_sigma), np.ones(len(others))])
-    return P * np.outer(over, over), np.minimum(k_sigma, WIDEST_K)
-
-
-def _lever(size: int, features: np.ndarray, w: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """(N, 3): what a turn of the principal frame in the body does to rates, attitude, axes and features."""
-    J = np.zeros((size, 3))
-    J[3:6] = np.eye(3)
-    J[:3] = skew(w)
-    if size == 11:
-        J[8:11] = -frame
-    for i, p in enumerate(features):
-        J[14 + 3 * i : 17 + 3 * i] = skew(p)
-    return J
-
-
-def _with_frame(
-    P: np.ndarray, features: np.ndarray, w: np.ndarray, axes_sigma: np.ndarray, frame: np.ndarray
-) -> np.ndarray:
-    """Adds the doubt about where the principal axes lie in the body: it turns attitude, rates, axes and features."""
-    J = _lever(len(P), features, w, frame)
-    found: np.ndarray = P + (J * axes_sigma**2) @ J.T
-    return found
-
-
-def _sigmas(prior: Prior, start: Any, inertia: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """1-sigma of k1, k2 and of the axes (about the principal axes) to start with."""
-    if prior.inertia is not None:
-        k, axes = np.full(2, WIDEST_K), np.full(3, WIDEST_K)
-        k = k if prior.k_sigma is None else np.asarray(prior.k_sigma, float)
-        axes = axes if prior.axes_sigma is None else np.asarray(prior.axes_sigma, float)
-        return np.minimum(k, 1.0), np.minimum(axes, WIDEST_K)
-    return ratio_sigmas(start, inertia, frame)
+def _prior_covariance(prior: Prior, numbers: np.ndarray) -> np.ndarray:
+    """(5, 5) of the five numbers: what the prior says of ratios and axes, and no more than is known of any body."""
+    k = np.full(2, WIDEST_K) if prior.k_sigma is None else np.minimum(prior.k_sigma, 1.0)
+    axes = np.full(3, WIDEST_K) if prior.axes_sigma is None else np.minimum(prior.axes_sigma, WIDEST_K)
+    return inertia_covariance(numbers, k, axes)
 
 
 def measurements(
@@ -254,7 +255,7 @@ def measurements(
     if setup.sensors[0]:
         attitude = np.where(np.isfinite(problem.attitude[rows]), problem.attitude[rows], 0.0)
         blocks.append(np.repeat(np.where(np.isfinite(problem.attitude[rows, :1]), 0.0, np.nan), 3, axis=1))
-        variances.append(np.repeat(problem.sigma_attitude[rows, None] ** 2, 3, axis=1))
+        variances.append(np.repeat(problem.sigma_attitude[rows, None] ** 2, 3, axis=1) / setup.share[1])
     if setup.sensors[1]:
         blocks.append(problem.rates[rows])
         variances.append(np.full((n, 3), problem.sigma_rate**2))
@@ -265,7 +266,10 @@ def measurements(
     if setup.points:
         uv = problem.uv[rows][:, :, chosen]
         blocks.append(np.moveaxis(uv, 1, 2).reshape(n, -1))
-        variances.append(np.tile(np.repeat(problem.sigma_px**2, 2), (n, len(chosen))))
+        # one camera's tracks are those that its attitudes were found from (as in `batch.one_camera`)
+        alike = 1.0 if problem.stereo else problem.alike
+        variance = np.repeat((alike * problem.sigma_px) ** 2, 2) / setup.share[0]
+        variances.append(np.tile(variance, (n, len(chosen))))
     steps = chaser_steps(problem.environment, np.concatenate([[problem.times[before]], times]))
     return Measurements(
         dt,
@@ -294,9 +298,6 @@ class ChaserSteps:
 def chaser_steps(environment: Environment, times: np.ndarray, camera: np.ndarray | None = None) -> ChaserSteps:
     """The steps between n + 1 times [s].
 
-    Gravity is taken to first order in the distance in the transition, which is to one part in 10^5 for metres against an
-    orbit.
-
     Args:
         camera: (n + 1, 4) attitude of cam0, to inertial axes, where it is not the environment's.
     """
@@ -305,19 +306,8 @@ def chaser_steps(environment: Environment, times: np.ndarray, camera: np.ndarray
     if environment.orbit is None and camera is None:
         return ChaserSteps()
     spin = multiply(conjugate(turning[1:]), turning[:-1])
-    turn = rotation_matrix(spin)
-    back = np.swapaxes(rotation_matrix(turning[:-1]), 1, 2)[:, None]
-    places = (back @ np.stack([path.place[:-1], mid.place, path.place[1:]], axis=1)[..., None])[..., 0]
-    chaser = np.concatenate([places.reshape(-1, 9), np.full((len(places), 1), path.mu)], axis=1)
-    pull = np.zeros((len(places), 3, 3))
-    if path.mu > 0:
-        distance = np.linalg.norm(places[:, 0], axis=1)[:, None]
-        up = places[:, 0] / distance
-        pull = path.mu / distance[..., None] ** 3 * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3))
-    h = np.diff(times)[:, None, None]
-    F = np.zeros((len(h), 6, 6))
-    eye = np.eye(3)
-    F[:, :3, :3], F[:, :3, 3:] = eye + 0.5 * h**2 * pull, h * eye + h**3 / 6.0 * pull
-    F[:, 3:, :3], F[:, 3:, 3:] = h * pull, eye + 0.5 * h**2 * pull
-    F[:, :3], F[:, 3:] = turn @ F[:, :3], turn @ F[:, 3:]
-    return ChaserSteps(F, spin, chaser)
+    before, after = rotation_matrix(turning[:-1]), rotation_matrix(turning[1:])
+    F = transitions(path, times).reshape(-1, 2, 3, 2, 3)
+    F = np.einsum("nji,najbk,nkl->naibl", after, F, before).reshape(-1, 6, 6)
+    places = np.stack([path.place[:-1], mid.place, path.place[1:]], axis=1) @ before
+    return ChaserSteps(F, spin, np.concatenate([places.reshape(-1, 9), np.full((len(places), 1), path.mu)], axis=1))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.kernels import to_body
-from massprops.estimators.filters.components import feature_motion, image, product, turn_between
+from massprops.dynamics.kernels import product, to_body, turn_between
+from massprops.estimators.filters.components import feature_motion, image
 from massprops.estimators.filters.rule import AXES, POINTS, POSITION, VELOCITY, Rule, Turn, ahead, per_feature
 
 

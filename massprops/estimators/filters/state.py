@@ -22,7 +22,8 @@ KERNEL = (
     "massprops.estimators.filters.correction",
 )
 LINEARISED = "massprops.estimators.filters.linearised"
-GENERAL = "massprops.estimators.filters.general_inertia"
+BODY_AXES = "massprops.estimators.filters.body_axes"
+GRAVITY = "massprops.estimators.filters.gravity"
 """Their functions take the place of those before."""
 
 
@@ -37,6 +38,7 @@ class Settings:
         additive: the paper's additive quaternion, four components, in place of the three of a multiplicative error.
         rounds: linearisations of an update at most: 1 for an extended Kalman filter, more for an iterated one; 0 for the
             unscented update.
+        gravity: the planet turns the body by its gradient and pulls it to every order; for an inertia in body axes.
     """
 
     alpha: float = 0.1
@@ -46,18 +48,19 @@ class Settings:
     largest_turn: float = 0.1
     additive: bool = False
     rounds: int = 0
+    gravity: bool = False
 
 
 UNSCENTED = Settings()
-ITERATED = Settings(alpha=0.01, rounds=6)
-"""The update rules: unscented, and iterated extended Kalman filter, whose sigma points lie so close that they give
-derivatives."""
+EXTENDED, ITERATED = Settings(alpha=0.01, rounds=1), Settings(alpha=0.01, rounds=6)
+"""The update rules: unscented, and extended and iterated extended Kalman filter, whose sigma points lie so close that they
+give derivatives."""
 
 
 @dataclass(frozen=True)
 class State:
     """Mean and covariance. Rotation is of the principal frame, I = diag(exp(k1), 1, exp(-k2)); or of any body axes, with the
-    five numbers of `inertia.cholesky_inertia` in place of k1, k2, and the planet's gravity acts.
+    five numbers of `inertia.cholesky_inertia` in place of k1, k2.
 
     The error's order: rates 3, attitude 3 (body axes [rad]; or 4, additive), k1, k2 (or 5), then, where they are estimated,
     axes 3 (turn of `axes` on its right), position 3, velocity 3, and 3 for each feature.
@@ -263,16 +266,16 @@ def filter_epochs(
     settings = settings or Settings()
     n, size, m = len(seen.dt), len(state.P), len(state.features)
     assert seen.z.shape[1] == sum(seen.extras) + m * seen.per_feature, "channels and features disagree"
-    parts = (state.w, state.q, state.k, state.axes, state.position, state.velocity, np.ravel(state.features))
-    x, P = np.concatenate(parts).astype(float), np.array(state.P, float)
+    mean = (state.w, state.q, state.k, state.axes, state.position, state.velocity, np.ravel(state.features))
+    x, P = np.concatenate(mean).astype(float), np.array(state.P, float)
     b = state.places(settings.additive)["k"].stop
     # where one part of the state ends and the next begins: attitude, inertia, axes, position, velocity, features
     edges = np.cumsum([3, RATIO - 3, len(state.k), 4, 3, 3])
     record = Record(np.zeros((n, edges[-1])), np.zeros((n, size)), np.zeros((n, b, b)), np.zeros((n, 3)))
     steps = _steps(seen, noise.diagonal(state, settings.additive))
     if loop is None:
-        rest = ((LINEARISED,) if settings.rounds else ()) + ((GENERAL,) if len(state.k) > 2 else ())
-        loop = compiled("run_loop", *KERNEL, *rest, one_piece=True)
+        parts = ((LINEARISED, settings.rounds > 0), (BODY_AXES, len(state.k) > 2), (GRAVITY, settings.gravity))
+        loop = compiled("run_loop", *KERNEL, *(name for name, taken in parts if taken), one_piece=True)
     given = (x, P, steps, _seen(seen, m), rule_of(state, seen, settings), record)
     begin = time.process_time()
     loop(*given)

@@ -18,6 +18,10 @@ LARGEST_SQUARE = 4.0
 """Mean squared innovation, in units of its covariance, of a filter whose noise is short by 2."""
 LEARNT, SHARP = 0.7, 0.05
 """1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
+EARNED = 0.65
+"""Share of the Cramer-Rao bound of k below which a filter's 1-sigma is false: its linearisation moved, and it took that for
+news. Of 160 claims from tracks or attitudes of 40 to 140 epochs, the 39 below erred by 3.5 sigmas rms (up to 9.8), the others
+by 1.4 (up to 4.7)."""
 SURE = 3.0
 """Sigmas by which two moments must differ for their axes to be determined."""
 FEWEST_POINTS = 3
@@ -55,15 +59,16 @@ def unlearnt(sigma: np.ndarray, before: float) -> str:
     return ""
 
 
-def unseen(times: np.ndarray, weight: np.ndarray, q: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> str:
-    """Why attitudes along the found motion cannot show the ratios; empty when they can.
-
-    Args:
-        weight: (n,) one over the variance of the attitude at each time [rad^-2]; q, w, inertia: (4,), (3,) and (3, 3) at
-        the last, where a filter's estimate is best.
-    """
-    # free motion runs backwards with the rates reversed
-    return shown_by(times[-1] - times[::-1], weight[::-1], q, -w, inertia).reason
+def unearned(sigma: np.ndarray, shown: np.ndarray, before: float) -> str:
+    """Why k cannot be known as well as a filter claims, sigma (2,), when its measurements show it to `shown` (2,) and the start
+    knew it to `before`; empty when it can."""
+    bound = 1.0 / np.sqrt(shown**-2.0 + before**-2.0)
+    if (sigma < EARNED * bound).any():
+        return (
+            f"the motion hardly shows the ratios: the filter claims 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, which no filter "
+            f"could know better than to {bound[0]:.2g}, {bound[1]:.2g}"
+        )
+    return ""
 
 
 def symmetric(near: np.ndarray) -> str:
@@ -95,7 +100,8 @@ def attitude_weight(
     assert found.sigma_attitude is not None
     at = np.clip(np.searchsorted(problem.times, times - 1e-9), 0, len(problem.times) - 1)
     if len(features) and found.position is not None:
-        size = float(np.sqrt(np.mean(np.sum((features - features.mean(axis=0)) ** 2, axis=1)) * 2 / 3))
+        # a turn moves a point by its distance from the axis, two thirds of the square, and pixels show two axes of three
+        size = float(np.sqrt(np.mean(np.sum((features - features.mean(axis=0)) ** 2, axis=1)) * 4 / 9))
         pixel = problem.alike * float(np.mean(problem.sigma_px)) / abs(float(problem.cameras[0].intrinsics[0]))
         count = np.minimum(problem.seen[at].sum(axis=(1, 2)), len(features) * len(problem.cameras))
         return track_weight(count, size, pixel, np.linalg.norm(found.position, axis=1))
@@ -114,10 +120,14 @@ def hidden(found: Estimate, weight: np.ndarray, before: float) -> str:
         weight: (n,) of `attitude_weight`; before: 1-sigma of k at the start.
     """
     assert found.q is not None and found.w is not None and found.inertia is not None and found.sigma_k is not None
-    k = np.array([found.k1, found.k2], float)
+    k, since = np.array([found.k1, found.k2], float), found.times[-1] - found.times[::-1]
+    before = max(before, 1e-12)
+    # from the end, where a filter's estimate is best: free motion runs backwards with the rates reversed
+    shown = shown_by(since, weight[::-1], found.q[-1], -found.w[-1], found.inertia)
     return (
-        unlearnt(found.sigma_k, max(before, 1e-12))
-        or unseen(found.times, weight, found.q[-1], found.w[-1], found.inertia)
+        unlearnt(found.sigma_k, before)
+        or shown.reason
+        or unearned(found.sigma_k, shown.sigma_k, before)
         or symmetric(np.abs(k) < SURE * found.sigma_k)
     )
 

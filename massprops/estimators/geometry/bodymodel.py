@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
+from massprops.dynamics.alignment import LARGEST_MAHALANOBIS, align, horn, spread_out
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.geometry.alignment import LARGEST_MAHALANOBIS, align, horn, inverse_of, spread_out
 from massprops.estimators.geometry.jointfit import joint_step, shared_error
 
 MEDIAN_SQUARE = 2.366

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.geometry.alignment import inverse_of
 
 HIGHEST_DEGREE = 6
 

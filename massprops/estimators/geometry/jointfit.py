@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.linalg import inverse_of
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix, skew
-from massprops.estimators.geometry.alignment import inverse_of
 
 LARGEST_TURN = 0.3
 

@@ -4,37 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.chaser_path import ChaserPath
+from massprops.core.linalg import inverse_of
+from massprops.dynamics.chaser_path import ChaserPath, transitions
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.estimators.geometry.alignment import inverse_of
 
 LARGEST_SQUARE = 16.3
 """Squared Mahalanobis distance in three dimensions that one in a thousand good points exceeds."""
 
 
 def path_transition(times: np.ndarray, path: ChaserPath) -> np.ndarray:
-    """(n, 3, 6): position at each time by position and velocity at the first, inertial axes.
-
-    The target's acceleration is linear in its small distance from the chaser: -mu/l^3 (r - 3 l (l.r)/l^2), which on a
-    circular orbit are the Clohessy-Wiltshire equations; without an orbit the path is straight.
-    """
-    n = len(times)
-    out = np.zeros((n, 6, 6))
-    out[0] = np.eye(6)
-    for i in range(1, n):
-        h = times[i] - times[i - 1]
-        F = np.eye(6)
-        F[:3, 3:] = h * np.eye(3)
-        if path.mu > 0:
-            l = 0.5 * (path.place[i] + path.place[i - 1])
-            square = float(l @ l)
-            G = path.mu / square**1.5 * (3.0 * np.outer(l, l) / square - np.eye(3))
-            F[:3, :3] += G * h * h / 2
-            F[:3, 3:] += G * h**3 / 6
-            F[3:, :3] += G * h
-            F[3:, 3:] += G * h * h / 2
-        out[i] = F @ out[i - 1]
-    return out[:, :3]
+    """(n, 3, 6): position at each time by position and velocity at the first, inertial axes."""
+    out = [np.eye(6)]
+    for F in transitions(path, times):
+        out.append(F @ out[-1])
+    return np.stack(out)[:, :3]
 
 
 def linear_path(

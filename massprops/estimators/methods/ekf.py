@@ -1,4 +1,4 @@
-"""pesce2017: extended Kalman filter, with the second order of the images."""
+"""pesce2017: extended Kalman filter, in body axes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from massprops.model.problem import Problem
 
 NAME = "ekf"
 ORDER = 20
-SENTENCE = "extended Kalman filter of second order for motion, inertia and feature points (pesce2017)"
+SENTENCE = "extended Kalman filter for motion, inertia and feature points (pesce2017)"
 NEEDS = ("stereo|attitude|rates",)
 BEGINS_EARLY = True
 
@@ -20,10 +20,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    from massprops.estimators.extended.outcome import estimate_of
-    from massprops.estimators.extended.run import run_through
-    from massprops.estimators.extended.setup import setup
-    from massprops.estimators.extended.update import EKF
+    from massprops.estimators.filters.filtered import filtered
+    from massprops.estimators.filters.state import EXTENDED
 
-    ready = setup(problem, prior, start)
-    return estimate_of(NAME, problem, ready, run_through(problem, ready, EKF, second_order=True))
+    return filtered(NAME, problem, prior, start, EXTENDED)

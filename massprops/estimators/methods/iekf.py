@@ -1,4 +1,4 @@
-"""pesce2017: iterated extended Kalman filter."""
+"""pesce2017: iterated extended Kalman filter, in body axes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    from massprops.estimators.extended.outcome import estimate_of
-    from massprops.estimators.extended.run import run_through
-    from massprops.estimators.extended.setup import setup
-    from massprops.estimators.extended.update import IEKF
+    from massprops.estimators.filters.filtered import filtered
+    from massprops.estimators.filters.state import ITERATED
 
-    ready = setup(problem, prior, start)
-    return estimate_of(NAME, problem, ready, run_through(problem, ready, IEKF, second_order=False))
+    return filtered(NAME, problem, prior, start, ITERATED)

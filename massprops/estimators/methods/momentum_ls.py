@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprops.dynamics.inertia import DIRECTIONS
+from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.inertia import DIRECTIONS, ratios
 from massprops.dynamics.quaternion import multiply, rotation_matrix
 from massprops.estimators.momentum import Momentum, momentum_inertia
 from massprops.estimators.observability import judge
-from massprops.estimators.result import Estimate, Halves, Prior, ratios
-from massprops.estimators.start import Start, chaser_attitude, first_guess, within
+from massprops.estimators.result import Estimate, Halves, Prior
+from massprops.estimators.start import Start, first_guess, within
 from massprops.model.problem import Problem
 
 NAME = "momentum-ls"
@@ -63,8 +64,7 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
 
 def _halves(problem: Problem, start: Start, inertia: np.ndarray) -> Halves | None:
     """The inertia by each half of the record, where each shows it by itself."""
-    chaser = chaser_attitude(problem, start.times)
-    q = start.q if chaser is None else multiply(chaser[0], start.q)
+    q = multiply(chaser_path(problem.environment, start.times).q, start.q)
     middle, out = len(start.times) // 2, []
     for rows in (slice(0, middle), slice(middle, None)):
         block = None if start.block is None else start.block[rows]
@@ -92,8 +92,6 @@ def _with_inertia(motion: Estimate, found: Momentum) -> Estimate:
     if not judged.observable:
         return motion
     k, axes = ratios(found.inertia)
-    if np.linalg.det(axes) < 0:
-        axes = axes * np.array([1.0, 1.0, -1.0])
     return replace(
         motion,
         observable=True,

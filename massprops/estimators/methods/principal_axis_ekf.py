@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from massprops.estimators.result import Estimate, Prior
@@ -23,10 +24,13 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     """
     from massprops.estimators.filters.features import run_through
     from massprops.estimators.filters.outcome import estimate_of
+    from massprops.estimators.filters.principal_axes import in_principal_axes
     from massprops.estimators.filters.setup import setup
     from massprops.estimators.filters.state import ITERATED
     from massprops.estimators.unique_frame import unique_frame
 
-    ready = setup(problem, prior, start, MOST_FEATURES, unique_frame)
-    passage = run_through(problem, ready, ITERATED, most=MOST_FEATURES)
-    return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :])
+    if not problem.stereo:
+        # what one camera's tracks leave open of depth makes a filter in principal axes surer than it is
+        problem = replace(problem, uv=problem.uv[:, :, :0], features=problem.features[:0])
+    ready = in_principal_axes(setup(problem, prior, start, MOST_FEATURES), unique_frame)
+    return estimate_of(NAME, problem, ready, run_through(problem, ready, ITERATED, most=MOST_FEATURES))

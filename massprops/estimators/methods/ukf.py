@@ -1,4 +1,4 @@
-"""kabir2025 section 2.2: unscented Kalman filter for motion, ratios and features, on any sequence."""
+"""kabir2025 section 2.2: unscented Kalman filter for motion, inertia and features, in body axes, on any sequence."""
 
 from __future__ import annotations
 
@@ -20,12 +20,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    from massprops.estimators.filters.begin import early_start
-    from massprops.estimators.filters.features import run_through
-    from massprops.estimators.filters.outcome import estimate_of
-    from massprops.estimators.filters.setup import setup
+    from massprops.estimators.filters.filtered import filtered
     from massprops.estimators.filters.state import UNSCENTED
 
-    ready = setup(problem, prior, early_start(problem, prior, start))
-    passage = run_through(problem, ready, UNSCENTED)
-    return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :])
+    return filtered(NAME, problem, prior, start, UNSCENTED)

@@ -30,18 +30,18 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     """
     from massprops.estimators.filters.begin import early_start
     from massprops.estimators.filters.features import run_through
-    from massprops.estimators.filters.occlusion import fill_gap, gap_rows, with_gap_epochs
+    from massprops.estimators.filters.occlusion import fill_gap, with_gap_epochs
     from massprops.estimators.filters.outcome import estimate_of
-    from massprops.estimators.filters.setup import setup
+    from massprops.estimators.filters.setup import measurements, setup
 
     ready = setup(problem, prior, early_start(problem, prior, start))
     longer, gaps = with_gap_epochs(problem, ready)
     if not gaps:
         passage = run_through(problem, ready, Settings())
         said = ("the sequence has no occlusion: the same as ukf",)
-        return estimate_of(NAME, problem, ready, passage, problem.times[ready.first :], said)
+        return estimate_of(NAME, problem, ready, passage, said)
     warnings, carried = [], 0
-    rows = gap_rows(longer, ready, ready.chosen)
+    rows = measurements(longer, ready, ready.first, len(longer.times), ready.chosen, fresh=True)
     for gap in gaps:
         before = _until(rows, gap.begin - ready.first)
         passage = run_through(longer, ready, Settings(), rows=before)
@@ -51,8 +51,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
             warnings.append(f"occlusion of {longer.times[gap.end - 1] - longer.times[gap.begin]:.0f} s: {reason}")
     warnings.append(f"{carried} of {len(gaps)} occlusions carried by Gaussian processes")
     passage = run_through(longer, ready, Settings(), rows=rows)
-    times = longer.times[ready.first :]
-    found = estimate_of(NAME, longer, ready, passage, times, tuple(warnings))
+    found = estimate_of(NAME, longer, ready, passage, tuple(warnings))
     return replace(found, cpu_us_per_step=None) if not np.isfinite(found.cpu_us_per_step or 0.0) else found
 
 

@@ -7,6 +7,7 @@ the same equations of motion leave a state whose covariance means what it says.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from massprops.core.compiling import compiled
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_matrix
 from massprops.dynamics.quaternion import rotation_vector as turn_of
-from massprops.estimators.filters.state import GENERAL
+from massprops.estimators.filters.state import BODY_AXES, GRAVITY
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart
 
 STEPS = np.repeat([1e-5, 1e-7, 1e-5, 1e-3, 1e-6], [3, 3, 5, 3, 3])
@@ -49,22 +50,27 @@ class BatchFit:
     converged: bool
 
 
-def fit_first(start: RangeStart, data: RangeData, windows: tuple[int, ...] = (), two_sided: bool = False) -> BatchFit:
+def fit_first(
+    start: RangeStart,
+    data: RangeData,
+    windows: tuple[int, ...] = (),
+    rival: Callable[[RangeMotion], RangeMotion] | None = None,
+) -> BatchFit:
     """Levenberg-Marquardt on state, inertia and features, with the start's covariance as prior and Huber's loss.
 
     Args:
-        windows: numbers of epochs of the growing window before the last, all of the data; two_sided: the start does not
-        say which way the body turns across the sight: the mirrored answer is followed too, until the measurements
-        decide.
+        windows: numbers of epochs of the growing window before the last, all of the data.
+        rival: another state that the first window can hardly tell from its answer: both are followed until the measurements
+            decide.
     """
     times, task = data.times, _Task(start, data)
-    state = _State(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
-    rivals, first = [state], two_sided
+    state = RangeMotion(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
+    rivals = [state]
     for n in (*[k for k in windows if k < len(times)], len(times)):
         solved = [task.solve(x, n) for x in rivals]
-        if first:
-            solved.append(task.solve(task.mirrored(solved[0][0]), n))
-            first = False
+        if rival is not None:
+            solved.append(task.solve(rival(solved[0][0]), n))
+            rival = None
         cost = np.array([task.cost(x, n) for x, _ in solved]) if len(solved) > 1 else np.zeros(1)
         order = np.argsort(cost, kind="stable")
         (state, converged), rivals = solved[order[0]], [solved[i][0] for i in order if cost[i] < cost.min() + DECISIVE]
@@ -72,7 +78,9 @@ def fit_first(start: RangeStart, data: RangeData, windows: tuple[int, ...] = (),
 
 
 @dataclass(frozen=True)
-class _State:
+class RangeMotion:
+    """State at the first epoch, as of `RangeStart`, with the five numbers s (5,) of its inertia."""
+
     q: np.ndarray
     w: np.ndarray
     s: np.ndarray
@@ -80,8 +88,8 @@ class _State:
     v: np.ndarray
     f: np.ndarray
 
-    def moved(self, d: np.ndarray) -> _State:
-        return _State(
+    def moved(self, d: np.ndarray) -> RangeMotion:
+        return RangeMotion(
             normalise(multiply(self.q, from_rotation_vector(d[:3]))),
             self.w + d[3:6],
             self.s + d[6:11],
@@ -90,7 +98,7 @@ class _State:
             self.f + d[BASE:].reshape(-1, 3),
         )
 
-    def minus(self, other: _State) -> np.ndarray:
+    def minus(self, other: RangeMotion) -> np.ndarray:
         turn = turn_of(multiply(conjugate(other.q), self.q))
         rest = [self.w - other.w, self.s - other.s, self.r - other.r, self.v - other.v, (self.f - other.f).ravel()]
         return np.concatenate([turn, *rest])
@@ -101,18 +109,18 @@ class _Task:
         self.times, self.lens, self.uv, self.sigma_px = data.times, data.intrinsics, data.uv, data.sigma_px
         self.ranges, self.sigma_range = data.ranges, data.sigma_range
         self.chaser, self.C = data.inertial_steps(), rotation_matrix(data.camera)
-        self.prior_state = _State(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
+        self.prior_state = RangeMotion(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
         scale = np.sqrt(np.maximum(np.diag(start.P), 1e-24))
         self.prior = np.linalg.pinv(start.P / np.outer(scale, scale), rcond=1e-12, hermitian=True)
         self.prior = self.prior / np.outer(scale, scale)
 
-    def paths(self, states: list[_State], n: int) -> np.ndarray:
+    def paths(self, states: list[RangeMotion], n: int) -> np.ndarray:
         y = np.array([np.concatenate([x.q, x.w, x.r, x.v]) for x in states])
         s = np.array([x.s for x in states])
-        run = compiled("trajectories", "massprops.dynamics.kernels", GENERAL)
+        run = compiled("trajectories", "massprops.dynamics.kernels", BODY_AXES, GRAVITY)
         return np.asarray(run(self.times[:n], y, s, self.chaser[:n], LARGEST_TURN))
 
-    def around(self, x: _State, n: int) -> tuple[np.ndarray, np.ndarray]:
+    def around(self, x: RangeMotion, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Motion (n, 13) and the derivative of its errors (n, 12, 17): attitude, rate, position, velocity."""
         moves = np.zeros((BASE, BASE + x.f.size))
         moves[:, :BASE] = np.diag(STEPS)
@@ -132,7 +140,7 @@ class _Task:
         span = (self.ranges[:n] - np.linalg.norm(y[:, 7:10], axis=1)) / self.sigma_range
         return np.where(np.isfinite(pixel), pixel, 0.0), np.where(np.isfinite(span), span, 0.0)
 
-    def cost(self, x: _State, n: int) -> float:
+    def cost(self, x: RangeMotion, n: int) -> float:
         pixel, span = self.residual(self.paths([x], n)[0], x.f)
         d = x.minus(self.prior_state)
         total = float(
@@ -140,7 +148,7 @@ class _Task:
         )
         return total if np.isfinite(total) else np.inf
 
-    def normal(self, x: _State, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def normal(self, x: RangeMotion, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Normal matrix, gradient, motion and its derivative."""
         y, J = self.around(x, n)
         m = len(x.f)
@@ -183,7 +191,7 @@ class _Task:
         assert len(b) == size
         return N, b, y, J
 
-    def solve(self, x: _State, n: int) -> tuple[_State, bool]:
+    def solve(self, x: RangeMotion, n: int) -> tuple[RangeMotion, bool]:
         damping, cost = 1e-4, self.cost(x, n)
         for _ in range(MOST_ROUNDS):
             N, b, _, _ = self.normal(x, n)
@@ -205,7 +213,7 @@ class _Task:
                 return x, True
         return x, False
 
-    def result(self, x: _State, converged: bool) -> BatchFit:
+    def result(self, x: RangeMotion, converged: bool) -> BatchFit:
         n = len(self.times)
         N, _, y, J = self.normal(x, n)
         scale = np.sqrt(np.diag(N))
@@ -225,7 +233,7 @@ class _Task:
         square = float(np.sum(near**2)) / max(rows - far - len(P), 1)
         return BatchFit(first, self.at_end(x, P, full[-1], y[-1], n), y, block, square, rows, far, converged)
 
-    def at_end(self, x: _State, P: np.ndarray, J: np.ndarray, y: np.ndarray, n: int) -> RangeStart:
+    def at_end(self, x: RangeMotion, P: np.ndarray, J: np.ndarray, y: np.ndarray, n: int) -> RangeStart:
         """State and covariance at the last epoch, with the second order of the motion in both.
 
         The body axes are known exactly at the first epoch. What ties later attitudes, rates and inertia to that is a
@@ -249,25 +257,8 @@ class _Task:
         last[:BASE] = J @ last[:BASE]
         last[:, :BASE] = last[:, :BASE] @ J.T
         last[:BASE, :BASE] += (bend - mean).T @ (bend - mean) / DRAWS
-        z = _State(y[:4], y[4:7], x.s, y[7:10], y[10:], x.f).moved(np.concatenate([mean, np.zeros(x.f.size)]))
+        z = RangeMotion(y[:4], y[4:7], x.s, y[7:10], y[10:], x.f).moved(np.concatenate([mean, np.zeros(x.f.size)]))
         return RangeStart(z.q, z.w, cholesky_inertia(z.s), z.r, z.v, z.f, 0.5 * (last + last.T))
-
-    def mirrored(self, x: _State) -> _State:
-        """The state that one camera hardly tells from this one (Necker's reversal): depths mirrored about the points'
-        middle, the turn across the sight reversed, the inertia that of the mirrored body."""
-        R = rotation_matrix(x.q)
-        sight = R.T @ x.r / np.linalg.norm(x.r)
-        flip = np.eye(3) - 2 * np.outer(sight, sight)
-        middle = x.f.mean(axis=0)
-        w = -flip @ x.w
-        return _State(
-            x.q,
-            w,
-            cholesky_parameters(flip @ cholesky_inertia(x.s) @ flip),
-            x.r,
-            x.v + R @ np.cross(x.w - w, middle),
-            middle + (x.f - middle) @ flip,
-        )
 
 
 def _huber(size: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.inertia import cholesky_parameters, cholesky_ratio_derivatives
+from massprops.dynamics.inertia import cholesky_parameters
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.estimators.filters import Camera, Measurements, Noise, Run, Settings, State, filter_epochs
 from massprops.estimators.filters.setup import chaser_steps
@@ -90,7 +90,8 @@ def range_filtered(start: RangeStart, data: RangeData, turn_noise: float, push_n
     )
     third = float(np.median(dt[1:])) ** 2 / 3.0 if n > 1 else 0.0
     noise = Noise(turn_noise, turn_noise * third, k=0.0, position=push_noise * third, velocity=push_noise)
-    return filter_epochs(state, seen, noise, Settings(np.sqrt(SPREAD / len(start.P)), SPREAD / len(start.P), gate=gate))
+    share = SPREAD / len(start.P)
+    return filter_epochs(state, seen, noise, Settings(np.sqrt(share), share, gate=gate, gravity=True))
 
 
 def camera_state(start: RangeStart, camera: np.ndarray) -> State:
@@ -110,11 +111,3 @@ def to_camera(camera: np.ndarray) -> np.ndarray:
     T[..., 6:11, 6:11] = np.eye(5)
     T[..., 11:14, 11:14] = T[..., 14:17, 14:17] = rotation_matrix(conjugate(camera))
     return T
-
-
-def inertia_covariance(tensor: np.ndarray, k_sigma: np.ndarray, axes_sigma: np.ndarray) -> np.ndarray:
-    """(5, 5) covariance of the parameters from sigmas of k1, k2 (2,) and of turns of the principal axes (3,) [rad]."""
-    back = np.linalg.inv(np.concatenate(cholesky_ratio_derivatives(cholesky_parameters(tensor))))
-    spread = np.concatenate([np.broadcast_to(k_sigma, 2), np.broadcast_to(axes_sigma, 3)]) ** 2
-    covariance: np.ndarray = (back * spread) @ back.T
-    return covariance

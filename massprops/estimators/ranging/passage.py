@@ -11,7 +11,7 @@ from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.inertia import DIRECTIONS, cholesky_parameters, principal_axes, ratio_derivatives
 from massprops.dynamics.quaternion import conjugate, multiply, rotate
 from massprops.errors import NotPossible
-from massprops.estimators.filters.begin import longest
+from massprops.estimators.filters.begin import inertia_covariance, longest
 from massprops.estimators.filters.features import Passage, joined
 from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Noise, Run
@@ -21,7 +21,6 @@ from massprops.estimators.ranging.inertial import (
     RangeData,
     RangeStart,
     camera_state,
-    inertia_covariance,
     range_filtered,
     to_camera,
 )
@@ -98,7 +97,7 @@ def passage_of(problem: Problem, prior: Prior, start: Any) -> tuple[Setup, Passa
     points = np.full((len(problem.features), 3), np.nan)
     points[chosen] = run.last.features
     sensors = (False, False, True)
-    ready = Setup(run.last, chosen, Noise(), first, True, sensors, np.eye(3), k_sigma, tuple(start.warnings))
+    ready = Setup(run.last, chosen, Noise(), first, True, sensors, k_sigma, warnings=tuple(start.warnings))
     return ready, Passage(run, points, chosen), fit
 
 
@@ -166,7 +165,7 @@ def _begin(
         ]
     )
     P[np.diag_indices(len(P))] = diagonal
-    P[6:11, 6:11] = inertia_covariance(tensor, k, axes)
+    P[6:11, 6:11] = inertia_covariance(cholesky_parameters(tensor), k, axes)
     velocity = np.zeros(3) if start.velocity is None else start.velocity
     begun = RangeStart(
         multiply(camera[0], start.q[0]),

@@ -1,4 +1,4 @@
-"""The filters' state, its error coordinates, and how one leads to the other. Leading axis: runs (B).
+"""pesce2017's filter: the state, its error coordinates, and how one leads to the other. Leading axis: runs (B).
 
 State: angular velocity W, attitude q, centre of mass r, features X and velocity U of the body-fixed point that is at
 the chaser just now (v = U + W x r), all in inertial axes from the chaser; inertia parameters. The paper's state
@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS, within
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_vector,
@@ -27,7 +28,6 @@ from massprops.dynamics.quaternion import (
     rotation_vector,
     skew,
 )
-from massprops.estimators.inertia_parameters import within
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,10 @@ class Layout:
     """Where each part of an error vector is.
 
     Attributes:
-        features: m; inertia: 2 (principal frame) or 5 (any); additive: the attitude's four components are added.
+        features: m; additive: the attitude's four components are added.
     """
 
     features: int
-    inertia: int = 2
     additive: bool = False
 
     @cached_property
@@ -60,7 +59,7 @@ class Layout:
 
     @cached_property
     def k(self) -> slice:
-        return slice(self.theta.stop, self.theta.stop + self.inertia)
+        return slice(self.theta.stop, self.theta.stop + PARAMETERS)
 
     @cached_property
     def x(self) -> slice:
@@ -78,12 +77,12 @@ class Layout:
     @cached_property
     def free(self) -> Layout:
         """The same with the attitude's error as a turn."""
-        return Layout(self.features, self.inertia)
+        return Layout(self.features)
 
 
 @dataclass(frozen=True)
 class State:
-    """B runs: W (B, 3) [rad/s], U (B, 3) [m/s], r (B, 3) [m], q (B, 4) body to inertial, k (B, p), X (B, m, 3) [m]."""
+    """B runs: W (B, 3) [rad/s], U (B, 3) [m/s], r (B, 3) [m], q (B, 4) body to inertial, k (B, 2), X (B, m, 3) [m]."""
 
     W: np.ndarray
     U: np.ndarray
@@ -97,11 +96,6 @@ class State:
         """(B, 3) of the centre of mass [m/s], inertial axes."""
         found: np.ndarray = self.U + cross(self.W, self.r)
         return found
-
-    @property
-    def body_rate(self) -> np.ndarray:
-        """(B, 3) angular velocity in body axes [rad/s]."""
-        return rotate(conjugate(self.q), self.W)
 
     @property
     def body_features(self) -> np.ndarray:
@@ -207,7 +201,7 @@ def covariance_of(
     Args:
         position, velocity: covariances (..., 3, 3) of the centre of mass, inertial axes.
         rate: (..., 3, 3) of W, inertial axes; attitude: (..., 3, 3) of a small turn, body axes [rad^2].
-        k: (..., p, p) of the inertia parameters.
+        k: (..., 2, 2) of the inertia parameters.
         features: (..., m, 3, 3), each from the centre of mass in body axes [m^2].
     """
     B, m = state.X.shape[:2]

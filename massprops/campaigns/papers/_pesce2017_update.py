@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.estimators.extended.error_state import Layout, State, difference, retract
+from massprops.campaigns.papers._pesce2017_state import Layout, State, difference, retract
 
 Observe = Callable[[State, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`observe(state, runs)`: residuals measured less predicted (b, rows) and derivatives of the predicted (b, rows, n) for
@@ -82,7 +82,6 @@ def update(
     rule: Rule = IEKF,
     bend: tuple[np.ndarray, np.ndarray] | None = None,
     begin: State | None = None,
-    root: np.ndarray | None = None,
 ) -> Updated:
     """State and covariance after the measurements of one epoch.
 
@@ -91,12 +90,11 @@ def update(
         bend: mean and variance (B, rows) of the measurement's second order over the prior, for an EKF
             (`curvature.image_curvature`).
         begin: where an iterated update starts to look, in place of the prediction.
-        root: `square_root` of P, where it is known already.
     """
     B, n = P.shape[:2]
     if bend is not None:
         observe, sigma = _bent(observe, bend[0]), np.sqrt(sigma**2 + bend[1])
-    S = square_root(P) if root is None else root
+    S = square_root(P)
     weight = np.where(np.isfinite(sigma), 1.0 / sigma, 0.0)
     y = np.zeros((B, n))
     now = state
@@ -143,35 +141,6 @@ def _bent(observe: Observe, mean: np.ndarray) -> Observe:
         return residual - mean[runs], H
 
     return corrected
-
-
-def whitened(observe: Observe, state: State, sigma: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (B, rows) and derivatives (B, rows, n) by y, error = S y, over sigma (B, rows); zero where not measured."""
-    weight = np.where(np.isfinite(sigma), 1.0 / sigma, 0.0)
-    return _whitened(observe, state, np.arange(len(S)), weight, S)
-
-
-def innovations(
-    residual: np.ndarray, A: np.ndarray, measured: np.ndarray, groups: list[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Squared innovations of one run in units of their covariance, and whether each was measured: (groups,) both.
-
-    Args:
-        residual, A: of `whitened`; measured: (1, rows). groups: how many neighbouring rows go together; equal ones stand
-        side by side.
-    """
-    value, held = np.zeros(len(groups)), np.zeros(len(groups), bool)
-    row = at = 0
-    while at < len(groups):
-        size = groups[at]
-        count = next((i for i, g in enumerate(groups[at:]) if g != size), len(groups) - at)
-        rows = slice(row, row + count * size)
-        own, off = A[0, rows].reshape(count, size, -1), residual[0, rows].reshape(count, size)
-        whole = own @ np.swapaxes(own, -1, -2) + np.eye(size)
-        value[at : at + count] = np.sum(off * np.linalg.solve(whole, off[..., None])[..., 0], axis=-1)
-        held[at : at + count] = measured[0, rows].reshape(count, size).any(axis=-1)
-        at, row = at + count, row + count * size
-    return value, held
 
 
 def _whitened(

@@ -1,4 +1,4 @@
-"""What the sensors should read for a state, and how that depends on the error. Leading axis: runs.
+"""pesce2017's filter: what the sensors should read for a state, and how that depends on the error. Leading axis: runs.
 
 Every function gives predicted values (B, rows) and their derivatives by the error with a multiplicative attitude
 (B, rows, n); `stack` joins channels and turns the derivatives into those of the layout.
@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector, skew
-from massprops.estimators.extended.error_state import Layout, State, cross, xi
-from massprops.estimators.inertia_parameters import components
+from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS, components
+from massprops.campaigns.papers._pesce2017_state import Layout, State, cross, xi
+from massprops.dynamics.quaternion import skew
 from massprops.sensing.pinhole import Pinhole
 
 NEAREST = 1e-3
@@ -90,38 +90,6 @@ def _seen_by(camera: Pinhole, rows: np.ndarray, X: np.ndarray) -> tuple[np.ndarr
     return front, depth, uv, (rows[:2] - uv[..., None] * rows[2]) / depth[..., None] * camera.intrinsics[:2, None]
 
 
-def distance(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Range from cam0 to the centre of mass: (B, 1) [m] and derivatives (B, 1, n)."""
-    free = layout.free
-    H = np.zeros((len(state.r), 1, free.size))
-    length = np.linalg.norm(state.r, axis=-1, keepdims=True)
-    H[:, 0, free.r] = state.r / length
-    return length, H
-
-
-def body_rate(layout: Layout, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Gyroscope on the target: (B, 3) [rad/s] and derivatives (B, 3, n)."""
-    free = layout.free
-    w = state.body_rate
-    H = np.zeros((len(w), 3, free.size))
-    H[:, :, free.w] = np.swapaxes(rotation_matrix(state.q), -1, -2)
-    H[:, :, free.theta] = skew(w)
-    return w, H
-
-
-def attitude(layout: Layout, state: State, frame: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residual (B, 3): turn in body axes from the state's attitude to the `measured` (B, 4) body to cam0 [rad].
-
-    Args:
-        frame: (4,) cam0 into inertial axes.
-    """
-    free = layout.free
-    residual = rotation_vector(multiply(conjugate(state.q), multiply(frame, measured)))
-    H = np.zeros((len(residual), 3, free.size))
-    H[:, :, free.theta] = np.eye(3)
-    return residual, H
-
-
 def euler_constraint(layout: Layout, state: State, acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residual (B, 3) of the pseudo-measurement 0 = w_dot + I^-1 (w x I w) (pesce2017 eq 37), inertial axes.
 
@@ -139,7 +107,7 @@ def euler_constraint(layout: Layout, state: State, acceleration: np.ndarray) -> 
     for i in range(3):
         W[:, i, i] += 1j * step
     q[:, :, 3:6] += 0.5j * step * xi(state.q)
-    for i in range(free.inertia):
+    for i in range(PARAMETERS):
         k[:, i, 6 + i] += 1j * step
     w = to_body(*(q[:, i] for i in range(4)), *(W[:, i] for i in range(3)))
     rate = euler_acceleration(tuple(components(np.moveaxis(k, 1, -1))), (w[0], w[1], w[2]), (0.0, 0.0, 0.0))

@@ -1,12 +1,10 @@
-"""The inertia in any body axes, five numbers for k1 and k2, and gravity: in place of what `rule` and `prediction` have.
+"""The planet's gravity, in place of what `prediction` has without: for an inertia in `body_axes`.
 
-The numbers are those of `inertia.cholesky_inertia`. The planet turns the body by its gradient (volpe2017 eq 18) and
-pulls it otherwise than the chaser, to every order in their distance.
+The planet turns the body by its gradient (volpe2017 eq 18) and pulls it otherwise than the chaser, to every order in their
+distance.
 """
 
 from __future__ import annotations
-
-from typing import TypeAlias
 
 import numpy as np
 
@@ -19,20 +17,8 @@ from massprops.dynamics.kernels import (
     to_body,
     to_reference,
 )
+from massprops.estimators.filters.body_axes import INERTIA, POSITION, RATIO, VELOCITY, Six, six_elements
 from massprops.estimators.filters.rule import Carried, Step, Turn
-
-Six: TypeAlias = tuple[float, float, float, float, float, float]
-"""Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
-INERTIA = 5
-RATIO, AXES, POSITION, VELOCITY, POINTS = 7, 12, 16, 19, 22
-"""As in `rule`."""
-
-
-def six_elements(s: np.ndarray) -> Six:
-    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz of the five parameters (see `inertia.cholesky_inertia`)."""
-    d1, d3 = np.exp(s[0]), np.exp(-s[1])
-    xy, xz = s[2] * d1, s[3] * d1
-    return d1, s[2] * xy + 1.0, s[3] * xz + s[4] * s[4] + d3, xy, xz, s[2] * xz + s[4]
 
 
 def slope_under_gravity(y: np.ndarray, six: Six, l: np.ndarray, mu: float, out: np.ndarray) -> None:
@@ -58,7 +44,7 @@ def move_under_gravity(y: np.ndarray, s: np.ndarray, dt: float, steps: int, chas
 
     chaser: (10,) its place at the start, middle and end of the whole time [m], and mu [m^3/s^2].
     """
-    six = six_elements(s)
+    six = six_elements(s[0], s[1], s[2], s[3], s[4])
     k, z, l = np.empty((4, 13)), np.empty(13), np.empty(3)
     h = dt / steps
     for step in range(steps):

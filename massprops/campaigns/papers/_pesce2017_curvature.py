@@ -11,9 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS
+from massprops.campaigns.papers._pesce2017_observation import NEAREST
+from massprops.campaigns.papers._pesce2017_state import Layout, State, cross
 from massprops.dynamics.quaternion import skew
-from massprops.estimators.extended.error_state import Layout, State, cross
-from massprops.estimators.extended.observation import NEAREST
 from massprops.sensing.pinhole import Pinhole
 
 LEVI_CIVITA = np.array(
@@ -63,7 +64,7 @@ def image_curvature(
         x = np.r_[0:9, 12 : free.size]
         P = P[:, x[:, None], x]
     B, m = state.X.shape[:2]
-    start = 9 + free.inertia
+    start = 9 + PARAMETERS
     each = start + 3 * np.arange(m)[:, None] + np.arange(3)
     own = P[:, each[:, :, None], each[:, None, :]]
     joint = own

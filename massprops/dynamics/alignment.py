@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.dynamics.quaternion import rotation_matrix
+from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
 
 SOFT_ROUNDS = 4
 HARD_ROUNDS = 3
 LARGEST_MAHALANOBIS = 16.27
 """Squared Mahalanobis distance of a point in three dimensions that one in a thousand good points exceeds."""
-LARGEST_INVERSE = 1e9
-"""Element of an inverse, in units of the diagonal, up to which the plain inverse is as good as any."""
 LEAST_SPREAD = 1e-3
 """Second singular value of a point set over its first, below which the points lie on a line."""
+SAME_BODY = 0.1
+"""Largest median residual of common features, over their spread, at which they are the same points."""
 
 
 def q_method(body: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ def align(
         q (n, 4), shift (n, 3), covariance (n, 6, 6) of a small turn about the reference axes [rad] and of the
         shift [m], squared Mahalanobis distances (n, m), infinite where not used.
     """
-    from massprops.estimators.geometry.alignment_kernel import aligned
+    from massprops.dynamics.alignment_kernel import aligned
 
     third = min(2, max(int(use.sum(axis=1).max(initial=0)), 1) - 1)
     q, shift = np.array(q, float), np.array(shift, float)
@@ -97,22 +97,27 @@ def align(
     return q, shift, covariance, near
 
 
-def inverse_of(normal: np.ndarray) -> np.ndarray:
-    """Inverse of symmetric matrices (..., k, k) of mixed units; a direction without information gets none."""
-    size = np.einsum("...ii->...i", normal)
-    scale = np.sqrt(np.maximum(size, 1e-300))
-    both = scale[..., :, None] * scale[..., None, :]
-    unit = normal / both
-    idle = size <= 0
-    unit[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] += idle
-    try:
-        done: np.ndarray = np.linalg.inv(unit)
-    except np.linalg.LinAlgError:
-        done = np.full(unit.shape, np.nan)
-    # the pseudo-inverse costs ten times as much, and only nearly singular matrices need it
-    poor = ~(np.abs(done).max(axis=(-1, -2), initial=0.0) < LARGEST_INVERSE)
-    if poor.any():
-        done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
-    done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
-    found: np.ndarray = 0.5 * (done + np.swapaxes(done, -1, -2)) / both
-    return found
+def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray] | None:
+    """Scale and rotation (3, 3) of target = scale R source + t by least squares (Umeyama 1991), twice, the second time
+    without the worst; None when the points are not the same body's.
+
+    Args:
+        source, target: (n, 3), n >= 4.
+    """
+    keep = np.ones(len(source), bool)
+    for _ in range(3):
+        a, b = source[keep] - source[keep].mean(0), target[keep] - target[keep].mean(0)
+        R = nearest_rotation(b.T @ a)
+        scale = float(np.sum(R * (b.T @ a)) / max((a * a).sum(), 1e-300))
+        shift = target[keep].mean(0) - scale * R @ source[keep].mean(0)
+        apart = np.linalg.norm(target - scale * source @ R.T - shift, axis=1)
+        middle = float(np.median(apart[keep]))
+        keep = apart <= max(3.0 * middle, 1e-12)
+        if keep.sum() < 4:
+            return None
+    spread = float(np.sqrt(np.mean(np.sum((target[keep] - target[keep].mean(0)) ** 2, axis=1))))
+    d = np.linalg.svd(b.T @ a, compute_uv=False)
+    flat = d[1] < 1e-6 * d[0] if d[0] > 0 else True
+    if flat or scale <= 0 or middle > SAME_BODY * max(spread, 1e-300):
+        return None
+    return scale, R

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from massprops.dynamics.compiled import matrix_of, turned
+from massprops.dynamics.compiled import matrix_of, turned, unit
 
 Array = np.ndarray
 
@@ -39,7 +39,7 @@ def aligned(
     near, arms, errors = np.empty(m), np.empty((m, 3)), np.empty((m, 3))
     R, step = np.empty((3, 3)), np.empty(6)
     normal, inverse, L = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    gradient, scale, unit, regular = np.empty(6), np.empty(6), np.empty(6), True
+    gradient, scale, side, regular = np.empty(6), np.empty(6), np.empty(6), True
     for e in range(n):
         for turn in range(soft + hard):
             count = _distances(body, seen[e], information[e], use[e], q[e], shift[e], R, arms, errors, near)
@@ -61,9 +61,9 @@ def aligned(
             _moved(q[e], shift[e], step)
         if regular:
             for i in range(6):
-                unit[:] = 0.0
-                unit[i] = 1.0
-                _solved(L, scale, unit, covariance[e, i])
+                side[:] = 0.0
+                side[i] = 1.0
+                _solved(L, scale, side, covariance[e, i])
         else:
             covariance[e] = inverse
         # squares of the pose returned, not of the one before its last step
@@ -209,11 +209,11 @@ def _solved(L: Array, scale: Array, side: Array, x: Array) -> None:
 @numba.njit(cache=True)
 def _pseudo(normal: Array, scale: Array, out: Array) -> None:
     """Inverse in which a direction without information gets none."""
-    unit = np.empty((6, 6))
+    scaled = np.empty((6, 6))
     for i in range(6):
         for j in range(i + 1):
-            unit[i, j] = unit[j, i] = normal[i, j] * scale[i] * scale[j]
-    values, vectors = np.linalg.eigh(unit)
+            scaled[i, j] = scaled[j, i] = normal[i, j] * scale[i] * scale[j]
+    values, vectors = np.linalg.eigh(scaled)
     least = 1e-12 * np.abs(values).max()
     out[:] = 0.0
     for a in range(6):
@@ -226,4 +226,5 @@ def _pseudo(normal: Array, scale: Array, out: Array) -> None:
 def _turned(q: Array, x: float, y: float, z: float) -> None:
     """A small turn about the reference axes, in place: seen from the body it is the inverse turned the other way."""
     w, a, b, d = turned(q[0], -q[1], -q[2], -q[3], -x, -y, -z)
+    w, a, b, d = unit(w, a, b, d)
     q[0], q[1], q[2], q[3] = w, -a, -b, -d

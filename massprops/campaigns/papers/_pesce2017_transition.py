@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.campaigns.papers._pesce2017_chaser import Surroundings
+from massprops.campaigns.papers._pesce2017_curvature import cross_covariance
+from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS, components
+from massprops.campaigns.papers._pesce2017_state import Layout, State, additive_columns, cross, xi
 from massprops.dynamics.orbit import position_velocity
 from massprops.dynamics.quaternion import rotation_matrix, skew
-from massprops.estimators.extended.curvature import cross_covariance
-from massprops.estimators.extended.error_state import Layout, State, additive_columns, cross, xi
-from massprops.estimators.inertia_parameters import components
-from massprops.estimators.surroundings import Surroundings
 
 LARGEST_TURN = 0.12
 """Rotation [rad] per integration step: 1e-7 rad a step, far under what any epoch measures."""
@@ -49,16 +49,14 @@ def predict(
     surroundings: Surroundings,
     noise: ProcessNoise,
     largest_rate: float,
-    leaders: np.ndarray | None = None,
 ) -> tuple[State, np.ndarray]:
     """State and error covariance (B, n, n) at t1 [s] from those at t0.
 
     Args:
         largest_rate: [rad/s] that sets the number of integration steps; the same for every run, so that no run's
             result depends on which others are with it.
-        leaders: (3, 3) the chaser at t0, amid and at t1, where that is known already (`Surroundings.leaders`).
     """
-    ahead, F = transition(layout, state, t0, t1, surroundings, largest_rate, leaders)
+    ahead, F = transition(layout, state, t0, t1, surroundings, largest_rate)
     bend, places = _second_order(layout, F, P), _second_order_places(layout, state, ahead, F, P)
     P = F @ P @ np.swapaxes(F, -1, -2) + _process_noise(layout, ahead, t1 - t0, noise)
     P[:, layout.u, layout.u] += COHERENCE * bend
@@ -74,14 +72,13 @@ def transition(
     t1: float,
     surroundings: Surroundings,
     largest_rate: float,
-    leaders: np.ndarray | None = None,
 ) -> tuple[State, np.ndarray]:
     """State at t1 and the error's transition (B, n, n) from t0."""
     dt = t1 - t0
     free = layout.free
     steps = max(1, int(np.ceil(largest_rate * abs(dt) / LARGEST_TURN)))
     q1, W1, core = _rotation(free, state, dt, steps)
-    r1, v1, G = _translation(state, t0, dt, surroundings, leaders)
+    r1, v1, G = _translation(state, t0, dt, surroundings)
     R0, R1 = rotation_matrix(state.q), rotation_matrix(q1)
     turn = R1 @ np.swapaxes(R0, -1, -2)
     lever = np.einsum("bij,bmj->bmi", turn, state.X - state.r[:, None])
@@ -91,7 +88,7 @@ def transition(
     F = np.zeros((B, n, n))
     rows_w, rows_theta = core[:, :3], core[:, 3:]
     F[:, free.w], F[:, free.theta] = rows_w, rows_theta
-    F[:, free.k, free.k] = np.eye(free.inertia)
+    F[:, free.k, free.k] = np.eye(PARAMETERS)
     # the centre of mass: v = U + W x r, so dv = dU - [r] dW + [W] dr
     dv = np.zeros((B, 3, n))
     dv[:, :, free.u] = np.eye(3)
@@ -118,10 +115,10 @@ def transition(
 
 def _rotation(free: Layout, state: State, dt: float, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q and W after dt, and the rows of W and theta (B, 6, n) of the transition."""
-    from massprops.estimators.extended.transition_kernel import TINY, rotated
+    from massprops.campaigns.papers._pesce2017_transition_kernel import TINY, rotated
 
-    k = np.repeat(state.k[:, None].astype(complex), 6 + free.inertia, axis=1)
-    k[:, range(6, 6 + free.inertia), range(free.inertia)] += 1j * TINY
+    k = np.repeat(state.k[:, None].astype(complex), 6 + PARAMETERS, axis=1)
+    k[:, range(6, 6 + PARAMETERS), range(PARAMETERS)] += 1j * TINY
     q1, W1, own = rotated(state.q, state.W, np.stack(components(k), axis=1), dt, steps)
     core = np.zeros((len(state.W), 6, free.size))
     core[:, :, free.w], core[:, :, free.theta.start : free.k.stop] = own[:, :, :3], own[:, :, 3:]
@@ -129,17 +126,16 @@ def _rotation(free: Layout, state: State, dt: float, steps: int) -> tuple[np.nda
 
 
 def _translation(
-    state: State, t0: float, dt: float, surroundings: Surroundings, leaders: np.ndarray | None
+    state: State, t0: float, dt: float, surroundings: Surroundings
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """r and v after dt, and the gravity gradient (3, 3) [1/s^2] amid."""
-    from massprops.estimators.extended.transition_kernel import moved
+    from massprops.campaigns.papers._pesce2017_transition_kernel import moved
 
     r, v = state.r, state.velocity
     if surroundings.orbit is None:
         return r + dt * v, v, np.zeros((3, 3))
     mu = surroundings.orbit.mu_m3_s2
-    if leaders is None:
-        leaders = position_velocity(surroundings.orbit, np.array([t0, t0 + dt / 2, t0 + dt]))[0]
+    leaders = position_velocity(surroundings.orbit, np.array([t0, t0 + dt / 2, t0 + dt]))[0]
     r1, v1 = moved(r, v, leaders, mu, dt)
     far = np.linalg.norm(leaders[1])
     up = leaders[1] / far
@@ -184,7 +180,7 @@ def _process_noise(layout: Layout, state: State, dt: float, noise: ProcessNoise)
     Q[:, layout.u, layout.w] = size * lever
     Q[:, layout.w, layout.u] = size * np.swapaxes(lever, -1, -2)
     Q[:, layout.u, layout.u] = size * lever @ np.swapaxes(lever, -1, -2) + abs(dt) * noise.translation**2 * eye
-    Q[:, layout.k, layout.k] = abs(dt) * noise.inertia**2 * np.eye(layout.inertia)
+    Q[:, layout.k, layout.k] = abs(dt) * noise.inertia**2 * np.eye(PARAMETERS)
     return Q
 
 

@@ -1,13 +1,10 @@
-"""Inertia up to scale as the unconstrained parameters a filter can add to.
+"""pesce2017's filter: the inertia up to scale as two unconstrained parameters, which a filter can add to.
 
-`principal` (2 parameters): the body frame is the principal frame. Euler's equations are w1_dot = a1 w2 w3 and so on
+The body frame is the principal frame. Euler's equations are w1_dot = a1 w2 w3 and so on
 with a1 = (I2 - I3)/I1, a2 = (I3 - I1)/I2, a3 = (I1 - I2)/I3, tied by a1 + a2 + a3 + a1 a2 a3 = 0, and a body of positive
 mass has |a| < 1 (the triangle inequality). The parameters are a's coordinates in the plane a1 + a2 + a3 = 0, from which
 that surface departs by no more than a few hundredths for most bodies: the motion is nearly linear in them, which it is
 not in k1, k2, and plates and rods, where k1, k2 run off, are ordinary points of it.
-
-`general` (5 parameters): any body frame. I = L diag(e^a, 1, e^-b) L^T with L unit lower triangular (c1, c2, c3):
-positive definite for every value, and smooth where moments coincide.
 
 All functions are component-wise on the last axis, for real and complex arrays.
 """
@@ -18,8 +15,7 @@ import numpy as np
 
 Six = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
-PRINCIPAL, GENERAL = 2, 5
-"""How many parameters each form has; the form is told by that number."""
+PARAMETERS = 2
 
 LARGEST_A = 0.995
 """Bodies more slender than this are not looked for."""
@@ -27,18 +23,11 @@ LARGEST_A = 0.995
 ANY_BODY = 0.1
 """Share of a prior that is given to all possible bodies alike."""
 
-LARGEST_GENERAL = 5.0
-"""A ratio of moments of 150: more slender than any spacecraft."""
-
-
 PLANE = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 
 
 def within(parameters: np.ndarray) -> np.ndarray:
-    """The parameters (..., 2 or 5), moved towards zero where they leave the bodies that are looked for."""
-    if parameters.shape[-1] == GENERAL:
-        found: np.ndarray = np.clip(parameters, -LARGEST_GENERAL, LARGEST_GENERAL)
-        return found
+    """The parameters (..., 2), moved towards zero where they leave the bodies that are looked for."""
     for _ in range(3):
         most = np.abs(np.stack(coupling(parameters), axis=-1)).max(axis=-1, keepdims=True)
         parameters = parameters * np.where(most > LARGEST_A, LARGEST_A / most, 1.0)
@@ -46,7 +35,7 @@ def within(parameters: np.ndarray) -> np.ndarray:
 
 
 def coupling(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """a1, a2, a3 of `principal` parameters (..., 2)."""
+    """a1, a2, a3 of parameters (..., 2)."""
     p1, p2 = parameters[..., 0], parameters[..., 1]
     a1, a2, a3 = (PLANE[0, i] * p1 + PLANE[1, i] * p2 for i in range(3))
     s = -a1 * a2 * a3 / 3.0
@@ -57,40 +46,20 @@ def coupling(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def components(parameters: np.ndarray) -> Six:
-    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz, each (...), of parameters (..., 2) or (..., 5)."""
-    if parameters.shape[-1] == PRINCIPAL:
-        a1, a2, a3 = coupling(parameters)
-        zero = np.zeros_like(a1)
-        return 3.0 + a2 * a3 + a3 - a2, 3.0 + a3 * a1 + a1 - a3, 3.0 + a1 * a2 + a2 - a1, zero, zero, zero
-    a, b, c1, c2, c3 = (parameters[..., i] for i in range(GENERAL))
-    d1, d3 = np.exp(a), np.exp(-b)
-    return (
-        d1,
-        c1 * c1 * d1 + 1.0,
-        c2 * c2 * d1 + c3 * c3 + d3,
-        c1 * d1,
-        c2 * d1,
-        c1 * c2 * d1 + c3,
-    )
-
-
-def inertia(parameters: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) inertia with trace 1, of parameters (..., 2) or (..., 5)."""
-    xx, yy, zz, xy, xz, yz = components(parameters)
-    rows = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-    whole = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    found: np.ndarray = whole / (xx + yy + zz)[..., None, None]
-    return found
+    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz, each (...), of parameters (..., 2)."""
+    a1, a2, a3 = coupling(parameters)
+    zero = np.zeros_like(a1)
+    return 3.0 + a2 * a3 + a3 - a2, 3.0 + a3 * a1 + a1 - a3, 3.0 + a1 * a2 + a2 - a1, zero, zero, zero
 
 
 def ratios_of(parameters: np.ndarray) -> np.ndarray:
-    """k1 = ln(Ix/Iy), k2 = ln(Iy/Iz) (..., 2) of `principal` parameters (..., 2), axes in their own order."""
+    """k1 = ln(Ix/Iy), k2 = ln(Iy/Iz) (..., 2) of parameters (..., 2), axes in their own order."""
     xx, yy, zz, *_ = components(parameters)
     return np.stack([np.log(xx / yy), np.log(yy / zz)], axis=-1)
 
 
 def from_ratios(k: np.ndarray) -> np.ndarray:
-    """`principal` parameters (..., 2) of k1, k2 (..., 2); an impossible body becomes the nearest possible in each."""
+    """parameters (..., 2) of k1, k2 (..., 2); an impossible body becomes the nearest possible in each."""
     return within(np.clip(_couplings(k), -LARGEST_A, LARGEST_A) @ PLANE.T)
 
 
@@ -101,7 +70,7 @@ def _couplings(k: np.ndarray) -> np.ndarray:
 
 
 def principal_prior(k: np.ndarray, sigma: np.ndarray, points: int = 61) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (B, 2) and covariance (B, 2, 2) of `principal` parameters when k1, k2 are believed normal about k (B, 2) with `sigma` (2,).
+    """Mean (B, 2) and covariance (B, 2, 2) of parameters when k1, k2 are believed normal about k (B, 2) with `sigma` (2,).
 
     Only possible bodies count (|a1|, |a2|, |a3| < 1): moments of what is left of the normal distribution over a grid.
     A belief that no possible body comes near becomes the nearest possible body, as uncertain as can be.
@@ -128,9 +97,9 @@ def principal_prior(k: np.ndarray, sigma: np.ndarray, points: int = 61) -> tuple
 
 
 def ratios_jacobian(parameters: np.ndarray) -> np.ndarray:
-    """d(k1, k2)/d(parameters) (..., 2, 2) of `principal` parameters, by the complex step."""
+    """d(k1, k2)/d(parameters) (..., 2, 2) of parameters, by the complex step."""
     columns = []
-    for i in range(PRINCIPAL):
+    for i in range(PARAMETERS):
         moved = parameters.astype(complex)
         moved[..., i] += 1e-150j
         columns.append(ratios_of(moved).imag / 1e-150)

@@ -1,0 +1,29 @@
+"""Algebra of symmetric matrices that numbers of several units make up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+LARGEST_INVERSE = 1e9
+"""Element of an inverse, in units of the diagonal, up to which the plain inverse is as good as any."""
+
+
+def inverse_of(normal: np.ndarray) -> np.ndarray:
+    """Inverse of symmetric matrices (..., k, k) of mixed units; a direction without information gets none."""
+    size = np.einsum("...ii->...i", normal)
+    scale = np.sqrt(np.maximum(size, 1e-300))
+    both = scale[..., :, None] * scale[..., None, :]
+    unit = normal / both
+    idle = size <= 0
+    unit[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] += idle
+    try:
+        done: np.ndarray = np.linalg.inv(unit)
+    except np.linalg.LinAlgError:
+        done = np.full(unit.shape, np.nan)
+    # the pseudo-inverse costs ten times as much, and only nearly singular matrices need it
+    poor = ~(np.abs(done).max(axis=(-1, -2), initial=0.0) < LARGEST_INVERSE)
+    if poor.any():
+        done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
+    done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
+    found: np.ndarray = 0.5 * (done + np.swapaxes(done, -1, -2)) / both
+    return found

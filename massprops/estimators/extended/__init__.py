@@ -1,1 +1,0 @@
-"""The EKF and the iterated EKF of pesce2017: error state, transition, observation, update, run."""
