@@ -46,12 +46,15 @@ class Trimap:
         surely: (h, w) bool, the object.
         away: (h, w) bool, surely not.
         hidden: (h, w) bool, the surroundings lie there and do not show: something is before them.
+        evidence: (h, w) float32, log odds of something before the support by its picture of all images; None where that
+            tells nothing beside the shape.
     """
 
     drawn: np.ndarray
     surely: np.ndarray
     away: np.ndarray
     hidden: np.ndarray
+    evidence: np.ndarray | None = None
 
 
 def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray) -> Trimap:
@@ -187,7 +190,9 @@ def refine(image: np.ndarray, known: Trimap) -> np.ndarray:
         out: np.ndarray = cv2.resize(mask[part].astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
         return out
 
-    found = _cut(small, Trimap(*(reduced(m) for m in (drawn, surely, away, known.hidden)))).astype(np.float32)
+    evidence = None if known.evidence is None else cv2.resize(known.evidence[part], size, interpolation=cv2.INTER_AREA)
+    reduced_known = Trimap(reduced(drawn), reduced(surely), reduced(away), reduced(known.hidden), evidence)
+    found = _cut(small, reduced_known).astype(np.float32)
     out = np.zeros(drawn.shape, bool)
     back = (crop.shape[1], crop.shape[0])
     out[part] = cv2.resize(found, back, interpolation=cv2.INTER_LINEAR) > 0.5
@@ -264,6 +269,8 @@ def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
     found = drawn
     for _ in range(ROUNDS):
         weight = prior + COLOUR * _log_odds(cells, own, other)
+        if known.evidence is not None:
+            weight = weight + known.evidence
         weight[surely], weight[away] = 50.0, -50.0
         graph = maxflow.Graph[float]()
         nodes = graph.add_grid_nodes(drawn.shape)

@@ -286,9 +286,14 @@ def explained(grid: Voxels, maps: Occlusion, solid: np.ndarray, member: np.ndarr
 
 def boundary(grid: Voxels, solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The faces of a hull's cubes as a closed mesh: vertices (v, 3), faces (f, 3) wound outward."""
-    step = [grid.centre[1, 0, 0] - grid.centre[0, 0, 0], grid.centre[0, 1, 0] - grid.centre[0, 0, 0]]
-    step.append(grid.centre[0, 0, 1] - grid.centre[0, 0, 0])
-    origin = grid.centre[0, 0, 0] - 0.5 * sum(step)
+    first = grid.centre[0, 0, 0]
+    step = [grid.centre[1, 0, 0] - first, grid.centre[0, 1, 0] - first, grid.centre[0, 0, 1] - first]
+    return boundary_of(first, np.stack(step), solid)
+
+
+def boundary_of(first: np.ndarray, steps: np.ndarray, solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of cubes whose first has its middle at `first` (3,), with a row of `steps` (3, 3) between neighbours."""
+    origin = first - 0.5 * steps.sum(0)
     padded = np.pad(solid, 1)
     corners, quads = [], 0
     for axis in range(3):
@@ -306,8 +311,8 @@ def boundary(grid: Voxels, solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     lattice, index = np.unique(np.concatenate(corners).reshape(-1, 3), axis=0, return_inverse=True)
     index = index.reshape(quads, 4)
     faces = np.concatenate([index[:, [0, 1, 2]], index[:, [0, 2, 3]]])
-    handed = np.linalg.det(np.stack(step)) < 0
-    return origin + lattice @ np.stack(step), faces[:, ::-1] if handed else faces
+    handed = np.linalg.det(steps) < 0
+    return origin + lattice @ steps, faces[:, ::-1] if handed else faces
 
 
 def on_mesh(vertices: np.ndarray, faces: np.ndarray) -> Cloud:

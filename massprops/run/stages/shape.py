@@ -61,6 +61,7 @@ def run(job: Job) -> dict[str, Any]:
     """
     from massprops.capture.placements import fill_undecided, find_placements, given_placements
     from massprops.dense.region import region_of
+    from massprops.run.completion import completed
 
     views = Views.load(job.work("sfm") / "views.npz")
     pointed = _pointed(job, views)
@@ -100,6 +101,8 @@ def run(job: Job) -> dict[str, Any]:
             placements, lost = _solved(job, views, sparse, label, pointed)
     if not placements:
         raise NotPossible(lost[0]["reason"])
+    for k, placement in enumerate(placements):
+        placement["completed"] = completed(job, views, placement_folder(job.out, k), placement)
     odd = [views.names[i] for i in np.flatnonzero(label < 0)]
     if odd:
         lost.append({"images": odd, "reason": "they share no features with any placement"})

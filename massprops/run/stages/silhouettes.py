@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
 from massprops.core.text import counted
 from massprops.errors import NotPossible
+from massprops.run.completion import shown_beside
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 from massprops.sfm.footage import mask_file
@@ -176,10 +178,11 @@ def _placement(
     folder = placement_folder(job.work("shape"), number)
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
+        measured = faces[: int(z["measured"])] if "measured" in z.files else None
     other, colour = _surroundings(folder)
     own, own_colour = _own_points(folder)
 
-    def silhouette(i: int) -> Arrays:
+    def silhouette(i: int, place: int) -> Arrays:
         K, R, t = views.K[i], views.R[i], views.t[i]
         image = undistorted_frame(job, views, i)
         depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
@@ -192,6 +195,11 @@ def _placement(
         far = far_from(depth)
         shown = shows_points(image, uv_all, bgr_all, far)
         known = trimap(depth, uv, camera[:, 2], shown[: len(uv)])
+        if measured is not None:
+            # what the votes of all images put to the shape is a hull, and no point of it is sure
+            sure = np.isfinite(rasterise(vertices, measured, K, R, t, (image.shape[1], image.shape[0]))[0])
+            evidence = shown_beside(job, views, folder, i, place)
+            known = replace(known, surely=known.surely & sure, evidence=evidence)
         solid = refine(image, known)
         mask = np.where(solid, 255, 0).astype(np.uint8)
         if painted is not None:
@@ -201,7 +209,7 @@ def _placement(
 
     hidden, out = np.zeros(len(index)), []
     for done, i in enumerate(index):
-        found = job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i))
+        found = job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i, done))
         hidden[done] = found["hidden"]
         out.append((found["mask"], float(found["overlap"])))
         job.progress(before + done + 1, len(views), "silhouettes")

@@ -1,0 +1,211 @@
+"""Parts that the measured shape lacks and that all images show: found by the votes of half of the images, and kept where
+the other half agrees better with them.
+
+A dark or thin part has no stereo points, so the shape that stereo measured ends where it begins. All images show it before
+the support all the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.capture.from_shape import BAND, LEAST_BAND, equivalent_diameter
+from massprops.capture.occlusion import boundary_of
+from massprops.capture.support_picture import SupportPicture, grid_about, picture_of_support
+from massprops.capture.votes import Evidence, Lattice, counted, lattice_on, vote
+from massprops.geometry.rasterise import silhouette
+from massprops.surface.refine import fair
+from massprops.views import Views
+
+WIDER = 2.0
+"""Size of the space that is searched, over that of the measured shape."""
+PICTURED = 2.0
+"""Half the side of the picture of the support, over that of the space: what lies behind it in low images."""
+MOST_PLACES, MOST_CUBES = 560, 2_500_000
+CUBE = 1.5
+"""Side of a cube [px]."""
+FREE = 0.2
+"""Distance from the measured silhouette, in its equivalent diameters, from which on pixels are free of the object for
+learning, but for a part that it lacks."""
+BESIDE = 3.0
+"""Cubes this near to a point of something else that stands there are its own [cubes]."""
+LEAST_CUBES, FAIR = 30, 10
+"""Cubes of a part, and steps in which it is made smooth."""
+SURE = 3.0
+"""Standard errors by which the images left out must agree better with a part."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What n images say of one placement.
+
+    Attributes:
+        views: n views, in the size in which they are looked at.
+        picture: of the support; evidence: what differs from it says.
+        log_odds: (n, h, w) float32 of something before the support; 0 where nothing is known.
+        drawn: (n, h, w) bool, silhouettes of the measured shape.
+    """
+
+    views: Views
+    picture: SupportPicture
+    evidence: Evidence
+    log_odds: np.ndarray
+    drawn: np.ndarray
+
+
+def shown(
+    views: Views,
+    image: Callable[[int], np.ndarray],
+    plane: np.ndarray,
+    shape: tuple[np.ndarray, np.ndarray],
+    standing: np.ndarray,
+    pixel: float,
+) -> Shown:
+    """What the images show beside a measured shape.
+
+    Args:
+        views: n views; image: `image(i)` is (h, w, 3) uint8, undistorted.
+        plane: (4,) support; shape: vertices (v, 3) and faces (f, 3).
+        standing: (m, 3) points of other things that stand on the support.
+        pixel: at the object.
+    """
+    import cv2
+
+    vertices, faces = shape
+    drawn = [_drawn(views, i, vertices, faces) for i in range(len(views))]
+    near = [cv2.dilate(d.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=_band(d)) > 0 for d in drawn]
+    others = [_dots(standing, views, i) for i in range(len(views))]
+    low, high = vertices.min(0), vertices.max(0)
+    reach = PICTURED * WIDER * 0.5 * float(np.linalg.norm(high - low))
+    grid = grid_about(plane, 0.5 * (low + high), reach, pixel, MOST_PLACES)
+    picture = picture_of_support(views, image, grid, lambda i: near[i] | others[i])
+    off = [picture.off(views, i, image(i)) for i in range(len(views))]
+    inside, free = [], []
+    for d, (o, scatter), beside in zip(drawn, off, others, strict=True):
+        known = np.isfinite(o) & ~beside
+        deep = cv2.distanceTransform(d.astype(np.uint8), cv2.DIST_L2, 5) > _band(d)
+        far = cv2.distanceTransform((~d).astype(np.uint8), cv2.DIST_L2, 5) > FREE * equivalent_diameter(d)
+        inside.append((o[known & deep], scatter[known & deep]))
+        free.append((o[known & far], scatter[known & far]))
+    evidence = Evidence.learn(_pooled(inside), _pooled(free))
+    odds = [np.where(beside, 0.0, evidence.of(*o)) for o, beside in zip(off, others, strict=True)]
+    log_odds = [cv2.blur(o.astype(np.float32), (3, 3)) for o in odds]
+    return Shown(views, picture, evidence, _stacked(log_odds, 0.0), _stacked(drawn, False))
+
+
+def _pooled(pixels: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    return np.concatenate([a for a, _ in pixels]), np.concatenate([b for _, b in pixels])
+
+
+def _drawn(views: Views, i: int, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(h, w) bool: silhouette of a mesh in view i."""
+    size = (int(views.size[i, 0]), int(views.size[i, 1]))
+    return silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], size)
+
+
+def _stacked(maps: list[np.ndarray], beyond: float) -> np.ndarray:
+    """(n, h, w) of maps whose sizes may differ, the smaller ones filled up."""
+    h, w = (max(m.shape[k] for m in maps) for k in (0, 1))
+    return np.stack([
+        np.pad(m, ((0, h - m.shape[0]), (0, w - m.shape[1])), constant_values=beyond) for m in maps
+    ])  # fmt: skip
+
+
+def _band(drawn: np.ndarray) -> int:
+    """Pixels about a drawn silhouette that the image itself decides."""
+    return max(LEAST_BAND, round(BAND * equivalent_diameter(drawn)))
+
+
+def _dots(xyz: np.ndarray, views: Views, i: int) -> np.ndarray:
+    """(h, w) bool: pixels of view i about the projections of points (m, 3)."""
+    import cv2
+
+    size = (int(views.size[i, 0]), int(views.size[i, 1]))
+    out = np.zeros(size[::-1], np.uint8)
+    camera = xyz @ views.R[i].T + views.t[i]
+    camera = camera[camera[:, 2] > 1e-9]
+    at = np.rint(camera[:, :2] / camera[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
+    at = at[((at >= 0) & (at < size)).all(1)]
+    out[at[:, 1], at[:, 0]] = 1
+    return np.asarray(cv2.dilate(out, np.ones((9, 9), np.uint8)) > 0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part that the measured shape lacks: vertices (v, 3), faces (f, 3) of its cubes' boundary, and (n,) how much better
+    each image agrees with the shape and such a part as the other half of the images found it [log odds]."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    gain: np.ndarray
+
+    @property
+    def sure(self) -> bool:
+        """Whether the images that did not find it agree better with it."""
+        error = float(np.std(self.gain)) / np.sqrt(len(self.gain))
+        return bool(np.mean(self.gain) > SURE * error) and bool(np.median(self.gain) > 0)
+
+
+def missing_parts(
+    found: Shown, plane: np.ndarray, vertices: np.ndarray, standing: np.ndarray, pixel: float
+) -> list[Part]:
+    """What the votes find beside a measured shape and hanging together with it.
+
+    Args:
+        found: what the images show; plane: (4,) support; vertices: (v, 3) of the shape.
+        standing: (m, 3) points of other things; pixel: at the object.
+    """
+    from scipy.ndimage import binary_dilation, find_objects, generate_binary_structure, label
+
+    lattice = lattice_on(plane, vertices, WIDER, CUBE * pixel, MOST_CUBES)
+    # what falls on the measured shape may be hidden by that alone
+    votes = np.where(found.drawn, 0.0, vote(found.log_odds)).astype(np.float32)
+    halves, outside = counted(lattice, found.views, votes, np.stack([_beyond(d) for d in found.drawn]))
+    full = generate_binary_structure(3, 3)
+    piece, number = label((halves.sum(0) > 0) & outside & ~_near(lattice, standing), full)
+    count = np.bincount(piece.ravel(), minlength=number + 1)
+    touch = np.bincount(piece[binary_dilation(~outside, full)], minlength=number + 1) > 0
+    out = []
+    for k, box in enumerate(find_objects(piece), 1):
+        if count[k] >= LEAST_CUBES and touch[k]:
+            own, said = piece[box] == k, halves[(slice(None), *box)] > 0
+            here = lattice.part(box)
+            gain = np.zeros(len(found.views))
+            for i in range(len(gain)):
+                gain[i] = _gain(found, i, here, own & said[1 - i % 2])
+            vertices, faces = boundary_of(here.origin, here.steps, own)
+            # features are looked for on it, and cubes face along their axes only
+            out.append(Part(fair(vertices, faces, np.zeros(len(vertices), bool), FAIR), faces, gain))
+    return out
+
+
+def _beyond(drawn: np.ndarray) -> np.ndarray:
+    """(h, w) bool: pixels off a drawn silhouette and off the band about it."""
+    import cv2
+
+    return np.asarray(cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > _band(drawn))
+
+
+def _near(lattice: Lattice, xyz: np.ndarray) -> np.ndarray:
+    """(a, b, c) bool: cubes near points (m, 3)."""
+    from scipy.ndimage import distance_transform_edt
+
+    free = np.ones(lattice.shape, bool)
+    at, there = lattice.nearest(xyz)
+    free[tuple(at[there].T)] = False
+    if free.all():
+        return ~free
+    return np.asarray(distance_transform_edt(free) < BESIDE)
+
+
+def _gain(found: Shown, i: int, lattice: Lattice, solid: np.ndarray) -> float:
+    """By how much view i agrees better with some cubes beside the measured shape than without."""
+    if not solid.any():
+        return 0.0
+    vertices, faces = boundary_of(lattice.origin, lattice.steps, solid)
+    drawn = _drawn(found.views, i, vertices, faces)
+    h, w = drawn.shape
+    return float(found.log_odds[i, :h, :w][drawn & ~found.drawn[i, :h, :w]].sum())
