@@ -1,9 +1,10 @@
 """The smoother on one camera's tracks, as structure from motion leaves them: attitudes to begin with, pixels to fit.
 
 The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared:
-features near each other on the body slide alike under one Sun, and all features of neighbouring frames are matched
-alike. So the covariance is a sandwich with clusters in both ways, places on the body and blocks of time (Huber 1967;
-Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011, eq. 2.10), each cluster judged without itself. Focal length and radial distortion were found from the same images: both are free again,
+features near each other on the body slide alike under one Sun, all features of neighbouring frames are matched alike, and
+whatever passes the same side of the camera, the limb or the terminator, slides the same way there all the time. So the
+covariance is a sandwich with clusters in three ways, places on the body, blocks of time and places before the camera (Huber
+1967; Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011, eq. 2.10), each cluster judged without itself. Focal length and radial distortion were found from the same images: both are free again,
 since a body that turns freely tells them apart from its shape.
 """
 
@@ -32,7 +33,9 @@ FEWEST_FEATURES = 20
 PLACES, BLOCKS = 30, 12
 """Clusters of features on the body, and of time."""
 SIDES = 12
-"""Clusters of where the body's surface is before the camera."""
+"""Clusters of where the body's surface is before the camera. In four films of asteroids with truth the squared errors of k1 and
+k2 over their covariance were 11.8, 7.5, 6.1 and 1.0 times what they should be with places and times; 6.9 and 5.1 (two of them)
+with each cluster judged without itself; 4.9, 3.7, 2.5 and 0.6 with these beside them."""
 LEAST_LEFT = 0.02
 """Share of the information on a combination of numbers that counts as left where a cluster holds all of it."""
 
@@ -98,10 +101,8 @@ def _in_axes_of_attitudes(problem: Problem, found: Fit, around: Surroundings) ->
 
 
 def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> np.ndarray:
-    """(size, size) sandwich with clusters of place and of time, zero for what is held; never below the independent
-    errors'."""
-    from scipy.cluster.vq import kmeans2
-
+    """(size, size) sandwich with clusters of place, of time and of the camera's side, zero for what is held; never below
+    the independent errors'."""
     linear = linearise(problem, m, found.predicted, around)
     o, free = len(m.uv), found.free
     w = found.weights[:o, None]
@@ -116,17 +117,11 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: 
     # each observation's part of the score, with its own feature point eliminated
     slope = J - np.einsum("oki,opi->okp", F, back[at])
     score = w * np.einsum("okp,ok->op", slope, r)
-    places = found.state.points[who]
-    count = max(2, min(PLACES, len(who) // 3))
-    place = kmeans2(places / (places.std() or 1.0), count, seed=1, minit="++")[1][at]
-    block = m.seen.epoch * BLOCKS // len(problem.times)
-    before = np.einsum("oij,oj->oi", rotation_matrix(found.predicted.q[m.seen.epoch]), found.state.points[m.seen.feature])
-    side = kmeans2(before / (before.std() or 1.0), SIDES, seed=1, minit="++")[1]
     scale = np.sqrt(np.maximum(np.diag(found.information), 1e-300))
     values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / scale[:, None] / scale
     seen = _Seen(score, np.sqrt(w)[..., None] * slope, (vectors / np.sqrt(np.maximum(values, 1e-12))).T / scale)
-    middle = _in_all_ways(seen, (place, block, side))
+    middle = _in_all_ways(seen, _alike(problem, m, found, around))
     plain = inverse * max(1.0, found.chi2 / found.freedom)
     # the difference of the two ways need not be a covariance: no direction may fall below independent errors
     root = np.linalg.cholesky(plain + 1e-300 * np.eye(len(plain)))
@@ -136,6 +131,24 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: 
     out = np.zeros((len(free), len(free)))
     out[np.ix_(free, free)] = own
     return out
+
+
+def _alike(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> tuple[np.ndarray, ...]:
+    """Labels (o,) of observations whose errors may be alike: by place on the body, by time, and by where the surface is before
+    the camera."""
+    from scipy.cluster.vq import kmeans2
+
+    who, at = np.unique(m.seen.feature, return_inverse=True)
+    places = found.state.points[who]
+    count = max(2, min(PLACES, len(who) // 3))
+    place = kmeans2(places / (places.std() or 1.0), count, seed=1, minit="++")[1][at]
+    block = m.seen.epoch * BLOCKS // len(problem.times)
+    turn = rotation_matrix(found.predicted.q)
+    if around.lvlh:
+        turn = found.predicted.motion.turn @ turn
+    before = np.einsum("oij,oj->oi", turn[m.seen.epoch], places[at])
+    side = kmeans2(before / (before.std() or 1.0), SIDES, seed=1, minit="++")[1]
+    return place, block, side
 
 
 class _Seen(NamedTuple):
