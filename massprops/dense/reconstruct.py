@@ -13,6 +13,7 @@ import numpy as np
 from massprops.core.parts import Arrays, Parts
 from massprops.dense.depthmap import DepthMap, Matching, depth_map
 from massprops.dense.fusion import Cameras, DensePoints, Maps, fuse
+from massprops.dense.noise import calmed
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
@@ -31,12 +32,13 @@ Image = Callable[[int], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Cropped:
-    """One view cut to the object: grey (h, w) float32, colour (h, w, 3), mask (h, w) uint8, K (3, 3)."""
+    """One view cut to the object: grey (h, w) float32, colour (h, w, 3), mask (h, w) uint8, K (3, 3), noise [grey levels]."""
 
     grey: np.ndarray
     colour: np.ndarray
     mask: np.ndarray
     K: np.ndarray
+    noise: float
 
 
 def crop(colour: np.ndarray, mask: np.ndarray, K: np.ndarray, factor: float, pad: int = 8) -> Cropped:
@@ -65,17 +67,8 @@ def crop(colour: np.ndarray, mask: np.ndarray, K: np.ndarray, factor: float, pad
         K[1] *= ratio[1]
         K[:2, 2] += 0.5 * ratio - 0.5
     grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return Cropped(grey, colour, mask, K)
-
-
-def grey_noise(grey: np.ndarray, mask: np.ndarray) -> float:
-    """1-sigma of pixel noise on the object (Immerkaer 1996): median of a second-difference filter, grey levels."""
-    import cv2
-
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    response = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))[mask > 0]
-    # texture widens the response; the lower quartile of |N(0, 6 sigma)| lies at 0.3186 * 6 sigma
-    return float(np.clip(np.percentile(response, 25) / (0.3186 * 6.0), 0.5, 8.0)) if len(response) else 1.0
+    grey, noise = calmed(grey, mask)
+    return Cropped(grey, colour, mask, K, noise)
 
 
 @dataclass(frozen=True)
@@ -146,7 +139,7 @@ class _Scene:
             np.stack([self.cut[s].K for s in group]),
             np.stack([R[s] @ R[i].T for s in group]),
             np.stack([t[s] - R[s] @ R[i].T @ t[i] for s in group]),
-            grey_noise(mine.grey, mine.mask),
+            mine.noise,
         )
 
     def wanted(self, n: int, known: DensePoints | None) -> tuple[np.ndarray, np.ndarray]:

@@ -16,13 +16,14 @@ import numpy as np
 from massprops.core.parts import Arrays, Parts
 from massprops.core.processes import silenced_stderr
 from massprops.core.progress import Progress, silent
+from massprops.dense.noise import CALM, image_noise
 from massprops.errors import InputError
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.turned import turn_keypoints
 
-NOISY, CALM = 8.0, 1.0
-"""Noise on the object from which on it hides features [grey levels], and the blur that brings them out [px]. Of an asteroid and
-a spacecraft 120 px wide at a noise of 7, 10 and 14 levels (measured as 8 to 18, with the texture) such a blur leaves 1.6 to 2.3 times
+NOISY = 8.0
+"""Noise on the object from which on it hides features [grey levels], if too few images were placed without a blur. Of an asteroid and
+a spacecraft 120 px wide at a noise of 7, 10 and 14 levels (measured as 8 to 18, with the texture) a blur of 1 px leaves 1.6 to 2.3 times
 as many right matches of neighbouring images, no less exact; 1.5 px leave fewer. Non-local means leave no more than no blur."""
 NOISE_IMAGES = 12
 """Images whose noise is measured."""
@@ -129,16 +130,8 @@ def calmed(footage: FootageRecord, options: FeatureOptions) -> FeatureOptions:
         gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
         mask = read_mask(footage, frame.name, footage.size(frame))
         if gray is not None and mask is not None and (mask == 255).any():
-            noise.append(_noise(gray, mask == 255))
+            noise.append(image_noise(gray, mask == 255))
     return replace(options, calm=CALM) if noise and np.median(noise) > NOISY else options
-
-
-def _noise(gray: np.ndarray, own: np.ndarray) -> float:
-    """1-sigma of the noise of an image (h, w) on its object [grey levels] (Immerkaer 1996), fine texture taken for some of it."""
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    response = np.abs(cv2.filter2D(gray.astype(np.float32), cv2.CV_32F, kernel))[own]
-    # the lower quartile of |N(0, 6 sigma)|
-    return float(np.percentile(response, 25)) / (0.3186 * 6.0)
 
 
 def root_sift(descriptors: np.ndarray) -> np.ndarray:

@@ -186,7 +186,7 @@ def _pictures(views: Views, image: Image) -> tuple[Pictures, np.ndarray]:
     """The views' images as `massprops.sfm.patches.Pictures`, and their noise (n,) in grey levels."""
     import cv2
 
-    from massprops.dense.reconstruct import grey_noise
+    from massprops.dense.noise import grey_noise
     from massprops.sfm.patches import Pictures
 
     n, (w, h) = len(views), views.size.max(0)

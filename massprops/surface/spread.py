@@ -74,7 +74,8 @@ class Doubts:
 
     Attributes:
         focal: relative 1-sigma of the focal length.
-        gaps: between the mesh's outlines and the images'; None where these say nothing.
+        gaps: between the mesh's outlines and the images', of a free body: those about a support take in shadows and what stands
+            beside it; None otherwise.
         never_lit: what was not measured was never seen lit: the body turns, and the Sun stands.
         joints: of placements that were joined.
     """
@@ -137,7 +138,7 @@ def replicates(
     for joint in doubts.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
 
-    lengths += _of_ends(surface, ends, count, rng)
+    lengths += _of_ends(surface, ends, count, rng, doubts.gaps is not None)
     # poses that are off by the drift where the body's outlines are
     strain = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum()))) * rng.standard_normal(
         (count, 3, 3)
@@ -192,11 +193,11 @@ class _Ends(NamedTuple):
     place: np.ndarray
 
 
-def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator) -> np.ndarray:
+def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
     """(count,) how much longer the body may be. Each end is one vertex, as uncertain as the points about it; that of a free body
     may be a tip which stereo did not measure, where the silhouettes leave room for it beside their own halo."""
     out: np.ndarray = float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
-    if surface.hull.support is None:
+    if free:
         outward = np.array([-ends.direction, ends.direction])
         room = surface.hull.room(ends.place, outward, 0.5 * ends.length)
         out += rng.random((count, 2)) @ np.maximum(room - HALO * surface.hull.pixel, 0.0)

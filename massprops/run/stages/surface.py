@@ -126,28 +126,27 @@ def run(job: Job) -> dict[str, Any]:
 
 
 def _replicates(
-    job: Job, surface: Surface, views: Views, masks: list[np.ndarray], place: dict[str, Any], never_lit: bool
+    job: Job, surface: Surface, views: Views, masks: list[np.ndarray], place: dict[str, Any], free: bool
 ) -> tuple[tuple[np.ndarray, np.ndarray], float]:
     """Integrals (r, 10) and lengths (r,) of bodies that the data allow, and by how much cameras drift, as outlines show it [px].
 
     Args:
-        place: `join.json`; never_lit: what was not measured was never seen lit.
+        place: `join.json`; free: the body tumbles, so what was not measured was never seen lit.
     """
     from massprops.surface.error_modes import REACH
     from massprops.surface.length import model_length
     from massprops.surface.outline_gaps import outline_gaps
     from massprops.surface.spread import Doubts, replicates
 
-    gaps, stands = None, place["support_plane"] is not None
-    # outlines alone make their own surface
+    gaps = None
+    # a surface that outlines alone make lies on them
     if surface.observed.any():
         mesh = surface.vertices, surface.faces
-        reach = REACH * model_length(*mesh, surface.observed)[0]
-        gaps = outline_gaps(*mesh, views, masks, reach)
-        if stands:
+        gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
+        if not free:
             # an outline between colours has no halo; it scatters with shadows and things behind, not with the cameras
             gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
-    doubts = Doubts(_focal_sigma(job), gaps, never_lit, _joints(place))
+    doubts = Doubts(_focal_sigma(job), gaps, free, _joints(place))
     return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift if gaps else 0.0
 
 
