@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,8 @@ class Problem:
     def of_epochs(self, change: Callable[[np.ndarray], np.ndarray]) -> Problem:
         """The problem with what it has for each epoch (n, ...) changed: some epochs of it, or more."""
         names = ("stamp_ns", "times", "uv", "range_m", "rates", "attitude", "sigma_attitude")
-        return replace(self, **{name: change(getattr(self, name)) for name in names})
+        changed: dict[str, Any] = {name: change(getattr(self, name)) for name in names}
+        return replace(self, **changed)
 
     @property
     def seen(self) -> np.ndarray:

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from massprops.campaigns.papers._pesce2017_chaser import Surroundings
+from massprops.dynamics.chaser_path import chaser_path, transitions
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import (
     eccentric_anomaly,
@@ -76,6 +77,19 @@ def test_a_neighbour_on_its_own_kepler_orbit_moves_as_differential_gravity_says(
     pull = np.array(differential_gravity(MU, *r, *rho[1]))
     np.testing.assert_allclose(second, pull, atol=2e-8)
     assert np.linalg.norm(pull) > 1e-5
+
+
+def test_steps_beside_the_chaser_follow_a_neighbour_on_its_own_orbit() -> None:
+    around = orbit(0.05)
+    other = Orbit(MU, 7.17e6 + 5, 0.05, 0.7, PERIFOCAL)
+    times = 10.0 * np.arange(31)
+    path = chaser_path(Environment("inertial", around), times)
+    one, two = position_velocity(around, times), position_velocity(other, times)
+    x = np.concatenate([two[0][0] - one[0][0], two[1][0] - one[1][0]])
+    for F in transitions(path, times):
+        x = F @ x
+    assert np.linalg.norm(x[:3] - (two[0][-1] - one[0][-1])) < 1e-3 < 0.1 < np.linalg.norm(x[:3])
+    np.testing.assert_allclose(path.rate, 0.0)
 
 
 def test_camera_frame_is_the_one_that_the_simulator_uses() -> None:

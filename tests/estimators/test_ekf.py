@@ -53,7 +53,10 @@ def test_other_sensors(kind: str) -> None:
         "one camera": {"baseline_m": 0.0, "attitude_sigma": 0.01},
     }[kind]
     problem, truth = scenario(range_sigma_m=0.0, orbit=False, **changes)
-    check(run("iekf", problem), truth, 0.06)
+    found = run("iekf", problem)
+    check(found, truth, 0.06)
+    # one camera's tracks count beside the attitudes that were found from them
+    assert (found.features is not None) == (kind == "one camera") and (found.body_frame == "own") == (kind == "rates")
 
 
 def test_features_that_come_late_and_epochs_without_any() -> None:
