@@ -74,8 +74,7 @@ class Doubts:
 
     Attributes:
         focal: relative 1-sigma of the focal length.
-        gaps: between the mesh's outlines and the images', of a free body: those about a support take in shadows and what stands
-            beside it; None otherwise.
+        gaps: between the mesh's outlines and the images', or None where outlines alone made the mesh.
         never_lit: what was not measured was never seen lit: the body turns, and the Sun stands.
         joints: of placements that were joined.
     """
@@ -138,7 +137,7 @@ def replicates(
     for joint in doubts.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
 
-    lengths += _of_ends(surface, ends, count, rng, doubts.gaps is not None)
+    lengths += _of_ends(surface, ends, count, rng, doubts.never_lit)
     # poses that are off by the drift where the body's outlines are
     strain = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum()))) * rng.standard_normal(
         (count, 3, 3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -133,6 +134,28 @@ def test_a_hull_tells_how_far_a_body_may_go_on() -> None:
 def test_a_tip_that_was_not_measured_makes_the_length_uncertain(measured: tuple[Surface, int]) -> None:
     surface, views = measured
     wide = replace(surface, hull=replace(surface.hull, need=9))
-    none = Doubts(gaps=Gaps(np.zeros(len(surface.faces)), 0.0))
+    none = Doubts(gaps=Gaps(np.zeros(len(surface.faces)), 0.0, np.zeros(len(surface.faces))), never_lit=True)
     own, longer = (replicates(s, views, none)[1] for s in (surface, wide))
     assert longer.mean() > own.mean() and longer.std() > own.std()
+
+
+def test_what_an_outline_says_in_the_middle_has_no_halo() -> None:
+    """Between the colours of a thing on a table and its surroundings an outline is where it is."""
+    vertices, faces = body()
+    pixel = 5.0 / 400.0
+    views, masks = filmed(vertices * (1 + pixel / 0.8), faces)
+    found = outline_gaps(vertices, faces, views, masks, REACH)
+    assert not found.offset.any() and np.median(found.middle) == pytest.approx(1.0, abs=0.5)
+
+
+def test_a_hole_that_no_silhouette_shows_is_no_gap() -> None:
+    """Silhouettes that take in the space between slats are not 30 px farther out than the slats."""
+    ring = trimesh.creation.torus(0.8, 0.15, major_sections=64, minor_sections=24)
+    vertices, faces = np.asarray(ring.vertices, float), np.asarray(ring.faces)
+    views, masks = filmed(vertices, faces)
+    filled = []
+    for mask in masks:
+        outer, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        filled.append(cv2.drawContours(mask.copy(), outer, -1, 255, cv2.FILLED))
+    found = outline_gaps(vertices, faces, views, filled, REACH)
+    assert found.drift < 0.5 and np.abs(found.middle).max() <= 2.0
