@@ -153,7 +153,9 @@ def _beside_wheel(record: Record, forced: list[Scanned], gap: float) -> list[Hyp
         short = _short(record, [terms, *_varied(terms, gap)], [again(first)], lag)
         fits = [admissible(record, f.hypothesis, again(f), latent=False) for f in short[:1]]
         found += [f for f in fits if f is not None]
-    ranked_wheels = sorted(found, key=lambda f: -f.evidence)
+    # either start may lead to the same effects
+    likeliest = {f.names: f for f in sorted(found, key=lambda f: f.evidence)}
+    ranked_wheels = sorted(likeliest.values(), key=lambda f: -f.evidence)
     return [_all_moved(f, gap) for f in ranked_wheels[:1]] + ranked_wheels[1:]
 
 
