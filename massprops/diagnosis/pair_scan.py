@@ -20,11 +20,10 @@ FEW = 20
 ANCHORED = 3
 """Of more values, those that are fitted too with one of the two effects as it is likeliest by itself: an event shows its moment
 whatever acts beside it."""
-DIPS = 3
-"""Of more values, those of each effect that are fitted because others about them leave more, the deepest dips."""
+DIPS, WINDOW = 8, 7
+"""Of more values, those that are fitted because others about them leave more, the deepest dips below the median of so many."""
 LEAST_DIP = 0.02
-"""By how much less than those about it a value of a dip leaves: a boom beside sunlight left less by a fifth, noise by less
-than a hundredth (a body moved by MuJoCo)."""
+"""Least depth of a dip, logarithm: a boom beside sunlight is 0.2 deep, beside a firing 1.1 (two bodies moved by MuJoCo)."""
 Terms = tuple[Term, ...]
 
 
@@ -87,16 +86,17 @@ def least_left(record: Record, a: Scanned, b: Scanned) -> list[tuple[Terms, Star
         for side, own in enumerate((a, b)):
             if own.alone:
                 order += [k for k in every if k[side] == len(own.terms) - 1][:ANCHORED]
-            least = left.min(axis=1 - side)
-            for dip in _dips(least[: len(least) - own.alone]):
-                order.append(next(k for k in every if k[side] == dip))
+        order += _dips(left[: len(a.terms) - a.alone, : len(b.terms) - b.alone])
     return [((a.terms[i], b.terms[j]), starts[i][j]) for i, j in dict.fromkeys(order)]
 
 
-def _dips(left: np.ndarray) -> list[int]:
-    """Where values (k,) of one effect leave less than those about them, the deepest first: an event shows so, though at other
-    moments an inertia that no body can have may leave less."""
-    from scipy.signal import find_peaks
+def _dips(left: np.ndarray) -> list[tuple[int, int]]:
+    """Where values (k, j) of both effects leave less than those about them, the deepest first: events show so, though at other
+    moments an inertia that no body can have may leave less, or two events at one moment, which part the record in two."""
+    from scipy.ndimage import median_filter, minimum_filter
 
-    at, found = find_peaks(-np.log(np.maximum(left, 1e-300)), prominence=LEAST_DIP)
-    return [int(at[k]) for k in np.argsort(-found["prominences"])[:DIPS]]
+    low = np.maximum(left, 1e-300)
+    depth = np.log(median_filter(low, WINDOW, mode="nearest") / low)
+    depth[low > minimum_filter(low, 3, mode="nearest")] = 0.0
+    order = [divmod(int(k), left.shape[1]) for k in np.argsort(-depth, axis=None)[:DIPS]]
+    return [k for k in order if depth[k] > LEAST_DIP]
