@@ -53,7 +53,7 @@ class Parameter:
 
 
 class _Sky(NamedTuple):
-    """Surroundings to try a function in, as `massprops.dynamics.surroundings.Sky`."""
+    """Surroundings to try a function in, as `massprops.dynamics.environment.EnvironmentState`."""
 
     position: tuple[Any, Any, Any] = (7e6, 1e5, -2e5)
     sun: tuple[float, float, float] = (0.6, 0.0, 0.8)

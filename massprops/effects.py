@@ -7,10 +7,10 @@ say it), `PARAMETERS`, `NEEDS` (names of surroundings or sensors it cannot do wi
 A user's own effect is such a file too: `--effect FILE.py` (`massprops.effect_file`) adds it for one command, an entry
 point of the group `massprops.effects`, whose value is a module, for good.
 
-Functions of the motion, component by component (`massprops.dynamics.kernels`), p a sequence of parameters, `around` a
-`massprops.dynamics.surroundings.Sky`; the first four are compiled as well (`massprops.dynamics.compiled_integration`):
+Functions of the motion, component by component (`massprops.dynamics.kernels`), p a sequence of parameters, `environment` a
+`massprops.dynamics.environment.EnvironmentState`; the first four are compiled as well (`massprops.dynamics.compiled_integration`):
 
-- `torque(t, q, w, p, inertia, around)`: external torque, body axes, over the body's mean moment [rad/s^2];
+- `torque(t, q, w, p, inertia, environment)`: external torque, body axes, over the body's mean moment [rad/s^2];
 - `inertia(t, six, p)`: (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) at time t in place of `six`;
 - `internal(t, z, p)`: angular momentum stored inside the body; with `STATES = 3`, `internal_start(w, p)` and
   `internal_rate(t, w, z, p)` when it has three states z of its own, and `moving_inertia(six, z, p)` in place of `six` when

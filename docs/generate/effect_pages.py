@@ -76,9 +76,9 @@ Below: the true angular velocity with the effect (lines) and without it (dots).
 """
 
 
-def seen(acting: tuple[str, ...]):
+def seen(active: tuple[str, ...]):
     """The same body and noise with and without an effect."""
-    return massprops.simulate("tracks", frames=240, sigma=0.0, effects=acting or None, seed=4)
+    return massprops.simulate("tracks", frames=240, sigma=0.0, effects=active or None, seed=4)
 
 
 def plot(plain, acted) -> bytes:

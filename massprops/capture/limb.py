@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.capture.doubt import UNKNOWN
+from massprops.capture.unknown_pixels import UNKNOWN
 
 DARK = 40
 """Grey level below which sky is black."""

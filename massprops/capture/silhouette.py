@@ -1,7 +1,7 @@
 """Silhouettes before a sky or a background that stays: 255 object, 0 background.
 
 An unlit side of the body looks like sky. These masks say only where something shines; the silhouettes stage marks
-what may be body all the same (`massprops.capture.doubt`), and no single mask may carve.
+what may be body all the same (`massprops.capture.unknown_pixels`), and no single mask may carve.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 - `momentum_moved(held, unknowns)`: for unknowns that do not enter linearly, whose columns are derivatives about `held`: the values
   that the unknowns lead to, by name, about which the next pass is linearised. Their number may change with `held`.
 
-- `unit_torques(t, q, w, around)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each;
+- `unit_torques(t, q, w, environment)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each;
 - `momentum_prior()`: (k, j) matrix that makes the k parameters of j unknowns which are independent and of one size, where
   physics says more of them together than that each may be anything.
 
@@ -37,8 +37,8 @@ import numpy as np
 
 from massprops.diagnosis.momentum_balance import Forcing, torque_forcing
 from massprops.diagnosis.motion_path import MotionPath
+from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.rotation import six_of
-from massprops.dynamics.surroundings import Sky
 from massprops.effect_contract import superposes
 from massprops.effects import changes_motion, effects, places_of
 
@@ -155,21 +155,21 @@ def steps(term: Term, gap: float) -> dict[str, float]:
     return {} if offered is None else dict(offered(dict(term.held), gap))
 
 
-def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, sky: Any = None) -> Forcing:
+def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, environment: Any = None) -> Forcing:
     """The columns of one effect along a path, of unknowns that are independent (`Term.prior`).
 
     Args:
         rate: (n, 3) the rate to take where an effect depends on it: predicted, so that it carries no noise.
         inertia: (3, 3) present guess; sky: what acts from outside, or None where nothing is known of it.
     """
-    units, prior = _unit_forcing(term, path, rate, inertia, sky), term.prior
+    units, prior = _unit_forcing(term, path, rate, inertia, environment), term.prior
     if prior is None:
         return units
     sides = {k: getattr(units, k) for k in ("momentum", "internal", "rate")}
     return Forcing(**{k: None if v is None else v @ prior for k, v in sides.items()})
 
 
-def _unit_forcing(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, sky: Any) -> Forcing:
+def _unit_forcing(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, environment: Any) -> Forcing:
     """The columns of a unit of each parameter."""
     effect = term.effect
     if hasattr(effect, "momentum_columns"):
@@ -177,15 +177,17 @@ def _unit_forcing(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.nd
         if "torque" in parts:
             return torque_forcing(path, parts["torque"])
         return Forcing(**{k: np.stack(v, axis=2) if isinstance(v, list) else v for k, v in parts.items()})
-    sky = Sky((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) if sky is None else sky
+    environment = (
+        EnvironmentState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) if environment is None else environment
+    )
     n, six = len(path.t), six_of(inertia)
     q = tuple(path.q.T)
     if hasattr(effect, "unit_torques"):
-        units = effect.unit_torques(path.t, q, tuple(rate.T), sky)
+        units = effect.unit_torques(path.t, q, tuple(rate.T), environment)
         return torque_forcing(path, np.moveaxis(np.array(units), 2, 0).swapaxes(1, 2))
     columns, held = [], dict(term.held)
     for unknown in term.unknowns:
         p = [1.0 if q.name == unknown else held.get(q.name, 0.0) for q in effect.PARAMETERS]
-        parts = effect.torque(path.t, q, tuple(rate.T), p, six, sky)
+        parts = effect.torque(path.t, q, tuple(rate.T), p, six, environment)
         columns.append(np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=1))
     return torque_forcing(path, np.stack(columns, axis=2))

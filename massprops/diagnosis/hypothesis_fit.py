@@ -176,7 +176,9 @@ def _moved(found: HypothesisFit) -> Hypothesis:
 def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[HypothesisFit, _Guess]:
     path, rows = record.path, record.rows
     balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
-    acting = {t.name: forcing_of(t, path, guess.rate, balance.inertia, record.sky) for t in hypothesis.terms}
+    acting = {
+        t.name: forcing_of(t, path, guess.rate, balance.inertia, record.environment_state) for t in hypothesis.terms
+    }
     parts = _parts(record, hypothesis, guess, balance, acting)
     blocks, y = _linear_model(parts, balance, guess)
     post = solve(blocks, y, record.noise_rows, rows.groups)

@@ -135,7 +135,9 @@ def _information(record: Record, balance: Balance, terms: list[Term]) -> tuple[n
         base, sd = np.concatenate([base, columns], axis=2), np.concatenate([sd, sensor_sd(columns.shape[2])])
     parts, places, at = [], [], 0
     for term in terms:
-        columns = balance.columns(forcing_of(term, record.path, balance.rate, balance.inertia, record.sky))
+        columns = balance.columns(
+            forcing_of(term, record.path, balance.rate, balance.inertia, record.environment_state)
+        )
         parts.append(columns.reshape(len(over), -1) * over[:, None])
         places.append(slice(at, at + parts[-1].shape[1]))
         at = places[-1].stop
@@ -164,10 +166,10 @@ def _signal(effect: Any, terms: list[Term], places: list[slice], G: np.ndarray) 
     )  # fmt: skip
 
 
-def _factor(acting: Signal, other: Signal, G: np.ndarray) -> float:
+def _factor(active: Signal, other: Signal, G: np.ndarray) -> float:
     """Factor on the size from which an effect is told apart from another, whose scanned values may be any of its own."""
     factors = []
-    for own in acting.columns:
+    for own in active.columns:
         whole = float(np.trace(G[own, own]))
         left = whole
         for place in other.columns:

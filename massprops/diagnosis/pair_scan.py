@@ -56,7 +56,7 @@ def scanned(record: Record, effect: ModuleType, unknown: HypothesisFit, alone: T
     apart = alone is not None and len(terms) > 1
     if alone is not None and apart:
         terms = [*terms, alone]
-    forcings = [forcing_of(t, path, path.w, unknown.inertia, record.sky) for t in terms]
+    forcings = [forcing_of(t, path, path.w, unknown.inertia, record.environment_state) for t in terms]
     return Scanned(terms=terms, forcings=forcings, alone=apart)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from massprops.core.robust import MAD_TO_SIGMA
 from massprops.diagnosis.momentum_balance import Rows
 from massprops.diagnosis.motion_path import MotionPath, nearest, path_from_attitudes, path_from_rates
-from massprops.dynamics.surroundings import Sky, Surroundings
+from massprops.dynamics.environment import EnvironmentModel, EnvironmentState
 from massprops.errors import NotPossible
 from massprops.estimators.rates import LocalFit, from_attitude
 from massprops.sequence.data import AttitudeSeries, Environment, RateSeries
@@ -42,7 +42,7 @@ class Record:
     Attributes:
         path: the measured motion; rows: what was measured along it; times: (m,) of the rows [s].
         noise_rows: as how many rows the noise in `rows` counts. speed: typical rate [rad/s].
-        around: what acts from outside, or None where nothing ties the axes to it. stamp: (m,) [ns].
+        environment: what acts from outside, or None where nothing ties the axes to it. stamp: (m,) [ns].
         reach: how far in time a row looks about itself [s]; screen: the same record as rates, where its rows are
             attitudes, or None.
     """
@@ -52,7 +52,7 @@ class Record:
     times: np.ndarray
     noise_rows: float
     speed: float
-    around: Surroundings | None
+    environment: EnvironmentModel | None
     stamp: np.ndarray
     reach: float = 0.0
     screen: Record | None = None
@@ -77,13 +77,13 @@ class Record:
     @property
     def sun(self) -> np.ndarray:
         """(n, 3) direction of the Sun along the path, body axes."""
-        assert self.sky is not None
-        return np.asarray(np.swapaxes(self.path.R, 1, 2) @ np.array(self.sky.sun))
+        assert self.environment_state is not None
+        return np.asarray(np.swapaxes(self.path.R, 1, 2) @ np.array(self.environment_state.sun))
 
     @cached_property
-    def sky(self) -> Sky | None:
+    def environment_state(self) -> EnvironmentState | None:
         """What acts from outside along the path, inertial axes."""
-        return None if self.around is None else self.around.sky(self.path.t)
+        return None if self.environment is None else self.environment.state(self.path.t)
 
 
 def record_of_rates(series: RateSeries) -> Record:
@@ -113,7 +113,7 @@ def record_of_rates(series: RateSeries) -> Record:
     at = np.asarray(np.searchsorted(path.t, times))
     rows = Rows(at=at, measured=rates, sigma=noise, rates=True)
     return Record(
-        path=path, rows=rows, times=times, noise_rows=STATED_ROWS if series.sigma else 1.0, speed=speed, around=None,
+        path=path, rows=rows, times=times, noise_rows=STATED_ROWS if series.sigma else 1.0, speed=speed, environment=None,
         stamp=stamp[0] + np.round(times * 1e9).astype(np.int64),
     )  # fmt: skip
 
@@ -134,7 +134,7 @@ def local_noise(values: np.ndarray) -> np.ndarray:
     return np.maximum(np.sqrt((window * near + WHOLE_COUNTS * whole) / (window + WHOLE_COUNTS)), 1e-12)
 
 
-def record_of_attitudes(series: AttitudeSeries, environment: Environment, rates: RateSeries | None = None) -> Record:
+def record_of_attitudes(series: AttitudeSeries, given: Environment, rates: RateSeries | None = None) -> Record:
     """A record of attitudes, turned into inertial axes by the chaser's own, with a gyroscope's rates beside them or
     without.
 
@@ -152,7 +152,7 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment, rates:
             f"attitude0 holds {len(stamp)} attitudes and a diagnosis needs at least {FEWEST_ROWS}: give a longer record"
         )
     times = (stamp - stamp[0]) * 1e-9
-    q = multiply(chaser_path(environment, times).q, q)
+    q = multiply(chaser_path(given, times).q, q)
     local = from_attitude(times, q, sigma[:, None, None] ** 2 * np.eye(3))
     fine = np.isfinite(local.w).all(axis=1)
     if fine.sum() < FEWEST_ROWS:
@@ -164,7 +164,7 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment, rates:
     gyroscope = None if rates is None else _beside(times, rates, series.timestamp_ns[0])
     path = path_from_attitudes(times, q, w, None if gyroscope is None else gyroscope.times)
     at = np.asarray(np.searchsorted(path.t, times))
-    around = Surroundings(environment)
+    environment = EnvironmentModel(given)
     speed = float(np.median(np.linalg.norm(w, axis=1)))
     record = Record(
         path=path, times=times,
@@ -172,8 +172,8 @@ def record_of_attitudes(series: AttitudeSeries, environment: Environment, rates:
             at=at, measured=np.zeros((len(at), 3)), sigma=sigma, rates=False,
             gyroscope=None if gyroscope is None else gyroscope.rows(path),
         ),
-        noise_rows=STATED_ROWS, speed=speed, around=around, stamp=stamp,
-        screen=_as_rates(times, local, around, stamp, speed),
+        noise_rows=STATED_ROWS, speed=speed, environment=environment, stamp=stamp,
+        screen=_as_rates(times, local, environment, stamp, speed),
     )  # fmt: skip
     return along(record, path, q)
 
@@ -213,7 +213,9 @@ def _beside(times: np.ndarray, rates: RateSeries, first: int) -> _Gyroscope | No
     return _Gyroscope(times=middle, w=mean, sigma=np.tile(sigma / np.sqrt(block), (len(middle), 1)))
 
 
-def _as_rates(times: np.ndarray, local: LocalFit, around: Surroundings, stamp: np.ndarray, speed: float) -> Record:
+def _as_rates(
+    times: np.ndarray, local: LocalFit, environment: EnvironmentModel, stamp: np.ndarray, speed: float
+) -> Record:
     """A record of attitudes as rates by local polynomials, whose rows carry the attitudes' errors too: those times the
     momentum. Neighbours share most of their samples, so each counts as its part of a polynomial's four coefficients."""
     fine = np.flatnonzero(np.isfinite(local.w).all(axis=1))
@@ -224,7 +226,7 @@ def _as_rates(times: np.ndarray, local: LocalFit, around: Surroundings, stamp: n
     path = path_from_attitudes(t, q, w)
     rows = Rows(at=np.asarray(np.searchsorted(path.t, t)), measured=w, sigma=sigma, rates=True)
     return Record(
-        path=path, rows=rows, times=t, noise_rows=STATED_ROWS, speed=speed, around=around, stamp=stamp[fine],
+        path=path, rows=rows, times=t, noise_rows=STATED_ROWS, speed=speed, environment=environment, stamp=stamp[fine],
         reach=0.5 * local.window * float(np.median(np.diff(times))),
     )  # fmt: skip
 

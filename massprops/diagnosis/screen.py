@@ -48,7 +48,7 @@ def screened(record: Record, terms: tuple[Term, ...], guess: Start) -> Screened 
     if len(kept) < FEWEST_KEPT:
         return None
     rows = Rows(at=record.rows.at[kept], measured=record.rows.measured[kept], sigma=record.rows.sigma[kept], rates=True)
-    own = joined([forcing_of(t, record.path, record.path.w, guess.inertia, record.sky) for t in terms])
+    own = joined([forcing_of(t, record.path, record.path.w, guess.inertia, record.environment_state) for t in terms])
     found = []
     for start in (guess, conserved(record.path, rows.at, own)):
         found.append(_solved(record, rows, terms, start))
@@ -111,7 +111,7 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
     left, unknowns = np.zeros(len(over)), 0
     for _ in range(PASSES):
         balance = Balance(path=path, shape=shape, momentum=path.w, rate=rate, rows=rows)
-        own = joined([forcing_of(t, path, rate, balance.inertia, record.sky) for t in terms])
+        own = joined([forcing_of(t, path, rate, balance.inertia, record.environment_state) for t in terms])
         free = balance.free
         along = free if own is None else np.concatenate([free, balance.forced(own)], axis=2)
         X = along[rows.at].reshape(len(over), -1) * over[:, None]

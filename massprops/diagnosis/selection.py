@@ -196,7 +196,7 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
 
     What acts may follow the Sun and be no pressure of its light: a jet of what it warms, a panel that bends.
     """
-    if record.around is None or "sun direction" not in record.around.known:
+    if record.environment is None or "sun direction" not in record.environment.known:
         return None
     along, fits = record if record.rows.rates else unknown.record, []
     for latent in (False, True):
@@ -223,7 +223,7 @@ def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> Hypoth
 
 def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
     """The effects that the balance can hold with what is known about the record, and why others are left out."""
-    known = set() if record.around is None else set(record.around.known)
+    known = set() if record.environment is None else set(record.environment.known)
     usable, skipped = [], {}
     for effect in in_balance():
         missing = [n for n in effect.NEEDS if n not in known]

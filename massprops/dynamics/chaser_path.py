@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.orbit import lvlh_rate
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix
-from massprops.dynamics.surroundings import Surroundings
 from massprops.sequence.data import Environment
 
 
@@ -29,16 +29,16 @@ class ChaserPath:
     mu: float
 
 
-def chaser_path(environment: Environment, times: np.ndarray) -> ChaserPath:
+def chaser_path(given: Environment, times: np.ndarray) -> ChaserPath:
     """The chaser's path and attitude at times (n,) [s] since the first timestamp."""
-    around = Surroundings(environment)
-    q = conjugate(from_rotation_matrix(np.array(around.chaser_turn(times))))
+    environment = EnvironmentModel(given)
+    q = conjugate(from_rotation_matrix(np.array(environment.chaser_turn(times))))
     still = np.zeros((len(times), 3))
-    if environment.orbit is None:
+    if given.orbit is None:
         return ChaserPath(q, still, still, 0.0)
-    place = np.stack(np.broadcast_arrays(*around.position(np.asarray(times, float))), axis=-1)
-    rate = lvlh_rate(environment.orbit, times)[0] if around.lvlh else still
-    return ChaserPath(q, rate, place, around.mu)
+    place = np.stack(np.broadcast_arrays(*environment.position(np.asarray(times, float))), axis=-1)
+    rate = lvlh_rate(given.orbit, times)[0] if environment.lvlh else still
+    return ChaserPath(q, rate, place, environment.mu)
 
 
 def transitions(path: ChaserPath, times: np.ndarray) -> np.ndarray:

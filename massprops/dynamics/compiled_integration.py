@@ -16,20 +16,20 @@ import numpy as np
 from numba.core import types as nt
 
 from massprops.dynamics import compiled, kernels
+from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.kernels import INSIDE
-from massprops.dynamics.surroundings import Sky
 from massprops.effects import catalogue
 
 if TYPE_CHECKING:
-    from massprops.dynamics.rotation import Acting
-    from massprops.dynamics.surroundings import Surroundings
+    from massprops.dynamics.environment import EnvironmentModel
+    from massprops.dynamics.rotation import ActiveEffects
 
 Functions = tuple[tuple[Callable[..., Any], ...], ...]
 """Compiled functions of effects, for each name of `SIGNATURES`."""
 
 _3, _4, _6 = (nt.UniTuple(nt.float64, n) for n in (3, 4, 6))
 _P = nt.Array(nt.float64, 1, "C")
-_SKY = nt.NamedTuple((_3, _3, _3, nt.float64), Sky)
+_SKY = nt.NamedTuple((_3, _3, _3, nt.float64), EnvironmentState)
 SIGNATURES = {
     "torque": _3(nt.float64, _4, _3, _P, _6, _SKY),
     "inertia": _6(nt.float64, _6, _P),
@@ -63,11 +63,11 @@ def functions(name: str) -> dict[Callable[..., Any], Callable[..., Any]]:
     return found
 
 
-def _places(name: str, acting: Acting) -> np.ndarray:
+def _places(name: str, active: ActiveEffects) -> np.ndarray:
     """(n, 5) of the effects that act by this function: its number, where their parameters and their states lie, from
     and to."""
     number = {plain: k for k, plain in enumerate(functions(name))}
-    rows = [(number[plain], p.start, p.stop, z.start, z.stop) for plain, p, z in acting.having[name]]
+    rows = [(number[plain], p.start, p.stop, z.start, z.stop) for plain, p, z in active.hooks[name]]
     return np.array(rows, dtype=np.int64).reshape(-1, 5)
 
 
@@ -79,10 +79,10 @@ def _slope(
     p: np.ndarray,
     functions: Functions,
     places: tuple[np.ndarray, ...],
-    sky: Sky,
+    environment_state: EnvironmentState,
     out: np.ndarray,
 ) -> None:
-    """`rotation.slope` into `out`."""
+    """`rotation.state_derivative` into `out`."""
     torques, inertias, internals, rates, moving = functions
     torque_at, inertia_at, internal_at, rate_at, moving_at = places
     hx, hy, hz = y[4], y[5], y[6]
@@ -100,7 +100,7 @@ def _slope(
     tx, ty, tz = -gx, -gy, -gz
     q = (y[0], y[1], y[2], y[3])
     for k in range(len(torque_at)):
-        ax, ay, az = torques[torque_at[k, 0]](t, q, w, p[torque_at[k, 1] : torque_at[k, 2]], six, sky)
+        ax, ay, az = torques[torque_at[k, 0]](t, q, w, p[torque_at[k, 1] : torque_at[k, 2]], six, environment_state)
         tx, ty, tz = tx + ax, ty + ay, tz + az
     out[0], out[1], out[2], out[3] = compiled.quaternion_rate(y[0], y[1], y[2], y[3], w[0], w[1], w[2])
     out[4], out[5], out[6] = tx, ty, tz
@@ -120,7 +120,7 @@ def integrate(
     p: np.ndarray,
     functions: Functions,
     places: tuple[np.ndarray, ...],
-    sky: Sky,
+    environment_state: EnvironmentState,
     position: np.ndarray,
 ) -> np.ndarray:
     """States (s + 1, ny) before and after each step by Runge and Kutta's fourth-order method.
@@ -128,7 +128,7 @@ def integrate(
     Args:
         y0: (ny,) state; start, size: (s,) [s]; six: inertia; p: (k,) parameters of all effects.
         functions: a tuple of functions for each name of `SIGNATURES`; places: for each, `_places` of those that act.
-        sky: what does not change of the surroundings; position: (s, 3, 3) of the planet at start, middle and end.
+        environment_state: what does not change of the surroundings; position: (s, 3, 3) of the planet at start, middle and end.
     """
     s, n = size.shape[0], y0.shape[0]
     out = np.empty((s + 1, n))
@@ -143,7 +143,12 @@ def integrate(
             reach = 0.0 if stage == 0 else h if stage == 3 else 0.5 * h
             for i in range(n):
                 z[i] = y[i] + reach * f[stage - 1, i] if stage else y[i]
-            here = Sky((position[k, at, 0], position[k, at, 1], position[k, at, 2]), sky.sun, sky.field, sky.mu)
+            here = EnvironmentState(
+                (position[k, at, 0], position[k, at, 1], position[k, at, 2]),
+                environment_state.sun,
+                environment_state.field,
+                environment_state.mu,
+            )
             _slope(t, z, six, p, functions, places, here, f[stage])
         for i in range(n):
             y[i] += h / 6.0 * (f[0, i] + 2.0 * (f[1, i] + f[2, i]) + f[3, i])
@@ -157,22 +162,22 @@ def integrated(
     size: np.ndarray,
     six: tuple[float, ...],
     p: Sequence[float],
-    acting: Acting,
-    around: Surroundings,
+    active: ActiveEffects,
+    environment: EnvironmentModel,
 ) -> np.ndarray:
     """`integrate` for a list of effects in their surroundings.
 
     Args:
-        acting: `rotation.Acting`; around: `Surroundings`; the others as of `integrate`.
+        active: `rotation.ActiveEffects`; environment: `EnvironmentModel`; the others as of `integrate`.
     """
     times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
-    sky = around.sky(times, acting.orbiting)
-    position = np.stack([np.broadcast_to(x, times.shape) for x in sky.position], axis=-1)
+    environment_state = environment.state(times, active.orbiting)
+    position = np.stack([np.broadcast_to(x, times.shape) for x in environment_state.position], axis=-1)
     begin, length = np.ascontiguousarray(start, float), np.ascontiguousarray(size, float)
     run, every = _typed()
     return run(
         np.array(y0, float), begin, length, tuple(float(v) for v in six), np.array(p, float), every,
-        tuple(_places(n, acting) for n in SIGNATURES), sky._replace(position=(0.0, 0.0, 0.0)), np.array(position, float),
+        tuple(_places(n, active) for n in SIGNATURES), environment_state._replace(position=(0.0, 0.0, 0.0)), np.array(position, float),
     )  # fmt: skip
 
 

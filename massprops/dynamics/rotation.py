@@ -2,7 +2,7 @@
 
 The state is attitude and total angular momentum in body axes, over the body's mean moment of inertia: momentum stays
 continuous when the mass distribution changes or a wheel spins up, the angular velocity does not. The one function
-`slope` is the physics, for any number of moments at once; `integrate` goes through a record by it.
+`state_derivative` is the physics, for any number of moments at once; `integrate` goes through a record by it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel, EnvironmentState
 from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import INSIDE, cross, quaternion_rate, symmetric_solve, symmetric_times
-from massprops.dynamics.surroundings import Sky, Surroundings
 from massprops.effects import is_users, places_of
 
 LARGEST_TURN = 0.08
@@ -27,7 +27,7 @@ MOST_STEPS = 400_000
 
 
 @dataclass(frozen=True)
-class Acting:
+class ActiveEffects:
     """Effects with their parameters' places in one flat vector.
 
     Attributes:
@@ -60,7 +60,7 @@ class Acting:
         return any("orbit" in e.NEEDS for e in self.effects)
 
     @cached_property
-    def having(self) -> dict[str, list[Any]]:
+    def hooks(self) -> dict[str, list[Any]]:
         """By function's name: (function, place of its parameters, place of its states within y) of those that have it."""
         return {
             name: [
@@ -77,46 +77,48 @@ def six_of(inertia: np.ndarray) -> tuple[Any, ...]:
     return tuple(inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
-def angular_velocity(t: Any, y: Any, six: Any, acting: Acting, p: Sequence[Any]) -> tuple[Any, ...]:
+def angular_velocity(t: Any, y: Any, six: Any, active: ActiveEffects, p: Sequence[Any]) -> tuple[Any, ...]:
     """w from the state y = (q, h, extra): I(t) w = h - internal momentum; components."""
     hx, hy, hz = y[4], y[5], y[6]
-    having = acting.having
-    for inertia, place, _ in having["inertia"]:
+    hooks = active.hooks
+    for inertia, place, _ in hooks["inertia"]:
         six = inertia(t, six, p[place])
-    for moving, place, own in having["moving_inertia"]:
+    for moving, place, own in hooks["moving_inertia"]:
         six = moving(six, y[own], p[place])
-    for internal, place, own in having["internal"]:
+    for internal, place, own in hooks["internal"]:
         ax, ay, az = internal(t, y[own], p[place])
         hx, hy, hz = hx - ax, hy - ay, hz - az
     a, b, c, d, e, f = six
     return symmetric_solve(a, b, c, d, e, f, hx, hy, hz)
 
 
-def slope(t: Any, y: Sequence[Any], six: Sequence[Any], acting: Acting, p: Sequence[Any], around: Sky) -> list[Any]:
+def state_derivative(
+    t: Any, y: Sequence[Any], six: Sequence[Any], active: ActiveEffects, p: Sequence[Any], environment: EnvironmentState
+) -> list[Any]:
     """Time derivative of y = (qw, qx, qy, qz, hx, hy, hz, extra ...), component by component.
 
     h_dot = torque - w x h (Euler's equations for the momentum), q_dot = q (0, w) / 2.
     """
-    w = angular_velocity(t, y, six, acting, p)
+    w = angular_velocity(t, y, six, active, p)
     gx, gy, gz = cross(w[0], w[1], w[2], y[4], y[5], y[6])
     tx, ty, tz = -gx, -gy, -gz
-    having = acting.having
-    for torque, place, _ in having["torque"]:
-        ax, ay, az = torque(t, y[0:4], w, p[place], six, around)
+    hooks = active.hooks
+    for torque, place, _ in hooks["torque"]:
+        ax, ay, az = torque(t, y[0:4], w, p[place], six, environment)
         tx, ty, tz = tx + ax, ty + ay, tz + az
     out = [*quaternion_rate(y[0], y[1], y[2], y[3], *w), tx, ty, tz]
-    for rate, place, own in having["internal_rate"]:
+    for rate, place, own in hooks["internal_rate"]:
         out.extend(rate(t, w, y[own], p[place]))
     return out
 
 
 def start_state(
-    q0: Sequence[Any], w0: Sequence[Any], six: Sequence[Any], acting: Acting, p: Sequence[Any]
+    q0: Sequence[Any], w0: Sequence[Any], six: Sequence[Any], active: ActiveEffects, p: Sequence[Any]
 ) -> list[Any]:
     """State at the first time from attitude and angular velocity there."""
     now, extra = six, []
     add = [0.0, 0.0, 0.0]
-    for effect, place, _ in acting:
+    for effect, place, _ in active:
         if hasattr(effect, "inertia"):
             now = effect.inertia(0.0, now, p[place])
         z: Sequence[Any] = ()
@@ -131,10 +133,10 @@ def start_state(
     return [*q0, *(a + b for a, b in zip(h, add, strict=True)), *extra]
 
 
-def inertia_at_start(inertia: np.ndarray, acting: Acting, p: np.ndarray) -> np.ndarray:
+def inertia_at_start(inertia: np.ndarray, active: ActiveEffects, p: np.ndarray) -> np.ndarray:
     """The inertia (3, 3) at the start of the record with what effects change of it; its size too is theirs."""
     six = six_of(inertia)
-    for change, place, _ in acting.having["inertia"]:
+    for change, place, _ in active.hooks["inertia"]:
         six = change(0.0, six, p[place])
     a, b, c, d, e, f = six
     return np.array([[a, d, e], [d, b, f], [e, f, c]], float)
@@ -163,9 +165,9 @@ def fastest(w0: np.ndarray) -> float:
     return 1.5 * float(np.linalg.norm(w0)) + 1e-12
 
 
-def steps_through(times: np.ndarray, speed: float, acting: Acting, p: np.ndarray) -> Steps:
+def steps_through(times: np.ndarray, speed: float, active: ActiveEffects, p: np.ndarray) -> Steps:
     """Steps short enough for `speed` [rad/s], ending at every time and event."""
-    inside = [(t, k) for t, k in event_times(acting, p) if times[0] < t < times[-1]]
+    inside = [(t, k) for t, k in event_times(active, p) if times[0] < t < times[-1]]
     ends = np.unique(np.concatenate([times, [t for t, _ in inside]]))
     gaps = np.diff(ends)
     counts = np.maximum(1, np.ceil(gaps * speed / LARGEST_TURN)).astype(int)
@@ -177,15 +179,15 @@ def steps_through(times: np.ndarray, speed: float, acting: Acting, p: np.ndarray
     start = np.repeat(ends[:-1], counts) + within * size
     after = first[np.searchsorted(ends, times)]
     at = [(int(first[np.searchsorted(ends, t)]), k) for t, k in inside]
-    jumps = tuple((step, k) for step, k in at if k is not None and acts_at_once(acting.effects[k]))
+    jumps = tuple((step, k) for step, k in at if k is not None and acts_at_once(active.effects[k]))
     return Steps(start, size, after, jumps, np.array([step for step, _ in at], int))
 
 
-def event_times(acting: Acting, p: Any) -> list[tuple[float, int | None]]:
+def event_times(active: ActiveEffects, p: Any) -> list[tuple[float, int | None]]:
     """(time, effect's place in the list) of the moments of effects, and without a place of the corners of what they
     do."""
     found: list[tuple[Any, int | None]] = []
-    for k, (effect, place, _) in enumerate(acting):
+    for k, (effect, place, _) in enumerate(active):
         begins = [p[place][i] for i in places_of(effect, "time")]
         lasts = [p[place][i] for i in places_of(effect, "duration")]
         found += [(t, k) for t in begins] + [(t + d, k) for t in begins for d in lasts if np.real(d) > 0]
@@ -211,44 +213,44 @@ def trajectory(
     q0: np.ndarray,
     w0: np.ndarray,
     inertia: np.ndarray,
-    acting: Acting,
+    active: ActiveEffects,
     p: np.ndarray,
-    around: Surroundings,
+    environment: EnvironmentModel,
 ) -> Trajectory:
     """Attitude and angular velocity at `times` (n,) from those at the first.
 
     Args:
         q0: (4,) body to inertial; w0: (3,) body axes [rad/s].
         inertia: (3, 3), mean moment 1 (trace 3).
-        acting, p: effects and the flat vector of their parameters.
-        around: surroundings.
+        active, p: effects and the flat vector of their parameters.
+        environment: surroundings.
     """
     # a free body is done with before the kernel would be compiled: it goes by it, with the same numbers, where it is there
-    wanted = bool(acting.effects) or "massprops.dynamics.compiled_integration" in sys.modules
-    integrate = _integrated_compiled if wanted and _in_catalogue(acting) else _integrated_plainly
+    wanted = bool(active.effects) or "massprops.dynamics.compiled_integration" in sys.modules
+    integrate = _integrated_compiled if wanted and _in_catalogue(active) else _integrated_plainly
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]
-    y = start_state([float(v) for v in q0], [float(v) for v in w0], six, acting, values)
-    steps = steps_through(times, fastest(w0), acting, p)
+    y = start_state([float(v) for v in q0], [float(v) for v in w0], six, active, values)
+    steps = steps_through(times, fastest(w0), active, p)
     states = np.empty((len(steps.size) + 1, len(y)))
     jumps, before = dict(steps.jumps), {}
     pieces = [0, *sorted(jumps), len(steps.size)]
     for k, end in zip(pieces, pieces[1:], strict=False):
         if k in jumps:
-            effect, place = acting.effects[jumps[k]], acting.places[jumps[k]]
+            effect, place = active.effects[jumps[k]], active.places[jumps[k]]
             before[k] = y
             y = struck(y, effect, values[place])
-        states[k : end + 1] = integrate(y, steps.start[k:end], steps.size[k:end], six, values, acting, around)
+        states[k : end + 1] = integrate(y, steps.start[k:end], steps.size[k:end], six, values, active, environment)
         y = states[end].tolist()
     at = states[steps.after]
     columns = [at[:, i] for i in range(at.shape[1])]
-    w = np.stack(np.broadcast_arrays(*angular_velocity(times + INSIDE, columns, six, acting, values)), axis=-1)
+    w = np.stack(np.broadcast_arrays(*angular_velocity(times + INSIDE, columns, six, active, values)), axis=-1)
     q = at[:, :4] / np.linalg.norm(at[:, :4], axis=1, keepdims=True)
     return Trajectory(q, w, states, steps, before)
 
 
-def _in_catalogue(acting: Acting) -> bool:
-    return not any(is_users(effect) for effect in acting.effects)
+def _in_catalogue(active: ActiveEffects) -> bool:
+    return not any(is_users(effect) for effect in active.effects)
 
 
 def _integrated_compiled(*given: Any) -> np.ndarray:
@@ -263,16 +265,16 @@ def _integrated_plainly(
     size: np.ndarray,
     six: tuple[Any, ...],
     p: list[Any],
-    acting: Acting,
-    around: Surroundings,
+    active: ActiveEffects,
+    environment: EnvironmentModel,
 ) -> np.ndarray:
     """`integrate` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
     y, out = y0, [y0]
     for t, h in zip(start.tolist(), size.tolist(), strict=True):
-        ways: list[list[Any]] = []
+        stages: list[list[Any]] = []
         for at, reach in ((INSIDE * h, 0.0), (0.5 * h, 0.5 * h), (0.5 * h, 0.5 * h), (h - INSIDE * h, h)):
-            z = [a + reach * b for a, b in zip(y, ways[-1], strict=True)] if ways else y
-            ways.append(slope(t + at, z, six, acting, p, around.sky(t + at, acting.orbiting)))
-        y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *ways, strict=True)]
+            z = [a + reach * b for a, b in zip(y, stages[-1], strict=True)] if stages else y
+            stages.append(state_derivative(t + at, z, six, active, p, environment.state(t + at, active.orbiting)))
+        y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *stages, strict=True)]
         out.append(y)
     return np.array(out)

@@ -1,6 +1,6 @@
 """Derivatives of the rotation by every parameter (variational equations).
 
-They follow from the one function `rotation.slope` by the complex step, exact to rounding, evaluated at all moments at
+They follow from the one function `rotation.state_derivative` by the complex step, exact to rounding, evaluated at all moments at
 once. They bend less within a step than the motion itself is asked to be known, so that several steps of the motion
 make one step of theirs.
 """
@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.events import STEP, stepped, struck_slopes
 from massprops.dynamics.kernels import INSIDE, quaternion_rate
 from massprops.dynamics.rotation import (
-    Acting,
+    ActiveEffects,
     Steps,
     Trajectory,
     angular_velocity,
     fastest,
     six_of,
-    slope,
     start_state,
+    state_derivative,
 )
-from massprops.dynamics.surroundings import Surroundings
 from massprops.effects import GIVEN, places_of
 
 LARGEST_TURN = 0.4
@@ -39,9 +39,9 @@ def sensitivities(
     w0: np.ndarray,
     inertia: np.ndarray,
     directions: np.ndarray,
-    acting: Acting,
+    active: ActiveEffects,
     p: np.ndarray,
-    around: Surroundings,
+    environment: EnvironmentModel,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of attitude (a small turn in body axes) and angular velocity at the times.
 
@@ -57,8 +57,8 @@ def sensitivities(
     six = np.array(six_of(inertia))
     moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
     flat_six, flat_p = list(six), list(np.asarray(p, float))
-    fixed = _fixed(acting)
-    nodes = _nodes(path.steps, fastest(w0), _largest_turn(acting))
+    fixed = _fixed(active)
+    nodes = _nodes(path.steps, fastest(w0), _largest_turn(active))
     first, last = nodes[:-1], nodes[1:]
     begin = path.steps.ends[nodes]
     h = np.diff(begin)
@@ -66,15 +66,15 @@ def sensitivities(
     for k, y in path.before.items():
         to_y[last == k] = y
     F = _slopes_of_slopes(
-        begin, np.stack([from_y, 0.5 * (from_y + to_y), to_y], axis=1), six, moves, acting, flat_p, around
+        begin, np.stack([from_y, 0.5 * (from_y + to_y), to_y], axis=1), six, moves, active, flat_p, environment
     )
     M = _over_steps(F, h)
-    S = _at_start(q0, w0, flat_six, moves, acting, flat_p, fixed, ny)
+    S = _at_start(q0, w0, flat_six, moves, active, flat_p, fixed, ny)
     jumps = dict(path.steps.jumps)
     from_S, to_S = np.empty((len(h), ny, m)), np.empty((len(h), ny, m))
     for k, node in enumerate(first.tolist()):
         if node in jumps:
-            S = _across(S, path, node, jumps[node], acting, flat_six, flat_p, d, around)
+            S = _across(S, path, node, jumps[node], active, flat_six, flat_p, d, environment)
         from_S[k] = S
         S = M[k, :, :ny] @ S
         S += M[k, :, ny:]
@@ -84,11 +84,11 @@ def sensitivities(
     x[0] = 0.0
     A, B = F[..., :ny], F[..., ny:]
     S = _between(x, h[step], [from_S, A[:, 0] @ from_S + B[:, 0], to_S, A[:, 2] @ to_S + B[:, 2]], step)
-    return _outputs(times, path.y[path.steps.after], S, six, moves, acting, flat_p, fixed)
+    return _outputs(times, path.y[path.steps.after], S, six, moves, active, flat_p, fixed)
 
 
-def _largest_turn(acting: Acting) -> float:
-    return min([LARGEST_TURN, *(getattr(e, "LARGEST_TURN", LARGEST_TURN) for e in acting.effects)])
+def _largest_turn(active: ActiveEffects) -> float:
+    return min([LARGEST_TURN, *(getattr(e, "LARGEST_TURN", LARGEST_TURN) for e in active.effects)])
 
 
 def _nodes(steps: Steps, speed: float, largest_turn: float) -> np.ndarray:
@@ -106,9 +106,9 @@ def _nodes(steps: Steps, speed: float, largest_turn: float) -> np.ndarray:
     return np.unique(np.concatenate(found))
 
 
-def _fixed(acting: Acting) -> set[int]:
+def _fixed(active: ActiveEffects) -> set[int]:
     """Places of the parameters by which the slopes have no derivative: times of events, and what is given."""
-    kinds = {place.start + i: q.kind for e, place, _ in acting for i, q in enumerate(e.PARAMETERS)}
+    kinds = {place.start + i: q.kind for e, place, _ in active for i, q in enumerate(e.PARAMETERS)}
     return {i for i, kind in kinds.items() if kind in ("time", *GIVEN)}
 
 
@@ -117,9 +117,9 @@ def _slopes_of_slopes(
     ends: np.ndarray,
     six: np.ndarray,
     moves: np.ndarray,
-    acting: Acting,
+    active: ActiveEffects,
     p: list[Any],
-    around: Surroundings,
+    environment: EnvironmentModel,
 ) -> np.ndarray:
     """Derivatives (steps, 3, ny, ny + m) of the motion's slopes by state and parameters at start, middle and end.
 
@@ -131,21 +131,21 @@ def _slopes_of_slopes(
     ny, d, flat_six = ends.shape[-1], len(moves), list(six)
     h = np.diff(begin)
     t = begin[:-1, None] + np.array([INSIDE, 0.5, 1 - INSIDE]) * h[:, None]
-    sky = around.sky(t, acting.orbiting)
+    environment_state = environment.state(t, active.orbiting)
     stage = [ends[..., i] for i in range(ny)]
-    rates = np.stack(np.broadcast_arrays(*slope(t, stage, flat_six, acting, p, sky)), axis=-1)
+    rates = np.stack(np.broadcast_arrays(*state_derivative(t, stage, flat_six, active, p, environment_state)), axis=-1)
     ends[:, 1] += h[:, None] / 8.0 * (rates[:, 0] - rates[:, 2])
     F = np.zeros((*t.shape, ny, ny + 6 + d + len(p)))
 
     def put(column: int, y: list[Any], six: list[Any], p: list[Any]) -> None:
-        for i, value in enumerate(slope(t, y, six, acting, p, sky)):
+        for i, value in enumerate(state_derivative(t, y, six, active, p, environment_state)):
             F[..., i, column] = np.imag(value) / STEP
 
     for j in range(ny):
         put(j, stepped(stage, j), flat_six, p)
     for j in range(d):
         put(ny + 6 + j, stage, list(six + 1j * STEP * moves[j]), p)
-    for j in sorted(_of_effects(acting, tuple(acting.having)) - _fixed(acting)):
+    for j in sorted(_of_effects(active, tuple(active.hooks)) - _fixed(active)):
         put(ny + 6 + d + j, stage, flat_six, stepped(p, j))
     return F
 
@@ -174,7 +174,7 @@ def _at_start(
     w0: np.ndarray,
     six: list[Any],
     moves: np.ndarray,
-    acting: Acting,
+    active: ActiveEffects,
     p: list[Any],
     fixed: set[int],
     ny: int,
@@ -185,7 +185,7 @@ def _at_start(
     base_q, base_w = list(np.asarray(q0, float)), list(np.asarray(w0, float))
 
     def started(q: list[Any], w: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
-        return np.imag(np.array(start_state(q, w, s, acting, v), complex)) / STEP
+        return np.imag(np.array(start_state(q, w, s, active, v), complex)) / STEP
 
     for j in range(3):
         # q (1, e/2)
@@ -204,14 +204,14 @@ def _across(
     path: Trajectory,
     step: int,
     number: int,
-    acting: Acting,
+    active: ActiveEffects,
     six: list[Any],
     p: list[Any],
     d: int,
-    around: Surroundings,
+    environment: EnvironmentModel,
 ) -> np.ndarray:
     """Derivatives just after what happens at once before a step, from those just before."""
-    effect, place = acting.effects[number], acting.places[number]
+    effect, place = active.effects[number], active.places[number]
     before = path.before[step]
     by_state, own = struck_slopes(before, effect, p[place])
     moments = places_of(effect, "time")
@@ -219,7 +219,7 @@ def _across(
     t0, inside = path.steps.start[step], INSIDE * path.steps.size[step]
 
     def way(t: float, y: Sequence[Any]) -> np.ndarray:
-        return np.array(slope(t, y, six, acting, p, around.sky(t, acting.orbiting)))
+        return np.array(state_derivative(t, y, six, active, p, environment.state(t, active.orbiting)))
 
     leaves, begins = way(float(t0 - inside), before), way(float(t0 + inside), path.y[step])
     S = by_state @ S
@@ -241,9 +241,9 @@ def _between(x: np.ndarray, h: np.ndarray, ends: list[np.ndarray], step: np.ndar
     return between.reshape(len(x), *ends[0].shape[1:])
 
 
-def _of_effects(acting: Acting, names: tuple[str, ...]) -> set[int]:
+def _of_effects(active: ActiveEffects, names: tuple[str, ...]) -> set[int]:
     """Places of the parameters of the effects that have one of these functions."""
-    return {i for n in names for _, place, _ in acting.having[n] for i in range(place.start, place.stop)}
+    return {i for n in names for _, place, _ in active.hooks[n] for i in range(place.start, place.stop)}
 
 
 def _small_turn(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -261,7 +261,7 @@ def _outputs(
     S: np.ndarray,
     six: np.ndarray,
     moves: np.ndarray,
-    acting: Acting,
+    active: ActiveEffects,
     p: list[Any],
     fixed: set[int],
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -272,7 +272,7 @@ def _outputs(
     y = [at[:, i] for i in range(at.shape[1])]
 
     def velocity(y: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
-        w = angular_velocity(t, y, s, acting, v)
+        w = angular_velocity(t, y, s, active, v)
         return np.stack([np.imag(np.broadcast_to(x, t.shape)) for x in w], axis=-1) / STEP
 
     W_y = np.zeros((len(t), 3, at.shape[1]))
@@ -281,6 +281,6 @@ def _outputs(
     rate = W_y @ S
     for j in range(d):
         rate[..., 6 + j] += velocity(y, list(six + 1j * STEP * moves[j]), p)
-    for j in sorted(_of_effects(acting, ("inertia", "internal", "moving_inertia")) - fixed):
+    for j in sorted(_of_effects(active, ("inertia", "internal", "moving_inertia")) - fixed):
         rate[..., 6 + d + j] += velocity(y, list(six), stepped(p, j))
     return turn, rate

@@ -6,22 +6,27 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.kernels import differential_gravity
-from massprops.dynamics.rotation import Acting
-from massprops.dynamics.surroundings import Surroundings
+from massprops.dynamics.rotation import ActiveEffects
 
 STEP_OF_ORBIT = 0.02
 """Longest step over the orbit's radian time sqrt(a^3 / mu)."""
 
 
 def path(
-    times: np.ndarray, r0: np.ndarray, v0: np.ndarray, acting: Acting, p: np.ndarray, around: Surroundings
+    times: np.ndarray,
+    r0: np.ndarray,
+    v0: np.ndarray,
+    active: ActiveEffects,
+    p: np.ndarray,
+    environment: EnvironmentModel,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Position and velocity at `times` (n,): straight, or falling beside the chaser about the planet.
 
     Args:
         r0, v0: (3,) at times[0], inertial axes [m, m/s].
-        acting, p: effects on the motion; those with `displacement` move the path.
+        active, p: effects on the motion; those with `displacement` move the path.
 
     Returns:
         r, v (n, 3), and their derivatives dr, dv (n, 3, 6 + len(p)) by r0, v0 and the effects' parameters.
@@ -29,15 +34,15 @@ def path(
     n, count = len(times), len(p)
     t = times - times[0]
     dr, dv = np.zeros((n, 3, 6 + count)), np.zeros((n, 3, 6 + count))
-    if not around.falls:
+    if not environment.falls:
         r, v = r0 + t[:, None] * v0, np.broadcast_to(v0, (n, 3)).copy()
         dr[:, :, :3] = dv[:, :, 3:6] = np.eye(3)
         dr[:, :, 3:6] = t[:, None, None] * np.eye(3)
     else:
-        r, v, Phi = _fall(times, r0, v0, around)
+        r, v, Phi = _fall(times, r0, v0, environment)
         dr[:, :, :6], dv[:, :, :6] = Phi[:, :3], Phi[:, 3:]
     step = 1e-30
-    for effect, place, _ in acting:
+    for effect, place, _ in active:
         if not hasattr(effect, "displacement"):
             continue
         own = [float(x) for x in p[place]]
@@ -55,23 +60,23 @@ def _rows(parts: tuple[Any, ...], n: int) -> np.ndarray:
 
 
 def _fall(
-    times: np.ndarray, r0: np.ndarray, v0: np.ndarray, around: Surroundings
+    times: np.ndarray, r0: np.ndarray, v0: np.ndarray, environment: EnvironmentModel
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Differential gravity by Runge-Kutta, with the transition matrix (n, 6, 6)."""
-    o = around.orbit
+    o = environment.orbit
     assert o is not None
     longest = STEP_OF_ORBIT * float(np.sqrt((o.semi_major_axis_m * (1 - o.eccentricity)) ** 3 / o.mu_m3_s2))
     count = max(2, int(np.ceil((times[-1] - times[0]) / longest)))
     grid_times = np.linspace(times[0], times[-1], count + 1)
     start, size = grid_times[:-1], np.diff(grid_times)
-    leader = [np.stack(around.position(start + c * size), axis=-1).tolist() for c in (0.0, 0.5, 1.0)]
+    leader = [np.stack(environment.position(start + c * size), axis=-1).tolist() for c in (0.0, 0.5, 1.0)]
     y = [*(float(x) for x in r0), *(float(x) for x in v0)]
     stages = np.empty((len(size), 4, 6))
     states = np.empty((len(size) + 1, 6))
     states[0] = y
 
     def slope(l: list[Any], y: list[Any]) -> list[Any]:
-        return [y[3], y[4], y[5], *differential_gravity(around.mu, l[0], l[1], l[2], y[0], y[1], y[2])]
+        return [y[3], y[4], y[5], *differential_gravity(environment.mu, l[0], l[1], l[2], y[0], y[1], y[2])]
 
     for k, h in enumerate(size.tolist()):
         f1 = slope(leader[0][k], y)
@@ -90,7 +95,7 @@ def _fall(
     for j in range(3):
         # Battin's form holds powers of large numbers: a complex step of a metre's size stays exact
         moved = [stages[..., i] + (1e-20j if i == j else 0) for i in range(3)]
-        pull = differential_gravity(around.mu, *(pulls[..., i] for i in range(3)), *moved)
+        pull = differential_gravity(environment.mu, *(pulls[..., i] for i in range(3)), *moved)
         A[..., 3:, j] = np.stack([np.imag(x) for x in pull], axis=-1) / 1e-20
     h = size[:, None, None]
     K1 = A[:, 0]

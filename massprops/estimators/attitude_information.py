@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.core.linalg import inverse_of
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import DIRECTIONS, principal_axes, ratio_derivatives
-from massprops.dynamics.rotation import Acting, trajectory
+from massprops.dynamics.rotation import ActiveEffects, trajectory
 from massprops.dynamics.sensitivities import sensitivities
-from massprops.dynamics.surroundings import Surroundings
 from massprops.sequence.data import Environment
 
 LARGEST_SIGMA_K = 0.25
@@ -36,11 +36,11 @@ def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarr
         q0: (4,), w0: (3,) at the first time, body axes [rad/s]; inertia: (3, 3) in body axes.
     """
     inertia = 3.0 * inertia / np.trace(inertia)
-    nothing = Acting((), ())
-    around = Surroundings(Environment())
+    nothing = ActiveEffects((), ())
+    environment = EnvironmentModel(Environment())
     none = np.zeros(0)
-    path = trajectory(times, q0, w0, inertia, nothing, none, around)
-    turn, _ = sensitivities(times, path, q0, w0, inertia, DIRECTIONS, nothing, none, around)
+    path = trajectory(times, q0, w0, inertia, nothing, none, environment)
+    turn, _ = sensitivities(times, path, q0, w0, inertia, DIRECTIONS, nothing, none, environment)
     normal = np.einsum("n,nai,naj->ij", weight, turn, turn)
     # a weak prior on the shape keeps what is unobservable finite
     covariance = inverse_of(normal + np.diag([0.0] * 6 + [1.0] * 5))[6:, 6:]

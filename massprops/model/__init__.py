@@ -16,7 +16,7 @@ import numpy as np
 from massprops.documents.fields import no_key
 from massprops.documents.loading import shown
 from massprops.documents.model import FORMAT
-from massprops.dynamics.rotation import Acting
+from massprops.dynamics.rotation import ActiveEffects
 from massprops.effects import changes_motion, effects, has_pace
 from massprops.errors import InputError
 from massprops.sensing.predict import Sensed
@@ -52,10 +52,10 @@ class Model:
         return self.values[self.names.index(name)]
 
     @property
-    def acting(self) -> Acting:
+    def active(self) -> ActiveEffects:
         """The effects on the motion."""
         own = [m for m in self.modules if changes_motion(m)]
-        return Acting(tuple(own), _places(own))
+        return ActiveEffects(tuple(own), _places(own))
 
     @property
     def sensed(self) -> Sensed:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics import rotation, translation
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, rotation_vector
 from massprops.dynamics.sensitivities import sensitivities
-from massprops.dynamics.surroundings import Surroundings
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
 from massprops.model.state import BatchState, inertia_directions
@@ -64,13 +64,13 @@ class Residuals:
         )
 
 
-def predict(problem: Problem, state: BatchState, around: Surroundings) -> Predicted:
+def predict(problem: Problem, state: BatchState, environment: EnvironmentModel) -> Predicted:
     """The motion of a state at all epochs of the problem."""
     model = state.model
-    acting, p = model.acting, model.flat(True)
-    path = rotation.trajectory(problem.times, state.q0, state.w0, state.inertia, acting, p, around)
-    r, v, dr, dv = translation.path(problem.times, state.r0, state.v0, acting, p, around)
-    motion = Motion(problem.times, rotation_matrix(path.q), path.w, r, v, around.chaser_turn(problem.times))
+    active, p = model.active, model.flat(True)
+    path = rotation.trajectory(problem.times, state.q0, state.w0, state.inertia, active, p, environment)
+    r, v, dr, dv = translation.path(problem.times, state.r0, state.v0, active, p, environment)
+    motion = Motion(problem.times, rotation_matrix(path.q), path.w, r, v, environment.chaser_turn(problem.times))
     return Predicted(state, motion, path.q, path, dr, dv)
 
 
@@ -79,7 +79,7 @@ def body_points(at: Predicted, m: Measurements) -> np.ndarray:
     points = at.state.points[m.seen.feature]
     model = at.state.model
     p = model.flat(True)
-    for effect, place, _ in model.acting:
+    for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
             points = points + _columns(effect.shift(at.motion.times, p[place]), len(at.motion.times))[m.seen.epoch]
     return np.asarray(points)
@@ -102,7 +102,7 @@ def _others(problem: Problem, m: Measurements, at: Predicted) -> tuple[np.ndarra
     ranges = np.zeros(0)
     if len(m.range_at):
         said = np.linalg.norm(at.motion.r[m.range_at], axis=1)
-        for effect, place in sensed.having("range_offset"):
+        for effect, place in sensed.hooks("range_offset"):
             said = said + effect.range_offset(at.motion.times[m.range_at], p[place])
         ranges = (problem.range_m[m.range_at] - said) / problem.sigma_range
     rates = (problem.rates[m.rate_at] - at.motion.w[m.rate_at]) / problem.sigma_rate
@@ -131,9 +131,9 @@ class Linear:
     unit: np.ndarray
 
 
-def linearise(problem: Problem, m: Measurements, at: Predicted, around: Surroundings) -> Linear:
+def linearise(problem: Problem, m: Measurements, at: Predicted, environment: EnvironmentModel) -> Linear:
     """Residuals and derivatives at a predicted state."""
-    by = _Slopes(problem, at, around)
+    by = _Slopes(problem, at, environment)
     blocks, values = [], []
     point, tracks = np.zeros((0, 2, 3)), np.zeros((0, 2))
     if len(m.uv):
@@ -167,9 +167,9 @@ class _Slopes:
     """Derivatives of rotation and rate (n, 3, columns) by the parameters, and the place of these columns, and of those
     of the path, among all parameters."""
 
-    def __init__(self, problem: Problem, at: Predicted, around: Surroundings) -> None:
+    def __init__(self, problem: Problem, at: Predicted, environment: EnvironmentModel) -> None:
         state = at.state
-        acting, pm = state.model.acting, state.model.flat(True)
+        active, pm = state.model.active, state.model.flat(True)
         self.turn, self.rate = sensitivities(
             problem.times,
             at.trajectory,
@@ -177,9 +177,9 @@ class _Slopes:
             state.w0,
             state.inertia,
             inertia_directions(state.inertia),
-            acting,
+            active,
             pm,
-            around,
+            environment,
         )
         nm = len(pm)
         self.sensed_from = 17 + nm
@@ -203,7 +203,7 @@ def _of_tracks(
     J[:, :, by.path_columns] += slopes.place @ at.dr[e]
     if slopes.velocity is not None:
         J[:, :, by.path_columns] += slopes.velocity @ at.dv[e]
-    for effect, place, _ in model.acting:
+    for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
             for k, way in enumerate(_ways(effect.shift, problem.times, pm[place])):
                 J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
@@ -218,7 +218,7 @@ def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) ->
     J = np.zeros((len(m.range_at), by.size))
     r = at.motion.r[m.range_at]
     J[:, by.path_columns] = np.einsum("ni,nik->nk", r / np.linalg.norm(r, axis=1, keepdims=True), at.dr[m.range_at])
-    for effect, place in sensed.having("range_offset"):
+    for effect, place in sensed.hooks("range_offset"):
         for k in range(place.stop - place.start):
             moved = ps[place].astype(complex)
             moved[k] += 1e-30j
@@ -233,7 +233,7 @@ def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: _Slopes)
     sensed, ps = at.state.model.sensed, at.state.model.flat(False)
     J = np.zeros((len(m.attitude_at), 3, by.size))
     J[:, :, by.turn_columns] = by.turn[m.attitude_at]
-    for effect, place in sensed.having("turn"):
+    for effect, place in sensed.hooks("turn"):
         # the camera's own turn is small: a change of it turns the body the other way in cam0's axes
         whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
         for k, way in enumerate(_ways(effect.turn, problem.times, ps[place])):

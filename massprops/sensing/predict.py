@@ -23,7 +23,7 @@ class Sensed:
     def __iter__(self) -> Iterator[tuple[ModuleType, slice]]:
         return iter(zip(self.effects, self.places, strict=True))
 
-    def having(self, function: str) -> list[tuple[ModuleType, slice]]:
+    def hooks(self, function: str) -> list[tuple[ModuleType, slice]]:
         """Those effects that have a function of that name."""
         return [(e, s) for e, s in self if hasattr(e, function)]
 
@@ -73,7 +73,7 @@ def skew(x: np.ndarray) -> np.ndarray:
 def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:
     """(n, 3, 3) inertial axes to cam0's, with what the chaser turns besides."""
     C = motion.turn
-    for effect, place in sensed.having("turn"):
+    for effect, place in sensed.hooks("turn"):
         parts = effect.turn(motion.times, p[place])
         x = np.stack([np.broadcast_to(v, motion.times.shape) for v in parts], axis=-1)
         C = np.swapaxes(rotation_of(x), -1, -2) @ C
@@ -82,7 +82,7 @@ def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:
 
 def delays(seen: Seen, sensed: Sensed, p: np.ndarray) -> np.ndarray | None:
     """(o,) seconds after the timestamp, or None when no effect delays."""
-    found = sensed.having("delay")
+    found = sensed.hooks("delay")
     return sum(e.delay(seen.camera, seen.row, p[s]) for e, s in found) if found else None
 
 
@@ -110,13 +110,13 @@ def image(cameras: tuple[Pinhole, ...], camera: np.ndarray, X: np.ndarray, sense
         if not own.any():
             continue
         base = pinhole.t
-        for effect, place in sensed.having("base"):
+        for effect, place in sensed.hooks("base"):
             base = effect.base(k, base, p[place])
         Y = (X[own] - base) @ pinhole.R.T
         depth = np.where(np.real(Y[:, 2]) > 1e-3, Y[:, 2], 1e-3)
         x, y = Y[:, 0] / depth, Y[:, 1] / depth
         fu, fv, cu, cv = pinhole.intrinsics
-        for effect, place in sensed.having("lens"):
+        for effect, place in sensed.hooks("lens"):
             x, y = effect.lens(x, y, p[place], fu)
         out[own, 0], out[own, 1] = fu * x + cu, fv * y + cv
     return out

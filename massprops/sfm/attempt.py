@@ -32,7 +32,7 @@ from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
-from massprops.sfm.reversed_depth import likelier
+from massprops.sfm.reversed_depth import depth_reversal_resolved
 from massprops.sfm.steady import largest_jump
 
 ENOUGH = 0.9
@@ -316,14 +316,14 @@ def mapped_in_pieces(
         NotPossible: no pair of images to start from.
     """
     models = mapped(database, footage, out / "free", mapping, total, progress)
-    pieces = separate([likelier(m, mapping) for m in models], footage, mapping)
+    pieces = separate([depth_reversal_resolved(m, mapping) for m in models], footage, mapping)
     if count_images(pieces) < ENOUGH * total and not mapping.fixed_intrinsics:
         frames, held = footage.folder / "frames", replace(mapping, fixed_intrinsics=True)
         try:
             again = map_images(database, frames, out / "held", held, total, progress)
         except NotPossible:
             again = []
-        sound = separate([likelier(m, mapping) for m in again], footage, mapping)
+        sound = separate([depth_reversal_resolved(m, mapping) for m in again], footage, mapping)
         if count_images(sound) > count_images(pieces):
             return sound
     return pieces or models

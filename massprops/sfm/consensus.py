@@ -101,7 +101,7 @@ class Agreement:
         return self.log_p < np.log(CHANCE) and self.found >= LEAST_POINTS // 2
 
 
-def stands_out(found: Agreement, wrong: Sequence[Agreement | None]) -> bool:
+def is_significant(found: Agreement, wrong: Sequence[Agreement | None]) -> bool:
     """Whether more points agree than with placements that are wrong by much.
 
     A wrong placement has a best agreement too: neighbouring points are drawn to the same wrong place. Chance alone does not

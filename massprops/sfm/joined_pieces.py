@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.assembled import STAYS, Part, Sighting, Similarity, assemble
 from massprops.sfm.attempt import FEWEST, ModelInputs
-from massprops.sfm.consensus import AGREES_PX, LEAST_POINTS, Agreement, Candidates, Spread, agreement, stands_out
+from massprops.sfm.consensus import AGREES_PX, LEAST_POINTS, Agreement, Candidates, Spread, agreement, is_significant
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.distinct import unit
 from massprops.sfm.feature_candidates import feature_candidates
@@ -203,7 +203,7 @@ def _joined(
         if (
             found is not None
             and found.believed
-            and stands_out(found, _wrong(laid, to, [*inside, k], look, spread[k], rng))
+            and is_significant(found, _wrong(laid, to, [*inside, k], look, spread[k], rng))
         ):
             to[k] = Similarity(found.scale, found.R, found.t).after(to[k])
             sightings += _sightings(both, candidates.take(np.flatnonzero(found.agree)))

@@ -14,7 +14,6 @@ from massprops.core.progress import Progress, silent
 from massprops.core.text import counted
 from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
-from massprops.sfm.as_global import as_global
 from massprops.sfm.attempt import (
     ENOUGH,
     Attempt,
@@ -30,6 +29,7 @@ from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.global_shutter import to_global_shutter
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.joined_pieces import join_pieces
 from massprops.sfm.left_out_images import add_left_out_images
@@ -172,7 +172,7 @@ def _corrected(
     if shutter.state != "rolling" or result.seen is None or shutter.readout is None:
         return result
     try:
-        footage = as_global(mapped, result.seen, shutter.readout, given)
+        footage = to_global_shutter(mapped, result.seen, shutter.readout, given)
         again = finish(mapped, footage, given.found.mapping, given.options, sizes, list(warnings), given.progress)
     except NotPossible:  # the images hold together as they are, and not as they are thought to be
         return replace(result, shutter=replace(shutter, state="suspected"))

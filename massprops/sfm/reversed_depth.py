@@ -23,7 +23,7 @@ SCALE_PX = 0.5
 """Residual from which on a further one costs little: a wrong match fits neither."""
 
 
-def likelier(model: pycolmap.Reconstruction, mapping: MappingOptions) -> pycolmap.Reconstruction:
+def depth_reversal_resolved(model: pycolmap.Reconstruction, mapping: MappingOptions) -> pycolmap.Reconstruction:
     """The model or its reverse, whichever fits its images better; adjusted, with the focal length free where it was not given."""
     both = [pycolmap.Reconstruction(model), reversed_in_depth(model)]
     for m in both:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.documents.fields import no_key
-from massprops.dynamics.surroundings import Surroundings
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.effects import effects
 from massprops.errors import InputError
 from massprops.model import lacks, model_of
@@ -20,11 +20,11 @@ from massprops.simulation.track_view import pixels
 
 
 def asked_for(
-    s: TrackScenario, problem: Problem, around: Surroundings
+    s: TrackScenario, problem: Problem, environment: EnvironmentModel
 ) -> tuple[dict[str, np.ndarray | None], dict[str, float]]:
     """The effects asked for: parameters where they are given, pixels where they are to be drawn."""
     known = effects()
-    there = available_needs(problem, around, s.range_sigma_m > 0, s.assumed)
+    there = available_needs(problem, environment, s.range_sigma_m > 0, s.assumed)
     sizes: dict[str, np.ndarray | None] = {}
     moves: dict[str, float] = {}
     for text in s.effects:
@@ -53,9 +53,9 @@ def asked_for(
     return sizes, moves
 
 
-def available_needs(problem: Problem, around: Surroundings, ranged: bool, assumed: bool) -> set[str]:
+def available_needs(problem: Problem, environment: EnvironmentModel, ranged: bool, assumed: bool) -> set[str]:
     """What of an effect's needs is there."""
-    there = set(around.known)
+    there = set(environment.known)
     tracks = problem.uv.shape[2] > 0
     there |= {"tracks"} if tracks else set()
     there |= {"camera"} if tracks or problem.has_attitude else set()
@@ -70,7 +70,7 @@ def sized(
     target: float,
     problem: Problem,
     state: BatchState,
-    around: Surroundings,
+    environment: EnvironmentModel,
     view: Measurements,
     clean: Predicted,
     rng: np.random.Generator,
@@ -104,7 +104,7 @@ def sized(
 
     def rms(scale: float) -> float:
         try:
-            moved = predict(problem, replace(state, model=model_of({name: at(scale)})), around)
+            moved = predict(problem, replace(state, model=model_of({name: at(scale)})), environment)
             off = pixels(problem, moved, view) - base
             return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
         except (OverflowError, ZeroDivisionError, ValueError):

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.rotation import trajectory
-from massprops.dynamics.surroundings import Surroundings
 from massprops.dynamics.translation import path
 from massprops.effects import changes_motion, effects
 from massprops.errors import InputError
@@ -26,7 +26,7 @@ def effects_model(
     times: np.ndarray,
     state: BatchState,
     focal_px: float,
-    around: Surroundings,
+    environment: EnvironmentModel,
     seed: int,
 ) -> Model:
     """The model of `--effects` and `--model` for rendering; sizes in pixels are of points at the body's half length.
@@ -44,13 +44,13 @@ def effects_model(
     )  # fmt: skip
     problem = blank_problem(scenario, times)
     _only_motion([t.partition(":")[0] for t in texts])
-    values, pixels = asked_for(scenario, problem, around)
+    values, pixels = asked_for(scenario, problem, environment)
     observed = np.ones(problem.uv.shape[:3], bool)
     view = measurements_of(problem, observed=observed)
-    base = predict(problem, state, around)
+    base = predict(problem, state, environment)
     rng = np.random.default_rng([seed, 14])
     whole = {
-        name: value if value is not None else sized(name, pixels[name], problem, state, around, view, base, rng)
+        name: value if value is not None else sized(name, pixels[name], problem, state, environment, view, base, rng)
         for name, value in values.items()
     }
     return model_of(dict(whole))
@@ -66,10 +66,10 @@ def _only_motion(names: Any) -> None:
 
 
 def moved_by(
-    times: np.ndarray, state: BatchState, model: Model, around: Surroundings
+    times: np.ndarray, state: BatchState, model: Model, environment: EnvironmentModel
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q (n, 4), w (n, 3) and position (n, 3) of the centre of mass under the model."""
-    acting, p = model.acting, model.flat(True)
-    moved = trajectory(times, state.q0, state.w0, state.inertia, acting, p, around)
-    r, _, _, _ = path(times, state.r0, state.v0, acting, p, around)
+    active, p = model.active, model.flat(True)
+    moved = trajectory(times, state.q0, state.w0, state.inertia, active, p, environment)
+    r, _, _, _ = path(times, state.r0, state.v0, active, p, environment)
     return moved.q, moved.w, r

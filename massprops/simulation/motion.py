@@ -108,8 +108,8 @@ def walk_round(scenario: Scenario, inertia: np.ndarray, length: float, centre: n
     q = multiply(shake, from_rotation_matrix(R))
     position = -np.einsum("nij,nj->ni", rotation_matrix(q), centres)
     phase = np.radians(scenario.sun_phase_deg)
-    around = rng.uniform(0, 2 * np.pi)
-    sun = np.array([np.sin(phase) * np.cos(around), np.sin(phase) * np.sin(around), np.cos(phase)])
+    environment = rng.uniform(0, 2 * np.pi)
+    sun = np.array([np.sin(phase) * np.cos(environment), np.sin(phase) * np.sin(environment), np.cos(phase)])
     stamp = np.round(times * 1e9).astype(np.int64)
     return Path(stamp, q, position, np.zeros((n, 3)), np.tile(sun, (n, 1)), inertia, centre)
 

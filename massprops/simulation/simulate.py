@@ -52,7 +52,7 @@ def simulate(
     size = scene.chosen.size
     if video and any(v % 2 for v in size):
         raise InputError(f"size {size[0]}x{size[1]}: H.264 needs even numbers; give such a --size")
-    with new_sequence(Path(out), (scene.chosen, scene.acting, scene.model), scene.read, force) as folder:
+    with new_sequence(Path(out), (scene.chosen, scene.active, scene.model), scene.read, force) as folder:
         _render(scene, folder, video, progress)
     return Path(out)
 
@@ -81,7 +81,7 @@ class _Scene:
     """
 
     chosen: Scenario
-    acting: tuple[str, ...]
+    active: tuple[str, ...]
     read: list[Path]
     mesh: Any
     body: MassProperties
@@ -97,7 +97,7 @@ def _scene(scenario: str | Path, changes: dict[str, Any]) -> _Scene:
     from massprops.mass.properties import mass_properties
     from massprops.simulation.motion import tumbling, walk_round, with_hidden_mass
 
-    acting = tuple(changes.pop("effects", None) or ())
+    active = tuple(changes.pop("effects", None) or ())
     model_file = changes.pop("model", None)
     chosen = load_scenario(scenario, **changes)
     mesh = read_solid(chosen.mesh)[0].copy()
@@ -109,10 +109,10 @@ def _scene(scenario: str | Path, changes: dict[str, Any]) -> _Scene:
         inertia, centre = with_hidden_mass(body.inertia, body.mass, chosen.hidden_mass)
     path = (tumbling if chosen.motion == "tumbling" else walk_round)(chosen, inertia, length, centre)
     model = None
-    if acting or model_file is not None:
-        path, model = _under_effects(chosen, path, acting, model_file, length, body.mass)
+    if active or model_file is not None:
+        path, model = _under_effects(chosen, path, active, model_file, length, body.mass)
     read = [Path(p) for p in (scenario, chosen.mesh, model_file) if p is not None]
-    return _Scene(chosen, acting, read, mesh, body, length, path, model)
+    return _Scene(chosen, active, read, mesh, body, length, path, model)
 
 
 def _render(scene: _Scene, folder: Path, video: bool, progress: Progress) -> None:
@@ -165,13 +165,13 @@ def _tracks_file(scenario: str | Path) -> dict[str, Any]:
 
 
 def _under_effects(
-    scenario: Scenario, path: Any, acting: tuple[str, ...], model_file: Any, length: float, mass: float
+    scenario: Scenario, path: Any, active: tuple[str, ...], model_file: Any, length: float, mass: float
 ) -> tuple[Any, Any]:
     """The path as effects make it, and the model of them."""
     from dataclasses import replace
 
+    from massprops.dynamics.environment import EnvironmentModel
     from massprops.dynamics.quaternion import rotation_matrix
-    from massprops.dynamics.surroundings import Surroundings
     from massprops.model import Model
     from massprops.model.state import BatchState
     from massprops.simulation.effects import effects_model, moved_by
@@ -185,9 +185,11 @@ def _under_effects(
     whole = 3.0 * path.inertia / np.trace(path.inertia)
     state = BatchState(path.q[0], path.w[0], still, np.zeros(3), whole, Model(), points)
     times = (path.timestamp_ns - path.timestamp_ns[0]) * 1e-9
-    around = Surroundings(Environment())
-    model = effects_model(acting, model_file, times, state, scenario.focal * scenario.size[0], around, scenario.seed)
-    q, w, r = moved_by(times, state, model, around)
+    environment = EnvironmentModel(Environment())
+    model = effects_model(
+        active, model_file, times, state, scenario.focal * scenario.size[0], environment, scenario.seed
+    )
+    q, w, r = moved_by(times, state, model, environment)
     sun = np.einsum("nij,nj->ni", rotation_matrix(path.q), path.sun)
     sun_body = np.einsum("nji,nj->ni", rotation_matrix(q), sun)
     return replace(path, q=q, w=w, position=r - rotation_matrix(q) @ path.centre, sun=sun_body), model

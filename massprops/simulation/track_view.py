@@ -73,7 +73,7 @@ def visible(s: TrackScenario, problem: Problem, at: Predicted, rng: np.random.Ge
     if not len(i):
         return every
     points, sensed, p = body_points(at, every), at.state.model.sensed, at.state.model.flat(False)
-    for _ in range(ROWS_SOUGHT if sensed.having("delay") else 1):
+    for _ in range(ROWS_SOUGHT if sensed.hooks("delay") else 1):
         X, body, _ = in_chaser(every.seen, at.motion, points, sensed, p)
         uv = image(problem.cameras, k, X, sensed, p)
         # a row is taken at the time of the row in which the point appears

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import (
     from_rotation_matrix,
     from_rotation_vector,
@@ -18,7 +19,6 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
 )
 from massprops.dynamics.rotation import inertia_at_start
-from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import InputError
 from massprops.memory import refuse_beyond
 from massprops.model import Model, load_model, model_of
@@ -76,24 +76,26 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
     )
     rng = np.random.default_rng([s.seed, 11])
     times = np.arange(s.frames) / s.rate_hz
-    environment = _environment(s, rng)
-    around = Surroundings(environment)
+    given_environment = _environment(s, rng)
+    environment = EnvironmentModel(given_environment)
     inertia, axes = _inertia(s, rng)
     state = _start(s, rng, inertia, axes)
     cameras = cameras_of(s)
-    problem = blank_problem(s, times, cameras, environment)
-    clean = predict(problem, state, around)
+    problem = blank_problem(s, times, cameras, given_environment)
+    clean = predict(problem, state, environment)
     seen = visible(s, problem, clean, rng)
-    sizes, asked = asked_for(s, problem, around)
+    sizes, asked = asked_for(s, problem, environment)
     drawn: dict[str, np.ndarray] = {}
     for name, value in sizes.items():
-        drawn[name] = value if value is not None else sized(name, asked[name], problem, state, around, seen, clean, rng)
+        drawn[name] = (
+            value if value is not None else sized(name, asked[name], problem, state, environment, seen, clean, rng)
+        )
     if s.model is not None:
         given = load_model(s.model)
         drawn.update({name: given.value(name) for name in given.names})
     model = model_of(dict(drawn))
     if outside:
-        motion = [m for m in model.modules if m in model.acting.effects]
+        motion = [m for m in model.modules if m in model.active.effects]
         values = [model.value(m.NAME) for m in motion]
         sensing = [m for m in model.modules if m not in motion]
         model = Model(
@@ -101,10 +103,10 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
             (*values, *(np.asarray(m.SIMULATED, float) for m in outside), *(model.value(m.NAME) for m in sensing)),
         )
     whole = replace(state, model=model)
-    acted = predict(problem, whole, around)
+    acted = predict(problem, whole, environment)
     seen = visible(s, problem, acted, np.random.default_rng([s.seed, 12]))
     exact = pixels(problem, acted, seen)
-    sequence = _measure(s, problem, cameras, acted, seen, exact, environment, inertia)
+    sequence = _measure(s, problem, cameras, acted, seen, exact, given_environment, inertia)
     moved = {"rms": float(np.sqrt(np.mean(np.sum((exact - pixels(problem, clean, seen)) ** 2, axis=1))))}
     return Simulated(sequence, _truth(s, times, acted, whole, axes, model), model, whole, moved)
 
@@ -185,7 +187,7 @@ def _measure(
     tracks = Tracks(stamp[seen.epoch][order], seen.camera[order], seen.feature[order], uv[order]) if len(uv) else None
     sensed, p = at.state.model.sensed, at.state.model.flat(False)
     distance = np.linalg.norm(at.motion.r, axis=1)
-    for effect, place in sensed.having("range_offset"):
+    for effect, place in sensed.hooks("range_offset"):
         distance = distance + effect.range_offset(problem.times, p[place])
     ranges = rates = attitude = None
     if s.range_sigma_m > 0:
@@ -209,7 +211,7 @@ def _measure(
 def _truth(
     s: TrackScenario, times: np.ndarray, at: Any, state: BatchState, axes: np.ndarray, model: Model
 ) -> dict[str, Any]:
-    whole = inertia_at_start(state.inertia, model.acting, model.flat(True))
+    whole = inertia_at_start(state.inertia, model.active, model.flat(True))
     moments, principal = np.linalg.eigh(whole)
     cam = camera_turn(at.motion, model.sensed, model.flat(False))
     return {

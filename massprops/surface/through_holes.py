@@ -151,7 +151,7 @@ def opened(body: Surface, tubes: list[Tube]) -> tuple[np.ndarray, np.ndarray, np
     return vertices, faces, own & body.observed[nearest], own & body.inferred[nearest]
 
 
-def as_open(rows: np.ndarray, unsure: np.ndarray, seed: int) -> np.ndarray:
+def with_open_holes(rows: np.ndarray, unsure: np.ndarray, seed: int) -> np.ndarray:
     """Replicates (r, 10) of an opened body: any share of the space (10,) in which the mouths differ may be empty, and half of
     it is."""
     share = np.random.default_rng([seed, 32]).random(len(rows))[:, None] - 0.5

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from massprops.capture.colours import agrees, learn
-from massprops.capture.doubt import UNKNOWN, predicted_silhouette, with_doubt
 from massprops.capture.given import GivenMasks, load_mask
 from massprops.capture.motion import judge
 from massprops.capture.silhouette import against_background, against_plain, against_sky, main_object, sky_level
+from massprops.capture.unknown_pixels import UNKNOWN, predicted_silhouette, with_unknown
 from massprops.errors import InputError
 
 
@@ -93,7 +93,7 @@ def test_an_unlit_side_is_doubt_not_emptiness() -> None:
     rng = np.random.default_rng(0)
     uv = rng.uniform([40, 30], [100, 90], (900, 2))
     uv = uv[np.hypot(uv[:, 0] - 70, uv[:, 1] - 60) < 30]
-    mask = with_doubt(lit, predicted_silhouette(uv, (120, 160)))
+    mask = with_unknown(lit, predicted_silhouette(uv, (120, 160)))
     assert mask[60, 85] == UNKNOWN and mask[60, 60] == 255 and mask[10, 10] == 0
     assert (mask[disc((120, 160), 70, 60, 27)] > 0).all(), "no pixel of the body may carve"
 

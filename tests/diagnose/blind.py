@@ -30,7 +30,7 @@ def outside_torque(rng: np.random.Generator, speed: float, span: float) -> Simpl
     phase = rng.uniform(0, 6.28)
     size = speed / span
 
-    def torque(t, q, w, p, inertia, around):
+    def torque(t, q, w, p, inertia, environment):
         s = p[0] * np.sin(2 * np.pi * t / period + phase)
         return s * axis[0], s * axis[1], s * axis[2]
 

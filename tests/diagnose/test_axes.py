@@ -29,7 +29,7 @@ def test_other_body_axes_leave_the_motion_as_it_is(free) -> None:
     case, base = free
     T = rotation_matrix(from_rotation_vector(np.array([0.4, -1.1, 0.7])))
     turned = in_axes(base.fit.state, T)
-    left = residuals(case.problem, case.fitted, predict(case.problem, turned, case.around))
+    left = residuals(case.problem, case.fitted, predict(case.problem, turned, case.environment))
     assert np.abs(turned.w0 - base.fit.state.w0).max() > 0.01
     assert np.allclose(left.tracks, base.fit.residuals.tracks, atol=1e-6)
 
@@ -40,7 +40,7 @@ def test_axes_in_a_wrong_order_are_put_right(free, which: int) -> None:
     assert case.first.body_frame == "body.yaml"
     _, own = np.linalg.eigh(base.fit.state.inertia)
     begun = in_axes(base.fit.state, own @ np.array(OTHERWISE[which], float) @ own.T)
-    firm = replace(case, belief=replace(case.belief, sigma=1e-3 * case.belief.sigma))
-    wrong = refit(firm, replace(begun, inertia=case.belief.inertia), (), most=0)
+    firm = replace(case, inertia_prior=replace(case.inertia_prior, sigma=1e-3 * case.inertia_prior.sigma))
+    wrong = refit(firm, replace(begun, inertia=case.inertia_prior.inertia), (), most=0)
     assert wrong.fitted > 2.0
     assert otherwise(case, wrong).bic < base.bic + 0.1

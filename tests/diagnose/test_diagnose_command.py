@@ -11,7 +11,7 @@ import pytest
 import yaml
 from report.browser import check_page, needs_browser
 
-from massprops.diagnosis.search.misfit import mean_square, whiteness
+from massprops.diagnosis.search.residual_statistics import mean_square, whiteness
 from massprops.model import load_model
 from massprops.model.linearise import Residuals
 from massprops.model.measurements import Measurements

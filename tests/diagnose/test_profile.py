@@ -7,9 +7,9 @@ import pytest
 
 from massprops.diagnosis.search.candidate_fits import fit_candidates
 from massprops.diagnosis.search.case import Case, case_of
-from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.profile import profiled
 from massprops.diagnosis.search.refit import Scored, refit, with_effects
+from massprops.diagnosis.search.residual_statistics import count
 from massprops.effects import effects
 from massprops.model.problem import problem_of
 from massprops.simulation.track_scenario import TrackScenario

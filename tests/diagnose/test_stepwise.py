@@ -63,11 +63,11 @@ def test_an_idle_effect_goes_where_nothing_is_added(damped_magnet: tuple[Case, S
 def test_an_inertia_off_by_more_than_chance_contradicts(damped_magnet: tuple[Case, Scored]) -> None:
     case, base = damped_magnet
     right = fitted(case, base, "viscous-damping", "magnetic-dipole-torque")
-    assert case.belief.inertia is not None
+    assert case.inertia_prior.inertia is not None
     way = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, 0.0]])
     for sigmas, wrong in ((0.0, False), (1.0, False), (4.0, True)):
-        assumed = case.belief.inertia + sigmas * case.belief.sigma * way
-        assert contradicts(replace(case, belief=replace(case.belief, inertia=assumed)), right) == wrong
+        assumed = case.inertia_prior.inertia + sigmas * case.inertia_prior.sigma * way
+        assert contradicts(replace(case, inertia_prior=replace(case.inertia_prior, inertia=assumed)), right) == wrong
 
 
 def test_effects_act_in_the_order_in_which_a_model_file_is_read(damped_magnet: tuple[Case, Scored]) -> None:

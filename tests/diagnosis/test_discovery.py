@@ -15,7 +15,7 @@ from massprops.diagnosis.discovery.sequence_law import files_of_law
 from massprops.diagnosis.motion_path import MotionPath, path_from_rates
 from massprops.diagnosis.selection import without_effects
 from massprops.diagnosis.sequence_record import record_of_sequence
-from massprops.dynamics.surroundings import Sky
+from massprops.dynamics.environment import EnvironmentState
 from massprops.effect_contract import faults, superposes
 from massprops.effect_file import with_effects
 from massprops.simulation.track_scenario import TrackScenario
@@ -31,8 +31,8 @@ PARAMETERS = tuple(Parameter(f"jet_{a}", "rad s^-2", 1e-4) for a in "xyz")
 NEEDS = ("sun direction",)
 
 
-def torque(t, q, w, p, inertia, around):
-    x, y, z = to_body(*q, *around.sun)
+def torque(t, q, w, p, inertia, environment):
+    x, y, z = to_body(*q, *environment.sun)
     lit = z * (z.real > 0)
     return p[0] * lit, p[1] * lit, p[2] * lit
 """
@@ -44,9 +44,9 @@ def path() -> MotionPath:
     return path_from_rates(t, np.stack([0.2 + 0.1 * np.sin(t), 0.1 * np.cos(t), 0.3 + 0.0 * t], axis=1))
 
 
-def sky(path: MotionPath) -> Sky:
+def sky(path: MotionPath) -> EnvironmentState:
     n = len(path.t)
-    return Sky((np.full(n, 7e6), np.zeros(n), 1e5 + path.t), (0.6, 0.0, 0.8), (2e-5, 1e-5, -3e-5), 4e14)
+    return EnvironmentState((np.full(n, 7e6), np.zeros(n), 1e5 + path.t), (0.6, 0.0, 0.8), (2e-5, 1e-5, -3e-5), 4e14)
 
 
 def test_every_term_is_the_same_in_its_effect_file(path: MotionPath) -> None:

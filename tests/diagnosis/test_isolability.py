@@ -71,7 +71,7 @@ def _score_test(base: HypothesisFit, term: Term) -> float:
     balance = Balance(
         path=record.path, shape=base.shape, momentum=base.rate @ base.inertia, rate=base.rate, rows=record.rows
     )  # fmt: skip
-    columns = balance.columns(forcing_of(term, record.path, base.rate, base.inertia, record.sky))
+    columns = balance.columns(forcing_of(term, record.path, base.rate, base.inertia, record.environment_state))
     over = 1.0 / np.repeat(record.rows.sigma, 3)
     fixed = np.concatenate([b.columns for b in base.blocks], axis=1)
     sd = np.concatenate([base.posterior.sd[b.name] for b in base.blocks])

@@ -17,15 +17,15 @@ from massprops.diagnosis.momentum_balance import inertia_of, inertia_slopes, sha
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_rates
 from massprops.diagnosis.selection import rms, significance
+from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.rotation import six_of
-from massprops.dynamics.surroundings import Sky
 from massprops.effects import effects
 from massprops.errors import NotPossible
 from massprops.sequence.data import RateSeries, Sequence
 
 INERTIA = inertia_of(np.array([0.4, -0.9, 0.1, 0.05, -0.1]))
 SIGMA = 0.003
-SKY = Sky((7e6, 1e5, 0.0), (0.6, 0.8, 0.0), (2e-5, -1e-5, 3e-5), 3.986e14)
+SKY = EnvironmentState((7e6, 1e5, 0.0), (0.6, 0.8, 0.0), (2e-5, -1e-5, 3e-5), 3.986e14)
 
 
 def tumble(torque=None, wheel=None, seconds: float = 0.8, rate: float = 200.0, seed: int = 3) -> RateSeries:

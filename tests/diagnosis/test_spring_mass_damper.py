@@ -8,9 +8,9 @@ import pytest
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.selection import rms, without_effects
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
-from massprops.dynamics.rotation import Acting, trajectory
-from massprops.dynamics.surroundings import Surroundings
+from massprops.dynamics.rotation import ActiveEffects, trajectory
 from massprops.effects import effects
 from massprops.sequence.data import Environment
 
@@ -28,11 +28,11 @@ def test_the_body_moves_as_mujocos_with_a_sliding_mass() -> None:
     from diagnosis import pair_worlds
 
     world = pair_worlds._world(np.random.default_rng(0))
-    acting, truth = pair_worlds.sliding(np.random.default_rng(1), world)
-    times, q = pair_worlds.moved(world, [acting])
-    ours, around = Acting((effects()[NAME],), (slice(0, 10),)), Surroundings(Environment())
-    with_mass = trajectory(times, q[0], world.rate, truth["inertia"], ours, _parameters(truth), around)
-    rigid = trajectory(times, q[0], world.rate, truth["inertia"], Acting((), ()), np.zeros(0), around)
+    active, truth = pair_worlds.sliding(np.random.default_rng(1), world)
+    times, q = pair_worlds.moved(world, [active])
+    ours, environment = ActiveEffects((effects()[NAME],), (slice(0, 10),)), EnvironmentModel(Environment())
+    with_mass = trajectory(times, q[0], world.rate, truth["inertia"], ours, _parameters(truth), environment)
+    rigid = trajectory(times, q[0], world.rate, truth["inertia"], ActiveEffects((), ()), np.zeros(0), environment)
 
     def apart(path) -> float:
         return float(np.abs(rotation_vector(multiply(conjugate(path.q), q))).max())

@@ -14,7 +14,7 @@ from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import Record, record_of_attitudes
 from massprops.diagnosis.screen import screened
 from massprops.diagnosis.selection import Candidate, asks_for_two, may_be_named, rms, within_noise, without_effects
-from massprops.dynamics.surroundings import Sky
+from massprops.dynamics.environment import EnvironmentState
 from massprops.effects import effects
 
 BALL = Start(inertia=np.eye(3), left=1.0)
@@ -28,10 +28,10 @@ def test_the_screen_puts_what_acts_in_basilisk_first(kind: str) -> None:
     sequence = recorded(kind, 1)
     assert sequence.attitude is not None
     view = record_of_attitudes(sequence.attitude, sequence.environment).screen
-    assert view is not None and view.around is not None
+    assert view is not None and view.environment is not None
     score = {}
     for effect in in_balance():
-        if set(effect.NEEDS) <= view.around.known and effect.NAME != "impulse":
+        if set(effect.NEEDS) <= view.environment.known and effect.NAME != "impulse":
             tried = [screened(view, (t,), BALL) for t in scan(effect, view.times, view.rows.measured)]
             score[effect.NAME] = max(s.score for s in tried if s is not None)
     faces = "solar-pressure-on-facets"
@@ -72,8 +72,8 @@ def test_a_face_is_pushed_while_it_is_lit() -> None:
     p[:4] = [*(2.0 * across), 1.0]
 
     def torque(sun: np.ndarray) -> np.ndarray:
-        sky = Sky((0.0, 0.0, 0.0), tuple(sun), (0.0, 0.0, 0.0), 0.0)
-        return np.array(effect.torque(0.0, q, w, p, six, sky))
+        environment = EnvironmentState((0.0, 0.0, 0.0), tuple(sun), (0.0, 0.0, 0.0), 0.0)
+        return np.array(effect.torque(0.0, q, w, p, six, environment))
 
     # the force is against the Sun at twice the direction across, the torque of what is reflected along it
     assert torque(normal) == pytest.approx(2.0 * np.cross(across, -normal) + across, abs=0.03)
@@ -84,9 +84,14 @@ def test_the_faces_columns_are_their_torques() -> None:
     effect = effects()["solar-pressure-on-facets"]
     rng = np.random.default_rng(2)
     q, sun = tuple(rng.normal(size=(4, 7)) / 2.0), tuple(np.array([0.6, 0.0, 0.8]))
-    sky, p = Sky((0.0, 0.0, 0.0), sun, (0.0, 0.0, 0.0), 0.0), rng.normal(size=len(effect.PARAMETERS))
-    units = np.array(effect.unit_torques(0.0, q, None, sky))
-    assert np.tensordot(p, units, 1) == pytest.approx(np.array(effect.torque(0.0, q, None, p, None, sky)), abs=1e-12)
+    environment, p = (
+        EnvironmentState((0.0, 0.0, 0.0), sun, (0.0, 0.0, 0.0), 0.0),
+        rng.normal(size=len(effect.PARAMETERS)),
+    )
+    units = np.array(effect.unit_torques(0.0, q, None, environment))
+    assert np.tensordot(p, units, 1) == pytest.approx(
+        np.array(effect.torque(0.0, q, None, p, None, environment)), abs=1e-12
+    )
 
 
 def test_a_box_with_a_wing_is_named_by_its_faces_however_fine_the_attitudes() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from massprops.dynamics import rotation
 from massprops.dynamics.compiled_integration import integrated
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import normalise
-from massprops.dynamics.surroundings import Surroundings
 from massprops.effects import effects
 from massprops.model import model_of
 from massprops.sequence.data import Environment
@@ -25,11 +25,11 @@ def test_kernel_and_plain_integration_agree(name: str) -> None:
         else {}
     )
     model = model_of(values)
-    acting, p = model.acting, list(model.flat(True))
-    around = Surroundings(Environment())
+    active, p = model.active, list(model.flat(True))
+    environment = EnvironmentModel(Environment())
     six = tuple(float(v) for v in rotation.six_of(INERTIA))
-    y = rotation.start_state(list(normalise(rng.standard_normal(4))), [0.1, -0.2, 0.15], six, acting, p)
+    y = rotation.start_state(list(normalise(rng.standard_normal(4))), [0.1, -0.2, 0.15], six, active, p)
     start, size = np.arange(40) * 0.3, np.full(40, 0.3)
-    plain = rotation._integrated_plainly(y, start, size, six, p, acting, around)
+    plain = rotation._integrated_plainly(y, start, size, six, p, active, environment)
     assert np.abs(plain[-1] - plain[0]).max() > 0.1
-    assert np.allclose(integrated(y, start, size, six, p, acting, around), plain, rtol=0, atol=1e-15)
+    assert np.allclose(integrated(y, start, size, six, p, active, environment), plain, rtol=0, atol=1e-15)

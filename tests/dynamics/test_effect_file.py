@@ -23,7 +23,7 @@ SENTENCE = "Something pushes."
 PARAMETERS = (Parameter("size", "rad s^-2", 1e-4),)
 NEEDS = ()
 """
-GOOD = HEAD + "def torque(t, q, w, p, inertia, around):\n    return p[0] * w[0], 0.0 * p[0], p[0]\n"
+GOOD = HEAD + "def torque(t, q, w, p, inertia, environment):\n    return p[0] * w[0], 0.0 * p[0], p[0]\n"
 
 
 def written(folder: Path, text: str, name: str = "mine.py") -> Path:
@@ -64,13 +64,13 @@ BAD = {
     "has no parameters": (GOOD.replace('(Parameter("size", "rad s^-2", 1e-4),)', "()"), "PARAMETERS must be"),
     "needs what nobody has": (GOOD.replace("NEEDS = ()", 'NEEDS = ("moon",)'), "NEEDS must be"),
     "does nothing": (HEAD, "none of the functions"),
-    "raises": (HEAD + "def torque(t, q, w, p, inertia, around):\n    raise OSError('no\\ngood')\n", "OSError: no"),
-    "gives two numbers": (HEAD + "def torque(t, q, w, p, inertia, around):\n    return p[0], p[0]\n", "3 components"),
+    "raises": (HEAD + "def torque(t, q, w, p, inertia, environment):\n    raise OSError('no\\ngood')\n", "OSError: no"),
+    "gives two numbers": (HEAD + "def torque(t, q, w, p, inertia, environment):\n    return p[0], p[0]\n", "3 components"),
     "gives another shape": (
-        HEAD + "def torque(t, q, w, p, inertia, around):\n    return [p[0], p[0], [[1.0, 2.0]]]\n", "finite numbers",
+        HEAD + "def torque(t, q, w, p, inertia, environment):\n    return [p[0], p[0], [[1.0, 2.0]]]\n", "finite numbers",
     ),
     "gives no number": (
-        HEAD + "def torque(t, q, w, p, inertia, around):\n    return p[0], p[0], float('nan')\n", "finite numbers",
+        HEAD + "def torque(t, q, w, p, inertia, environment):\n    return p[0], p[0], float('nan')\n", "finite numbers",
     ),
     "has a prior of other parameters": (GOOD + "def momentum_prior():\n    return [[1.0], [2.0]]\n", "with 1 rows"),
     "has a prior that raises": (GOOD + "def momentum_prior():\n    return 1 / 0\n", "momentum_prior() fails: ZeroDiv"),
@@ -108,7 +108,7 @@ def test_names_that_are_taken_and_files_that_are_none(tmp_path: Path) -> None:
 def test_a_file_that_fails_in_use_is_named(tmp_path: Path) -> None:
     text = (
         HEAD
-        + "def torque(t, q, w, p, inertia, around):\n    if t.real.max() > 1e3:\n        raise ValueError('late')\n"
+        + "def torque(t, q, w, p, inertia, environment):\n    if t.real.max() > 1e3:\n        raise ValueError('late')\n"
     )
     text += "    return p[0], p[0], p[0]\n"
     late = written(tmp_path, text.replace("t.real.max()", "(t.max() if hasattr(t, 'max') else t.real)"))

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import DIRECTIONS as BASIS
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
 from massprops.dynamics.rigid_body import propagate
-from massprops.dynamics.rotation import Acting, trajectory
+from massprops.dynamics.rotation import ActiveEffects, trajectory
 from massprops.dynamics.sensitivities import sensitivities
-from massprops.dynamics.surroundings import Surroundings
 from massprops.dynamics.translation import path
 from massprops.effects import changes_motion, effects
 from massprops.errors import InputError
@@ -26,7 +26,7 @@ NAMES = {
     "inertia-change", "nonuniform-density", "drag-by-axis", "spring-mass-damper", "solar-pressure-on-facets", "lens-distortion", "focal-length-error", "baseline-error",
     "stereo-time-offset", "chaser-rotation-drift", "rolling-shutter", "range-bias",
 }  # fmt: skip
-AROUND = Surroundings(
+AROUND = EnvironmentModel(
     Environment(
         orbit=Orbit(3.986e14, 7e6, 0.01, 0.3),
         sun_direction=np.array([0.6, 0, 0.8]),
@@ -40,14 +40,14 @@ W0, Q0 = np.array([0.1, 0.12, -0.05]), normalise(np.array([0.3, 0.5, -0.2, 0.7])
 MOTION = [n for n, e in effects().items() if changes_motion(e)]
 
 
-def acting(name: str, duration: float = 0.0) -> tuple[Acting, np.ndarray]:
+def active(name: str, duration: float = 0.0) -> tuple[ActiveEffects, np.ndarray]:
     effect = effects()[name]
     rng = np.random.default_rng(3)
     values = []
     for q in effect.PARAMETERS:
         size = {"gravity-gradient-torque": 50.0}.get(name, q.size)
         values.append({"time": 14.7, "span": 29.5, "duration": duration}.get(q.kind, size * rng.uniform(0.3, 1.0)))
-    return Acting((effect,), (slice(0, len(values)),)), np.array(values)
+    return ActiveEffects((effect,), (slice(0, len(values)),)), np.array(values)
 
 
 def test_the_catalogue_holds_the_names_of_the_interface() -> None:
@@ -57,7 +57,7 @@ def test_the_catalogue_holds_the_names_of_the_interface() -> None:
 
 
 def test_free_rotation_agrees_with_the_fine_integration() -> None:
-    got = trajectory(TIMES, Q0, W0, INERTIA, Acting((), ()), np.zeros(0), AROUND)
+    got = trajectory(TIMES, Q0, W0, INERTIA, ActiveEffects((), ()), np.zeros(0), AROUND)
     q, w = propagate(Q0, W0, INERTIA, TIMES, largest_turn=0.005)
     assert np.abs(rotation_vector(multiply(conjugate(q), got.q))).max() < 1e-6
     assert np.abs(w - got.w).max() < 1e-7
@@ -65,11 +65,11 @@ def test_free_rotation_agrees_with_the_fine_integration() -> None:
 
 @pytest.mark.parametrize(("name", "duration"), [*((n, 0.0) for n in MOTION), ("impulse", 3.1)])
 def test_derivatives_agree_with_differences(name: str, duration: float) -> None:
-    a, p = acting(name, duration)
+    a, p = active(name, duration)
     ways = inertia_directions(INERTIA)
     got = trajectory(TIMES, Q0, W0, INERTIA, a, p, AROUND)
     turn, rate = sensitivities(TIMES, got, Q0, W0, INERTIA, ways, a, p, AROUND)
-    free = trajectory(TIMES, Q0, W0, INERTIA, Acting((), ()), np.zeros(0), AROUND)
+    free = trajectory(TIMES, Q0, W0, INERTIA, ActiveEffects((), ()), np.zeros(0), AROUND)
     assert np.abs(got.w - free.w).max() > 1e-9, "the effect does nothing"
     for j in range(11 + len(p)):
         step = 1e-5 if j < 11 else 1e-5 * max(1.0, abs(p[j - 11]))
@@ -95,7 +95,7 @@ def test_derivatives_agree_with_differences(name: str, duration: float) -> None:
 
 def test_a_sphere_inside_keeps_momentum_and_loses_energy() -> None:
     effect = effects()["energy-dissipation"]
-    a = Acting((effect,), (slice(0, 2),))
+    a = ActiveEffects((effect,), (slice(0, 2),))
     times = np.arange(2000) * 0.5
     got = trajectory(times, Q0, W0, INERTIA, a, np.array([0.2, 0.1]), AROUND)
     total = np.linalg.norm(got.y[:, 4:7], axis=1)
@@ -107,7 +107,7 @@ def test_a_sphere_inside_keeps_momentum_and_loses_energy() -> None:
 def test_the_path_about_a_planet_has_its_derivatives() -> None:
     r0, v0 = np.array([3.0, -2.0, 12.0]), np.array([0.01, 0.02, -0.01])
     times = np.linspace(0, 900, 40)
-    nothing = Acting((), ())
+    nothing = ActiveEffects((), ())
     r, v, dr, dv = path(times, r0, v0, nothing, np.zeros(0), AROUND)
     assert np.abs(np.gradient(r, times, axis=0)[5:-5] - v[5:-5]).max() < 1e-4
     for j in range(6):
@@ -156,8 +156,8 @@ def test_a_wrong_model_file_is_one_line(tmp_path, text: str, said: str) -> None:
 
 
 def test_an_effect_outside_the_catalogue_acts_as_one_in_it() -> None:
-    a, p = acting("viscous-damping")
+    a, p = active("viscous-damping")
     copy = SimpleNamespace(**{k: v for k, v in vars(a.effects[0]).items() if not k.startswith("__")})
     inside = trajectory(TIMES, Q0, W0, INERTIA, a, p, AROUND)
-    outside = trajectory(TIMES, Q0, W0, INERTIA, Acting((copy,), a.places), p, AROUND)
+    outside = trajectory(TIMES, Q0, W0, INERTIA, ActiveEffects((copy,), a.places), p, AROUND)
     assert np.abs(inside.w - outside.w).max() < 1e-12 and np.abs(inside.q - outside.q).max() < 1e-12

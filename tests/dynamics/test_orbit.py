@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from massprops.campaigns.papers._pesce2017_chaser import Surroundings
+from massprops.campaigns.papers._pesce2017_chaser import EnvironmentModel
 from massprops.dynamics.chaser_path import chaser_path, transitions
+from massprops.dynamics.environment import EnvironmentModel as Around
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import (
     eccentric_anomaly,
@@ -16,7 +17,6 @@ from massprops.dynamics.orbit import (
     position_velocity,
     true_anomaly,
 )
-from massprops.dynamics.surroundings import Surroundings as Around
 from massprops.sequence.data import Environment, Orbit
 
 MU = 3.986004418e14
@@ -80,11 +80,11 @@ def test_a_neighbour_on_its_own_kepler_orbit_moves_as_differential_gravity_says(
 
 
 def test_steps_beside_the_chaser_follow_a_neighbour_on_its_own_orbit() -> None:
-    around = orbit(0.05)
+    environment = orbit(0.05)
     other = Orbit(MU, 7.17e6 + 5, 0.05, 0.7, PERIFOCAL)
     times = 10.0 * np.arange(31)
-    path = chaser_path(Environment("inertial", around), times)
-    one, two = position_velocity(around, times), position_velocity(other, times)
+    path = chaser_path(Environment("inertial", environment), times)
+    one, two = position_velocity(environment, times), position_velocity(other, times)
     x = np.concatenate([two[0][0] - one[0][0], two[1][0] - one[1][0]])
     for F in transitions(path, times):
         x = F @ x
@@ -94,7 +94,7 @@ def test_steps_beside_the_chaser_follow_a_neighbour_on_its_own_orbit() -> None:
 
 def test_camera_frame_is_the_one_that_the_simulator_uses() -> None:
     environment = Environment("lvlh", orbit(0.2))
-    ours, theirs = Surroundings(environment.orbit, turning=True), Around(environment)
+    ours, theirs = EnvironmentModel(environment.orbit, turning=True), Around(environment)
     for t in (0.0, 40.0, 3000.0):
         np.testing.assert_allclose(ours.camera_frame(t)[0].T, theirs.chaser_turn(np.array([t]))[0], atol=1e-11)
         there = position_velocity(orbit(0.2), np.asarray(t))[0]

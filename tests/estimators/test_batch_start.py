@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprops.dynamics.surroundings import Surroundings
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.estimators.batch import solve
 from massprops.estimators.batch.solve import MOST_QUICKENED, MOST_TURNED, Search, fit
 from massprops.estimators.batch.start import _first_steady, batch_start
@@ -34,7 +34,7 @@ def test_rates_at_the_ends_that_mean_nothing_do_not_lead_astray(guessed: tuple[P
     w[:3] *= 40.0
     assert start.inertia is not None
     assert 3 <= _first_steady(start.times, start.q, w, start.inertia) < 40
-    begun = batch_start(problem, replace(start, w=w), Surroundings(problem.environment))
+    begun = batch_start(problem, replace(start, w=w), EnvironmentModel(problem.environment))
     assert np.linalg.norm(begun.state.w0) == pytest.approx(speed, rel=0.03)
 
 
@@ -42,8 +42,8 @@ def test_a_wild_step_is_turned_back_before_its_motion_is_followed(
     guessed: tuple[Problem, Start, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem, start, _ = guessed
-    around = Surroundings(problem.environment)
-    begun = batch_start(problem, start, around)
+    environment = EnvironmentModel(problem.environment)
+    begun = batch_start(problem, start, environment)
     followed, refused = [], []
     honest = solve._step
 
@@ -54,9 +54,9 @@ def test_a_wild_step_is_turned_back_before_its_motion_is_followed(
             refused.append(damping)
         return d, points
 
-    def watched(problem, state, around) -> Predicted:  # type: ignore[no-untyped-def]
+    def watched(problem, state, environment) -> Predicted:  # type: ignore[no-untyped-def]
         followed.append(float(np.linalg.norm(state.w0)))
-        return predict(problem, state, around)
+        return predict(problem, state, environment)
 
     monkeypatch.setattr(solve, "_step", wild)
     monkeypatch.setattr(solve, "predict", watched)
@@ -64,7 +64,7 @@ def test_a_wild_step_is_turned_back_before_its_motion_is_followed(
         problem,
         measurements_of(problem, observed=begun.observed),
         begun.state,
-        around,
+        environment,
         begun.free,
         search=Search(most=12),
     )

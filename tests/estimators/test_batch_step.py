@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.dynamics.rotation import six_of
-from massprops.dynamics.surroundings import Surroundings
 from massprops.model import Model
 from massprops.model.linearise import predict, residuals
 from massprops.model.measurements import measurements_of
@@ -45,5 +45,5 @@ def test_a_simulated_row_is_taken_when_its_row_is(effect: str) -> None:
     problem = problem_of(made.sequence)
     m = measurements_of(problem)
     true = replace(made.state, points=made.state.points[problem.features])
-    left = residuals(problem, m, predict(problem, true, Surroundings(problem.environment)))
+    left = residuals(problem, m, predict(problem, true, EnvironmentModel(problem.environment)))
     assert np.sqrt(np.mean(left.tracks**2)) == pytest.approx(1.0, abs=0.1)

@@ -44,8 +44,8 @@ def test_kernel_motion_is_the_physics_of_the_simulator():
 
 def test_kernel_gravity_is_that_of_the_effect_and_of_the_kernels():
     from massprops.dynamics.effects import gravity_gradient_torque
+    from massprops.dynamics.environment import EnvironmentState
     from massprops.dynamics.kernels import differential_gravity, euler_acceleration
-    from massprops.dynamics.surroundings import Sky
 
     rng = np.random.default_rng(7)
     y = np.concatenate(
@@ -54,7 +54,9 @@ def test_kernel_gravity_is_that_of_the_effect_and_of_the_kernels():
     l, mu, out = np.array([7e6, -1e5, 3e4]), 3.986e14, np.empty(13)
     six = six_elements(*from_inertia(body()))
     gravity.slope_under_gravity(y, six, l, mu, out)
-    torque = gravity_gradient_torque.torque(0.0, tuple(y[:4]), None, (1.0,), six, Sky(tuple(l + y[7:10]), (), (), mu))
+    torque = gravity_gradient_torque.torque(
+        0.0, tuple(y[:4]), None, (1.0,), six, EnvironmentState(tuple(l + y[7:10]), (), (), mu)
+    )
     assert np.allclose(out[4:7], euler_acceleration(six, tuple(y[4:7]), torque), rtol=1e-12)
     assert np.allclose(out[10:], differential_gravity(mu, *l, *y[7:10]), rtol=1e-12)
 

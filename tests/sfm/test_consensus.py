@@ -7,7 +7,7 @@ import pytest
 import scene
 from scipy.spatial.transform import Rotation
 
-from massprops.sfm.consensus import Agreement, Candidates, Spread, agreement, stands_out
+from massprops.sfm.consensus import Agreement, Candidates, Spread, agreement, is_significant
 from massprops.sfm.points import project
 
 SPREAD = Spread(np.deg2rad(1.5), 0.01, 0.06)
@@ -83,4 +83,4 @@ def agreed(tried, found, chance=0.0):
     ],
 )
 def test_a_placement_must_stand_out_from_wrong_ones(found, wrong, wanted):
-    assert stands_out(found, wrong) is wanted
+    assert is_significant(found, wrong) is wanted

@@ -10,7 +10,7 @@ import test_mapping
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.mapping import MappingOptions
 from massprops.sfm.points import project, residuals
-from massprops.sfm.reversed_depth import likelier, reversed_in_depth
+from massprops.sfm.reversed_depth import depth_reversal_resolved, reversed_in_depth
 
 
 def filmed(tmp_path, distance):
@@ -41,7 +41,7 @@ def test_a_model_or_its_reverse_ends_in_the_right_one(tmp_path):
     other = reversed_in_depth(model)
     assert sorted([error(model, truth) < 0.01, error(other, truth) < 0.01]) == [False, True]
     for start in (model, other):
-        assert error(likelier(start, mapping), truth) < 0.01
+        assert error(depth_reversal_resolved(start, mapping), truth) < 0.01
 
 
 def test_from_very_far_away_the_reverse_shows_the_same(tmp_path):

@@ -239,8 +239,8 @@ def test_a_mapped_model_and_its_images_are_corrected_together(tmp_path: Path) ->
 
     import cv2
 
-    from massprops.sfm.as_global import as_global
     from massprops.sfm.convert import to_points, to_views
+    from massprops.sfm.global_shutter import to_global_shutter
     from massprops.sfm.mapping import quiet
 
     quiet()
@@ -258,7 +258,9 @@ def test_a_mapped_model_and_its_images_are_corrected_together(tmp_path: Path) ->
         options=SimpleNamespace(threads=1),
         work=tmp_path / "work",
     )
-    corrected = as_global(model, Seen(views.take(known), known.tolist(), part, part.obs_uv, motion), readout, given)
+    corrected = to_global_shutter(
+        model, Seen(views.take(known), known.tolist(), part, part.obs_uv, motion), readout, given
+    )
     assert model.num_reg_images() == len(known)  # the motion of the last two is not known
     assert sorted(p.name for p in (corrected.folder / "frames" / "cam0").iterdir()) == [n[5:] for n in views.names[:-2]]
     found = to_points(model, to_views(model)[1])
@@ -295,7 +297,7 @@ def test_a_correction_that_tears_the_model_apart_is_not_made(monkeypatch: pytest
     found = Shutter("rolling", Readout(0.4), 0.05, 1.2, -0.04, (0.11, 0.10))
     precision = Precision(0.1, 0.002, 0.0, np.full(3, 1e-3), 0.001, {1: 0.002})
     result = sfm.SfmResult(None, None, None, (), precision, (), (), shutter=found, seen=object())
-    monkeypatch.setattr(sfm, "as_global", torn)
+    monkeypatch.setattr(sfm, "to_global_shutter", torn)
     left = sfm._with_shutter(sfm._corrected(result, None, None, (), []))
     assert left.shutter.state == "suspected" and left.corrected is None
     assert left.precision.focal_relative == pytest.approx(np.hypot(0.002, 0.04))

@@ -10,7 +10,7 @@ import trimesh
 
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.holes import dark_places, straight_behind
-from massprops.surface.through_holes import Tube, as_open, opened, through_holes
+from massprops.surface.through_holes import Tube, opened, through_holes, with_open_holes
 from massprops.views import Views
 
 INNER, OUTER, HEIGHT = 0.35, 1.0, 1.6
@@ -138,7 +138,7 @@ def test_a_bore_measured_from_both_ends_is_opened(turn: float) -> None:
     assert made.volume == pytest.approx(np.pi * (OUTER**2 - INNER**2) * HEIGHT, rel=0.03)
     assert not observed[_between(vertices[faces].mean(axis=1), turn)].any()
     assert observed.sum() > 0.9 * body.observed.sum() and not inferred.any()
-    rows = as_open(np.tile(np.ones(10), (500, 1)), tubes[0].unsure, 0)
+    rows = with_open_holes(np.tile(np.ones(10), (500, 1)), tubes[0].unsure, 0)
     assert np.ptp(rows[:, 0]) <= tubes[0].unsure[0] and rows[:, 0].mean() == pytest.approx(1.0, abs=0.01)
 
 

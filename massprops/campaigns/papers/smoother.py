@@ -101,7 +101,7 @@ def bound_of(problem: Any, state: Any) -> np.ndarray:
     """
     from dataclasses import replace
 
-    from massprops.dynamics.surroundings import Surroundings
+    from massprops.dynamics.environment import EnvironmentModel
     from massprops.estimators.batch.one_camera import LENS
     from massprops.estimators.batch.solve import reduced_equations
     from massprops.model import model_of
@@ -111,7 +111,7 @@ def bound_of(problem: Any, state: Any) -> np.ndarray:
 
     tracked = problem.has_tracks
     single = tracked and not problem.stereo
-    around = Surroundings(problem.environment)
+    environment = EnvironmentModel(problem.environment)
     state = replace(
         state, points=state.points[problem.features], model=model_of(dict.fromkeys(LENS)) if single else state.model
     )
@@ -122,7 +122,7 @@ def bound_of(problem: Any, state: Any) -> np.ndarray:
         free[:3], free[8] = False, problem.stereo or problem.has_range
     else:
         free[6:12] = False
-    linear = linearise(problem, m, predict(problem, state, around), around)
+    linear = linearise(problem, m, predict(problem, state, environment), environment)
     weights = np.ones(len(linear.residuals.norms))
     H = reduced_equations(linear, m, weights, free, state, None).H
     scale = np.sqrt(np.diag(H))

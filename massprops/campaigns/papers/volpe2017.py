@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
 from massprops.dynamics.kernels import differential_gravity, euler_acceleration, quaternion_rate, to_body
 from massprops.dynamics.quaternion import (
@@ -33,7 +34,6 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
     rotation_vector,
 )
-from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.ranging.batch_start import RangeMotion, fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
 from massprops.sequence.data import Environment, Orbit
@@ -96,7 +96,7 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     n_mean = np.sqrt(MU / c["orbit_radius_m"] ** 3)
     count = int(np.floor(2 * np.pi / n_mean / c["step_s"]))
     times = np.arange(count + 1) * c["step_s"]
-    around = Surroundings(_environment(c))
+    environment = EnvironmentModel(_environment(c))
     a, b, normal = c["relative_orbit_m"]
     # a closed relative orbit in the local frame: x = a cos, y = -2 a sin (b gives its amplitude), z = normal sin
     r = np.array([a, 0.0, normal * 0.6])
@@ -109,7 +109,7 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     six = (*np.diag(inertia), 0.0, 0.0, 0.0)
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
-        l = np.array(around.position(t))
+        l = np.array(environment.position(t))
         place = l + y[7:10]
         far = np.linalg.norm(place)
         p = np.array(to_body(*y[:4], *place)) / far

@@ -36,7 +36,7 @@ def source_of(terms: tuple[LibraryTerm, ...], sizes: list[float]) -> str:
     if letters & {"b", "n"}:
         lines += [UNIT.rstrip(), "", ""]
     lines += [
-        "def torque(t, q, w, p, inertia, around):",
+        "def torque(t, q, w, p, inertia, environment):",
         '    """Over the mean moment, body axes [rad/s^2]."""',
         *(f"    {PRELUDE[letter]}" for letter in sorted(letters)),
         "    nothing = 0.0 * t + 0.0 * p[0]",

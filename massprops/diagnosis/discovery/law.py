@@ -102,7 +102,7 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
 
 def _library(record: Record, steps: tuple[float, ...]) -> list[Group]:
     """Every group of terms for what is known of a record."""
-    known = set() if record.around is None else set(record.around.known)
+    known = set() if record.environment is None else set(record.environment.known)
     frequencies = own_frequencies(record.times, record.path.w[record.rows.at])
     return library(known, record.path.span, frequencies, steps, float(np.median(np.diff(record.times))))
 
@@ -113,7 +113,9 @@ def _regression(at: HypothesisFit, groups: list[Group], terms: list[LibraryTerm]
     balance = Balance(
         path=record.path, shape=at.shape, momentum=at.rate @ at.inertia, rate=at.rate, rows=record.rows
     )  # fmt: skip
-    columns = balance.columns(torque_forcing(record.path, columns_of(terms, record.path, at.rate, record.sky)))
+    columns = balance.columns(
+        torque_forcing(record.path, columns_of(terms, record.path, at.rate, record.environment_state))
+    )
     noise = at.row_noise
     plain = [b for b in at.blocks if b.name in ("base", "gyroscope")]
     fixed = np.concatenate([b.columns for b in plain], axis=1) / noise[:, None]

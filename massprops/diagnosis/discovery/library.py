@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.motion_path import MotionPath
-from massprops.dynamics.surroundings import Sky
+from massprops.dynamics.environment import EnvironmentState
 
 HELPERS = '''def lit(x):
     """max(0, x)."""
@@ -36,9 +36,9 @@ def begun(x):
 """What expressions call, as text for the effect file."""
 PRELUDE = {
     "w": "w_x, w_y, w_z = w",
-    "s": "s_x, s_y, s_z = to_body(*q, *around.sun)",
-    "b": "b_x, b_y, b_z = to_body(*q, *unit(*around.field))",
-    "n": "n_x, n_y, n_z = to_body(*q, *unit(*(-c for c in around.position)))",
+    "s": "s_x, s_y, s_z = to_body(*q, *environment.sun)",
+    "b": "b_x, b_y, b_z = to_body(*q, *unit(*environment.field))",
+    "n": "n_x, n_y, n_z = to_body(*q, *unit(*(-c for c in environment.position)))",
     "X": "X_x, X_y, X_z = to_body(*q, 1.0, 0.0, 0.0)",
     "Y": "Y_x, Y_y, Y_z = to_body(*q, 0.0, 1.0, 0.0)",
     "Z": "Z_x, Z_y, Z_z = to_body(*q, 0.0, 0.0, 1.0)",
@@ -202,12 +202,14 @@ def letters_of(expressions: tuple[str, ...]) -> set[str]:
     return found
 
 
-def columns_of(terms: list[LibraryTerm], path: MotionPath, rate: np.ndarray, sky: Sky | None) -> np.ndarray:
+def columns_of(
+    terms: list[LibraryTerm], path: MotionPath, rate: np.ndarray, environment: EnvironmentState | None
+) -> np.ndarray:
     """(n, 3, k) torques of unit coefficients along a path; rate (n, 3) the rates to take [rad/s]."""
     from massprops.dynamics.kernels import to_body
 
     names: dict[str, Any] = {
-        "np": np, "to_body": to_body, "t": path.t, "q": tuple(path.q.T), "w": tuple(rate.T), "around": sky,
+        "np": np, "to_body": to_body, "t": path.t, "q": tuple(path.q.T), "w": tuple(rate.T), "environment": environment,
     }  # fmt: skip
     used = letters_of(tuple(x for term in terms for x in term.torque))
     # text of our own making alone: no word of it comes from a file or a user

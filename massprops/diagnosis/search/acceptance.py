@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.diagnosis.search.misfit import WHITE
 from massprops.diagnosis.search.moment import EVIDENCE
 from massprops.diagnosis.search.refit import Scored
+from massprops.diagnosis.search.residual_statistics import WHITE
 
 MISPREDICTED = 1.5
 """Held-out residual over the noise at which a model that fits does not predict."""

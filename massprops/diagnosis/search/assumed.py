@@ -23,19 +23,19 @@ def contradicts(case: Case, s: Scored) -> bool:
     """Whether a fit had to leave the inertia that is assumed: five numbers, as its size is given."""
     from scipy.stats import chi2
 
-    if case.belief.inertia is None:
+    if case.inertia_prior.inertia is None:
         return False
-    value, _ = believed(s.fit.state, case.belief)
+    value, _ = believed(s.fit.state, case.inertia_prior)
     return float(value @ value) > float(chi2.isf(CHANCE, 5))
 
 
 def believing(case: Case, s: Scored) -> Scored:
     """The fit `s`, or one from the assumed inertia if that explains more: where an effect and the inertia can stand for each
     other, the search for the nearest to what is assumed is long."""
-    if case.belief.inertia is None or not contradicts(case, s):
+    if case.inertia_prior.inertia is None or not contradicts(case, s):
         return s
-    firm = replace(case, belief=replace(case.belief, sigma=1e-2 * case.belief.sigma))
-    held = refit(firm, replace(s.fit.state, inertia=case.belief.inertia), s.added, most=40)
+    firm = replace(case, inertia_prior=replace(case.inertia_prior, sigma=1e-2 * case.inertia_prior.sigma))
+    held = refit(firm, replace(s.fit.state, inertia=case.inertia_prior.inertia), s.added, most=40)
     other = refit(case, held.fit.state, s.added, idle=POLISH)
     return other if other.bic < s.bic else s
 
@@ -43,10 +43,10 @@ def believing(case: Case, s: Scored) -> Scored:
 def with_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored | None:
     """The model with its inertia set free, where it explains the motion only by leaving the assumed one."""
     free = [m for m in usable if m.NAME == DENSITY and m.NAME not in s.names]
-    if not free or case.belief.inertia is None or not contradicts(case, s):
+    if not free or case.inertia_prior.inertia is None or not contradicts(case, s):
         return None
     added = (*s.added, Added(free[0]))
-    found = refit(case, with_effects(replace(s.fit.state, inertia=case.belief.inertia), added, {}), added)
+    found = refit(case, with_effects(replace(s.fit.state, inertia=case.inertia_prior.inertia), added, {}), added)
     return found if s.bic - found.bic > EVIDENCE and not found.implausible else None
 
 

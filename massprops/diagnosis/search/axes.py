@@ -28,11 +28,11 @@ def otherwise(case: Case, base: Scored) -> Scored:
     What the model lacks can turn the axes that the first guess takes from the motion, and the search then rests where
     no effect leads to the true ones.
     """
-    if case.first.body_frame != "body.yaml" or case.belief.inertia is None:
+    if case.first.body_frame != "body.yaml" or case.inertia_prior.inertia is None:
         return base
     _, own = np.linalg.eigh(base.fit.state.inertia)
     begun = [in_axes(base.fit.state, own @ np.array(turn, float) @ own.T) for turn in OTHERWISE]
-    tried = [refit(case, replace(state, inertia=case.belief.inertia), (), most=FIRST) for state in begun]
+    tried = [refit(case, replace(state, inertia=case.inertia_prior.inertia), (), most=FIRST) for state in begun]
     good = min(tried, key=lambda s: s.bic)
     found = refit(case, good.fit.state, (), most=40, against=base.fit.cost)
     return found if found.bic < base.bic else base

@@ -9,9 +9,9 @@ import numpy as np
 
 from massprops.diagnosis.search.acceptance import explained
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.moment import EVIDENCE
 from massprops.diagnosis.search.refit import Added, Scored, near, refit, start_values, with_effects
+from massprops.diagnosis.search.residual_statistics import count
 from massprops.diagnosis.search.score import Score, score_tests
 from massprops.effects import has_pace, searched
 

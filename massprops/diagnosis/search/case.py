@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprops.dynamics.alignment import horn
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import conjugate, multiply
-from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
-from massprops.estimators.batch.solve import Belief
+from massprops.estimators.batch.solve import InertiaPrior
 from massprops.estimators.batch.start import BatchStart, batch_start
 from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
@@ -38,19 +38,19 @@ class Case:
 
     Attributes:
         fitted, held, scored: measurements that fits see, those they never see, and a part of the former for score tests.
-        first: the first state; belief: about the inertia; there: what effects may need and is there.
+        first: the first state; inertia_prior: about the inertia; there: what effects may need and is there.
         span: length of the record [s]; speed: typical angular velocity [rad/s].
         warnings: what was assumed. shown: attitudes as each epoch alone shows them, body axes of `first` to cam0, or None
             where nothing shows the one at the first epoch.
     """
 
     problem: Problem
-    around: Surroundings
+    environment: EnvironmentModel
     first: BatchStart
     fitted: Measurements
     held: Measurements
     scored: Measurements
-    belief: Belief
+    inertia_prior: InertiaPrior
     there: frozenset[str]
     span: float
     speed: float
@@ -69,20 +69,20 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
     Raises:
         NotPossible: no attitude or rates to begin with.
     """
-    around = Surroundings(problem.environment)
+    environment = EnvironmentModel(problem.environment)
     warnings = list(problem.warnings)
     guess = first_guess(replace(problem, sigma_px=doubt * problem.sigma_px), Prior())
     warnings += guess.warnings
-    first = batch_start(problem, guess, around, own_attitudes=own_attitudes)
+    first = batch_start(problem, guess, environment, own_attitudes=own_attitudes)
     warnings += first.notes
-    belief = Belief()
+    inertia_prior = InertiaPrior()
     if problem.body is not None:
         body = problem.body
         sigma = body.inertia_sigma or ASSUMED_SIGMA
         if not body.inertia_sigma:
             warnings.append(f"body.yaml states no inertia_sigma: {100 * ASSUMED_SIGMA:g} % is assumed")
         assumed = 3.0 * body.inertia / np.trace(body.inertia)
-        belief = Belief(assumed, max(sigma, 1e-5))
+        inertia_prior = InertiaPrior(assumed, max(sigma, 1e-5))
         if first.body_frame == "own" and not problem.has_rates:
             first = _in_body_axes(first, assumed)
     if len(problem.times) < FEWEST_TO_HOLD:
@@ -96,13 +96,13 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
         )
     return Case(
         problem,
-        around,
+        environment,
         first,
         fitted,
         held,
         scored,
-        belief,
-        frozenset(_there(problem, around, first)),
+        inertia_prior,
+        frozenset(_there(problem, environment, first)),
         float(problem.times[-1] - problem.times[0]),
         float(np.median(np.linalg.norm(guess.w, axis=1))),
         tuple(warnings),
@@ -155,9 +155,9 @@ def without_features(case: Case, wrong: np.ndarray) -> Case:
     return replace(case, first=first, fitted=fitted, held=held, scored=scored, warnings=(*case.warnings, said))
 
 
-def _there(problem: Problem, around: Surroundings, first: BatchStart) -> set[str]:
+def _there(problem: Problem, environment: EnvironmentModel, first: BatchStart) -> set[str]:
     tracks = "tracks" in first.channels
-    there = set(around.known)
+    there = set(environment.known)
     for name, present in (
         ("tracks", tracks),
         ("stereo", tracks and problem.stereo),

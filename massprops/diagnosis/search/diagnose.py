@@ -232,15 +232,17 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     from massprops.diagnosis.search.moment import EVIDENCE
     from massprops.diagnosis.search.refit import refit
     from massprops.diagnosis.search.stepwise import lean
-    from massprops.dynamics.surroundings import Surroundings
+    from massprops.dynamics.environment import EnvironmentModel
 
-    if not case.around.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
+    if not case.environment.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
         return case, _selected(case, base, progress)
     said = (
         "the target moves straight and not as in free fall beside the chaser, so a straight path is used; check the orbit in "
         "environment.yaml"
     )
-    other = replace(case, around=Surroundings(case.problem.environment, falls=False), warnings=(*case.warnings, said))
+    other = replace(
+        case, environment=EnvironmentModel(case.problem.environment, falls=False), warnings=(*case.warnings, said)
+    )
     other_base = refit(other, base.fit.state, (), most=40)
     much = case.fitted.count
     if other_base.bic < base.bic - OTHER_PATH * much or explained(other_base):
@@ -275,8 +277,8 @@ def _selected_unless(other: Case | None, case: Case, base: Scored, progress: Wat
     from massprops.diagnosis.search.select import select
 
     violated = False
-    if case.belief.inertia is not None:
-        base, violated = _judged(case, base, case.belief.inertia)
+    if case.inertia_prior.inertia is not None:
+        base, violated = _judged(case, base, case.inertia_prior.inertia)
     return select(case, base, progress, violated, other)
 
 
@@ -288,7 +290,7 @@ def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool
 
     if not contradicts(case, base):
         return base, False
-    firm = replace(case, belief=replace(case.belief, sigma=1e-3 * case.belief.sigma))
+    firm = replace(case, inertia_prior=replace(case.inertia_prior, sigma=1e-3 * case.inertia_prior.sigma))
     state = replace(base.fit.state, inertia=assumed)
     held = refit(firm, state, (), most=40)
     if held.fitted > ASTRAY * base.fitted:
@@ -358,10 +360,10 @@ def _document(
         document["torque"] = {k: v for k, v in torque.items() if k not in ("times", "torque")}
     if history is not None:
         document["momentum"] = {k: v for k, v in history.items() if np.ndim(v) == 0}
-    if named is not None and DENSITY in named.names and case.belief.inertia is not None:
+    if named is not None and DENSITY in named.names and case.inertia_prior.inertia is not None:
         from massprops.diagnosis.search.hidden_mass import hidden_mass
 
-        document["hidden_mass"] = hidden_mass(case.belief.inertia, whole_inertia(named))
+        document["hidden_mass"] = hidden_mass(case.inertia_prior.inertia, whole_inertia(named))
     return document
 
 
@@ -378,7 +380,7 @@ def whole_inertia(s: Scored) -> np.ndarray:
     from massprops.dynamics.rotation import inertia_at_start
 
     state = s.fit.state
-    inertia = inertia_at_start(state.inertia, state.model.acting, state.model.flat(True))
+    inertia = inertia_at_start(state.inertia, state.model.active, state.model.flat(True))
     scaled: np.ndarray = 3.0 * inertia / np.trace(inertia)
     return scaled
 

@@ -12,8 +12,8 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, Added, Scored, near, refit, with_value
+from massprops.diagnosis.search.residual_statistics import count
 from massprops.diagnosis.search.score import score_tests
 from massprops.effects import places_of, searched
 from massprops.model.state import BatchState

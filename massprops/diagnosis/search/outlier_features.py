@@ -25,7 +25,7 @@ def without_outlier_features(case: Case, base: Scored) -> tuple[Case, Scored]:
     if not wrong.any():
         return case, base
     points = np.where(wrong[:, None], np.nan, base.fit.state.points)
-    state, _ = place_points(case.problem, replace(base.fit.state, points=points), case.around, case.first.observed)
+    state, _ = place_points(case.problem, replace(base.fit.state, points=points), case.environment, case.first.observed)
     again = refit(case, state, (), most=40)
     if again.bic < base.bic:
         base = again

@@ -8,8 +8,8 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.refit import POLISH, Scored, refit, with_value
+from massprops.diagnosis.search.residual_statistics import count
 from massprops.effects import places_of
 
 SHORTEST, LONGEST = 0.1, 0.5

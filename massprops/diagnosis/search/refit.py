@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.misfit import count, mean_square, whiteness
+from massprops.diagnosis.search.residual_statistics import count, mean_square, whiteness
 from massprops.effects import effects, searched
 from massprops.estimators.batch.solve import Fit, Search, believed, covariance_of, fit
 from massprops.model import Model
@@ -135,7 +135,7 @@ def refit(
     with np.errstate(all="ignore"):
         # wild trial steps overflow; the search turns back from them by itself
         search = Search(most, idle=idle, against=against)
-        found = fit(case.problem, case.fitted, start, case.around, free, case.belief, search)
+        found = fit(case.problem, case.fitted, start, case.environment, free, case.inertia_prior, search)
     return scored(case, found, added)
 
 
@@ -144,7 +144,7 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     r = found.residuals
     n = count(r)
     ms = mean_square(r)
-    value, _ = believed(found.state, case.belief)
+    value, _ = believed(found.state, case.inertia_prior)
     unit = found.unit
     parameters = int(np.linalg.matrix_rank(unit, tol=1e-10)) if np.isfinite(unit).all() else len(unit)
     spent = parameters + sum(a.given or 0.0 for a in added)

@@ -43,7 +43,7 @@ def score_tests(
         instead_of: name of an effect of the model that goes to zero as the candidate comes.
     """
     with np.errstate(all="ignore"):
-        at = predict(case.problem, upon.fit.state, case.around)
+        at = predict(case.problem, upon.fit.state, case.environment)
         left = residuals(case.problem, case.scored, at)
         weights = robust(left, case.scored)
         cost = float(np.sum(weights * left.squares))
@@ -97,9 +97,9 @@ def _scored_together(
     free = np.concatenate([case.first.free, *(m for *_, m, _ in entries)]).astype(bool)
     free[17:] &= ~np.concatenate(timed)
     trial = replace(upon.fit.state, model=Model(tuple(m for m, *_ in entries), tuple(v for _, v, *_ in entries)))
-    at = predict(case.problem, trial, case.around)
-    linear = linearise(case.problem, case.scored, at, case.around)
-    reduced = reduced_equations(linear, case.scored, weights, free, trial, case.belief)
+    at = predict(case.problem, trial, case.environment)
+    linear = linearise(case.problem, case.scored, at, case.environment)
+    reduced = reduced_equations(linear, case.scored, weights, free, trial, case.inertia_prior)
     worse = float(np.sum(weights * linear.residuals.squares)) - cost
     share = case.fitted.count / max(1, case.scored.count)
     owner = owner[free]

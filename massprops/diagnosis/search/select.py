@@ -21,10 +21,10 @@ from massprops.diagnosis.search.assumed import DENSITY, density_with_each
 from massprops.diagnosis.search.by_balance import fits_by_balance
 from massprops.diagnosis.search.candidate_fits import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.misfit import count, mean_square
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
 from massprops.diagnosis.search.profile import profiled
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnosis.search.residual_statistics import count, mean_square
 from massprops.diagnosis.search.score import score_tests
 from massprops.diagnosis.search.stepwise import stepwise
 from massprops.effects import changes_motion, effects, forms, places_of

@@ -11,9 +11,9 @@ from massprops.diagnosis.search.acceptance import WORSE, explained, penalised_bi
 from massprops.diagnosis.search.assumed import DENSITY, believing, with_mass
 from massprops.diagnosis.search.candidate_fits import FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.misfit import count
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnosis.search.residual_statistics import count
 from massprops.effects import has_pace, searched
 
 MOST_EFFECTS = 2

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.misfit import mean_square
 from massprops.diagnosis.search.refit import Scored
+from massprops.diagnosis.search.residual_statistics import mean_square
 from massprops.dynamics.quaternion import rotate, rotation_matrix
 from massprops.effects import Parameter
-from massprops.estimators.batch.solve import Belief, Search, fit
+from massprops.estimators.batch.solve import InertiaPrior, Search, fit
 from massprops.model import Model
 from massprops.model.state import BatchState
 
@@ -23,7 +23,7 @@ MOST_KNOTS = 32
 def torque_effect(knots: np.ndarray) -> Any:
     """A body torque, linear between its values at `knots` (k,) [s]."""
 
-    def torque(t: Any, q: Any, w: Any, p: Any, inertia: Any, around: Any) -> tuple[Any, Any, Any]:
+    def torque(t: Any, q: Any, w: Any, p: Any, inertia: Any, environment: Any) -> tuple[Any, Any, Any]:
         if isinstance(t, float):
             k = min(max(int(np.searchsorted(knots, t)) - 1, 0), len(knots) - 2)
             x = (t - knots[k]) / (knots[k + 1] - knots[k])
@@ -60,7 +60,7 @@ def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
     start = replace(state, model=Model((effect,), (np.zeros(3 * count),)))
     free = np.concatenate([case.first.free, np.ones(3 * count, bool)])
     free[12:17] = False
-    found = fit(case.problem, case.fitted, start, case.around, free, Belief(), Search(most=12))
+    found = fit(case.problem, case.fitted, start, case.environment, free, InertiaPrior(), Search(most=12))
     torque = found.state.model.values[0].reshape(-1, 3)
     return {
         "times": knots,
@@ -89,11 +89,11 @@ def _character(
     R = rotation_matrix(q)
     known: dict[str, np.ndarray] = {"rate": w}
     if "sun direction" in case.there:
-        known["sun"] = np.einsum("nji,j->ni", R, np.array(case.around.sun))
+        known["sun"] = np.einsum("nji,j->ni", R, np.array(case.environment.sun))
     if "magnetic field" in case.there:
-        known["field"] = np.einsum("nji,j->ni", R, np.array(case.around.field))
+        known["field"] = np.einsum("nji,j->ni", R, np.array(case.environment.field))
     if "orbit" in case.there:
-        up = np.stack(np.broadcast_arrays(*case.around.position(knots)), axis=-1)
+        up = np.stack(np.broadcast_arrays(*case.environment.position(knots)), axis=-1)
         known["nadir"] = np.einsum("nji,nj->ni", R, -up / np.linalg.norm(up, axis=1, keepdims=True))
     correlations = {}
     for name, v in known.items():

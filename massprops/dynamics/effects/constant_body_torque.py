@@ -9,6 +9,6 @@ PARAMETERS = tuple(Parameter(f"torque_{a}", "rad s^-2", 1e-4, 1.0) for a in "xyz
 NEEDS = ()
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """The same in body axes at all times."""
     return p[0], p[1], p[2]

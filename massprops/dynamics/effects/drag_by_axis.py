@@ -10,6 +10,6 @@ NEEDS = ()
 SEARCHED = False  # the balance of momentum finds it; the search over starts does not try it
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """Against the rate about each body axis, in proportion to it."""
     return -p[0] * w[0], -p[1] * w[1], -p[2] * w[2]

@@ -10,11 +10,11 @@ PARAMETERS = (Parameter("strength", "1", 1.0, 3.0, least=0.3),)
 NEEDS = ("orbit",)
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """3 mu / r^5 r x I r (volpe2017); `strength` is 1 for the orbit as given."""
-    x, y, z = around.position
+    x, y, z = environment.position
     square = x * x + y * y + z * z
-    factor = 3.0 * around.mu / (square * square**0.5)
+    factor = 3.0 * environment.mu / (square * square**0.5)
     x, y, z = to_body(*q, x, y, z)
     ix, iy, iz = symmetric_times(*inertia, x, y, z)
     tx, ty, tz = cross(x, y, z, ix, iy, iz)

@@ -20,7 +20,7 @@ def jump(p):
     return once * p[1], once * p[2], once * p[3]
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """The same momentum added evenly, body axes, from `time` on over `duration`."""
     since = t.real - p[0].real
     rate = 1.0 * (since > 0.0) * (since < p[7].real) / max(p[7].real, 1e-300)

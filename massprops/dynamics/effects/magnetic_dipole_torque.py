@@ -10,6 +10,6 @@ PARAMETERS = tuple(Parameter(f"dipole_{a}", "rad s^-2 T^-1", 1.0, 1e9) for a in 
 NEEDS = ("magnetic field",)
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """m x B, body axes."""
-    return cross(p[0], p[1], p[2], *to_body(*q, *around.field))
+    return cross(p[0], p[1], p[2], *to_body(*q, *environment.field))

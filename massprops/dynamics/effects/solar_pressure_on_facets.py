@@ -49,10 +49,10 @@ LARGEST_TURN = 0.2
 """[rad] in a step of the derivatives: a face turns dark within SOFT; 0.4 leaves 2e-3 of their size, 0.2 4e-5."""
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """`push` is the force at full light times the centre of pressure of a face, `mirror` the torque of what is reflected, across
     the normal. Faces that look to twenty sides together push as a body of any other faces does, nearly."""
-    x, y, z = to_body(*q, *around.sun)
+    x, y, z = to_body(*q, *environment.sun)
     a, b, c = 0.0 * x, 0.0 * x, 0.0 * x
     for k in range(20):
         f = FACES[k]
@@ -67,9 +67,9 @@ def torque(t, q, w, p, inertia, around):
     return a, b, c
 
 
-def unit_torques(t, q, w, around):
+def unit_torques(t, q, w, environment):
     """The torque of a unit of each parameter, in turn."""
-    return _units(*to_body(*q, *around.sun))
+    return _units(*to_body(*q, *environment.sun))
 
 
 @cache

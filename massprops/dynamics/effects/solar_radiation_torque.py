@@ -10,7 +10,7 @@ PARAMETERS = tuple(Parameter(f"pressure_{a}", "rad s^-2", 1e-4, 1.0) for a in "x
 NEEDS = ("sun direction",)
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """p x (-s): p is force times the centre of pressure, body axes; s points to the Sun."""
-    x, y, z = to_body(*q, *around.sun)
+    x, y, z = to_body(*q, *environment.sun)
     return cross(p[0], p[1], p[2], -x, -y, -z)

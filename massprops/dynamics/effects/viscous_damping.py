@@ -9,6 +9,6 @@ PARAMETERS = (Parameter("damping", "s^-1", 1e-3, 10.0, least=0.0),)
 NEEDS = ()
 
 
-def torque(t, q, w, p, inertia, around):
+def torque(t, q, w, p, inertia, environment):
     """-damping times the angular velocity."""
     return -p[0] * w[0], -p[0] * w[1], -p[0] * w[2]

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import DIRECTIONS
-from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.solve import Fit, Search, covariance_of, fit
 from massprops.estimators.result import Halves
 from massprops.model.measurements import Measurements
@@ -19,12 +19,14 @@ VAGUE = 0.1
 """Of a half's inertia along any direction, at trace 1: a half that says less is no witness."""
 
 
-def halves(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> Halves | None:
+def halves(problem: Problem, m: Measurements, found: Fit, environment: EnvironmentModel) -> Halves | None:
     """Fits to the two halves of the measurements, each begun from the whole record's answer; None where one says
     nothing by itself or finds no rest."""
     middle, out = problem.times[len(problem.times) // 2], []
     for inside in (problem.times < middle, problem.times >= middle):
-        part = fit(problem, _within(m, inside), found.state, around, found.free, search=Search(most=MOST_ITERATIONS))
+        part = fit(
+            problem, _within(m, inside), found.state, environment, found.free, search=Search(most=MOST_ITERATIONS)
+        )
         if not part.converged:
             return None
         inertia = part.state.inertia / 3.0

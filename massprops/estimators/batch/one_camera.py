@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
-from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
 from massprops.estimators.batch.solve import Fit, fit
 from massprops.estimators.batch.start import BatchStart, place_points
@@ -57,7 +57,7 @@ def applies(problem: Problem, start: Any) -> bool:
 
 
 def fit_tracks(
-    problem: Problem, first: BatchStart, start: Any, around: Surroundings, model: Model | None = None
+    problem: Problem, first: BatchStart, start: Any, environment: EnvironmentModel, model: Model | None = None
 ) -> tuple[BatchStart, Fit, Measurements]:
     """The fit of all pixels, in the body axes of `attitude0`.
 
@@ -77,7 +77,7 @@ def fit_tracks(
         v0=np.array(start.velocity if start.velocity is not None else np.zeros(3), float),
         points=np.array(start.features, float),
     )
-    state, observed = place_points(problem, state, around)
+    state, observed = place_points(problem, state, environment)
     if observed.any(axis=(0, 1)).sum() < FEWEST_FEATURES:
         raise NotPossible(f"fewer than {FEWEST_FEATURES} features could be placed on the body: give longer tracks")
     known = {} if model is None else dict(zip(model.names, model.values, strict=True))
@@ -88,26 +88,26 @@ def fit_tracks(
     free[8] = problem.has_range
     channels = ("tracks", "range") if problem.has_range else ("tracks",)
     m = replace(measurements_of(problem, observed=observed, channels=channels), may_slide=True)
-    found = fit(problem, m, state, around, free)
-    found = fit(problem, m, _in_axes_of_attitudes(problem, found, around), around, free)
+    found = fit(problem, m, state, environment, free)
+    found = fit(problem, m, _in_axes_of_attitudes(problem, found, environment), environment, free)
     begun = replace(first, state=state, free=free, channels=channels, observed=observed, notes=())
     return begun, found, m
 
 
-def _in_axes_of_attitudes(problem: Problem, found: Fit, around: Surroundings) -> BatchState:
+def _in_axes_of_attitudes(problem: Problem, found: Fit, environment: EnvironmentModel) -> BatchState:
     """The state with its body axes turned onto those of attitude0, as the mean over all epochs has it."""
     state, rows = found.state, np.flatnonzero(np.isfinite(problem.attitude).all(axis=1))
     seen = rotation_matrix(found.predicted.q[rows])
-    if around.lvlh:
+    if environment.lvlh:
         seen = found.predicted.motion.turn[rows] @ seen
     turns = np.swapaxes(rotation_matrix(problem.attitude[rows]), 1, 2) @ seen
     return in_axes(state, nearest_rotation(turns.sum(axis=0)))
 
 
-def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> np.ndarray:
+def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environment: EnvironmentModel) -> np.ndarray:
     """(size, size) sandwich with clusters of place, of time and of the camera's side, zero for what is held; never below
     the independent errors'."""
-    linear = linearise(problem, m, found.predicted, around)
+    linear = linearise(problem, m, found.predicted, environment)
     o, free = len(m.uv), found.free
     w = found.weights[:o, None]
     J = linear.shared[: 2 * o].reshape(o, 2, -1)[:, :, free]
@@ -125,7 +125,7 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: 
     values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / scale[:, None] / scale
     seen = _Seen(score, np.sqrt(w)[..., None] * slope, (vectors / np.sqrt(np.maximum(values, 1e-12))).T / scale)
-    middle = _in_all_ways(seen, _alike(problem, m, found, around))
+    middle = _in_all_ways(seen, _alike(problem, m, found, environment))
     plain = inverse * max(1.0, found.chi2 / found.freedom)
     # the difference of the two ways need not be a covariance: no direction may fall below independent errors
     root = np.linalg.cholesky(plain + 1e-300 * np.eye(len(plain)))
@@ -137,7 +137,7 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, around: 
     return out
 
 
-def _alike(problem: Problem, m: Measurements, found: Fit, around: Surroundings) -> tuple[np.ndarray, ...]:
+def _alike(problem: Problem, m: Measurements, found: Fit, environment: EnvironmentModel) -> tuple[np.ndarray, ...]:
     """Labels (o,) of observations whose errors may be alike: by place on the body, by time, and by where the surface is before
     the camera."""
     from scipy.cluster.vq import kmeans2
@@ -150,7 +150,7 @@ def _alike(problem: Problem, m: Measurements, found: Fit, around: Surroundings) 
     long = float(np.quantile(np.bincount(at), 0.9))
     block = m.seen.epoch * int(np.clip(epochs / (2 * long), FEWEST_BLOCKS, MOST_BLOCKS)) // epochs
     turn = rotation_matrix(found.predicted.q)
-    if around.lvlh:
+    if environment.lvlh:
         turn = found.predicted.motion.turn @ turn
     before = np.einsum("oij,oj->oi", turn[m.seen.epoch], places[at])
     side = kmeans2(before / (before.std() or 1.0), SIDES, seed=1, minit="++")[1]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
 from massprops.dynamics.sensitivities import sensitivities
-from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.attitude_information import hidden_by
 from massprops.estimators.batch.solve import Fit, covariance_of
 from massprops.estimators.batch.start import BatchStart
@@ -26,7 +26,7 @@ def estimate_of(
     problem: Problem,
     first: BatchStart,
     found: Fit,
-    around: Surroundings,
+    environment: EnvironmentModel,
     seconds: float,
     rival: str | None = None,
     covariance: np.ndarray | None = None,
@@ -40,7 +40,7 @@ def estimate_of(
     turn = float(np.sqrt(np.max(np.diag(axes_covariance))))
     hidden = rival or hidden_by(np.sqrt(np.diag(k_covariance)), turn, state.w0, axes, LARGEST_SIGMA_K)
     tracked = "tracks" in first.channels
-    sigma = _sigmas(problem, found, around, covariance)
+    sigma = _sigmas(problem, found, environment, covariance)
     cam = motion.turn
     placed = first.observed.any(axis=(0, 1)) if first.observed.size else np.zeros(len(problem.features), bool)
     return Estimate(
@@ -55,7 +55,7 @@ def estimate_of(
         principal_axes=None if hidden else axes,
         axes_covariance=None if hidden else axes_covariance,
         times=problem.times,
-        q=multiply(from_rotation_matrix(cam), found.predicted.q) if around.lvlh else found.predicted.q,
+        q=multiply(from_rotation_matrix(cam), found.predicted.q) if environment.lvlh else found.predicted.q,
         w=motion.w,
         position=np.einsum("nij,nj->ni", cam, motion.r) if tracked else None,
         velocity=np.einsum("nij,nj->ni", cam, motion.v) if tracked else None,
@@ -75,7 +75,7 @@ def estimate_of(
 
 
 def _sigmas(
-    problem: Problem, found: Fit, around: Surroundings, covariance: np.ndarray
+    problem: Problem, found: Fit, environment: EnvironmentModel, covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """1-sigma (n, 3) of attitude, rates, position and velocity."""
     state = found.state
@@ -86,9 +86,9 @@ def _sigmas(
         state.w0,
         state.inertia,
         inertia_directions(state.inertia),
-        state.model.acting,
+        state.model.active,
         state.model.flat(True),
-        around,
+        environment,
     )
     nm = state.motion_count
     by_turn, by_path = np.r_[0:6, 12:17, 17 : 17 + nm], np.r_[6:12, 17 : 17 + nm]

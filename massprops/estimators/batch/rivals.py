@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import ratios
-from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.outcome import LARGEST_SIGMA_K
-from massprops.estimators.batch.solve import Belief, Fit, fit
+from massprops.estimators.batch.solve import Fit, InertiaPrior, fit
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
 
@@ -20,7 +20,7 @@ RIVAL_CHI2 = 12.0
 
 
 def best_of_rivals(
-    problem: Problem, m: Measurements, found: Fit, around: Surroundings, belief: Belief
+    problem: Problem, m: Measurements, found: Fit, environment: EnvironmentModel, inertia_prior: InertiaPrior
 ) -> tuple[Fit, str | None]:
     """The best of fits that begin with other inertias, and what is said when one differs but explains as much.
 
@@ -40,7 +40,7 @@ def best_of_rivals(
     fits = [found]
     best = found
     for inertia in starts:
-        other = fit(problem, m, replace(found.state, inertia=inertia), around, found.free, belief)
+        other = fit(problem, m, replace(found.state, inertia=inertia), environment, found.free, inertia_prior)
         if not np.isfinite(other.cost):
             continue
         fits.append(other)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.rotation import six_of
-from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch.track_weights import track_weights
 from massprops.model.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.model.measurements import Measurements
@@ -35,7 +35,7 @@ LARGEST_STEP = 1.0
 
 
 @dataclass(frozen=True)
-class Belief:
+class InertiaPrior:
     """What is believed beforehand: inertia (3, 3) trace 3 with sigma per element over the mean moment, or None;
     weak: otherwise, 1-sigma of the logarithm of the second moment's shape about a ball's, which any data that show the
     inertia outweigh."""
@@ -111,8 +111,8 @@ class _Descent:
 
     problem: Problem
     m: Measurements
-    around: Surroundings
-    belief: Belief
+    environment: EnvironmentModel
+    inertia_prior: InertiaPrior
     state: BatchState
     at: Predicted
 
@@ -125,26 +125,26 @@ class _Descent:
     def renew(self, state: BatchState, at: Predicted, left: Residuals) -> None:
         """Goes to a state, and linearises there."""
         self.state, self.at, self.weights = state, at, robust(left, self.m)
-        self.linear = linearise(self.problem, self.m, at, self.around)
-        self.cost = _cost(self.linear.residuals, self.weights, state, self.belief)
+        self.linear = linearise(self.problem, self.m, at, self.environment)
+        self.cost = _cost(self.linear.residuals, self.weights, state, self.inertia_prior)
 
     def tried(self, trial: BatchState) -> tuple[Predicted | None, Residuals | None, float]:
         """What a state predicts, its residuals, and its cost under the present weights."""
         if not np.linalg.norm(trial.w0) <= self.quickest:
             return None, None, np.inf
         with np.errstate(all="ignore"):
-            at = predict(self.problem, trial, self.around)
+            at = predict(self.problem, trial, self.environment)
             left = residuals(self.problem, self.m, at)
-            return at, left, _cost(left, self.weights, trial, self.belief)
+            return at, left, _cost(left, self.weights, trial, self.inertia_prior)
 
 
 def fit(
     problem: Problem,
     m: Measurements,
     start: BatchState,
-    around: Surroundings,
+    environment: EnvironmentModel,
     free: np.ndarray,
-    belief: Belief = Belief(),
+    inertia_prior: InertiaPrior = InertiaPrior(),
     search: Search = Search(),
     progress: Callable[[int, float], None] = lambda i, cost: None,
 ) -> Fit:
@@ -152,13 +152,13 @@ def fit(
 
     Args:
         free: (size,) parameters that may move; the others keep their values.
-        belief: about the inertia.
+        inertia_prior: about the inertia.
     """
-    here = _Descent(problem, m, around, belief, start, predict(problem, start, around))
+    here = _Descent(problem, m, environment, inertia_prior, start, predict(problem, start, environment))
     damping = 1e-3
     converged, iterations, stalled, lost = False, 0, 0, 0
     for iterations in range(1, search.most + 1):
-        reduced = reduced_equations(here.linear, m, here.weights, free, here.state, belief)
+        reduced = reduced_equations(here.linear, m, here.weights, free, here.state, inertia_prior)
         accepted = False
         while damping < LARGEST_DAMPING:
             d, points = _step(reduced, damping, free, here.state)
@@ -251,21 +251,21 @@ def _dimensions(m: Measurements) -> np.ndarray:
     return np.concatenate([np.full(n, d) for n, d in sizes]).astype(int)
 
 
-def _cost(r: Residuals, weights: np.ndarray, state: BatchState, belief: Belief) -> float:
-    value = np.concatenate([believed(state, belief)[0], *(v for _, v, _ in penalties(state))])
+def _cost(r: Residuals, weights: np.ndarray, state: BatchState, inertia_prior: InertiaPrior) -> float:
+    value = np.concatenate([believed(state, inertia_prior)[0], *(v for _, v, _ in penalties(state))])
     # an outlier costs what it would at the gate, so that throwing measurements out never pays
     return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
 
 
-def believed(state: BatchState, belief: Belief | None) -> tuple[np.ndarray, np.ndarray]:
+def believed(state: BatchState, inertia_prior: InertiaPrior | None) -> tuple[np.ndarray, np.ndarray]:
     """Residuals of the belief and their derivatives by the five inertia parameters."""
-    if belief is None:
+    if inertia_prior is None:
         return np.zeros(0), np.zeros((0, 5))
-    if belief.inertia is None:
-        return -log_shape(state.inertia) / belief.weak, np.eye(5) / belief.weak
-    value = np.array(six_of(state.inertia - belief.inertia)) / belief.sigma
+    if inertia_prior.inertia is None:
+        return -log_shape(state.inertia) / inertia_prior.weak, np.eye(5) / inertia_prior.weak
+    value = np.array(six_of(state.inertia - inertia_prior.inertia)) / inertia_prior.sigma
     ways = np.array([six_of(w) for w in inertia_directions(state.inertia)])
-    return -value, ways.T / belief.sigma
+    return -value, ways.T / inertia_prior.sigma
 
 
 def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -312,15 +312,20 @@ def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
 
 
 def reduced_equations(
-    linear: Linear, m: Measurements, weights: np.ndarray, free: np.ndarray, state: BatchState, belief: Belief | None
+    linear: Linear,
+    m: Measurements,
+    weights: np.ndarray,
+    free: np.ndarray,
+    state: BatchState,
+    inertia_prior: InertiaPrior | None,
 ) -> Reduced:
     w = weights[linear.unit]
     J = linear.shared[:, free]
     JW = J * w[:, None]
     full = JW.T @ J
     b = JW.T @ linear.value
-    if belief is not None:
-        value, slopes = believed(state, belief)
+    if inertia_prior is not None:
+        value, slopes = believed(state, inertia_prior)
         place = np.flatnonzero(free[12:17])
         at = free[:12].sum() + np.arange(len(place))
         full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]

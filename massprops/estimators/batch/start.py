@@ -8,12 +8,12 @@ from operator import itemgetter
 import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import physical
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
-from massprops.dynamics.surroundings import Surroundings
 from massprops.errors import NotPossible
-from massprops.estimators.batch.solve import Belief, Search, fit
+from massprops.estimators.batch.solve import InertiaPrior, Search, fit
 from massprops.estimators.start import Start
 from massprops.model import Model
 from massprops.model.linearise import Predicted, predict
@@ -50,7 +50,7 @@ class BatchStart:
 def batch_start(
     problem: Problem,
     start: Start,
-    around: Surroundings,
+    environment: EnvironmentModel,
     inertia: np.ndarray | None = None,
     own_attitudes: bool = False,
 ) -> BatchStart:
@@ -86,7 +86,7 @@ def batch_start(
     m = len(problem.features)
     points = np.full((m, 3), np.nan) if features is None else np.array(features, float)
     state = BatchState(q0, w0, r0, v0, moments, Model(), points)
-    state = _grow(problem, start, q, state, around)
+    state = _grow(problem, start, q, state, environment)
     channels = ("rates", "attitude") if problem.has_attitude else ("rates",)
     if tracks and (own_attitudes or problem.stereo or not problem.has_attitude):
         channels = ("range", *channels, "tracks")
@@ -94,7 +94,7 @@ def batch_start(
         notes.append("the attitude history of one camera's footage is used in place of the tracks it came from")
     observed = np.zeros_like(problem.seen)
     if "tracks" in channels:
-        state, observed = place_points(problem, state, around)
+        state, observed = place_points(problem, state, environment)
         lost = int((problem.seen.any(axis=(0, 1)) & ~observed.any(axis=(0, 1))).sum())
         if lost:
             notes.append(f"{lost} features could not be placed on the body and are left out")
@@ -148,7 +148,9 @@ def _back(
     return at[-1], rate[-1]
 
 
-def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, around: Surroundings) -> BatchState:
+def _grow(
+    problem: Problem, start: Start, q: np.ndarray, state: BatchState, environment: EnvironmentModel
+) -> BatchState:
     """Fits of the attitude history over spans that double until the whole record is covered."""
     n = len(problem.times)
     attitude, sigma = np.full((n, 4), np.nan), np.full(n, np.nan)
@@ -160,7 +162,7 @@ def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, arou
     still = replace(around_free(problem), attitude=attitude, sigma_attitude=sigma)
     free = np.zeros(17, bool)
     free[:6] = free[12:17] = True
-    quiet = Surroundings(replace(problem.environment, chaser_attitude="inertial"))
+    quiet = EnvironmentModel(replace(problem.environment, chaser_attitude="inertial"))
     span = max(_turn(start.w), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
 
@@ -190,7 +192,7 @@ def _grow(problem: Problem, start: Start, q: np.ndarray, state: BatchState, arou
 def _doubled(
     still: Problem,
     blank: BatchState,
-    quiet: Surroundings,
+    quiet: EnvironmentModel,
     free: np.ndarray,
     span: float,
     whole: float,
@@ -203,7 +205,7 @@ def _doubled(
         if len(m.attitude_at) >= 6:
             last = int(np.flatnonzero(inside)[-1]) + 1
             found = fit(
-                still.of_epochs(itemgetter(slice(last))), m, blank, quiet, free, Belief(weak=1.0), Search(most=25)
+                still.of_epochs(itemgetter(slice(last))), m, blank, quiet, free, InertiaPrior(weak=1.0), Search(most=25)
             )
             blank, misfit = found.state, found.chi2 / found.freedom
         if span >= whole:
@@ -217,7 +219,7 @@ def around_free(problem: Problem) -> Problem:
 
 
 def place_points(
-    problem: Problem, state: BatchState, around: Surroundings, observed: np.ndarray | None = None
+    problem: Problem, state: BatchState, environment: EnvironmentModel, observed: np.ndarray | None = None
 ) -> tuple[BatchState, np.ndarray]:
     """Feature points by linear triangulation over all epochs at the state's motion, where the state has none.
 
@@ -225,7 +227,7 @@ def place_points(
         the state with points, and which observations (n, c, m) belong to placed features.
     """
     m = measurements_of(problem, observed=observed, channels=("tracks",))
-    at = predict(problem, state, around)
+    at = predict(problem, state, environment)
     rays, where = _ray_rows(problem, at, m)
     points = state.points.copy()
     usable = problem.seen if observed is None else problem.seen & observed

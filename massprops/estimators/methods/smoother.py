@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import physical
-from massprops.dynamics.surroundings import Surroundings
 from massprops.estimators.batch import one_camera
 from massprops.estimators.batch.halves import halves, residual_rows
 from massprops.estimators.batch.outcome import estimate_of
 from massprops.estimators.batch.rivals import best_of_rivals
-from massprops.estimators.batch.solve import Belief, Fit, fit
+from massprops.estimators.batch.solve import Fit, InertiaPrior, fit
 from massprops.estimators.batch.start import batch_start
 from massprops.estimators.result import Estimate, Prior
 from massprops.model import Model
@@ -42,32 +42,32 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
         NotPossible: no attitude to begin with.
     """
     begun = time.process_time()
-    around = Surroundings(problem.environment)
-    first = batch_start(problem, start, around)
+    environment = EnvironmentModel(problem.environment)
+    first = batch_start(problem, start, environment)
     if one_camera.applies(problem, start):
-        first, found, m = one_camera.fit_tracks(problem, first, start, around, model)
-        found, rival = best_of_rivals(problem, m, found, around, Belief())
-        covariance = one_camera.clustered_covariance(problem, m, found, around)
-        told = estimate_of(NAME, problem, first, found, around, time.process_time() - begun, rival, covariance)
+        first, found, m = one_camera.fit_tracks(problem, first, start, environment, model)
+        found, rival = best_of_rivals(problem, m, found, environment, InertiaPrior())
+        covariance = one_camera.clustered_covariance(problem, m, found, environment)
+        told = estimate_of(NAME, problem, first, found, environment, time.process_time() - begun, rival, covariance)
         return replace(told, memory_counted=True)
     state, free = first.state, first.free
     if model is not None and model.modules:
         state = replace(state, model=model)
         free = np.concatenate([free, np.ones(state.size - 17, bool)])
     m = measurements_of(problem, observed=first.observed, channels=first.channels)
-    belief = Belief()
+    belief = InertiaPrior()
     if prior.inertia is not None and prior.attitude:
         sigma = 0.05 if prior.k_sigma is None else float(np.max(prior.k_sigma))
-        belief = Belief(3.0 * prior.inertia / np.trace(prior.inertia), max(sigma, 1e-6))
-    found = fit(problem, m, state, around, free, belief)
+        belief = InertiaPrior(3.0 * prior.inertia / np.trace(prior.inertia), max(sigma, 1e-6))
+    found = fit(problem, m, state, environment, free, belief)
     own = _state_of_model(state, model, problem)
     if own is not None:
         # the model's own state is near its minimum; the usual start need not lie in the same valley
-        found = min(found, fit(problem, m, own, around, free, belief), key=_cost)
-    found, rival = best_of_rivals(problem, m, found, around, belief)
-    told = estimate_of(NAME, problem, first, found, around, time.process_time() - begun, rival)
+        found = min(found, fit(problem, m, own, environment, free, belief), key=_cost)
+    found, rival = best_of_rivals(problem, m, found, environment, belief)
+    told = estimate_of(NAME, problem, first, found, environment, time.process_time() - begun, rival)
     if told.converged and told.observable:
-        told = replace(told, residuals=residual_rows(problem, m, found), halves=halves(problem, m, found, around))
+        told = replace(told, residuals=residual_rows(problem, m, found), halves=halves(problem, m, found, environment))
     return replace(told, cpu_us_per_step=1e6 * (time.process_time() - begun) / len(problem.times))
 
 

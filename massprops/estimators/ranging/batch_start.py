@@ -120,7 +120,7 @@ class _Task:
         run = compiled("trajectories", "massprops.dynamics.kernels", BODY_AXES, GRAVITY)
         return np.asarray(run(self.times[:n], y, s, self.chaser[:n], LARGEST_TURN))
 
-    def around(self, x: RangeMotion, n: int) -> tuple[np.ndarray, np.ndarray]:
+    def environment(self, x: RangeMotion, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Motion (n, 13) and the derivative of its errors (n, 12, 17): attitude, rate, position, velocity."""
         moves = np.zeros((BASE, BASE + x.f.size))
         moves[:, :BASE] = np.diag(STEPS)
@@ -150,7 +150,7 @@ class _Task:
 
     def normal(self, x: RangeMotion, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Normal matrix, gradient, motion and its derivative."""
-        y, J = self.around(x, n)
+        y, J = self.environment(x, n)
         m = len(x.f)
         pixel, span = self.residual(y, x.f)
         R = rotation_matrix(y[:, :4])

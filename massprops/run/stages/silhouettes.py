@@ -94,7 +94,7 @@ def _pixels(views: Views, i: int, points: np.ndarray) -> np.ndarray:
     """Projections into the stored (distorted) frame, of points before the camera."""
     import cv2
 
-    from massprops.capture.doubt import project
+    from massprops.capture.unknown_pixels import project
 
     uv, depth = project(points, views.K[i], views.R[i], views.t[i])
     uv = uv[depth > 0]
@@ -106,15 +106,15 @@ def _pixels(views: Views, i: int, points: np.ndarray) -> np.ndarray:
 
 def _refine(job: Job, views: Views, points: np.ndarray, footage: dict[str, Any]) -> list[float]:
     """The capture stage's masks; before a sky or background, doubt where the reconstruction knows of body."""
-    from massprops.capture.doubt import predicted_silhouette, with_doubt
     from massprops.capture.limb import without
+    from massprops.capture.unknown_pixels import predicted_silhouette, with_unknown
 
     beside = {f["name"]: f["beside"] for f in footage["frames"] if f.get("beside")}
     share = []
     for i, name in enumerate(views.names):
         mask = read_image(mask_file(job.run / "work", name), 0)
         if not footage.get("masks_given"):
-            mask = with_doubt(mask, predicted_silhouette(_pixels(views, i, points), mask.shape))
+            mask = with_unknown(mask, predicted_silhouette(_pixels(views, i, points), mask.shape))
         if name in beside:
             mask = without(mask, read_image(job.work("capture") / beside[name], 0) > 0)
         share.append(_save(job, name, mask))
@@ -171,7 +171,7 @@ def _placement(
         index: rows of its views; number: its own; before: views done before it.
         painted: colours of the object, which tell what a silhouette may lack: 128.
     """
-    from massprops.capture.doubt import project
+    from massprops.capture.unknown_pixels import project
     from massprops.geometry.rasterise import rasterise
     from massprops.run.stages.shape import placement_folder
 

@@ -73,7 +73,7 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
-    from massprops.surface.through_holes import as_open
+    from massprops.surface.through_holes import with_open_holes
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
 
@@ -101,7 +101,7 @@ def run(job: Job) -> dict[str, Any]:
     underside_hollow = underside_may_be_hollow(place, others)
     body = mesh_integrals(surface.vertices, surface.faces)
     empty, told = _may_be_empty(_hollows(surface, place, underside_hollow), holes, float(body[0]))
-    rows = as_open(hollowed(rows, body, empty, job.seed), holes.unsure, job.seed)
+    rows = with_open_holes(hollowed(rows, body, empty, job.seed), holes.unsure, job.seed)
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     # what the body is within at most, where its replicates leave that open
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)

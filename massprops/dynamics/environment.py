@@ -12,7 +12,7 @@ from massprops.dynamics import orbit
 from massprops.sequence.data import Environment, Orbit
 
 
-class Sky(NamedTuple):
+class EnvironmentState(NamedTuple):
     """What an effect may ask of the surroundings at a moment; inertial axes.
 
     Attributes:
@@ -26,7 +26,7 @@ class Sky(NamedTuple):
     mu: float
 
 
-class Surroundings:
+class EnvironmentModel:
     """The environment of a sequence, ready to be asked at any time.
 
     Attributes:
@@ -69,10 +69,10 @@ class Surroundings:
         (a, b, _), (c, d, _), (e, f, _) = self._rows
         return a * x + b * y, c * x + d * y, e * x + f * y
 
-    def sky(self, t: Any, orbiting: bool = True) -> Sky:
+    def state(self, t: Any, orbiting: bool = True) -> EnvironmentState:
         """All that effects ask for at time(s) t; the position is zeros without an orbit, or where none asks for it."""
         place = self.position(t) if orbiting and self.orbit is not None else (0.0, 0.0, 0.0)
-        return Sky(place, self.sun, self.field, self.mu)
+        return EnvironmentState(place, self.sun, self.field, self.mu)
 
     def chaser_turn(self, times: np.ndarray) -> np.ndarray:
         """(n, 3, 3) from inertial axes to cam0's: the orbital frame's turn since the first time, or none."""
@@ -109,4 +109,4 @@ def _three(vector: np.ndarray | None) -> tuple[float, float, float]:
     return (0.0, 0.0, 0.0) if vector is None else tuple(float(v) for v in vector)  # type: ignore[return-value]
 
 
-__all__ = ["Orbit", "Surroundings", "eccentric_anomaly"]
+__all__ = ["EnvironmentModel", "Orbit", "eccentric_anomaly"]

@@ -53,7 +53,7 @@ def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int], spacing: float 
     return out
 
 
-def with_doubt(mask: np.ndarray, predicted: np.ndarray, margin: int = 2) -> np.ndarray:
+def with_unknown(mask: np.ndarray, predicted: np.ndarray, margin: int = 2) -> np.ndarray:
     """The mask with `UNKNOWN` where it says background and the reconstruction says body.
 
     Args:

@@ -18,7 +18,9 @@ LOSS_PX = 1.0
 """Scale of the loss before outliers are removed [px]: they are many, and the adjustment need only follow the shifts."""
 
 
-def as_global(mapped: pycolmap.Reconstruction, seen: Seen, readout: Readout, given: ModelInputs) -> FootageRecord:
+def to_global_shutter(
+    mapped: pycolmap.Reconstruction, seen: Seen, readout: Readout, given: ModelInputs
+) -> FootageRecord:
     """Moves the features of a mapped model in place, takes out images whose motion is not known, and warps the others.
 
     Args:
