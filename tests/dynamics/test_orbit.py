@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from massprops.campaigns.papers._pesce2017_chaser import EnvironmentModel
+from massprops.campaigns.papers._pesce2017_chaser import Surroundings
 from massprops.dynamics.chaser_path import chaser_path, transitions
-from massprops.dynamics.environment import EnvironmentModel as Around
+from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import (
     eccentric_anomaly,
@@ -94,7 +94,7 @@ def test_steps_beside_the_chaser_follow_a_neighbour_on_its_own_orbit() -> None:
 
 def test_camera_frame_is_the_one_that_the_simulator_uses() -> None:
     environment = Environment("lvlh", orbit(0.2))
-    ours, theirs = EnvironmentModel(environment.orbit, turning=True), Around(environment)
+    ours, theirs = Surroundings(environment.orbit, turning=True), EnvironmentModel(environment)
     for t in (0.0, 40.0, 3000.0):
         np.testing.assert_allclose(ours.camera_frame(t)[0].T, theirs.chaser_turn(np.array([t]))[0], atol=1e-11)
         there = position_velocity(orbit(0.2), np.asarray(t))[0]

@@ -66,7 +66,7 @@ def test_the_focal_length_is_held_where_that_gives_more_sound_pieces(monkeypatch
         return held
 
     monkeypatch.setattr(attempt, "mapped", lambda *_: free)
-    monkeypatch.setattr(attempt, "likelier", lambda m, mapping: m)
+    monkeypatch.setattr(attempt, "depth_reversal_resolved", lambda m, mapping: m)
     monkeypatch.setattr(attempt, "map_images", mapped)
     monkeypatch.setattr(attempt, "steady", lambda m, *_: 99 not in m.reg_image_ids())
     shown = SimpleNamespace(folder=tmp_path)
