@@ -27,6 +27,7 @@ from massprops.surface.join import joined
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
+from massprops.surface.unexplained import Unexplained, earned, unexplained
 from massprops.views import Views
 
 AREA = 0.08
@@ -35,9 +36,9 @@ FILL = 0.02
 """Pull of the hull on space that nothing was measured in, per spacing cubed."""
 OFF_HULL = 1.0
 """Points of the cloud farther than this outside the hull [px] are errors of matching."""
-MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD = range(6)
+MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD, SHOWN = range(7)
 """Kinds of points: of the dense cloud, on the silhouettes' hull, inside it, on the plane of support, of the surroundings,
-far outside."""
+far outside, and on the hull of what silhouettes alone show."""
 HOLLOW = 1 / 3
 """Where an unmeasured side is put, from 0 on the cut, which fills up to the hull, to 1 on a membrane."""
 
@@ -110,18 +111,19 @@ def reconstruct_surface(
     progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
-    tetra, kind = _tetrahedra(thinned, hull, views, seed, beside)
-    progress(2, 5, "tetrahedra")
-    costs = _costs(tetra, thinned, hull, views, kind, beside, fill)
-    progress(3, 5, "lines of sight")
-    guard = (kind[tetra.corners] == GUARD).any(1)
-    body = manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving), guard)
+    tetra, kind, body = _cut_out(thinned, hull, views, seed, beside, fill, moving, None)
     if body.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
+    progress(3, 5, "first cut")
+    if masks and not moving:
+        vertices, faces, _ = _mesh(tetra, kind, body)
+        more = unexplained(vertices, faces, views, masks, hull, thinned.spacing, seed)
+        if more is not None:
+            tetra, kind, body = _cut_out(thinned, hull, views, seed, beside, fill, moving, more)
     progress(4, 5, "cut")
     vertices, faces, kinds = _mesh(tetra, kind, body)
     h = thinned.spacing
-    measured, fixed = kinds == MEASURED, (kinds == MEASURED) | (kinds == CONTACT)
+    measured, fixed = kinds == MEASURED, np.isin(kinds, (MEASURED, CONTACT, SHOWN))
     vertices = _hollow(vertices, faces, fixed)
     vertices = fair(vertices, faces, fixed, 10)
     for _ in range(2):
@@ -130,6 +132,23 @@ def reconstruct_surface(
     inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
+
+
+def _cut_out(
+    thinned: Thinned,
+    hull: Hull,
+    views: Views,
+    seed: int,
+    beside: Thinned | None,
+    fill: float,
+    moving: bool,
+    more: Unexplained | None,
+) -> tuple[Tetrahedra, np.ndarray, np.ndarray]:
+    """Tetrahedra, the kind of each point, and (t,) bool which are the body's; more: what silhouettes show besides."""
+    tetra, kind = _tetrahedra(thinned, hull, views, seed, beside, more)
+    costs = _costs(tetra, thinned, hull, views, kind, beside, fill, more)
+    guard = (kind[tetra.corners] == GUARD).any(1)
+    return tetra, kind, manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving), guard)
 
 
 def _sound(cloud: Cloud) -> Cloud:
@@ -199,7 +218,12 @@ def _contact(thinned: Thinned, plane: np.ndarray) -> np.ndarray:
 
 
 def _tetrahedra(
-    thinned: Thinned, hull: Hull, views: Views, seed: int, beside: Thinned | None = None
+    thinned: Thinned,
+    hull: Hull,
+    views: Views,
+    seed: int,
+    beside: Thinned | None = None,
+    more: Unexplained | None = None,
 ) -> tuple[Tetrahedra, np.ndarray]:
     """Tetrahedra, and the kind of each point."""
     from scipy.spatial import QhullError, cKDTree
@@ -230,6 +254,13 @@ def _tetrahedra(
     within = within[hull.value(within) < 0]
     within = within[tree.query(within)[0] > 2.5 * h][:count]
     within = np.concatenate([within, between])
+    shown = silhouette[:0]
+    if more is not None:
+        within = np.concatenate([within, more.inside[tree.query(more.inside)[0] > h]])
+        shown = more.outline[tree.query(more.outline)[0] > h]
+        shown = _one_per_cell(shown, np.full(len(shown), h))
+        low, high = np.minimum(low, more.outline.min(0)), np.maximum(high, more.outline.max(0))
+        extent = float(np.linalg.norm(high - low))
     middle, radius = 0.5 * (low + high), 0.75 * extent
     i = np.arange(200) + 0.5
     z, a = 1 - i / 100, np.pi * (1 + 5**0.5) * i
@@ -246,6 +277,7 @@ def _tetrahedra(
         CONTACT: contact,
         BESIDE: none if beside is None else beside.xyz,
         GUARD: guard,
+        SHOWN: shown,
     }
     kind = np.concatenate([np.full(len(p), k) for k, p in parts.items()])
     everything = np.concatenate(list(parts.values()))
@@ -274,6 +306,7 @@ def _costs(
     kind: np.ndarray,
     beside: Thinned | None,
     fill: float,
+    more: Unexplained | None = None,
 ) -> Costs:
     h, n = thinned.spacing, len(thinned.xyz)
     # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
@@ -305,5 +338,12 @@ def _costs(
     guard = (kind[tetra.corners] == GUARD).any(1)
     outside = np.where(guard, 1e6, outside)
     pull = np.where((sky <= 0.5) & ~guard, fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    shown = None
+    if more is not None:
+        own = np.flatnonzero((sky <= 0.5) & ~guard)
+        gain = earned(more, hull, middle[own], volume[own], h)
+        pull[own] += gain * np.exp(-free[own])
+        shown = np.zeros(len(volume), bool)
+        shown[own] = gain > 0
     both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
-    return Costs(outside, sure + pull, into, both)
+    return Costs(outside, sure + pull, into, both, shown)
