@@ -320,8 +320,8 @@ def _costs(
         number = (beside.views >= 0).sum(1)[p]
         noise = np.maximum(0.5 * beside.sigma, 0.05 * h)[p]
         own = np.flatnonzero(kind == BESIDE)[p]
-        more = sight_evidence(tetra, own, views.centres[beside.views[p, slot]], noise, 2.0 / np.maximum(number, 2))
-        into, free = into + more[0], free + more[1]
+        other = sight_evidence(tetra, own, views.centres[beside.views[p, slot]], noise, 2.0 / np.maximum(number, 2))
+        into, free = into + other[0], free + other[1]
 
     sure = np.zeros(len(tetra.corners))
     depth = np.maximum(1.5 * thinned.sigma, 0.15 * h)

@@ -51,7 +51,13 @@ class Unexplained:
 
 
 def unexplained(
-    vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray], hull: Hull, spacing: float, seed: int
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    views: Views,
+    masks: list[np.ndarray],
+    hull: Hull,
+    spacing: float,
+    seed: int,
 ) -> Unexplained | None:
     """What the silhouettes show beside a mesh; None where there is nothing.
 
@@ -150,6 +156,8 @@ def _thickness(found: Unexplained, hull: Hull, xyz: np.ndarray, spacing: float) 
     for i in chosen:
         ray = xyz - found.views.centres[i]
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        ends = [np.linalg.norm(shot(hull, xyz, s * ray, 0.3 * spacing, reach, missed=True) - xyz, axis=1) for s in (1, -1)]
+        ends = [
+            np.linalg.norm(shot(hull, xyz, s * ray, 0.3 * spacing, reach, missed=True) - xyz, axis=1) for s in (1, -1)
+        ]
         lengths.append(ends[0] + ends[1])
     return np.asarray(np.median(lengths, axis=0))
