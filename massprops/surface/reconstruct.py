@@ -15,7 +15,8 @@ rims: recesses lie near the membrane, unseen sides near the hull. See `spread` f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,6 +30,9 @@ from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
 from massprops.surface.unexplained import Unexplained, earned, unexplained
 from massprops.views import Views
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 AREA = 0.08
 """Cost of surface, per spacing squared, against 1 for the line of sight of one point."""
@@ -111,15 +115,11 @@ def reconstruct_surface(
     progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
-    tetra, kind, body = _cut_out(thinned, hull, views, seed, beside, fill, moving, None)
+    given = _Given(thinned, hull, views, seed, beside, fill)
+    progress(2, 5, "first cut")
+    tetra, kind, body = _body(given, masks, moving)
     if body.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
-    progress(3, 5, "first cut")
-    if masks and not moving:
-        vertices, faces, _ = _mesh(tetra, kind, body)
-        more = unexplained(vertices, faces, views, masks, hull, thinned.spacing, seed)
-        if more is not None:
-            tetra, kind, body = _cut_out(thinned, hull, views, seed, beside, fill, moving, more)
     progress(4, 5, "cut")
     vertices, faces, kinds = _mesh(tetra, kind, body)
     h = thinned.spacing
@@ -134,21 +134,43 @@ def reconstruct_surface(
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
 
 
-def _cut_out(
-    thinned: Thinned,
-    hull: Hull,
-    views: Views,
-    seed: int,
-    beside: Thinned | None,
-    fill: float,
-    moving: bool,
-    more: Unexplained | None,
-) -> tuple[Tetrahedra, np.ndarray, np.ndarray]:
-    """Tetrahedra, the kind of each point, and (t,) bool which are the body's; more: what silhouettes show besides."""
-    tetra, kind = _tetrahedra(thinned, hull, views, seed, beside, more)
-    costs = _costs(tetra, thinned, hull, views, kind, beside, fill, more)
+@dataclass(frozen=True)
+class _Given:
+    """What a cut is made of: arguments of `reconstruct_surface`, and what silhouettes show beside an earlier cut."""
+
+    thinned: Thinned
+    hull: Hull
+    views: Views
+    seed: int
+    beside: Thinned | None
+    fill: float
+    more: Unexplained | None = None
+
+
+def _body(given: _Given, masks: list[np.ndarray], moving: bool) -> tuple[Tetrahedra, np.ndarray, np.ndarray]:
+    """Tetrahedra, the kind of each point, and (t,) bool which are the body's.
+
+    Once more with what silhouettes show of a still object where a first cut left nothing. What moves freely may be unlit
+    there, and its silhouettes uncertain.
+    """
+    tetra, kind, costs, inside = _cut_out(given)
+    if masks and not moving:
+        # another thing that was measured is no part of the object, though a silhouette may show it
+        every = joined(tetra, costs, inside, moving=True)
+        vertices, faces, _ = _mesh(tetra, kind, every)
+        spacing = given.thinned.spacing
+        more = unexplained(vertices, faces, given.views, masks, given.hull, spacing, given.seed) if len(faces) else None
+        if more is not None:
+            tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
-    return tetra, kind, manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving), guard)
+    return tetra, kind, manifold(tetra, joined(tetra, costs, inside, moving), guard)
+
+
+def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, Costs, np.ndarray]:
+    """Tetrahedra, the kind of each point, costs, and (t,) bool which are inside at least cost."""
+    tetra, kind = _tetrahedra(given)
+    costs = _costs(given, tetra, kind)
+    return tetra, kind, costs, minimum_cut(tetra, costs)
 
 
 def _sound(cloud: Cloud) -> Cloud:
@@ -217,37 +239,38 @@ def _contact(thinned: Thinned, plane: np.ndarray) -> np.ndarray:
     return out
 
 
-def _tetrahedra(
-    thinned: Thinned,
-    hull: Hull,
-    views: Views,
-    seed: int,
-    beside: Thinned | None = None,
-    more: Unexplained | None = None,
-) -> tuple[Tetrahedra, np.ndarray]:
+def _on_hull(given: _Given, tree: cKDTree, extent: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (k, 3) on the hull where nothing was measured, and (m, 3) points within thin parts of it."""
+    thinned, h = given.thinned, given.thinned.spacing
+    step = max(1, len(thinned.xyz) // 8_000)
+    silhouette, begin = hull_points(
+        given.hull, thinned.xyz[::step], thinned.normal[::step], h, 1.2 * extent, 5, given.seed
+    )
+    if not len(silhouette):
+        return silhouette, silhouette
+    away = tree.query(silhouette)[0]
+    # A plate seen from one side only: without points in it, no cut could make it thinner than the hull.
+    thin_part = (away > 1.2 * h) & (np.linalg.norm(silhouette - begin, axis=1) < 16 * h)
+    lower, upper = begin[thin_part], silhouette[thin_part]
+    between = np.concatenate([lower + f * (upper - lower) for f in (0.25, 0.5, 0.75)])
+    between = between[tree.query(between)[0] > 0.5 * h]
+    between = _one_per_cell(between, np.full(len(between), h))
+    silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
+    # Fine next to what was measured, where thin parts are, coarser far from it.
+    return _one_per_cell(silhouette, np.clip(0.35 * away, h, 4 * h)), between
+
+
+def _tetrahedra(given: _Given) -> tuple[Tetrahedra, np.ndarray]:
     """Tetrahedra, and the kind of each point."""
     from scipy.spatial import QhullError, cKDTree
 
+    thinned, hull, more = given.thinned, given.hull, given.more
     h = thinned.spacing
     low, high = thinned.xyz.min(0), thinned.xyz.max(0)
     extent = float(np.linalg.norm(high - low))
     tree = cKDTree(thinned.xyz)
-    rng = np.random.default_rng([seed, 13])
-
-    step = max(1, len(thinned.xyz) // 8_000)
-    silhouette, begin = hull_points(hull, thinned.xyz[::step], thinned.normal[::step], h, 1.2 * extent, 5, seed)
-    between = silhouette[:0]
-    if len(silhouette):
-        away = tree.query(silhouette)[0]
-        # A plate seen from one side only: without points in it, no cut could make it thinner than the hull.
-        thin_part = (away > 1.2 * h) & (np.linalg.norm(silhouette - begin, axis=1) < 16 * h)
-        lower, upper = begin[thin_part], silhouette[thin_part]
-        between = np.concatenate([lower + f * (upper - lower) for f in (0.25, 0.5, 0.75)])
-        between = between[tree.query(between)[0] > 0.5 * h]
-        between = _one_per_cell(between, np.full(len(between), h))
-        silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
-        # Fine next to what was measured, where thin parts are, coarser far from it.
-        silhouette = _one_per_cell(silhouette, np.clip(0.35 * away, h, 4 * h))
+    rng = np.random.default_rng([given.seed, 13])
+    silhouette, between = _on_hull(given, tree, extent)
 
     count = 6000
     within = low + (high - low) * rng.random((8 * count, 3))
@@ -275,7 +298,7 @@ def _tetrahedra(
         ON_HULL: silhouette,
         WITHIN: within,
         CONTACT: contact,
-        BESIDE: none if beside is None else beside.xyz,
+        BESIDE: none if given.beside is None else given.beside.xyz,
         GUARD: guard,
         SHOWN: shown,
     }
@@ -298,16 +321,9 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
     return xyz[np.sort(np.unique(code, return_index=True)[1])]
 
 
-def _costs(
-    tetra: Tetrahedra,
-    thinned: Thinned,
-    hull: Hull,
-    views: Views,
-    kind: np.ndarray,
-    beside: Thinned | None,
-    fill: float,
-    more: Unexplained | None = None,
-) -> Costs:
+def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
+    """What the cut pays. Arguments as of `_tetrahedra`, and what it gives."""
+    thinned, hull, views, beside, more = given.thinned, given.hull, given.views, given.beside, given.more
     h, n = thinned.spacing, len(thinned.xyz)
     # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
     soft = np.maximum(0.5 * thinned.sigma, 0.05 * h)
@@ -337,7 +353,7 @@ def _costs(
     outside = np.where(sky > 1.0, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
     guard = (kind[tetra.corners] == GUARD).any(1)
     outside = np.where(guard, 1e6, outside)
-    pull = np.where((sky <= 0.5) & ~guard, fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    pull = np.where((sky <= 0.5) & ~guard, given.fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
     shown = None
     if more is not None:
         own = np.flatnonzero((sky <= 0.5) & ~guard)
