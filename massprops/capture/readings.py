@@ -50,9 +50,10 @@ WIDER = 1.25
 ALIKE = 0.6
 """Overlap of the colours of stand and carried (Bhattacharyya) above which they are one thing: a plate with its handle, a
 machined part with its boss."""
-APART = 3.0
+APART = 2.0
 """Distance of the hues of stand and carried, in standard deviations within them, from which on they are two things however
-alike their colours are in light and shade: 7 for a plain pale figure on a plain pale block (overlap of colours 0.78)."""
+alike their colours are in light and shade: 2.8 and 5.5 for two plain pale figures on plain pale blocks (overlap of colours 0.81 and
+0.78); within one thing at most 0.8 (plate and handle of a stamp), 1.1 (levels of a banana)."""
 HUE_FLOOR = 0.02
 """Least standard deviation of a hue: two steps in a hundred grey levels."""
 COLOUR_BINS = 8

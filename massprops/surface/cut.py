@@ -22,12 +22,14 @@ class Costs:
         inside: (t,) cost of calling it outside.
         into: (t, 4) cost of a facet whose neighbour is outside and whose own tetrahedron is inside.
         both: (t, 4) cost of a facet between different labels.
+        shown: (t,) bool, tetrahedra that silhouettes alone show; None where there are none.
     """
 
     outside: np.ndarray
     inside: np.ndarray
     into: np.ndarray
     both: np.ndarray
+    shown: np.ndarray | None = None
 
 
 def minimum_cut(tetra: Tetrahedra, costs: Costs) -> np.ndarray:

@@ -29,12 +29,16 @@ def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = T
         costs: of the cut that gave the labels.
         inside: (t,) labels of least cost.
         moving: all points moved together, so that all parts are the body's; else the component that weighs most is the
-            object, and others may be what stands beside it.
+            object, with those that silhouettes show, and others may be what stands beside it.
     """
     part = np.where(inside, components(tetra, inside), -1)
     worth = _worth(tetra, costs, part)
     body = int(np.argmax(worth))
     few = parts(worth) if moving else np.array([body])
+    if costs.shown is not None:
+        # what all silhouettes of the object show is its own
+        own = np.bincount(part[inside], costs.shown[inside], len(worth)) > 0.5 * np.bincount(part[inside])
+        few = np.union1d(few, np.flatnonzero(own))
     if len(few) < 2:
         out: np.ndarray = part == body
         return out

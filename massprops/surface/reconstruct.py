@@ -15,7 +15,8 @@ rims: recesses lie near the membrane, unseen sides near the hull. See `spread` f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,7 +28,11 @@ from massprops.surface.join import joined
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
+from massprops.surface.unexplained import Unexplained, earned, unexplained
 from massprops.views import Views
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 AREA = 0.08
 """Cost of surface, per spacing squared, against 1 for the line of sight of one point."""
@@ -35,9 +40,9 @@ FILL = 0.02
 """Pull of the hull on space that nothing was measured in, per spacing cubed."""
 OFF_HULL = 1.0
 """Points of the cloud farther than this outside the hull [px] are errors of matching."""
-MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD = range(6)
+MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD, SHOWN = range(7)
 """Kinds of points: of the dense cloud, on the silhouettes' hull, inside it, on the plane of support, of the surroundings,
-far outside."""
+far outside, and on the hull of what silhouettes alone show."""
 HOLLOW = 1 / 3
 """Where an unmeasured side is put, from 0 on the cut, which fills up to the hull, to 1 on a membrane."""
 
@@ -114,18 +119,15 @@ def reconstruct_surface(
     progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
-    tetra, kind = _tetrahedra(thinned, hull, views, seed, beside)
-    progress(2, 5, "tetrahedra")
-    costs = _costs(tetra, thinned, hull, views, kind, beside, fill)
-    progress(3, 5, "lines of sight")
-    guard = (kind[tetra.corners] == GUARD).any(1)
-    body = manifold(tetra, joined(tetra, costs, minimum_cut(tetra, costs), moving), guard)
+    given = _Given(thinned, hull, views, seed, beside, fill)
+    progress(2, 5, "first cut")
+    tetra, kind, body = _body(given, masks, moving)
     if body.sum() < 10:
         raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
     progress(4, 5, "cut")
     vertices, faces, kinds = _mesh(tetra, kind, body)
     h = thinned.spacing
-    measured, fixed = kinds == MEASURED, (kinds == MEASURED) | (kinds == CONTACT)
+    measured, fixed = kinds == MEASURED, np.isin(kinds, (MEASURED, CONTACT, SHOWN))
     vertices = _hollow(vertices, faces, fixed, support)
     vertices = fair(vertices, faces, fixed, 10)
     for _ in range(2):
@@ -134,6 +136,45 @@ def reconstruct_surface(
     inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What a cut is made of: arguments of `reconstruct_surface`, and what silhouettes show beside an earlier cut."""
+
+    thinned: Thinned
+    hull: Hull
+    views: Views
+    seed: int
+    beside: Thinned | None
+    fill: float
+    more: Unexplained | None = None
+
+
+def _body(given: _Given, masks: list[np.ndarray], moving: bool) -> tuple[Tetrahedra, np.ndarray, np.ndarray]:
+    """Tetrahedra, the kind of each point, and (t,) bool which are the body's.
+
+    Once more with what silhouettes show of a still object where a first cut left nothing. What moves freely may be unlit
+    there, and its silhouettes uncertain.
+    """
+    tetra, kind, costs, inside = _cut_out(given)
+    if masks and not moving:
+        # another thing that was measured is no part of the object, though a silhouette may show it
+        every = joined(tetra, costs, inside, moving=True)
+        vertices, faces, _ = _mesh(tetra, kind, every)
+        spacing = given.thinned.spacing
+        more = unexplained(vertices, faces, given.views, masks, given.hull, spacing, given.seed) if len(faces) else None
+        if more is not None:
+            tetra, kind, costs, inside = _cut_out(replace(given, more=more))
+    guard = (kind[tetra.corners] == GUARD).any(1)
+    return tetra, kind, manifold(tetra, joined(tetra, costs, inside, moving), guard)
+
+
+def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, Costs, np.ndarray]:
+    """Tetrahedra, the kind of each point, costs, and (t,) bool which are inside at least cost."""
+    tetra, kind = _tetrahedra(given)
+    costs = _costs(given, tetra, kind)
+    return tetra, kind, costs, minimum_cut(tetra, costs)
 
 
 def _sound(cloud: Cloud) -> Cloud:
@@ -214,38 +255,51 @@ def _contact(thinned: Thinned, plane: np.ndarray) -> np.ndarray:
     return out
 
 
-def _tetrahedra(
-    thinned: Thinned, hull: Hull, views: Views, seed: int, beside: Thinned | None = None
-) -> tuple[Tetrahedra, np.ndarray]:
+def _on_hull(given: _Given, tree: cKDTree, extent: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (k, 3) on the hull where nothing was measured, and (m, 3) points within thin parts of it."""
+    thinned, h = given.thinned, given.thinned.spacing
+    step = max(1, len(thinned.xyz) // 8_000)
+    silhouette, begin = hull_points(
+        given.hull, thinned.xyz[::step], thinned.normal[::step], h, 1.2 * extent, 5, given.seed
+    )
+    if not len(silhouette):
+        return silhouette, silhouette
+    away = tree.query(silhouette)[0]
+    # A plate seen from one side only: without points in it, no cut could make it thinner than the hull.
+    thin_part = (away > 1.2 * h) & (np.linalg.norm(silhouette - begin, axis=1) < 16 * h)
+    lower, upper = begin[thin_part], silhouette[thin_part]
+    between = np.concatenate([lower + f * (upper - lower) for f in (0.25, 0.5, 0.75)])
+    between = between[tree.query(between)[0] > 0.5 * h]
+    between = _one_per_cell(between, np.full(len(between), h))
+    silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
+    # Fine next to what was measured, where thin parts are, coarser far from it.
+    return _one_per_cell(silhouette, np.clip(0.35 * away, h, 4 * h)), between
+
+
+def _tetrahedra(given: _Given) -> tuple[Tetrahedra, np.ndarray]:
     """Tetrahedra, and the kind of each point."""
     from scipy.spatial import QhullError, cKDTree
 
+    thinned, hull, more = given.thinned, given.hull, given.more
     h = thinned.spacing
     low, high = thinned.xyz.min(0), thinned.xyz.max(0)
     extent = float(np.linalg.norm(high - low))
     tree = cKDTree(thinned.xyz)
-    rng = np.random.default_rng([seed, 13])
-
-    step = max(1, len(thinned.xyz) // 8_000)
-    silhouette, begin = hull_points(hull, thinned.xyz[::step], thinned.normal[::step], h, 1.2 * extent, 5, seed)
-    between = silhouette[:0]
-    if len(silhouette):
-        away = tree.query(silhouette)[0]
-        # A plate seen from one side only: without points in it, no cut could make it thinner than the hull.
-        thin_part = (away > 1.2 * h) & (np.linalg.norm(silhouette - begin, axis=1) < 16 * h)
-        lower, upper = begin[thin_part], silhouette[thin_part]
-        between = np.concatenate([lower + f * (upper - lower) for f in (0.25, 0.5, 0.75)])
-        between = between[tree.query(between)[0] > 0.5 * h]
-        between = _one_per_cell(between, np.full(len(between), h))
-        silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
-        # Fine next to what was measured, where thin parts are, coarser far from it.
-        silhouette = _one_per_cell(silhouette, np.clip(0.35 * away, h, 4 * h))
+    rng = np.random.default_rng([given.seed, 13])
+    silhouette, between = _on_hull(given, tree, extent)
 
     count = 6000
     within = low + (high - low) * rng.random((8 * count, 3))
     within = within[hull.value(within) < 0]
     within = within[tree.query(within)[0] > 2.5 * h][:count]
     within = np.concatenate([within, between])
+    shown = silhouette[:0]
+    if more is not None:
+        within = np.concatenate([within, more.inside[tree.query(more.inside)[0] > h]])
+        shown = more.outline[tree.query(more.outline)[0] > h]
+        shown = _one_per_cell(shown, np.full(len(shown), h))
+        low, high = np.minimum(low, more.outline.min(0)), np.maximum(high, more.outline.max(0))
+        extent = float(np.linalg.norm(high - low))
     middle, radius = 0.5 * (low + high), 0.75 * extent
     i = np.arange(200) + 0.5
     z, a = 1 - i / 100, np.pi * (1 + 5**0.5) * i
@@ -260,8 +314,9 @@ def _tetrahedra(
         ON_HULL: silhouette,
         WITHIN: within,
         CONTACT: contact,
-        BESIDE: none if beside is None else beside.xyz,
+        BESIDE: none if given.beside is None else given.beside.xyz,
         GUARD: guard,
+        SHOWN: shown,
     }
     kind = np.concatenate([np.full(len(p), k) for k, p in parts.items()])
     everything = np.concatenate(list(parts.values()))
@@ -282,15 +337,9 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
     return xyz[np.sort(np.unique(code, return_index=True)[1])]
 
 
-def _costs(
-    tetra: Tetrahedra,
-    thinned: Thinned,
-    hull: Hull,
-    views: Views,
-    kind: np.ndarray,
-    beside: Thinned | None,
-    fill: float,
-) -> Costs:
+def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
+    """What the cut pays. Arguments as of `_tetrahedra`, and what it gives."""
+    thinned, hull, views, beside, more = given.thinned, given.hull, given.views, given.beside, given.more
     h, n = thinned.spacing, len(thinned.xyz)
     # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
     soft = np.maximum(0.5 * thinned.sigma, 0.05 * h)
@@ -303,8 +352,8 @@ def _costs(
         number = (beside.views >= 0).sum(1)[p]
         noise = np.maximum(0.5 * beside.sigma, 0.05 * h)[p]
         own = np.flatnonzero(kind == BESIDE)[p]
-        more = sight_evidence(tetra, own, views.centres[beside.views[p, slot]], noise, 2.0 / np.maximum(number, 2))
-        into, free = into + more[0], free + more[1]
+        other = sight_evidence(tetra, own, views.centres[beside.views[p, slot]], noise, 2.0 / np.maximum(number, 2))
+        into, free = into + other[0], free + other[1]
 
     sure = np.zeros(len(tetra.corners))
     depth = np.maximum(1.5 * thinned.sigma, 0.15 * h)
@@ -320,6 +369,13 @@ def _costs(
     outside = np.where(sky > 1.0, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
     guard = (kind[tetra.corners] == GUARD).any(1)
     outside = np.where(guard, 1e6, outside)
-    pull = np.where((sky <= 0.5) & ~guard, fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    pull = np.where((sky <= 0.5) & ~guard, given.fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    shown = None
+    if more is not None:
+        own = np.flatnonzero((sky <= 0.5) & ~guard)
+        gain = earned(more, hull, middle[own], volume[own], h)
+        pull[own] += gain * np.exp(-free[own])
+        shown = np.zeros(len(volume), bool)
+        shown[own] = gain > 0
     both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
-    return Costs(outside, sure + pull, into, both)
+    return Costs(outside, sure + pull, into, both, shown)

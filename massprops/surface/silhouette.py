@@ -304,10 +304,32 @@ def hull_points(
         hull.P,
         hull.need,
     )
-    found, begin = found[hit], begin[hit]
-    if hull.support is not None:
-        above, below = (x @ hull.support[:3] + hull.support[3] for x in (begin, found))
-        through = (above > 0) & (below < 0)
-        share = above[through] / (above[through] - below[through])
-        found[through] = begin[through] + share[:, None] * (found[through] - begin[through])
-    return found, begin
+    begin = begin[hit]
+    return _above_support(hull, begin, found[hit]), begin
+
+
+def shot(
+    hull: Hull, start: np.ndarray, direction: np.ndarray, first: float, reach: float, missed: bool = False
+) -> np.ndarray:
+    """Where rays leave the hull (k, 3); those that do not within their reach are left out, or end there where `missed`.
+
+    Args:
+        start, direction: (m, 3), unit directions; first: step of the search; reach: longest ray.
+    """
+    start, direction = np.ascontiguousarray(start), np.ascontiguousarray(direction)
+    found, hit = _shoot(start, direction, first, reach, hull.maps, hull.size, hull.P, hull.need)
+    if not missed:
+        return _above_support(hull, start[hit], found[hit])
+    return _above_support(hull, start, np.where(hit[:, None], found, start + reach * direction))
+
+
+def _above_support(hull: Hull, begin: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Ends (k, 3) of rays, on the support where they went through it."""
+    if hull.support is None:
+        return found
+    above, below = (x @ hull.support[:3] + hull.support[3] for x in (begin, found))
+    through = (above > 0) & (below < 0)
+    share = above[through] / (above[through] - below[through])
+    out = found.copy()
+    out[through] = begin[through] + share[:, None] * (found[through] - begin[through])
+    return out

@@ -1,0 +1,163 @@
+"""Space that all silhouettes show as object and where the cut left nothing.
+
+A ray through a silhouette meets matter somewhere (Laurentini 1994 the other way round). The cut pays for surface, and a
+thin bar that nothing was measured on has more surface than its volume earns. So after a cut the silhouettes are compared
+with what it drew: where a ray meets nothing, the hull's space on the ray is what it may have met, and each ray earns what
+the line of sight of a measured point weighs, spread over that space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.geometry.rasterise import silhouette
+from massprops.surface.silhouette import FEWEST_AGREE, Hull, shot
+from massprops.views import Views
+
+EDGE = 2.0
+"""Depth within a silhouette, and distance from what was drawn [px], from which on a ray that meets nothing is no error of
+an outline."""
+LEAST_RAYS = 30
+"""Rays of all views without which nothing is missing."""
+RAY = 2.0
+"""What the rays of all views through one place weigh together, as the lines of sight of one measured point do."""
+CHORDS = 4
+"""Views along whose rays the thickness of the space is measured."""
+DIRECTIONS = 6
+"""Rays from each place in the space to its outside."""
+MOST = 6000
+"""Places of the space that are kept."""
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Rays that meet nothing.
+
+    Attributes:
+        views: n views; maps: n (h, w) bool, pixels of the silhouettes on which nothing was drawn.
+        inside: (k, 3) places of the hull on such rays, of three views or more; outline: (m, 3) places on its outside.
+    """
+
+    views: Views
+    maps: list[np.ndarray]
+    inside: np.ndarray
+    outline: np.ndarray
+
+    def share(self, xyz: np.ndarray) -> np.ndarray:
+        """(m,) share of the views in which each point (m, 3) lies on a ray that meets nothing."""
+        return _shown(self.views, self.maps, xyz) / len(self.maps)
+
+
+def unexplained(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    views: Views,
+    masks: list[np.ndarray],
+    hull: Hull,
+    spacing: float,
+    seed: int,
+) -> Unexplained | None:
+    """What the silhouettes show beside a mesh; None where there is nothing.
+
+    Args:
+        vertices: (v, 3) and faces: (f, 3) of the mesh; views, masks: as for `make_hull`; hull: of these.
+        spacing: of the mesh's vertices; seed: of the draws.
+    """
+    maps = [_missing(mask, _drawn(vertices, faces, views, i, mask.shape)) for i, mask in enumerate(masks)]
+    step = max(1, round(2 * spacing / hull.pixel))
+    low, high = vertices.min(0), vertices.max(0)
+    reach = float(np.linalg.norm(high - low))
+    places = [_along(views, i, m, step, 0.5 * (low + high), reach, spacing) for i, m in enumerate(maps)]
+    xyz = np.concatenate([np.zeros((0, 3)), *(x[hull.value(x) < 0] for x in places if len(x))])
+    if len(xyz) < LEAST_RAYS:
+        return None
+    xyz = xyz[np.unique(np.floor(xyz / spacing).astype(np.int64), axis=0, return_index=True)[1]]
+    xyz = xyz[_shown(views, maps, xyz) >= FEWEST_AGREE]
+    if len(xyz) < LEAST_RAYS:
+        return None
+    rng = np.random.default_rng([seed, 14])
+    xyz = xyz[np.sort(rng.permutation(len(xyz))[:MOST])]
+    direction = rng.standard_normal((len(xyz) * DIRECTIONS, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    begin = np.repeat(xyz, DIRECTIONS, axis=0)
+    outline = shot(hull, begin, direction, 0.3 * spacing, reach)
+    outline = outline[_shown(views, maps, outline) > 0]
+    if not len(outline):
+        return None
+    return Unexplained(views, maps, xyz, outline)
+
+
+def earned(found: Unexplained, hull: Hull, middle: np.ndarray, volume: np.ndarray, spacing: float) -> np.ndarray:
+    """(t,) what cells of space earn for the rays that meet nothing else.
+
+    Args:
+        middle: (t, 3) and volume: (t,) of the cells; spacing: of rays.
+    """
+    out = np.zeros(len(middle))
+    share = found.share(middle)
+    some = np.flatnonzero(share > 0)
+    if len(some):
+        chord = np.maximum(_thickness(found, hull, middle[some], spacing), spacing)
+        out[some] = RAY * share[some] * volume[some] / (spacing**2 * chord)
+    return out
+
+
+def _drawn(vertices: np.ndarray, faces: np.ndarray, views: Views, i: int, shape: tuple[int, ...]) -> np.ndarray:
+    return silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], (shape[1], shape[0]))
+
+
+def _missing(mask: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """(h, w) bool: well within a silhouette and well off what was drawn."""
+    import cv2
+
+    if not (mask == 255).any():
+        return np.zeros(mask.shape, bool)
+    deep = cv2.distanceTransform((mask == 255).astype(np.uint8), cv2.DIST_L2, 5) > EDGE
+    apart = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > EDGE
+    return np.asarray(deep & apart)
+
+
+def _along(
+    views: Views, i: int, missing: np.ndarray, step: int, middle: np.ndarray, extent: float, spacing: float
+) -> np.ndarray:
+    """(k, 3) places along the rays of some pixels of view i, as deep as the object may reach."""
+    v, u = np.nonzero(missing)
+    kept = (v % step == 0) & (u % step == 0)
+    pixel = np.column_stack([u[kept], v[kept], np.ones(int(kept.sum()))])
+    ray = pixel @ np.linalg.inv(views.K[i]).T
+    depth = float(views.R[i, 2] @ middle + views.t[i, 2])
+    deep = np.arange(max(depth - extent, 0.05 * depth), depth + extent, spacing)
+    camera = (ray[:, None] * deep[:, None]).reshape(-1, 3)
+    return np.asarray((camera - views.t[i]) @ views.R[i])
+
+
+def _shown(views: Views, maps: list[np.ndarray], xyz: np.ndarray) -> np.ndarray:
+    """(m,) in how many views each point (m, 3) falls on a pixel of the maps."""
+    out = np.zeros(len(xyz), int)
+    for i, m in enumerate(maps):
+        if not m.any():
+            continue
+        camera = xyz @ views.R[i].T + views.t[i]
+        ahead = camera[:, 2] > 1e-9
+        safe = np.where(ahead, camera[:, 2], 1.0)[:, None]
+        at = np.rint(camera[:, :2] / safe @ views.K[i, :2, :2].T + views.K[i, :2, 2])
+        at = np.clip(at, -1, max(m.shape)).astype(int)
+        there = np.flatnonzero(ahead & (at >= 0).all(1) & (at < m.shape[::-1]).all(1))
+        out[there] += m[at[there, 1], at[there, 0]]
+    return out
+
+
+def _thickness(found: Unexplained, hull: Hull, xyz: np.ndarray, spacing: float) -> np.ndarray:
+    """(m,) length of the hull about each point along rays of a few views, in the median."""
+    chosen = np.unique(np.linspace(0, len(found.views) - 1, CHORDS).astype(int))
+    reach, lengths = 40.0 * spacing, []
+    for i in chosen:
+        ray = xyz - found.views.centres[i]
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        ends = [
+            np.linalg.norm(shot(hull, xyz, s * ray, 0.3 * spacing, reach, missed=True) - xyz, axis=1) for s in (1, -1)
+        ]
+        lengths.append(ends[0] + ends[1])
+    return np.asarray(np.median(lengths, axis=0))

@@ -1,0 +1,69 @@
+"""A thin part that all silhouettes show and nothing measured is kept, and only that."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+from synthetic_dense import cameras, observe, sphere_directions
+
+from massprops.mass.integrals import mesh_integrals
+from massprops.surface.cloud import Cloud
+from massprops.surface.reconstruct import Surface, reconstruct_surface
+from massprops.surface.silhouette import make_hull
+from massprops.surface.unexplained import unexplained
+from massprops.views import Views
+
+VIEWS = cameras(sphere_directions(30), 4.0, 330.0)
+BLOCK = trimesh.creation.box(extents=(1.0, 0.8, 0.6))
+BAR = trimesh.creation.cylinder(0.06, 0.7)
+BAR.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
+BAR.apply_translation([0.8, 0.1, 0.1])
+WHOLE = trimesh.boolean.union([BLOCK, BAR], engine="manifold")
+
+
+@cache
+def footage() -> tuple[Views, Cloud, tuple[np.ndarray, ...]]:
+    """Silhouettes of block and bar, points of the block alone."""
+    cloud, masks = observe(WHOLE, VIEWS, 0.003, 0, outliers=0.0)
+    return VIEWS, cloud.take(np.flatnonzero(cloud.xyz[:, 0] < 0.51)), tuple(masks)
+
+
+@cache
+def surface(moving: bool) -> Surface:
+    views, cloud, masks = footage()
+    return reconstruct_surface(views, list(masks), cloud, 8000, moving=moving)
+
+
+def test_a_bar_that_only_silhouettes_show_is_kept() -> None:
+    kept, lost = surface(moving=False), surface(moving=True)
+    assert lost.vertices[:, 0].max() < 1.0 < 1.1 < kept.vertices[:, 0].max() < 1.2
+    volume = [mesh_integrals(s.vertices, s.faces)[0] for s in (kept, lost)]
+    bar = WHOLE.volume - BLOCK.volume
+    assert volume[0] - volume[1] == pytest.approx(bar, rel=0.4)
+    mesh = trimesh.Trimesh(kept.vertices, kept.faces, process=False)
+    assert mesh.is_volume
+
+
+def test_nothing_is_missing_of_a_mesh_that_fills_its_silhouettes() -> None:
+    views, cloud, masks = footage()
+    hull = make_hull(views, list(masks), cloud.xyz)
+    whole = np.asarray(WHOLE.vertices), np.asarray(WHOLE.faces)
+    assert unexplained(*whole, views, list(masks), hull, 0.02, 0) is None
+    block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
+    found = unexplained(*block, views, list(masks), hull, 0.02, 0)
+    assert found is not None
+    assert np.percentile(np.abs(found.inside[:, 0] - 0.85), 98) < 0.4
+    axis = np.hypot(found.outline[:, 1] - 0.1, found.outline[:, 2] - 0.1)
+    assert np.median(axis) == pytest.approx(0.06, abs=0.02)
+
+
+def test_one_wrong_silhouette_is_no_part() -> None:
+    views, cloud, masks = footage()
+    only, true = observe(BLOCK, views, 0.003, 0, outliers=0.0)
+    wrong = [masks[0], *true[1:]]
+    hull = make_hull(views, wrong, only.xyz)
+    block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
+    assert unexplained(*block, views, wrong, hull, 0.02, 0) is None
