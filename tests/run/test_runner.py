@@ -220,6 +220,8 @@ def test_failures_are_one_line_and_keep_what_was_done(run: Path, package: str, f
 def command(run: Path, package: str, tmp_path: Path) -> str:
     """A program that runs the chain, for a process of its own."""
     return (
+        # as from a terminal: what a shell starts in the background ignores SIGINT
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from pathlib import Path\n"
         "from massprops.core.outputs import locked\n"
