@@ -391,11 +391,10 @@ def _hues_apart(one: np.ndarray, other: np.ndarray) -> float:
     for rgb in (one, other):
         level = np.log(rgb.astype(float) + 1)
         hue = level[:, :2] - level[:, 2:]
-        away = hue - np.median(hue, axis=0)
-        # what is far off is a reflection or a wrong match
-        near = np.linalg.norm(away, axis=1) <= np.percentile(np.linalg.norm(away, axis=1), 90)
-        spread += 0.5 * np.cov(away[near].T)
         middle.append(np.median(hue, axis=0))
+        away = np.linalg.norm(hue - middle[-1], axis=1)
+        # what is far off is a reflection or a wrong match
+        spread += 0.5 * np.cov(hue[away <= np.percentile(away, 90)].T)
     off = middle[0] - middle[1]
     return float(np.sqrt(off @ np.linalg.solve(spread + HUE_FLOOR**2 * np.eye(2), off)))
 

@@ -25,7 +25,8 @@ below the object or at another thing's foot, the scatter is that of what hides i
 LEAST_PIXELS = 100.0
 ALIKE = 0.1
 """Share of the pixels of a part that stereo did not measure which look like the support all the same: a dark shackle before its
-own shade. The measured part, from which the evidence is learned, says nothing of that."""
+own shade. The measured part, from which the evidence is learned, says nothing of that. Chosen, as is
+`ELSEWHERE`, while looking at that padlock."""
 FAINTEST = 1e-3
 """Share of each bin that may be anything: bounds the evidence of one pixel to about the logarithm of its inverse."""
 ELSEWHERE = 0.5

@@ -28,10 +28,14 @@ def calmed(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
 
     noise = image_noise(grey, mask > 0)
     if noise <= NOISY:
-        return grey, grey_noise(grey, mask)
+        return grey, _usable(noise, mask)
     return cv2.GaussianBlur(grey, (0, 0), CALM), LEFT * noise
 
 
 def grey_noise(grey: np.ndarray, mask: np.ndarray) -> float:
     """1-sigma of pixel noise on the object, within what matching makes use of [grey levels]."""
-    return float(np.clip(image_noise(grey, mask > 0), 0.5, 8.0)) if (mask > 0).any() else 1.0
+    return _usable(image_noise(grey, mask > 0), mask)
+
+
+def _usable(noise: float, mask: np.ndarray) -> float:
+    return float(np.clip(noise, 0.5, 8.0)) if (mask > 0).any() else 1.0

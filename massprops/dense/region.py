@@ -40,6 +40,11 @@ def looked_at(centres: np.ndarray, axes: np.ndarray) -> np.ndarray:
     return np.linalg.solve(across.sum(0) + 1e-9 * np.eye(3), np.einsum("nij,nj->i", across, centres))
 
 
+def pixel_size(views: Views, region: Region) -> float:
+    """Size of a pixel in the middle of the region, in the median view [units of the reconstruction]."""
+    return float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
+
+
 def region_of(views: Views) -> Region:
     """The ball about what the cameras look at that fills the images as far as their shorter side."""
     centre = looked_at(views.centres, views.R[:, 2])

@@ -122,7 +122,7 @@ def may_be_equal(inertia: np.ndarray, axes: np.ndarray) -> tuple[bool, bool]:
     out = []
     for i in (0, 1):
         apart = np.stack([0.5 * (turned[:, i, i] - turned[:, i + 1, i + 1]), turned[:, i, i + 1]], axis=1)
-        middle, spread = apart.mean(axis=0), (apart - apart.mean(axis=0)).T @ (apart - apart.mean(axis=0)) / len(apart)
+        middle, spread = apart.mean(axis=0), np.cov(apart.T, bias=True)
         away = middle @ np.linalg.solve(spread + ROUNDING**2 * np.eye(2), middle)
         out.append(bool(away < chi2.ppf(1.0 - 2.0 * TAIL, 2)))
     return out[0], out[1]

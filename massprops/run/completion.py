@@ -44,7 +44,7 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
         views: all views; folder: of the placement's files; placement: what `shape.json` says of it.
     """
     from massprops.capture.completed import Shown, missing_parts, shown
-    from massprops.dense.region import region_of
+    from massprops.dense.region import pixel_size, region_of
     from massprops.surface.cloud import Cloud
 
     if placement["support_plane"] is None:
@@ -57,8 +57,7 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
         vertices, faces = z["vertices"], z["faces"]
     other = Cloud.load(folder / "other.npz").xyz
     standing = other[other @ plane[:3] + plane[3] > placement["support_rise"]]
-    away = np.linalg.norm(small.centres - region_of(here).centre, axis=1)
-    pixel = float(np.median(away / small.K[:, 0, 0]))
+    pixel = pixel_size(small, region_of(here))
 
     def seen(vertices: np.ndarray, faces: np.ndarray) -> Shown:
         return shown(small, lambda i: reduced_image(job, here, small, i), plane, (vertices, faces), standing, pixel)

@@ -4,6 +4,8 @@ Stereo asks no more than that neighbouring images agree. Cameras that drift from
 with their neighbours all the same, and the surface that they measure lies inside or outside the outlines in images far
 from those that measured it: nothing in the fit of the cameras shows that, and the outlines do.
 
+On a table the cameras are held by the room. There the outlines tell of plain sides, which all views measure too deep alike.
+
 A face that is on the mesh's outline in a view looks across the view, so the gap there is how far it is off along its normal.
 """
 
@@ -37,7 +39,7 @@ class Gaps:
     """What the outlines say of a mesh.
 
     Attributes:
-        offset: (f,) how far outside the mesh the object is at each face, in the middle of all that is said there [px].
+        offset: (f,) how far outside the mesh the object is at each face, as far as no halo explains it and cameras are wrong [px].
         drift: 1-sigma by which the object's outline scatters about the mesh's, beyond what it does where cameras are right [px].
         middle: (f,) how far outside the mesh the object's outline is in the middle [px], 0 where nothing is said.
     """

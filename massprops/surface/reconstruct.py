@@ -10,7 +10,8 @@
 5. Measured parts are moved to the middle of the noise, unseen parts are made fair (`refine`).
 
 What no view constrains is filled up to the hull, less `HOLLOW` of the way to a membrane stretched over the measured
-rims: recesses lie near the membrane, unseen sides near the hull. See `spread` for what that leaves uncertain.
+rims: recesses lie near the membrane, unseen sides near the hull. What hangs over a support is put
+on the membrane. See `spread` for what that leaves uncertain.
 """
 
 from __future__ import annotations

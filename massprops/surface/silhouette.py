@@ -71,11 +71,7 @@ class Hull:
             start: (e, 3); direction: (e, 3) unit, outward.
             reach: longest way that is looked at.
         """
-        begin = np.ascontiguousarray(start - self.pixel * direction)
-        step = 0.25 * self.pixel
-        end, found = _shoot(
-            begin, np.ascontiguousarray(direction), step, reach, self.maps, self.size, self.P, self.need
-        )
+        end, found = _leaves(self, start - self.pixel * direction, direction, 0.25 * self.pixel, reach)
         out: np.ndarray = np.where(found, np.maximum(np.einsum("ei,ei->e", end - start, direction), 0.0), 0.0)
         return out
 
@@ -294,16 +290,7 @@ def hull_points(
     along = np.einsum("ij,ij->i", direction, outward)
     direction -= np.where(along > 0.25, 2 * along, 0.0)[:, None] * outward
     direction[::rays] = -normal
-    found, hit = _shoot(
-        np.ascontiguousarray(begin),
-        np.ascontiguousarray(direction),
-        0.3 * spacing,
-        reach,
-        hull.maps,
-        hull.size,
-        hull.P,
-        hull.need,
-    )
+    found, hit = _leaves(hull, begin, direction, 0.3 * spacing, reach)
     begin = begin[hit]
     return _above_support(hull, begin, found[hit]), begin
 
@@ -316,11 +303,18 @@ def shot(
     Args:
         start, direction: (m, 3), unit directions; first: step of the search; reach: longest ray.
     """
-    start, direction = np.ascontiguousarray(start), np.ascontiguousarray(direction)
-    found, hit = _shoot(start, direction, first, reach, hull.maps, hull.size, hull.P, hull.need)
+    found, hit = _leaves(hull, start, direction, first, reach)
     if not missed:
         return _above_support(hull, start[hit], found[hit])
     return _above_support(hull, start, np.where(hit[:, None], found, start + reach * direction))
+
+
+def _leaves(
+    hull: Hull, start: np.ndarray, direction: np.ndarray, first: float, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays (m, 3) leave the hull, and (m,) bool whether they do within their reach."""
+    start, direction = np.ascontiguousarray(start), np.ascontiguousarray(direction)
+    return _shoot(start, direction, first, reach, hull.maps, hull.size, hull.P, hull.need)
 
 
 def _above_support(hull: Hull, begin: np.ndarray, found: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 from massprops.capture.choice import Located, locate, parse
 from massprops.core.files import hash_of, write_image
 from massprops.core.text import counted
+from massprops.dense.region import pixel_size
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
@@ -147,7 +148,7 @@ def _rough_support(
         return None
     plane = find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed)
     if plane is None and turning:
-        scene = Scene(cloud.xyz, cloud.normal, colour, views, region, _pixel_size(views, region))
+        scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel_size(views, region))
         plane = turning_plate(scene, job.seed)
     return None if plane is None else (cloud, plane)
 
@@ -223,7 +224,7 @@ def _where_it_stood(
     """Labels (n,) in which placements are one where the object did not move between them."""
     from massprops.surface.same_place import colour_correlation, groups_in_place
 
-    pixel = _pixel_size(views, region)
+    pixel = pixel_size(views, region)
     parts = [placement_points(job.out, k) for k in range(len(placements))]
     alike = np.zeros((len(parts), len(parts)))
     for i, (first, one) in enumerate(parts):
@@ -277,7 +278,7 @@ def _placement(
 
     region = region_of(views)
     cloud, colour = _dense(job, views, region, sparse)
-    pixel = _pixel_size(views, region)
+    pixel = pixel_size(views, region)
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
     support = None if known is None else np.array(known)
     turning = _turns(json.loads((job.work("capture") / "footage.json").read_text()))
@@ -381,7 +382,7 @@ def _occlusion(job: Job, views: Views, cloud: Cloud, plane: np.ndarray, region: 
     from massprops.capture.support import TOLERANCE, on_plane
 
     held = cloud.xyz[on_plane(cloud.xyz, cloud.normal, plane, TOLERANCE * region.radius)]
-    pixel = _pixel_size(views, region)
+    pixel = pixel_size(views, region)
     return occlusion_maps(
         views, lambda i: undistorted_frame(job, views, i), *support_points(plane, region, held, pixel)
     )
@@ -415,11 +416,6 @@ def placement_points(work: Path, number: int) -> tuple[Cloud, np.ndarray]:
     cloud, colour = Cloud.load(folder / "object.npz"), np.load(folder / "colour.npy", allow_pickle=False)
     kept = agreeing(cloud)
     return cloud.take(kept), colour[kept]
-
-
-def _pixel_size(views: Views, region: Region) -> float:
-    """Size of a pixel at the object, in the median view [units of the views]."""
-    return float(np.median(np.linalg.norm(views.centres - region.centre, axis=1) / views.K[:, 0, 0]))
 
 
 def _dense(job: Job, views: Views, region: Region, sparse: SparsePoints) -> tuple[Cloud, np.ndarray]:
