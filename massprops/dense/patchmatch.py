@@ -34,6 +34,12 @@ BEST = 3
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
 LEAST_WEIGHT = 0.2
+SIDES = np.array([-1.0, 0.0, 1.0, -8.0, -6.0, -4.0, 4.0, 6.0, 8.0])
+"""Half pixels of parallax at which a depth is judged last: about it, and elsewhere."""
+UNIQUE = 0.25
+"""Least excess of the cost two to four pixels of parallax away, over the cost. Of depths of a rendered plain jug and of a printed box
+with less than 0.1, 64 to 75 % and 50 % were wrong by more than a pixel, most of them too deep; with 0.3, 46 and 29 %; above 1,
+15 to 26 % and 1 to 4 %. What is said less clearly is wrong too often to outvote silhouettes."""
 """Share of a window that must look like its middle in both images."""
 
 Plane = tuple[float, float, float, float]
@@ -458,10 +464,21 @@ def polish(
             parallax = _parallax(x, y, d, cameras, frame.ray)
             step = 0.5 / parallax
             bulge = _bend_window(window, bent[y, x], d)
-            low, c, high = 0.0, 0.0, 0.0
-            for side in (-1.0, 0.0, 1.0):  # one call: each is compiled on its own
-                g = _cost(x, y, (d + side * step, n0, n1, n2), bulge, window, mean, images, cameras, each, frame)
-                low, c, high = c, high, g
+            low, c, high, elsewhere = 0.0, 0.0, 0.0, WORST
+            for k in range(len(SIDES)):  # one call: each is compiled on its own
+                plane = (d + SIDES[k] * step, n0, n1, n2)
+                g = _cost(x, y, plane, bulge, window, mean, images, cameras, each, frame)
+                if k == 0:
+                    low = g
+                elif k == 1:
+                    c = g
+                elif k == 2:
+                    high = g
+                else:
+                    elsewhere = min(elsewhere, g)
+            if elsewhere - c < UNIQUE * c:
+                cost[y, x] = WORST
+                continue
             curvature = low + high - 2.0 * c
             if curvature > 1e-4 and low < WORST and high < WORST:
                 move = 0.5 * (low - high) / curvature

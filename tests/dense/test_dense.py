@@ -179,6 +179,22 @@ def test_a_surface_without_texture_is_not_invented() -> None:
         dense_points(views, lambda i: images[i], seen)
 
 
+def test_what_looks_the_same_at_other_depths_is_not_measured(solved) -> None:  # type: ignore[no-untyped-def]
+    """Stripes along the cameras' path fit at any depth."""
+    views, images, seen = sphere_views()
+    stripes = 120 + 60 * np.sin(np.arange(SIZE) / 1.5)[:, None, None]
+    noise = np.random.default_rng(2).standard_normal((len(images), SIZE, SIZE, 1))
+    striped = [
+        (np.where(m[..., None] > 0, stripes + n, 0).repeat(3, axis=2).astype(np.uint8), m)
+        for (_, m), n in zip(images, noise, strict=True)
+    ]
+    try:
+        found = len(dense_points(views, lambda i: striped[i], seen, DenseOptions(seed=3))[0].xyz)
+    except NotPossible:
+        found = 0
+    assert found < 0.1 * len(solved[1].xyz)
+
+
 def test_edges_of_shadows_that_move_are_not_matched() -> None:
     views, images, seen = sphere_views()
     bright = len(dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3))[0].xyz)
