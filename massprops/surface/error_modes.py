@@ -69,12 +69,14 @@ def fill_modes(
     observed: np.ndarray,
     length: float,
     inferred: np.ndarray | None = None,
+    outlined: np.ndarray | None = None,
 ) -> np.ndarray:
     """(m, f) outward offsets of the faces, one row for each independent mode of error at one sigma.
 
     Args:
         vertices: (v, 3); faces: (f, 3); observed: (f,) bool; length: greatest length of the body.
         inferred: (f,) bool, closed at the plane of support; none by default.
+        outlined: (f,) distance from where outlines of a still object lie on the mesh, which is known there, too.
 
     Returns:
         Zero for measured faces; no rows where everything was measured. The first row is common to all; of a body known
@@ -90,6 +92,8 @@ def fill_modes(
         away = cKDTree(middle[observed]).query(middle[hidden])[0]
     else:
         away = hidden_depth(vertices, faces)[hidden]
+    if outlined is not None:
+        away = np.minimum(away, outlined[hidden])
     if inferred is not None:
         away = np.where(inferred[hidden], RECESS * away, away)
     bump = _bumps(middle[hidden], int(np.argmax(away)), REACH * length)

@@ -42,11 +42,14 @@ class Gaps:
         offset: (f,) how far outside the mesh the object is at each face, as far as no halo explains it and cameras are wrong [px].
         drift: 1-sigma by which the object's outline scatters about the mesh's, beyond what it does where cameras are right [px].
         middle: (f,) how far outside the mesh the object's outline is in the middle [px], 0 where nothing is said.
+        distance: (f,) from the nearest place that an outline shows where the mesh has it [world units], on the same side of a
+            thin part; infinite where there is none within reach.
     """
 
     offset: np.ndarray
     drift: float
     middle: np.ndarray
+    distance: np.ndarray
 
 
 def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray], reach: float) -> Gaps:
@@ -59,9 +62,9 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     """
     from scipy.spatial import cKDTree
 
-    face, gap = _on_outlines(vertices, faces, views, masks)
+    face, gap = on_outlines(vertices, faces, views, masks)
     if len(face) < NEIGHBOURS:
-        return Gaps(np.zeros(len(faces)), 0.0, np.zeros(len(faces)))
+        return Gaps(np.zeros(len(faces)), 0.0, np.zeros(len(faces)), np.full(len(faces), np.inf))
     # the two sides of a plate are different places
     place = np.column_stack([vertices[faces].mean(axis=1), 2 * reach * face_normals(vertices, faces)])
     near, which = cKDTree(place[face]).query(place, NEIGHBOURS, distance_upper_bound=reach)
@@ -74,7 +77,9 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     drift = float(np.sqrt(max(0.0, _spread(gap - whole) ** 2 - SHARP**2)))
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
     wrong = min(1.0, float(np.hypot(drift, _beyond_halo(np.array(whole)))) / SHARP)
-    return Gaps(wrong * _beyond_halo(middle), drift, np.where(enough, middle, 0.0))
+    agree = face[_beyond_halo(gap) == 0]
+    away = cKDTree(place[agree]).query(place, distance_upper_bound=reach)[0] if len(agree) else np.full(len(faces), np.inf)
+    return Gaps(wrong * _beyond_halo(middle), drift, np.where(enough, middle, 0.0), away)
 
 
 def _beyond_halo(gap: np.ndarray) -> np.ndarray:
@@ -89,7 +94,7 @@ def _spread(apart: np.ndarray) -> float:
     return float(size[: max(1, int(BULK * len(size)))].mean()) / BULK_MEAN
 
 
-def _on_outlines(
+def on_outlines(
     vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Faces (k,) on the mesh's outline in some view, and how far outside it the object's outline is there (k,) [px]."""

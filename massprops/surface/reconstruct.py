@@ -11,7 +11,7 @@
 
 What no view constrains is filled up to the hull, less `HOLLOW` of the way to a membrane stretched over the measured
 rims: recesses lie near the membrane, unseen sides near the hull. What hangs over a support is put
-on the membrane. See `spread` for what that leaves uncertain.
+on the membrane. What of a still object then falls short of its silhouettes is moved out to them (`completion`). See `spread` for what that leaves uncertain.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
+from massprops.surface.completion import filling_outlines
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
@@ -129,7 +130,10 @@ def reconstruct_surface(
     vertices, faces, kinds = _mesh(tetra, kind, body)
     h = thinned.spacing
     measured, fixed = kinds == MEASURED, np.isin(kinds, (MEASURED, CONTACT, SHOWN))
-    vertices = _hollow(vertices, faces, fixed, support)
+    filled = _hollow(vertices, faces, fixed, support)
+    if masks and not moving:
+        filled = filling_outlines(filled, faces, ~fixed, views, masks, hull.pixel)
+    vertices = filled
     vertices = fair(vertices, faces, fixed, 10)
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)

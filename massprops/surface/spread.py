@@ -5,11 +5,12 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
 
 1. resampled views: views are drawn with replacement in blocks of neighbours (block bootstrap, Kuensch 1989), and the
    mean residual of each patch's points is recomputed with the drawn views;
-2. a common offset of all measured faces, `BIAS_PIXELS` of a pixel at the object, or as much as the points scatter there:
+2. a common offset of all measured faces, `BIAS_PIXELS` of a pixel at the object, or as much as the points `scatter` there:
    matching windows and outlines err alike everywhere (of all faces where there are only outlines);
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
-4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`);
+4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`), and on
+   a still object from where outlines show it;
 5. how placements of an object that was turned over lie on each other;
 6. cameras that drift: where the object's outlines lie outside or inside the mesh's (`outline_gaps`) the surface is off by
    that; as far as they scatter about it, it is off in patches and bent as a whole;
@@ -32,6 +33,7 @@ from massprops.surface.length import model_length
 from massprops.surface.outline_gaps import HALO, Gaps
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
+from massprops.surface.scatter import WINDOW, face_scatter
 from massprops.views import entries
 
 BIAS_PIXELS = 0.15
@@ -43,8 +45,6 @@ DARK_MEAN, DARK_SIGMA = -0.3, 0.3
 surface: silhouettes of lit parts leave room behind the terminator, and the fill takes most of it. Set on 17 films of six
 bodies, some of them badly filmed; with -0.2 and 0.4 the small asteroid of `tests/run`, a fifth of which is filled in, had a wider interval than it should."""
 PATCHES = 400
-SAMPLES = 3000
-"""Points about which the scatter of their neighbours is taken."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,10 @@ def replicates(
         np.add(rows, drawn @ (modes @ response), out=rows)
         np.add(lengths, drawn @ (modes[:, ends.face] @ ends.pull), out=lengths)
 
-    scatter, drift = _scatter(surface, rng), doubts.gaps.drift * pixel if doubts.gaps else 0.0
+    scatter = face_scatter(
+        mesh[0][mesh[1]].mean(axis=1), surface.observed, surface.cloud, max(2 * surface.spacing, WINDOW * pixel), rng
+    )
+    drift = doubts.gaps.drift * pixel if doubts.gaps else 0.0
     add(rng.standard_normal((count, 1)), _common(surface, scatter)[None])
     if doubts.gaps:
         # the mesh is off by that, or silhouettes are wide and it is not
@@ -131,7 +134,8 @@ def replicates(
     by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
-    of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred)
+    outlined = doubts.gaps.distance if doubts.gaps and not doubts.never_lit else None
+    of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred, outlined)
     add(_fill_draws(surface, doubts, (count, len(of_fill)), rng), of_fill)
 
     for joint in doubts.joints:
@@ -219,28 +223,6 @@ def _by_patch(response: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarr
     out = np.zeros((patches, response.shape[1]))
     np.add.at(out, patch[patch >= 0], response[patch >= 0])
     return out
-
-
-def _scatter(surface: Surface, rng: np.random.Generator) -> np.ndarray:
-    """(f,) how far the points about each measured face lie from their middle, along their normals, in the median; 0 for
-    the others.
-
-    Where texture is faint, points that several views agree on scatter, and their middle is off by as much, in one direction
-    all over: on three rendered things on tables (a bottle, a box, a jug) it lay 1.0, 1.0 and 1.1 of this scatter too deep,
-    whatever the scatter was, between 0.2 and 2 px; on a tumbling spacecraft, 0.0.
-    """
-    from scipy.spatial import cKDTree
-
-    cloud, faces = surface.cloud, surface.faces
-    tree = cKDTree(cloud.xyz)
-    some = np.sort(rng.permutation(len(cloud))[:SAMPLES])
-    away = np.zeros(len(some))
-    for n, (i, near) in enumerate(zip(some, tree.query_ball_point(cloud.xyz[some], 2 * surface.spacing), strict=True)):
-        alike = np.array(near)[cloud.normal[near] @ cloud.normal[i] > 0.5]
-        height = cloud.xyz[alike] @ cloud.normal[i]
-        away[n] = np.median(np.abs(height - np.median(height)))
-    near = cKDTree(cloud.xyz[some]).query(surface.vertices[faces].mean(axis=1), k=min(8, len(some)))[1]
-    return np.where(surface.observed, away[near].mean(axis=1), 0.0)
 
 
 def deform(rows: np.ndarray, strain: np.ndarray) -> np.ndarray:

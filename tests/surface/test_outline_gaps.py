@@ -101,7 +101,7 @@ def test_drift_widens_all_and_an_offset_widens_to_its_own_side(measured: tuple[S
     none, pixel = np.zeros(len(surface.faces)), surface.hull.pixel
     own, drifting, small = (
         np.quantile(replicates(surface, views, Doubts(gaps=g))[0][:, 0], [0.05, 0.5, 0.95])
-        for g in (None, Gaps(none, 3.0, none), Gaps(none + 4.0, 0.0, none))
+        for g in (None, Gaps(none, 3.0, none, none), Gaps(none + 4.0, 0.0, none, none))
     )
     area = trimesh.Trimesh(surface.vertices, surface.faces, process=False).area
     assert drifting[2] - drifting[0] > 3 * (own[2] - own[0])
@@ -134,7 +134,8 @@ def test_a_hull_tells_how_far_a_body_may_go_on() -> None:
 def test_a_tip_that_was_not_measured_makes_the_length_uncertain(measured: tuple[Surface, int]) -> None:
     surface, views = measured
     wide = replace(surface, hull=replace(surface.hull, need=9))
-    none = Doubts(gaps=Gaps(np.zeros(len(surface.faces)), 0.0, np.zeros(len(surface.faces))), never_lit=True)
+    zero = np.zeros(len(surface.faces))
+    none = Doubts(gaps=Gaps(zero, 0.0, zero, zero), never_lit=True)
     own, longer = (replicates(s, views, none)[1] for s in (surface, wide))
     assert longer.mean() > own.mean() and longer.std() > own.std()
 
@@ -159,3 +160,21 @@ def test_a_hole_that_no_silhouette_shows_is_no_gap() -> None:
         filled.append(cv2.drawContours(mask.copy(), outer, -1, 255, cv2.FILLED))
     found = outline_gaps(vertices, faces, views, filled, REACH)
     assert found.drift < 0.5 and np.abs(found.middle).max() <= 2.0
+
+
+def test_a_place_is_near_an_outline_only_where_the_object_and_the_mesh_agree() -> None:
+    vertices, faces = body()
+    views, masks = filmed(vertices, faces, 36)
+    right = outline_gaps(vertices, faces, views, masks, REACH).distance
+    wrong = outline_gaps(0.9 * vertices, faces, views, masks, REACH).distance
+    assert np.median(right) < 0.1 and np.isinf(wrong).mean() > 0.9
+
+
+def test_a_fill_that_outlines_show_is_less_uncertain(measured: tuple[Surface, int]) -> None:
+    surface, views = measured
+    zero = np.zeros(len(surface.faces))
+    half = replace(surface, observed=surface.vertices[surface.faces].mean(axis=1)[:, 2] > 0)
+    shown, hidden = (
+        replicates(half, views, Doubts(gaps=Gaps(zero, 0.0, zero, zero + d)))[0][:, 0].std() for d in (0.02, np.inf)
+    )
+    assert shown < 0.5 * hidden
