@@ -34,12 +34,13 @@ BEST = 3
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
 LEAST_WEIGHT = 0.2
-SIDES = np.array([-1.0, 0.0, 1.0, -8.0, -6.0, -4.0, 4.0, 6.0, 8.0])
+SIDES = np.array([-1.0, 0.0, 1.0, -8.0, -4.0, 4.0, 8.0])
 """Half pixels of parallax at which a depth is judged last: about it, and elsewhere."""
 UNIQUE = 0.25
-"""Least excess of the cost two to four pixels of parallax away, over the cost. Of depths of a rendered plain jug and of a printed box
+"""Least excess of the cost two and four pixels of parallax away, over the cost. Of depths of a rendered plain jug and of a printed box
 with less than 0.1, 64 to 75 % and 50 % were wrong by more than a pixel, most of them too deep; with 0.3, 46 and 29 %; above 1,
-15 to 26 % and 1 to 4 %. What is said less clearly is wrong too often to outvote silhouettes."""
+15 to 26 % and 1 to 4 %. What is said less clearly is wrong too often to outvote silhouettes: 69 and 55 % of what was wrong
+goes, and 35 and 9 % of what was right. Two pixels alone find 65 and 52 % of it, six places 70 and 57 %."""
 """Share of a window that must look like its middle in both images."""
 
 Plane = tuple[float, float, float, float]
@@ -443,7 +444,8 @@ def polish(
     first: int,
     last: int,
 ) -> None:
-    """Last step in depth by a parabola through the cost at half a pixel of parallax either side, and its 1-sigma.
+    """Last step in depth by a parabola through the cost at half a pixel of parallax either side, and its 1-sigma. Depths that fit
+    as well elsewhere go.
 
     Arguments as of `sweep`; windows bend by `bent` (h, w, 3), see `curvature.py`; `sigma` (h, w) float32 is written: one sigma of the depth along the line of sight, from the
     parallax per depth of the sources and `noise_px`, widened where the cost is high or flat.

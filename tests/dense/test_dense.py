@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ import pytest
 from massprops.core.parts import Parts
 from massprops.dense import reconstruct
 from massprops.dense.curvature import bend
+from massprops.dense.depthmap import Matching, depth_map
 from massprops.dense.noise import calmed, grey_noise
 from massprops.dense.reconstruct import DenseOptions, DensePoints, _unexplained, crop, dense_points
 from massprops.dense.select import select_views
@@ -179,20 +181,34 @@ def test_a_surface_without_texture_is_not_invented() -> None:
         dense_points(views, lambda i: images[i], seen)
 
 
-def test_what_looks_the_same_at_other_depths_is_not_measured(solved) -> None:  # type: ignore[no-untyped-def]
-    """Stripes along the cameras' path fit at any depth."""
-    views, images, seen = sphere_views()
-    stripes = 120 + 60 * np.sin(np.arange(SIZE) / 1.5)[:, None, None]
-    noise = np.random.default_rng(2).standard_normal((len(images), SIZE, SIZE, 1))
-    striped = [
-        (np.where(m[..., None] > 0, stripes + n, 0).repeat(3, axis=2).astype(np.uint8), m)
-        for (_, m), n in zip(images, noise, strict=True)
-    ]
-    try:
-        found = len(dense_points(views, lambda i: striped[i], seen, DenseOptions(seed=3))[0].xyz)
-    except NotPossible:
-        found = 0
-    assert found < 0.1 * len(solved[1].xyz)
+def test_a_depth_is_kept_only_where_others_fit_worse() -> None:
+    """A plane before a camera that moves along it: stripes along its path fit at any depth, spots at one."""
+    size, focal, far, base = 96, 200.0, 5.0, 0.25
+    K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
+    side = np.arange(-base, 2 * base, base)
+    side = side[side != 0]
+    v, u = np.mgrid[0:size, 0:size].astype(float)
+    noise = np.random.default_rng(4)
+
+    def grey(spots: bool, x: float) -> np.ndarray:
+        across = (u + focal * x / far) / 1.7 if spots else 0.0
+        seen = 120 + 25 * np.sin(v / 1.5) + 25 * np.sin(across + np.sin(across / 5)) + noise.normal(0, 0.5, v.shape)
+        return seen.astype(np.float32)
+
+    def kept(spots: bool) -> float:
+        mask = np.full((size, size), 2, np.uint8)
+        sources = np.stack([grey(spots, x) for x in side])
+        shift = np.column_stack([-side, 0 * side, 0 * side])
+        seen = Matching(
+            grey(spots, 0), mask, K, sources, np.tile(K, (2, 1, 1)), np.tile(np.eye(3), (2, 1, 1)), shift, 0.5
+        )
+        sparse = np.array([[40.0, 40.0, 5.0], [60.0, 60.0, 5.0], [50.0, 30.0, 5.0]])
+        with ThreadPoolExecutor(1) as pool:
+            found = depth_map(seen, sparse, (4.0, 6.0), 1, pool)
+        return float((found.depth[16:-16, 16:-16] > 0).mean())
+
+    assert kept(spots=True) > 0.8
+    assert kept(spots=False) < 0.35
 
 
 def test_edges_of_shadows_that_move_are_not_matched() -> None:
