@@ -11,6 +11,16 @@ from itertools import combinations
 
 import numpy as np
 
+PLACES = 30
+"""Clusters of features on the body."""
+FEWEST_BLOCKS, MOST_BLOCKS = 6, 12
+"""Blocks of time: as many as leave each twice as long as nearly all tracks, since what one track hands on to the next is alike in
+both."""
+SIDES = 6
+"""Clusters of where the body's surface is before the camera. In four films of asteroids with truth the squared errors of k1 and
+k2 over their covariance were 11.8, 7.5, 6.1 and 1.0 times what they should be with 12 blocks of 4 images and 30 places, each with
+itself in the fit; 4.9, 3.7, 2.5 and 0.6 with each left out and 12 sides beside them; 1.7, 1.4, 2.9 and 0.3 with 6 sides and 6 blocks
+of nine images, where nine tracks in ten are of seven images or fewer."""
 LEAST_LEFT = 0.02
 """Share of the information on a combination of numbers that counts as left where a cluster holds all of it."""
 
@@ -57,3 +67,18 @@ def _summed(seen: Scores, label: np.ndarray) -> np.ndarray:
         total += np.outer(moved, moved)
     count = len(np.unique(label))
     return total * (count - 1) / count
+
+
+def in_places(xyz: np.ndarray, most: int = PLACES) -> np.ndarray:
+    """(k,) numbers of clusters of places (k, 3) that lie together."""
+    from scipy.cluster.vq import kmeans2
+
+    count = max(2, min(most, len(xyz) // 3))
+    label: np.ndarray = kmeans2(xyz / (xyz.std() or 1.0), count, seed=1, minit="++")[1]
+    return label
+
+
+def in_blocks(epoch: np.ndarray, epochs: int, track: np.ndarray) -> np.ndarray:
+    """(o,) number of the block of time of each observation; epoch, track: (o,) of each, tracks numbered from 0."""
+    long = float(np.quantile(np.bincount(track), 0.9))
+    return np.asarray(epoch * int(np.clip(epochs / (2 * long), FEWEST_BLOCKS, MOST_BLOCKS)) // epochs)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.core.clustered import Scores, alike_in_any
+from massprops.core.clustered import SIDES, Scores, alike_in_any, in_blocks, in_places
 from massprops.core.linalg import at_least
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
@@ -31,16 +31,6 @@ from massprops.model.state import BatchState, in_axes
 LENS = ("focal-length-error", "lens-distortion")
 """What a camera without calibration leaves open."""
 FEWEST_FEATURES = 20
-PLACES = 30
-"""Clusters of features on the body."""
-FEWEST_BLOCKS, MOST_BLOCKS = 6, 12
-"""Blocks of time: as many as leave each twice as long as nearly all tracks, since what one track hands on to the next is alike in
-both."""
-SIDES = 6
-"""Clusters of where the body's surface is before the camera. In four films of asteroids with truth the squared errors of k1 and
-k2 over their covariance were 11.8, 7.5, 6.1 and 1.0 times what they should be with 12 blocks of 4 images and 30 places, each with
-itself in the fit; 4.9, 3.7, 2.5 and 0.6 with each left out and 12 sides beside them; 1.7, 1.4, 2.9 and 0.3 with 6 sides and 6 blocks
-of nine images, where nine tracks in ten are of seven images or fewer."""
 
 
 def applies(problem: Problem, start: Any) -> bool:
@@ -136,18 +126,10 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environm
 def _alike(problem: Problem, m: Measurements, found: Fit, environment: EnvironmentModel) -> tuple[np.ndarray, ...]:
     """Labels (o,) of observations whose errors may be alike: by place on the body, by time, and by where the surface is before
     the camera."""
-    from scipy.cluster.vq import kmeans2
-
     who, at = np.unique(m.seen.feature, return_inverse=True)
     places = found.state.points[who]
-    count = max(2, min(PLACES, len(who) // 3))
-    place = kmeans2(places / (places.std() or 1.0), count, seed=1, minit="++")[1][at]
-    epochs = len(problem.times)
-    long = float(np.quantile(np.bincount(at), 0.9))
-    block = m.seen.epoch * int(np.clip(epochs / (2 * long), FEWEST_BLOCKS, MOST_BLOCKS)) // epochs
     turn = rotation_matrix(found.predicted.q)
     if environment.lvlh:
         turn = found.predicted.motion.turn @ turn
     before = np.einsum("oij,oj->oi", turn[m.seen.epoch], places[at])
-    side = kmeans2(before / (before.std() or 1.0), SIDES, seed=1, minit="++")[1]
-    return place, block, side
+    return in_places(places)[at], in_blocks(m.seen.epoch, len(problem.times), at), in_places(before, SIDES)
