@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from massprops.consistency.jackknife import at_least
 from massprops.consistency.trust import enter_verdict
 from massprops.core.files import json_text
+from massprops.core.linalg import at_least
 from massprops.core.outputs import Outputs, claim, deliver, verify
 from massprops.core.progress import Progress, silent
 from massprops.core.shown import Shown, number

@@ -77,14 +77,6 @@ def spread(values: np.ndarray) -> np.ndarray:
     return np.asarray((len(values) - 1) / len(values) * apart.T @ apart)
 
 
-def at_least(covariance: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """`covariance` (p, p), widened in the directions in which `floor` (p, p) is wider."""
-    L = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(covariance)))
-    half = np.linalg.solve(L, np.linalg.solve(L, floor).T)
-    value, vector = np.linalg.eigh(0.5 * (half + half.T))
-    return np.asarray(L @ (vector * np.maximum(value, 1.0)) @ vector.T @ L.T)
-
-
 def _turned(turn: np.ndarray, R: np.ndarray) -> np.ndarray:
     """(n, 3, 3) rotations R after small turns (n, 3) about the camera's axes."""
     from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix

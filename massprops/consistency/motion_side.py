@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.consistency.jackknife import at_least, replicates, spread
+from massprops.consistency.jackknife import replicates, spread
 from massprops.consistency.mesh_side import MeshSide
+from massprops.core.linalg import at_least
 from massprops.core.robust import MAD_TO_SIGMA
 from massprops.dynamics.alignment import similarity
 from massprops.dynamics.quaternion import angle_between, nearest_rotation, rotation_matrix

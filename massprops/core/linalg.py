@@ -27,3 +27,13 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
     done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
     found: np.ndarray = 0.5 * (done + np.swapaxes(done, -1, -2)) / both
     return found
+
+
+def at_least(covariance: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """`covariance` (p, p), of any units, widened in the directions in which the symmetric `floor` (p, p) is wider."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    both = size[:, None] * size
+    L = np.linalg.cholesky(covariance / both + 1e-12 * np.eye(len(covariance)))
+    half = np.linalg.solve(L, np.linalg.solve(L, floor / both).T)
+    value, vector = np.linalg.eigh(0.5 * (half + half.T))
+    return np.asarray(L @ (vector * np.maximum(value, 1.0)) @ vector.T @ L.T) * both

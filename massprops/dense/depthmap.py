@@ -12,6 +12,9 @@ import numpy as np
 from massprops.dense import patchmatch as pm
 from massprops.dense.curvature import bend
 
+LEAST_WIDTH = 12.0
+"""Grey-level width of the bilateral weights at which windows keep off shadows that move, and off other surfaces."""
+
 NOISE_PX = 0.25
 """One sigma of a match [px], as measured on rendered bodies of known shape."""
 
@@ -50,6 +53,7 @@ class Matching:
         sources: (s, h', w') float32 grey.
         Ks: (s, 3, 3); R: (s, 3, 3), t: (s, 3): from the reference's camera.
         noise: 1-sigma of the grey levels: windows with less contrast than twice this are not matched.
+        width: grey levels by which a window's pixels may differ from its middle and still count, at least.
     """
 
     image: np.ndarray
@@ -60,6 +64,7 @@ class Matching:
     R: np.ndarray
     t: np.ndarray
     noise: float
+    width: float = LEAST_WIDTH
 
     def halved(self) -> Matching:
         """The same at half the size."""
@@ -73,6 +78,7 @@ class Matching:
             self.R,
             self.t,
             self.noise / 2,
+            self.width,
         )
 
     def of_kernel(self) -> tuple[pm.Reference, pm.Sources, pm.Frame]:
@@ -83,7 +89,7 @@ class Matching:
         cameras = np.concatenate([intrinsics, self.R.reshape(-1, 9), self.t], axis=1)
         K = self.K
         ray = (1 / K[0, 0], -K[0, 2] / K[0, 0], 1 / K[1, 1], -K[1, 2] / K[1, 1])
-        frame = pm.Frame(ray, rows, columns, *thresholds(self.noise))
+        frame = pm.Frame(ray, rows, columns, *thresholds(self.noise, self.width))
         return pm.Reference(self.image, self.mask), pm.Sources(self.sources.reshape(count, -1), cameras), frame
 
 
@@ -127,9 +133,10 @@ def _halved(K: np.ndarray) -> np.ndarray:
     return out
 
 
-def thresholds(noise: float) -> tuple[float, float]:
-    """Grey-level width of the bilateral weights, and the variance below which there is no texture, by the noise."""
-    return max(12.0, 6.0 * noise), max((1.6 * noise) ** 2, 0.3)
+def thresholds(noise: float, least: float = LEAST_WIDTH) -> tuple[float, float]:
+    """Grey-level width of the bilateral weights, at least `least`, and the variance below which there is no texture, by the
+    noise."""
+    return max(least, 6.0 * noise), max((1.6 * noise) ** 2, 0.3)
 
 
 def _iterate(

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+from massprops.core.parts import Arrays
+
 Array = np.ndarray
 
 Vector = tuple[float, float, float]
@@ -41,6 +43,11 @@ class Maps(NamedTuple):
     depth: np.ndarray
     normal: np.ndarray
     sigma: np.ndarray
+
+    def enter(self, n: int, found: Arrays, where: np.ndarray | None) -> None:
+        """Takes the n-th map from its `depth`, `normal` and `sigma`, all of it or `where` (h, w) bool says."""
+        for own, new in ((self.depth, found["depth"]), (self.normal, found["normal"]), (self.sigma, found["sigma"])):
+            own[n] = new if where is None else np.where(where if new.ndim == 2 else where[..., None], new, own[n])
 
 
 class Cameras(NamedTuple):

@@ -11,8 +11,9 @@ from crosscheck.test_crosscheck import make_run
 from estimators.made_sequence import TRUE_K, simple_method
 
 from massprops.consistency.crosscheck import crosscheck
-from massprops.consistency.jackknife import REGIONS, at_least, regions, replicates, spread
+from massprops.consistency.jackknife import REGIONS, regions, replicates, spread
 from massprops.consistency.motion_side import centre_of_motion
+from massprops.core.linalg import at_least
 from massprops.dynamics.quaternion import normalise, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.estimators import methods as registry

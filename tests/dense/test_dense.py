@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -231,6 +232,26 @@ def test_edges_of_shadows_that_move_are_not_matched() -> None:
     off = np.abs(np.linalg.norm(points.xyz, axis=1) - 1)
     assert len(points.xyz) > 0.85 * bright
     assert np.mean(off > 0.02) < 0.08
+
+
+def test_cells_in_white_frames_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = np.random.default_rng(5).standard_normal((260, 3))
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+
+    def cells(p: np.ndarray) -> np.ndarray:
+        near = np.sort(p @ corners.T, axis=1)
+        return np.where(near[:, -1] - near[:, -2] < 0.012, 220.0, 70.0)
+
+    monkeypatch.setattr(sys.modules[__name__], "texture", cells)
+    views, images, seen = sphere_views()
+    points = dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3))[0]
+    off = np.abs(np.linalg.norm(points.xyz, axis=1) - 1)
+    assert len(points.xyz) > 2000
+    assert np.mean(off > 0.05) < 0.05
+    # in narrow windows there is nothing but one colour
+    monkeypatch.setattr(reconstruct, "MUCH", 2.0)
+    with pytest.raises(NotPossible, match="agree between views"):
+        dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3))
 
 
 def test_further_views_ask_only_for_what_is_not_known() -> None:

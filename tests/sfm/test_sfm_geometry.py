@@ -121,6 +121,19 @@ def test_precision_sees_errors_that_tracks_share():
     assert p.focal_relative > 1.5 * p.focal_relative_model
 
 
+def test_precision_sees_errors_alike_on_one_side_of_the_camera():
+    views, points = scene.make(14, 250, noise=0.1)
+    away = points.xyz - np.median(points.xyz, axis=0)
+    before = np.einsum("kij,kj->ki", views.R[points.obs_view], away[points.obs_point])
+    # as blocks of a codec, or a limb: outwards on one half of the images, always
+    error = 0.5 * np.where(before[:, :1] > 0, [[1.0, 0.0]], [[0.0, 0.0]])
+    shared, mixed = (
+        precision(views, SparsePoints(**{**points.__dict__, "obs_uv": points.obs_uv + e}), True, 0).focal_relative
+        for e in (error, np.random.default_rng(3).permutation(error))
+    )
+    assert shared > 1.5 * mixed
+
+
 def test_precision_scales_with_noise():
     a = precision(*scene.make(10, 100, noise=0.1), True, 1)
     b = precision(*scene.make(10, 100, noise=0.4), True, 1)

@@ -11,11 +11,12 @@ since a body that turns freely tells them apart from its shape.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from massprops.core.clustered import SIDES, Scores, alike_in_any, in_blocks, in_places
+from massprops.core.linalg import at_least
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
 from massprops.errors import NotPossible
@@ -30,18 +31,6 @@ from massprops.model.state import BatchState, in_axes
 LENS = ("focal-length-error", "lens-distortion")
 """What a camera without calibration leaves open."""
 FEWEST_FEATURES = 20
-PLACES = 30
-"""Clusters of features on the body."""
-FEWEST_BLOCKS, MOST_BLOCKS = 6, 12
-"""Blocks of time: as many as leave each twice as long as nearly all tracks, since what one track hands on to the next is alike in
-both."""
-SIDES = 6
-"""Clusters of where the body's surface is before the camera. In four films of asteroids with truth the squared errors of k1 and
-k2 over their covariance were 11.8, 7.5, 6.1 and 1.0 times what they should be with 12 blocks of 4 images and 30 places, each with
-itself in the fit; 4.9, 3.7, 2.5 and 0.6 with each left out and 12 sides beside them; 1.7, 1.4, 2.9 and 0.3 with 6 sides and 6 blocks
-of nine images, where nine tracks in ten are of seven images or fewer."""
-LEAST_LEFT = 0.02
-"""Share of the information on a combination of numbers that counts as left where a cluster holds all of it."""
 
 
 def applies(problem: Problem, start: Any) -> bool:
@@ -124,14 +113,11 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environm
     scale = np.sqrt(np.maximum(np.diag(found.information), 1e-300))
     values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / scale[:, None] / scale
-    seen = _Seen(score, np.sqrt(w)[..., None] * slope, (vectors / np.sqrt(np.maximum(values, 1e-12))).T / scale)
-    middle = _in_all_ways(seen, _alike(problem, m, found, environment))
+    seen = Scores(score, np.sqrt(w)[..., None] * slope, (vectors / np.sqrt(np.maximum(values, 1e-12))).T / scale)
+    middle = alike_in_any(seen, _alike(problem, m, found, environment))
     plain = inverse * max(1.0, found.chi2 / found.freedom)
-    # the difference of the two ways need not be a covariance: no direction may fall below independent errors
-    root = np.linalg.cholesky(plain + 1e-300 * np.eye(len(plain)))
-    relative = np.linalg.solve(root, np.linalg.solve(root, inverse @ middle @ inverse).T)
-    grown, ways = np.linalg.eigh(0.5 * (relative + relative.T))
-    own = root @ (ways * np.maximum(grown, 1.0)) @ ways.T @ root.T
+    # sums and differences need not be a covariance: no direction may fall below independent errors
+    own = at_least(plain, inverse @ middle @ inverse)
     out = np.zeros((len(free), len(free)))
     out[np.ix_(free, free)] = own
     return out
@@ -140,56 +126,10 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environm
 def _alike(problem: Problem, m: Measurements, found: Fit, environment: EnvironmentModel) -> tuple[np.ndarray, ...]:
     """Labels (o,) of observations whose errors may be alike: by place on the body, by time, and by where the surface is before
     the camera."""
-    from scipy.cluster.vq import kmeans2
-
     who, at = np.unique(m.seen.feature, return_inverse=True)
     places = found.state.points[who]
-    count = max(2, min(PLACES, len(who) // 3))
-    place = kmeans2(places / (places.std() or 1.0), count, seed=1, minit="++")[1][at]
-    epochs = len(problem.times)
-    long = float(np.quantile(np.bincount(at), 0.9))
-    block = m.seen.epoch * int(np.clip(epochs / (2 * long), FEWEST_BLOCKS, MOST_BLOCKS)) // epochs
     turn = rotation_matrix(found.predicted.q)
     if environment.lvlh:
         turn = found.predicted.motion.turn @ turn
     before = np.einsum("oij,oj->oi", turn[m.seen.epoch], places[at])
-    side = kmeans2(before / (before.std() or 1.0), SIDES, seed=1, minit="++")[1]
-    return place, block, side
-
-
-class _Seen(NamedTuple):
-    """Of o observations the score (o, f) and the weighed derivatives (o, 2, f), points eliminated, and a root of the inverse
-    information: root^T root, root (f, f)."""
-
-    score: np.ndarray
-    slope: np.ndarray
-    root: np.ndarray
-
-
-def _in_all_ways(seen: _Seen, labels: tuple[np.ndarray, ...]) -> np.ndarray:
-    """(f, f) of errors alike in any of several ways: sums over clusters of each, less those of pairs, and so on."""
-    total = np.zeros((seen.score.shape[1],) * 2)
-    for count in range(1, len(labels) + 1):
-        for some in combinations(labels, count):
-            total -= (-1) ** count * _summed(seen, np.unique(np.stack(some), axis=1, return_inverse=True)[1].ravel())
-    return total
-
-
-def _summed(seen: _Seen, label: np.ndarray) -> np.ndarray:
-    """(f, f) sum over clusters (o,) of the squared sums of their scores.
-
-    The fit bends to a cluster that decides it, such as the first or the last block of a record, and leaves it small
-    residuals. So a score counts as it would without its cluster in the fit: the jackknife (Bell and McCaffrey 2002, CR3).
-    """
-    total = np.zeros((seen.score.shape[1],) * 2)
-    for one in np.unique(label):
-        own = label == one
-        slope = seen.slope[own].reshape(-1, total.shape[0]) @ seen.root.T
-        share, ways = np.linalg.eigh(slope.T @ slope)
-        # in units of the whole information: what is left without the cluster
-        left = 1.0 / np.clip(1.0 - share, LEAST_LEFT, 1.0)
-        unit = seen.root @ seen.score[own].sum(axis=0)
-        moved = np.linalg.solve(seen.root, ways @ (left * (ways.T @ unit)))
-        total += np.outer(moved, moved)
-    count = len(np.unique(label))
-    return total * (count - 1) / count
+    return in_places(places)[at], in_blocks(m.seen.epoch, len(problem.times), at), in_places(before, SIDES)

@@ -1,24 +1,24 @@
-"""Clusters of errors in the smoother's covariance, each judged without itself."""
+"""A fit's covariance where errors are alike within clusters, each judged without itself."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from massprops.estimators.batch.one_camera import _in_all_ways, _Seen, _summed
+from massprops.core.clustered import Scores, alike_in_any
 
 
-def seen(x: np.ndarray, error: np.ndarray) -> _Seen:
+def seen(x: np.ndarray, error: np.ndarray) -> Scores:
     """Observations of two coordinates of a line, y = x b + error, after its fit."""
     slope = np.stack([x, np.zeros_like(x)], axis=1)[:, :, None]
     slope = np.concatenate([slope, np.ones_like(slope) * [[[1.0], [0.0]]]], axis=2)
     design = slope[:, 0]
     left = error - design @ np.linalg.lstsq(design, error, rcond=None)[0]
     root = np.linalg.inv(np.linalg.cholesky(design.T @ design))
-    return _Seen(design * left[:, None], slope, root)
+    return Scores(design * left[:, None], slope, root)
 
 
-def variance(found: np.ndarray, one: _Seen) -> np.ndarray:
+def variance(found: np.ndarray, one: Scores) -> np.ndarray:
     inverse = one.root.T @ one.root
     return np.diag(inverse @ found @ inverse)
 
@@ -31,7 +31,7 @@ def test_it_is_the_jackknife() -> None:
     whole = np.linalg.lstsq(design, error, rcond=None)[0]
     moved = np.array([np.linalg.lstsq(design[label != g], error[label != g], rcond=None)[0] - whole for g in range(6)])
     own = seen(x, error)
-    np.testing.assert_allclose(variance(_summed(own, label), own), 5 / 6 * (moved**2).sum(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(variance(alike_in_any(own, (label,)), own), 5 / 6 * (moved**2).sum(axis=0), rtol=1e-9)
 
 
 def test_errors_alike_on_one_side_of_the_camera_count() -> None:
@@ -44,8 +44,8 @@ def test_errors_alike_on_one_side_of_the_camera_count() -> None:
         design = np.column_stack([x, np.ones(400)])
         real.append(np.linalg.lstsq(design, error, rcond=None)[0][0])
         own = seen(x, error)
-        without.append(variance(_in_all_ways(own, (place, block)), own)[0])
-        told.append(variance(_in_all_ways(own, (place, block, side)), own)[0])
+        without.append(variance(alike_in_any(own, (place, block)), own)[0])
+        told.append(variance(alike_in_any(own, (place, block, side)), own)[0])
     actual = np.std(real)
     assert np.sqrt(np.mean(without)) < 0.5 * actual
     assert np.sqrt(np.mean(told)) == pytest.approx(actual, rel=0.5)
@@ -54,4 +54,4 @@ def test_errors_alike_on_one_side_of_the_camera_count() -> None:
 def test_a_cluster_that_holds_all_of_a_number_stays_finite() -> None:
     x = np.r_[np.zeros(20), 1.0]
     own = seen(x, np.random.default_rng(3).standard_normal(21))
-    assert np.isfinite(_summed(own, np.r_[np.zeros(20, int), 1])).all()
+    assert np.isfinite(alike_in_any(own, (np.r_[np.zeros(20, int), 1],))).all()
