@@ -22,18 +22,18 @@ def step(x: np.ndarray, equations: tuple[np.ndarray, np.ndarray], damping: float
     return float(valley(new)[0] @ valley(new)[0]), new
 
 
-def walked(most: int, damping: Damping = Damping()) -> list[Step[np.ndarray]]:
+def walked(most: int, damping: Damping) -> list[Step[np.ndarray]]:
     return list(descend(np.array([-1.2, 1.0]), linearise, step, most, damping))
 
 
 def test_it_finds_the_bottom_of_a_bent_valley_and_ends_there() -> None:
-    steps = walked(100)
+    steps = walked(100, Damping())
     assert np.abs(steps[-1].place - 1.0).max() < 1e-12
     assert steps[-1].fall == 0.0 and len(steps) < 100
 
 
 def test_each_step_lowers_the_cost_by_what_it_says() -> None:
-    steps = walked(10)
+    steps = walked(10, Damping())
     cost = [linearise(np.array([-1.2, 1.0]))[0], *(s.cost for s in steps)]
     assert [s.fall for s in steps] == [a - b for a, b in zip(cost, cost[1:], strict=False)]
     assert all(s.fall > 0 for s in steps) and len(steps) == 10
