@@ -28,7 +28,7 @@ from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
 from massprops.surface.silhouette import Hull, hull_points, make_hull
-from massprops.surface.silhouette_only_space import SilhouetteOnly, inside_reward, silhouette_only_space
+from massprops.surface.silhouette_only import SilhouetteOnly, inside_reward, silhouette_only_space
 from massprops.surface.tetra import Tetrahedra, sight_evidence, tetrahedra_at_depth, tetrahedralise
 from massprops.views import Views
 

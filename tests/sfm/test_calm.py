@@ -43,14 +43,12 @@ def noisy(image: np.ndarray, sigma: float, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("sigma", "calm"), [(1.0, 0.0), (14.0, DENOISING_SIGMA)])
-def test_only_noisy_images_are_blurred(tmp_path: Path, sigma: float, denoising_sigma: float) -> None:
+def test_only_noisy_images_are_blurred(tmp_path: Path, sigma: float, calm: float) -> None:
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"{i}.png"), noisy(textured(), sigma, i))
         cv2.imwrite(str(tmp_path / f"mask-{i}.png"), np.full(SIZE[::-1], 255, np.uint8))
     footage: FootageRecord = Few(tmp_path)  # type: ignore[assignment]
-    assert with_denoising(footage, FeatureOptions(enlarge=2)) == FeatureOptions(
-        enlarge=2, denoising_sigma=denoising_sigma
-    )
+    assert with_denoising(footage, FeatureOptions(enlarge=2)) == FeatureOptions(enlarge=2, denoising_sigma=calm)
 
 
 def test_a_blur_brings_out_features_that_two_noisy_images_share() -> None:

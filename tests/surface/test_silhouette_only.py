@@ -13,7 +13,7 @@ from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud
 from massprops.surface.reconstruct import Surface, reconstruct_surface
 from massprops.surface.silhouette import make_hull
-from massprops.surface.silhouette_only_space import silhouette_only_space
+from massprops.surface.silhouette_only import silhouette_only_space
 from massprops.views import Views
 
 VIEWS = cameras(sphere_directions(30), 4.0, 330.0)
