@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 
 KNOWN_NEEDS = (
     "orbit", "sun direction", "magnetic field", "assumed inertia", "camera", "tracks", "stereo", "range",
@@ -91,7 +91,7 @@ def changes_motion(effect: ModuleType) -> bool:
 def first_line(error: BaseException) -> str:
     """An error's kind and first line."""
     lines = str(error).splitlines()
-    return f"{type(error).__name__}: {shown(lines[0])}" if lines else type(error).__name__
+    return f"{type(error).__name__}: {excerpt(lines[0])}" if lines else type(error).__name__
 
 
 def faults(effect: ModuleType) -> str:
@@ -130,7 +130,7 @@ def _parameters(effect: ModuleType) -> str:
         if not isinstance(q, Parameter) or not isinstance(q.name, str) or not isinstance(q.unit, str):
             return "PARAMETERS must hold massprops.effects.Parameter(name, unit, size)"
         if not isinstance(q.size, int | float) or not np.isfinite(q.size) or q.size <= 0 or q.kind not in KINDS:
-            return f"parameter {shown(q.name)}: size must be above 0 and kind one of {', '.join(KINDS)}"
+            return f"parameter {excerpt(q.name)}: size must be above 0 and kind one of {', '.join(KINDS)}"
     if len({q.name for q in given}) != len(given):
         return "two PARAMETERS have the same name"
     return ""
@@ -160,7 +160,7 @@ def _result(effect: ModuleType, name: str) -> str:
         except Exception as error:  # noqa: BLE001  a user's own code
             return f"{name}() fails on {what}: {first_line(error)}"
         if not isinstance(got, tuple | list) or len(got) != count:
-            return f"{name}() must give {count} components, not {shown(type(got).__name__)}" + (
+            return f"{name}() must give {count} components, not {excerpt(type(got).__name__)}" + (
                 f" of {len(got)}" if isinstance(got, tuple | list) else ""
             )
         for part in got:

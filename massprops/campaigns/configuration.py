@@ -17,7 +17,7 @@ from massprops.campaigns.nearest import unknown
 from massprops.core.files import hash_of, plain
 from massprops.documents.campaign import LARGEST_SEED, CampaignFile
 from massprops.documents.fields import keys, read
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 
 MOST_RUNS = 1_000_000
@@ -152,7 +152,7 @@ def plan_of(content: dict[str, Any], where: str = "configuration", folder: Path 
     _known_keys(where, kind, fixed, grid, draw)
     for axis, values in grid.items():
         if not isinstance(values, list) or not values:
-            raise InputError(f"{where}: grid of {shown(axis)}: give a list of values, not {shown(values)}")
+            raise InputError(f"{where}: grid of {excerpt(axis)}: give a list of values, not {excerpt(values)}")
     for name, spec in draw.items():
         check_draw(where, name, spec)
     plan = Plan(

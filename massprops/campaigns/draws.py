@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.nearest import unknown
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 
 KINDS = {
@@ -29,12 +29,12 @@ def check_draw(where: str, name: str, draw: Any) -> None:
     """
     if not isinstance(draw, dict) or len(draw) != 1:
         raise InputError(
-            f"{where}: draw of {shown(name)}: give one of {', '.join(KINDS)}, for example {{uniform: [0, 1]}}"
+            f"{where}: draw of {excerpt(name)}: give one of {', '.join(KINDS)}, for example {{uniform: [0, 1]}}"
         )
     ((kind, values),) = draw.items()
     if kind not in KINDS:
         raise unknown(f"draw for {name} is", kind, KINDS, where)
-    expected = f"{where}: draw of {shown(name)}: {kind} takes {KINDS[kind]}, not {shown(values)}"
+    expected = f"{where}: draw of {excerpt(name)}: {kind} takes {KINDS[kind]}, not {excerpt(values)}"
     if not isinstance(values, list) or not values:
         raise InputError(expected)
     if kind == "choice":

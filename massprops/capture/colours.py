@@ -26,7 +26,7 @@ class Colours:
 
     probability: np.ndarray
 
-    def separate(self, image: np.ndarray) -> np.ndarray:
+    def segment(self, image: np.ndarray) -> np.ndarray:
         """The largest connected piece in the object's colours, small holes filled.
 
         Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-NOISY, CALM = 12.0, 1.0
+NOISY, DENOISING_SIGMA = 12.0, 1.0
 """Noise from which on an image is blurred before it is matched [grey levels], and the blur [px]. Images of a spacecraft without
 noise, whose fine texture counts as some, have 9 to 10; with 14 levels of noise 15 to 18."""
 LEFT = 0.282
@@ -22,14 +22,14 @@ def image_noise(grey: np.ndarray, own: np.ndarray) -> float:
     return float(np.percentile(response, 25)) / (0.3186 * 6.0) if len(response) else 0.0
 
 
-def calmed(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
+def denoised(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
     """An image (h, w) float32 with its noise taken out where there is much, and the noise that is left [grey levels]."""
     import cv2
 
     noise = image_noise(grey, mask > 0)
     if noise <= NOISY:
         return grey, _usable(noise, mask)
-    return cv2.GaussianBlur(grey, (0, 0), CALM), LEFT * noise
+    return cv2.GaussianBlur(grey, (0, 0), DENOISING_SIGMA), LEFT * noise
 
 
 def grey_noise(grey: np.ndarray, mask: np.ndarray) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from massprops.core.parts import Arrays, Parts
 from massprops.dense.depthmap import LEAST_WIDTH, DepthMap, Matching, depth_map
 from massprops.dense.fusion import Cameras, DensePoints, Maps, fuse
-from massprops.dense.noise import calmed
+from massprops.dense.noise import denoised
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
@@ -70,7 +70,7 @@ def crop(colour: np.ndarray, mask: np.ndarray, K: np.ndarray, factor: float, pad
         K[1] *= ratio[1]
         K[:2, 2] += 0.5 * ratio - 0.5
     grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    grey, noise = calmed(grey, mask)
+    grey, noise = denoised(grey, mask)
     return Cropped(grey, colour, mask, K, noise)
 
 

@@ -125,7 +125,7 @@ def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None =
     )
 
 
-def as_round(start: Start, path: MotionPath) -> Start:
+def with_mean_moment_about_axis(start: Start, path: MotionPath) -> Start:
     """The same start of a wheel with the moment about its axis as large as those across it are in the mean, which the wheel
     answers for: the balance across the axis says nothing of that moment, and from a needle's a fit seldom comes back."""
     assert start.axis is not None and start.history is not None

@@ -20,8 +20,8 @@ FEW = 20
 ANCHORED = 3
 """Of more values, those that are fitted too with one of the two effects as it is likeliest by itself: an event shows its moment
 whatever acts beside it."""
-DIPS, WINDOW = 8, 7
-"""Of more values, those that are fitted because others about them leave more, the deepest dips below the median of so many."""
+LOCAL_MINIMA, WINDOW = 8, 7
+"""Of more values, those that are fitted because others about them leave more, the local minima deepest below the median of so many."""
 LEAST_DIP = 0.02
 """Least depth of a dip, logarithm: a boom beside sunlight is 0.2 deep, beside a firing 1.1 (two bodies moved by MuJoCo)."""
 Terms = tuple[Term, ...]
@@ -98,5 +98,5 @@ def _dips(left: np.ndarray) -> list[tuple[int, int]]:
     low = np.maximum(left, 1e-300)
     depth = np.log(median_filter(low, WINDOW, mode="nearest") / low)
     depth[low > minimum_filter(low, 3, mode="nearest")] = 0.0
-    order = [divmod(int(k), left.shape[1]) for k in np.argsort(-depth, axis=None)[:DIPS]]
+    order = [divmod(int(k), left.shape[1]) for k in np.argsort(-depth, axis=None)[:LOCAL_MINIMA]]
     return [k for k in order if depth[k] > LEAST_DIP]

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnosis.conserved_start import Start, as_round, conserved_across, left_across
+from massprops.diagnosis.conserved_start import Start, conserved_across, left_across, with_mean_moment_about_axis
 from massprops.diagnosis.effect_columns import steps, term_of, variants
 from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
@@ -141,7 +141,7 @@ def _beside_wheel(record: Record, forced: list[Scanned], gap: float) -> list[Hyp
             start = conserved_across(path, at, own.forcings[k])
             # beside an unknown torque, which keeps the wheel from answering for what the scanned value misses; and without, as
             # it may answer for the inertia
-            for latent, where in ((True, start), (False, as_round(start, path))):
+            for latent, where in ((True, start), (False, with_mean_moment_about_axis(start, path))):
                 h = Hypothesis(terms=(own.terms[k],), wheel=True, lag=lag, latent=latent)
                 with suppress(NotPossible):
                     begun[latent].append(fit_hypothesis(record, h, where, passes=SHORT))

@@ -11,7 +11,7 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import Resolver
 
-from massprops.documents.limits import DEEPEST, LARGEST_WHOLE, MOST_VALUES, shown
+from massprops.documents.limits import DEEPEST, LARGEST_WHOLE, MOST_VALUES, excerpt
 
 try:  # libyaml where PyYAML was built with it, else PyYAML itself, ten times slower
     from yaml._yaml import CParser as Parser
@@ -46,7 +46,7 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
         if alias and anchor in self.open:
             self.refuse(f"alias *{anchor} stands inside of what it names", event)
         if not alias and event.tag not in (None, "!", "tag:yaml.org,2002:str"):
-            self.refuse(f"tag {shown(event.tag, 40)} is not read", event)
+            self.refuse(f"tag {excerpt(event.tag, 40)} is not read", event)
         self.values += self.sizes.get(anchor, 1) if alias else 1
         if self.values > MOST_VALUES:
             self.refuse(f"more than {MOST_VALUES} values with aliases written out", event)
@@ -71,7 +71,7 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
             if not isinstance(key, yaml.ScalarNode):
                 self.refuse("a list or mapping as a name", key)
             if key.value in own and key.tag != "tag:yaml.org,2002:merge":
-                self.refuse(f"{shown(key.value)!r} is given twice", key)
+                self.refuse(f"{excerpt(key.value)!r} is given twice", key)
             own.add(key.value)
         self.flatten_mapping(node)
         # later pairs are the mapping's own, earlier ones merged from elsewhere
@@ -83,7 +83,9 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
     def decimal(self, node: Any) -> str:
         """A number as it is written; YAML 1.1 takes 1:30 for ninety, which nobody means who writes it."""
         if ":" in node.value:
-            self.refuse(f"{shown(node.value)!r} would be read to the base 60: write it in decimals, or in quotes", node)
+            self.refuse(
+                f"{excerpt(node.value)!r} would be read to the base 60: write it in decimals, or in quotes", node
+            )
         return str(node.value)
 
     def whole(self, node: Any) -> int:
@@ -91,7 +93,7 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
         try:
             value = self.construct_yaml_int(node) if len(text) <= 64 else LARGEST_WHOLE + 1
         except ValueError:
-            self.refuse(f"{shown(text)!r} is not a whole number", node)
+            self.refuse(f"{excerpt(text)!r} is not a whole number", node)
         if abs(value) > LARGEST_WHOLE:
             self.refuse(f"integer {text[:12]}… of {len(text)} digits is too large", node)
         return value
@@ -101,7 +103,7 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
         try:
             value = float(self.construct_yaml_float(node)) if len(text) <= 400 else math.inf
         except ValueError:
-            self.refuse(f"{shown(text)!r} is not a number", node)
+            self.refuse(f"{excerpt(text)!r} is not a number", node)
         if math.isinf(value) and "inf" not in text.lower():
             self.refuse(f"number {text[:20]} is too large", node)
         return value

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeVar, cast, dataclass_transform, get_type_h
 
 import numpy as np
 
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 
 LARGEST = 1e60
@@ -45,7 +45,7 @@ def document(others: str = "refused") -> Callable[[type[D]], type[D]]:
 
 def _value(value: Any) -> str:
     """A value for a message; text in quotes."""
-    return shown(repr(value[:60])) if isinstance(value, str) else shown(value)
+    return excerpt(repr(value[:60])) if isinstance(value, str) else excerpt(value)
 
 
 class _Field:
@@ -317,9 +317,9 @@ def unread(kind: type, content: dict[str, Any], where: str) -> tuple[dict[str, A
             continue
         near = difflib.get_close_matches(key.casefold(), known, n=1, cutoff=0.8)
         if near and near[0] not in content:
-            raise InputError(f"{where}: no key {shown(key)!r}; did you mean {near[0]!r}?")
+            raise InputError(f"{where}: no key {excerpt(key)!r}; did you mean {near[0]!r}?")
         strange.append(key)
-    return kept, [f"{where}: {shown(key)} is not read" for key in strange]
+    return kept, [f"{where}: {excerpt(key)} is not read" for key in strange]
 
 
 def as_written(kind: type, content: dict[str, Any], where: str) -> dict[str, Any]:
@@ -362,8 +362,8 @@ def no_key(key: str, known: Iterable[str], what: str = "key") -> str:
     names = list(known)
     folded = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(key.casefold(), list(folded), n=1, cutoff=0.5)
-    hint = f"did you mean {folded[near[0]]!r}?" if near else f"there are {shown(', '.join(names), 240) or 'none'}"
-    return f"no {what} {shown(key)!r}; {hint}"
+    hint = f"did you mean {folded[near[0]]!r}?" if near else f"there are {excerpt(', '.join(names), 240) or 'none'}"
+    return f"no {what} {excerpt(key)!r}; {hint}"
 
 
 def _message(kind: type, error: Any, where: str) -> str:

@@ -11,7 +11,7 @@ DEEPEST = 40
 LARGEST_WHOLE = 2**63 - 1
 
 
-def shown(value: Any, most: int = 60) -> str:
+def excerpt(value: Any, most: int = 60) -> str:
     """A value for a message: one short line without characters that steer a terminal."""
     text = value if isinstance(value, str) else str(value) if isinstance(value, Exception) else _brief(value, most)
     text = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from massprops.documents.limits import DEEPEST, LARGEST_WHOLE, shown
+from massprops.documents.limits import DEEPEST, LARGEST_WHOLE, excerpt
 from massprops.errors import InputError
 
 LARGEST_BYTES = 4_000_000
@@ -48,10 +48,10 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     except yaml.MarkedYAMLError as error:
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise InputError(
-            f"{where}: not YAML that can be read{line}: {shown(error.problem or 'unknown fault')}"
+            f"{where}: not YAML that can be read{line}: {excerpt(error.problem or 'unknown fault')}"
         ) from None
     except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{where}: not YAML that can be read: {shown(error)}") from None
+        raise InputError(f"{where}: not YAML that can be read: {excerpt(error)}") from None
     return _mapping({} if content is None else content, where)
 
 
@@ -64,7 +64,7 @@ def parse_json(text: str, where: str) -> dict[str, Any]:
     try:
         content = json.loads(text, parse_constant=_no_constant, parse_int=_whole, parse_float=_finite)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{where}: not JSON that can be read: {shown(error)}") from None
+        raise InputError(f"{where}: not JSON that can be read: {excerpt(error)}") from None
     return _mapping(content, where)
 
 
@@ -124,4 +124,4 @@ def _finite(text: str) -> float:
     return value
 
 
-__all__ = ["load_json", "load_text", "load_yaml", "parse_json", "parse_yaml", "shown"]
+__all__ = ["load_json", "load_text", "load_yaml", "parse_json", "parse_yaml", "excerpt"]

@@ -32,9 +32,12 @@ class EnvironmentModel:
     Attributes:
         mu: [m^3/s^2], 0 without an orbit; sun, field: three components each, inertial; zeros when unknown.
         falls: whether the target falls freely beside the chaser; otherwise its path is straight in inertial axes.
+        compiled: whether a free body's rotation, too, goes by the compiled kernel. It takes a second to load, which pays where
+            many integrations are to come; effects of the catalogue always go by it.
     """
 
-    def __init__(self, environment: Environment, falls: bool = True) -> None:
+    def __init__(self, environment: Environment, falls: bool = True, compiled: bool = False) -> None:
+        self.compiled = compiled
         self.orbit = environment.orbit
         self.falls = falls and environment.orbit is not None
         self.lvlh = environment.chaser_attitude == "lvlh" and environment.orbit is not None

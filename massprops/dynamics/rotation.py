@@ -7,7 +7,6 @@ continuous when the mass distribution changes or a wheel spins up, the angular v
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -225,8 +224,7 @@ def trajectory(
         active, p: effects and the flat vector of their parameters.
         environment: surroundings.
     """
-    # a free body is done with before the kernel would be compiled: it goes by it, with the same numbers, where it is there
-    wanted = bool(active.effects) or "massprops.dynamics.compiled_integration" in sys.modules
+    wanted = bool(active.effects) or environment.compiled
     integrate = _integrated_compiled if wanted and _in_catalogue(active) else _integrated_plainly
     six = tuple(float(v) for v in six_of(inertia))
     values = [float(v) for v in p]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from massprops.core.log import log
 from massprops.core.outputs import verify
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError, MasspropsError, NotPossible
 from massprops.estimators.outcome import Outcome
 
@@ -201,7 +201,7 @@ class _Bench:
         except NotPossible as stop:
             return _NoStart(str(stop))
         except BREAKS as error:
-            return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {shown(error)})")
+            return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})")
         return replace(whole, early=early_start(self.problem, Prior(), whole)) if early else whole
 
     def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
@@ -224,7 +224,7 @@ class _Bench:
         except MasspropsError as error:
             raise NotPossible(str(error)) from None
         except BREAKS as error:
-            raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {shown(error)})") from None
+            raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})") from None
 
 
 @dataclass(frozen=True)

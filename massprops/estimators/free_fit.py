@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from massprops.core.compiling import compiled
+from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.inertia import DIRECTIONS, physical
 from massprops.dynamics.quaternion import (
@@ -152,33 +153,30 @@ def left_by(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
 
 
 def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess) -> Found | None:
-    """Levenberg-Marquardt, derivatives by differences, outliers weighed down: guess, residual, covariance (11, 11)."""
-    damping, cost = 1e-4, np.inf
+    """Least squares, derivatives by differences, outliers weighed down: guess, residual, covariance (11, 11)."""
     gauge = 1e12 if values.shape[1] == 3 else 0.0  # rates say nothing of the attitude
     prior = np.array([gauge] * 3 + [0.0] * 3 + [1.0 / DOUBT**2] * 5)
-    normal = np.eye(11)
-    for _ in range(STEPS):
-        r, J = left_by(times, values, sigma, guess)
+    weight, normal = np.ones(len(times)), np.eye(11)
+
+    def linearise(at: Guess) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
+        nonlocal weight, normal
+        r, J = left_by(times, values, sigma, at)
         length = np.linalg.norm(r, axis=1)
         weight = 1.0 / np.maximum(1.0, (length / max(OUTLIER, 2.0 * float(np.median(length)))) ** 2)
         normal = np.einsum("n,nia,nib->ab", weight, J, J) + np.diag(prior)
-        side = -np.einsum("n,nia,ni->a", weight, J, r) - prior * _away(guess)
-        cost = _cost(r, weight, guess, prior)
-        if not np.isfinite(cost):
+        side = -np.einsum("n,nia,ni->a", weight, J, r) - prior * _away(at)
+        return _cost(r, weight, at, prior), (normal, side)
+
+    def step(at: Guess, equations: tuple[np.ndarray, np.ndarray], damping: float) -> tuple[float, Guess]:
+        q, w, inertia = moved(at, damped_step(*equations, damping))
+        trial = q, w, physical(inertia)
+        return _cost(_residuals(times, values, [trial])[0] / sigma[:, None], weight, trial, prior), trial
+
+    for found in descend(guess, linearise, step, STEPS, Damping(1e-4, lowered=8.0, least=1e-12, tries=8)):
+        guess = found.place
+        if not np.isfinite(found.cost):
             return None
-        new, trial = cost, guess
-        for _ in range(8):
-            x = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), side)
-            trial = moved(guess, x)
-            trial = (trial[0], trial[1], physical(trial[2]))
-            new = _cost(_residuals(times, values, [trial])[0] / sigma[:, None], weight, trial, prior)
-            if new < cost:
-                break
-            damping *= 8.0
-        if not new < cost:
-            break
-        guess, damping = trial, max(damping / 8.0, 1e-12)
-        if cost - new < 1e-7 * cost:
+        if found.fall < 1e-7 * (found.cost + found.fall):
             break
     r = _residuals(times, values, [guess])[0] / sigma[:, None]
     scale = float(np.median(np.sum(r**2, axis=1))) / 2.366  # the median of chi-square with three degrees

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, physical, principal_axes, ratio_derivatives
 from massprops.dynamics.quaternion import rotation_matrix, skew
@@ -126,7 +127,7 @@ def _without_outliers(every: Conservation, use: np.ndarray, starts: list[np.ndar
     for turn in range(4):
         problem = every.of(use)
         fits = [_least(problem, guess) for guess in (starts if turn == 0 else [inertia])]
-        inertia = min(fits, key=lambda pair: pair[0])[1]
+        inertia = min(fits, key=lambda at: at.cost).inertia
         at = every.at(inertia, use)
         square = np.einsum("ni,ni->n", at.residual, at.force)
         scale = max(float(np.median(square)) / 2.366, 1e-12)
@@ -154,34 +155,26 @@ def _plausible(w: np.ndarray) -> np.ndarray:
     return use if use.sum() >= FEWEST else np.ones(len(w), bool)
 
 
-def _least(problem: Conservation, inertia: np.ndarray) -> tuple[float, np.ndarray]:
-    """Cost and inertia at the least cost near a start (Levenberg-Marquardt, within the physical bodies)."""
-    at = problem.at(inertia)
-    damping = 1e-3
-    for _ in range(LARGEST_COUNT):
-        score = problem.score(at).sum(axis=0)
+def _least(problem: Conservation, inertia: np.ndarray) -> At:
+    """The residuals at the inertia of least cost near one, among the physical bodies."""
+
+    def linearise(at: At) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
         regressor = problem.corrected(at)
         M = np.einsum("nia,nij,njb->ab", regressor, at.weight, regressor, optimize=True)
-        M += 1e-12 * np.trace(M) * np.eye(5)
-        moved = False
-        for _ in range(12):
-            step = np.linalg.solve(M + damping * np.diag(np.diag(M)), -score)
-            trial = inertia + np.einsum("a,aij->ij", step, DIRECTIONS)
-            if np.linalg.eigvalsh(trial)[2] >= 0.5 - LEAST_PART / 2:
-                trial = physical(trial)
-            after = problem.at(trial)
-            if after.cost < at.cost:
-                moved = True
-                break
-            damping *= 8.0
-        if not moved:
+        return at.cost, (M + 1e-12 * np.trace(M) * np.eye(5), -problem.score(at).sum(axis=0))
+
+    def step(at: At, equations: tuple[np.ndarray, np.ndarray], damping: float) -> tuple[float, At]:
+        trial = at.inertia + np.einsum("a,aij->ij", damped_step(*equations, damping), DIRECTIONS)
+        new = problem.at(physical(trial) if np.linalg.eigvalsh(trial)[2] >= 0.5 - LEAST_PART / 2 else trial)
+        return new.cost, new
+
+    at = problem.at(inertia)
+    for found in descend(at, linearise, step, LARGEST_COUNT, Damping(tries=12)):
+        change = float(np.linalg.norm(found.place.inertia - at.inertia))
+        at = found.place
+        if found.fall < 1e-10 * (1.0 + found.cost + found.fall) and change < 1e-7:
             break
-        change = float(np.linalg.norm(trial - inertia))
-        small = at.cost - after.cost < 1e-10 * (1.0 + at.cost) and change < 1e-7
-        inertia, at, damping = trial, after, max(damping / 10.0, 1e-9)
-        if small:
-            break
-    return at.cost, inertia
+    return at
 
 
 @dataclass(frozen=True)
@@ -189,11 +182,12 @@ class At:
     """The residuals at one inertia; n epochs, body axes.
 
     Attributes:
-        residual: (n, 3) I w - R^T H; weight: (n, 3, 3) inverse of its covariance; force: (n, 3) their product.
+        inertia: (3, 3) trace 1. residual: (n, 3) I w - R^T H; weight: (n, 3, 3) inverse of its covariance; force: (n, 3) their product.
         blamed: (n, 3) the share of each residual that the error of the rates is blamed for, as an error of w.
         lever: (n, 3, 6) of a small turn and of the rates on the residual. momentum: (b, 3). cost: half their squares.
     """
 
+    inertia: np.ndarray
     residual: np.ndarray
     weight: np.ndarray
     force: np.ndarray
@@ -244,7 +238,7 @@ class Conservation:
         residual = h - (Rt @ H[self.block][..., None])[..., 0]
         force = (weight @ residual[..., None])[..., 0]
         blamed = (carried[:, 3:] @ force[..., None])[..., 0]
-        return At(residual, weight, force, blamed, lever, H, 0.5 * float(np.sum(residual * force)))
+        return At(inertia, residual, weight, force, blamed, lever, H, 0.5 * float(np.sum(residual * force)))
 
     def score(self, at: At) -> np.ndarray:
         """(n, 5) derivative of each epoch's cost along `DIRECTIONS`, the blamed error of the rates taken off."""

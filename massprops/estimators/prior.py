@@ -88,14 +88,14 @@ def read_filter(path: str | Path) -> FilterPrior:
     """
     from massprops.documents.fields import read
     from massprops.documents.filter import FORMAT, FilterFile
-    from massprops.documents.loading import load_yaml, shown
+    from massprops.documents.loading import excerpt, load_yaml
 
     path = Path(path)
     if not path.is_file():
         raise InputError(f"--prior {path}: no such file; massprops export RUN --to filter writes one")
     content = load_yaml(path)
     if content.get("format", FORMAT) != FORMAT:
-        found = shown(content["format"])
+        found = excerpt(content["format"])
         raise InputError(
             f"{path}: its format is {found}, not {FORMAT!r}: write it with 'massprops export RUN --to filter'"
         )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 from massprops.memory import refuse_beyond
 
@@ -46,7 +46,7 @@ def read_mesh(path: str | Path, process: bool = True) -> trimesh.Trimesh:
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise InputError(
-            f"{path}: {shown(kind) or 'no ending'} is no mesh that is read; give STL, OBJ, PLY, GLB or OFF"
+            f"{path}: {excerpt(kind) or 'no ending'} is no mesh that is read; give STL, OBJ, PLY, GLB or OFF"
         )
     refuse_beyond(BYTES_PER_BYTE * path.stat().st_size, f"{path}: its mesh", "reduce the mesh first")
     _refuse_hollow_header(path)
@@ -54,7 +54,7 @@ def read_mesh(path: str | Path, process: bool = True) -> trimesh.Trimesh:
         with _without_warnings():
             mesh = trimesh.load(path, force="mesh", process=process)
     except (Exception, SystemExit) as error:
-        reason = shown(error, 80) if str(error) else type(error).__name__
+        reason = excerpt(error, 80) if str(error) else type(error).__name__
         raise InputError(f"{path}: not a mesh that can be read ({reason}); give STL, OBJ, PLY, GLB or OFF") from None
     if not hasattr(mesh, "faces") or len(mesh.faces) == 0:
         raise InputError(f"{path}: has no faces; give a surface, not a point cloud")

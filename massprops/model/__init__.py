@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from massprops.documents.fields import no_key
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.documents.model import FORMAT
 from massprops.dynamics.rotation import ActiveEffects
 from massprops.effects import changes_motion, effects, has_pace
@@ -145,7 +145,7 @@ def load_model(path: str | Path) -> Model:
         raise InputError(f"{path}: no such model file; 'massprops diagnose' writes one, model.yaml")
     content = load_yaml(path)
     if content.get("format") != FORMAT:
-        found = shown(content.get("format"))
+        found = excerpt(content.get("format"))
         raise InputError(f"{path}: its format is {found}, not {FORMAT!r}: give a model.yaml of 'massprops diagnose'")
     document = read(ModelFile, unread(ModelFile, content, str(path))[0], str(path))
     known = effects()

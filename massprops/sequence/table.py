@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.documents.tables import Column, Table
 from massprops.errors import InputError
 from massprops.memory import refuse_beyond
@@ -165,12 +165,12 @@ def _columns(path: Path, table: Table, cells: list[str]) -> list[tuple[int, Call
         factor = column.factor(unit)
         if factor is None:
             raise InputError(
-                f"{path}: column {column.name}: unit [{shown(unit or '', 30)}] is not known; give it in [{column.unit}]"
+                f"{path}: column {column.name}: unit [{excerpt(unit or '', 30)}] is not known; give it in [{column.unit}]"
             )
         places.append((own[0], _parser(column, factor)))
     if missing:
         raise InputError(
-            f"{path}: header has no column {', '.join(missing)}; it has {shown(', '.join(map(_name, cells)), 100)}"
+            f"{path}: header has no column {', '.join(missing)}; it has {excerpt(', '.join(map(_name, cells)), 100)}"
         )
     return places
 

@@ -27,7 +27,7 @@ from massprops.sfm.chance import drop_chance
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, match_distinct, repeating
-from massprops.sfm.features import FeatureOptions, calmed, extract_all
+from massprops.sfm.features import FeatureOptions, extract_all, with_denoising
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
@@ -196,7 +196,7 @@ def attempt(
     work.mkdir(parents=True, exist_ok=True)
     wanted = {"usual": options.features, "enlarged": options.enlarged, "faint": options.faint}[way]
     if way == "enlarged":
-        wanted = calmed(footage, wanted)
+        wanted = with_denoising(footage, wanted)
     features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
     enough = sum(len(k) >= 30 for k, _ in features.values())
     if enough < 3:
@@ -316,20 +316,20 @@ def mapped_in_pieces(
         NotPossible: no pair of images to start from.
     """
     models = mapped(database, footage, out / "free", mapping, total, progress)
-    pieces = separate([depth_reversal_resolved(m, mapping) for m in models], footage, mapping)
+    pieces = independent_models([depth_reversal_resolved(m, mapping) for m in models], footage, mapping)
     if count_images(pieces) < ENOUGH * total and not mapping.fixed_intrinsics:
         frames, held = footage.folder / "frames", replace(mapping, fixed_intrinsics=True)
         try:
             again = map_images(database, frames, out / "held", held, total, progress)
         except NotPossible:
             again = []
-        sound = separate([depth_reversal_resolved(m, mapping) for m in again], footage, mapping)
+        sound = independent_models([depth_reversal_resolved(m, mapping) for m in again], footage, mapping)
         if count_images(sound) > count_images(pieces):
             return sound
     return pieces or models
 
 
-def separate(
+def independent_models(
     models: list[pycolmap.Reconstruction], footage: FootageRecord, mapping: MappingOptions
 ) -> list[pycolmap.Reconstruction]:
     """Of models that follow a motion those that have enough images of their own, the one with most first."""

@@ -16,7 +16,7 @@ import numpy as np
 from massprops.core.parts import Arrays, Parts
 from massprops.core.processes import silenced_stderr
 from massprops.core.progress import Progress, silent
-from massprops.dense.noise import CALM, image_noise
+from massprops.dense.noise import DENOISING_SIGMA, image_noise
 from massprops.errors import InputError
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.turned import turn_keypoints
@@ -40,14 +40,14 @@ class FeatureOptions:
         enlarge: times by which the image is enlarged, beside the doubling that SIFT begins with. Where a body of 100 px shows detail
             in every pixel, most of it is finer than the first scale of the doubled image: twice as large it has five to seven
             times as many features.
-        calm: 1-sigma of the blur that noise is taken out with before features are looked for [px]; 0 for none.
+        denoising_sigma: 1-sigma of the blur that noise is taken out with before features are looked for [px]; 0 for none.
     """
 
     most: int = 4096
     peak: float = 0.005
     margin: int = 2
     enlarge: int = 1
-    calm: float = 0.0
+    denoising_sigma: float = 0.0
 
 
 def object_region(mask: np.ndarray, margin: int) -> np.ndarray:
@@ -97,8 +97,8 @@ def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
         pad = 12
         y0, x0 = max(0, ys[0] - pad), max(0, xs[0] - pad)
         gray = gray[y0 : ys[-1] + pad + 1, x0 : xs[-1] + pad + 1]
-    if options.calm > 0:
-        gray = cv2.GaussianBlur(gray, (0, 0), options.calm)
+    if options.denoising_sigma > 0:
+        gray = cv2.GaussianBlur(gray, (0, 0), options.denoising_sigma)
     # features, layers, contrast, edge, sigma, descriptor type, exact doubling of the image
     if options.enlarge > 1:
         gray = cv2.resize(gray, None, fx=options.enlarge, fy=options.enlarge, interpolation=cv2.INTER_CUBIC)
@@ -123,7 +123,7 @@ def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
     return xy, data
 
 
-def calmed(footage: FootageRecord, options: FeatureOptions) -> FeatureOptions:
+def with_denoising(footage: FootageRecord, options: FeatureOptions) -> FeatureOptions:
     """The options with a blur where the images are noisy on the object, as those of a few of them show."""
     noise = []
     for frame in footage.frames[:: max(1, len(footage.frames) // NOISE_IMAGES)]:
@@ -131,7 +131,7 @@ def calmed(footage: FootageRecord, options: FeatureOptions) -> FeatureOptions:
         mask = read_mask(footage, frame.name, footage.size(frame))
         if gray is not None and mask is not None and (mask == 255).any():
             noise.append(image_noise(gray, mask == 255))
-    return replace(options, calm=CALM) if noise and np.median(noise) > NOISY else options
+    return replace(options, denoising_sigma=DENOISING_SIGMA) if noise and np.median(noise) > NOISY else options
 
 
 def root_sift(descriptors: np.ndarray) -> np.ndarray:

@@ -21,8 +21,8 @@ from massprops.sfm.attempt import (
     SfmOptions,
     attempt,
     count_images,
+    independent_models,
     may_distort,
-    separate,
     steady,
 )
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
@@ -261,8 +261,8 @@ def _enlarged(
         return found
     if found is None:
         return again
-    before = separate(found.models, footage, found.mapping)
-    now = separate(again.models, footage, again.mapping)
+    before = independent_models(found.models, footage, found.mapping)
+    now = independent_models(again.models, footage, again.mapping)
     held = [(count_images(p), p[0].num_reg_images() if p else 0) for p in (before, now)]
     return replace(again, models=now) if now and held[1] >= held[0] else found
 

@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 
 from massprops.core.text import counted
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.model_bytes import check_lengths
@@ -38,7 +38,7 @@ def import_sparse(
     try:
         model = pycolmap.Reconstruction(place)
     except Exception as error:
-        raise InputError(f"{place}: not a readable COLMAP model ({shown(error)}); export it again") from error
+        raise InputError(f"{place}: not a readable COLMAP model ({excerpt(error)}); export it again") from error
     try:
         views, points, found = take_out(model, given_focal=True, given_poses=True)
     except (
@@ -47,7 +47,7 @@ def import_sparse(
         ValueError,
         OverflowError,
     ) as error:  # points that it lacks, names and sizes that are none
-        raise InputError(f"{place}: a damaged COLMAP model ({shown(error)}); export it again") from error
+        raise InputError(f"{place}: a damaged COLMAP model ({excerpt(error)}); export it again") from error
     points = points.observed(found.observations)
     frame_of = _frame_names(footage, views.names)
     in_footage = [name in frame_of for name in views.names]

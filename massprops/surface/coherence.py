@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from massprops.core.levenberg_marquardt import Damping, descend
 from massprops.surface.silhouette import Hull
 from massprops.views import Views
 
@@ -149,31 +150,36 @@ class Pair:
     def fitted(
         self, R: np.ndarray, t: np.ndarray, middle: np.ndarray, rounds: int = 20
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The turn and shift near these that the silhouettes bear best (Levenberg and Marquardt, on the mean distance).
+        """The turn and shift near these that the silhouettes bear best.
 
         Args:
             R, t: where to begin; middle: (3,) of the second placement, about which it is turned.
             rounds: most steps.
         """
         unit = np.concatenate([np.full(3, TURN), np.full(3, SHIFT * self.first.size)])
-        cost, damping = self.scores(R[None], t[None])[0], 1e-2
-        for _ in range(rounds):
-            about = R @ middle + t
-            r, slope = self.rows(R, t, about)
+
+        def linearise(at: tuple[Array, Array]) -> tuple[float, tuple[Array, Array]]:
+            R, t = at
+            r, slope = self.rows(R, t, R @ middle + t)
             slope = slope * unit
             # steps on the squares, weighted, go towards the least mean distance
             weight = 1.0 / np.maximum(r, 1.0)
-            normal, pull = slope.T @ (weight[:, None] * slope), slope.T @ (weight * r)
-            before = cost
-            for _ in range(5):
-                step = -np.linalg.solve(normal + (damping * np.trace(normal) + 1e-9) * np.eye(6), pull) * unit
-                Q, u = moved(R, t, about, step)
-                new = self.scores(Q[None], u[None])[0]
-                if new < cost:
-                    R, t, cost, damping = Q, u, new, damping / 3
-                    break
-                damping *= 5
-            if cost > (1 - ENOUGH) * before:
+            return self.score(R, t), (slope.T @ (weight[:, None] * slope), slope.T @ (weight * r))
+
+        def step(
+            at: tuple[Array, Array], equations: tuple[Array, Array], damping: float
+        ) -> tuple[float, tuple[Array, Array]]:
+            (R, t), (normal, pull) = at, equations
+            # damped alike in all directions (Levenberg): one that no witness shows stays where it is
+            away = -np.linalg.solve(normal + (damping * np.trace(normal) + 1e-9) * np.eye(6), pull) * unit
+            new = moved(R, t, R @ middle + t, away)
+            return self.score(*new), new
+
+        for found in descend(
+            (R, t), linearise, step, rounds, Damping(1e-2, lowered=3.0, raised=5.0, least=0.0, tries=5)
+        ):
+            R, t = found.place
+            if found.fall < ENOUGH * (found.cost + found.fall):
                 break
         return R, t
 

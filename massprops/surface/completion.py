@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.surface.outline_gaps import HALO, on_outlines
+from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, on_outlines
 from massprops.surface.refine import vertex_normals
 from massprops.views import Views
 
@@ -51,5 +51,5 @@ def filling_outlines(
         place = np.concatenate([out, 2 * reach * normal], axis=1)
         near, which = cKDTree(place[faces[face]].mean(axis=1)).query(place[moving], NEIGHBOURS)
         said = np.where(near[:, -1] < reach, np.median(gap[which], axis=1), 0.0)
-        out[moving] += np.maximum(said - HALO, 0.0)[:, None] * pixel * normal[moving]
+        out[moving] += np.maximum(said - SILHOUETTE_MARGIN, 0.0)[:, None] * pixel * normal[moving]
     return out

@@ -20,7 +20,7 @@ from massprops.views import Views
 
 FARTHEST = 16.0
 """Distance [px] from which on an outline is another's, or that of a part that is missing or unlit."""
-HALO, SHARP = 1.0, 1.0
+SILHOUETTE_MARGIN, SHARP = 1.0, 1.0
 """Where cameras are right the object's outline lies up to this far outside the mesh's, since silhouettes take in the pixels that
 the object fills in part, and scatters by as much [px]. An asteroid in 320x240 and one blurred by motion had 1.0 and 1.4 in the
 middle and 0.7 and 0.8 of scatter; five films of asteroids and spacecraft whose cameras were wrong 1.4 to 3.2, and 1.9 to 3.5."""
@@ -29,7 +29,7 @@ MUTUAL = 2.0
 BULK, BULK_MEAN = 0.8, 0.5586
 """Share of deviations that are averaged, the smallest, and what their mean is for a normal distribution of 1-sigma 1."""
 SURE = 1.0
-"""Part of an offset that may be the halo of other images or of other light [px]."""
+"""Part of an offset that may be a wider margin, by other images or other light [px]."""
 NEIGHBOURS, FEWEST = 60, 15
 """Places on outlines that say where a face should be, and how many of them it takes."""
 
@@ -39,7 +39,7 @@ class Gaps:
     """What the outlines say of a mesh.
 
     Attributes:
-        offset: (f,) how far outside the mesh the object is at each face, as far as no halo explains it and cameras are wrong [px].
+        offset: (f,) how far outside the mesh the object is at each face, beyond the silhouettes' margin, as far as cameras are wrong [px].
         drift: 1-sigma by which the object's outline scatters about the mesh's, beyond what it does where cameras are right [px].
         middle: (f,) how far outside the mesh the object's outline is in the middle [px], 0 where nothing is said.
         distance: (f,) from the nearest place that an outline shows where the mesh has it [world units], on the same side of a
@@ -71,20 +71,20 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     told = np.isfinite(near)
     said = np.where(told, gap[np.minimum(which, len(gap) - 1)], np.nan)
     enough = told.sum(axis=1) >= FEWEST
-    middle = np.full(len(faces), HALO)
+    middle = np.full(len(faces), SILHOUETTE_MARGIN)
     middle[enough] = np.nanmedian(said[enough], axis=1)
     whole = float(np.median(gap))
     drift = float(np.sqrt(max(0.0, _spread(gap - whole) ** 2 - SHARP**2)))
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
-    wrong = min(1.0, float(np.hypot(drift, _beyond_halo(np.array(whole)))) / SHARP)
-    agree = face[_beyond_halo(gap) == 0]
+    wrong = min(1.0, float(np.hypot(drift, _beyond_margin(np.array(whole)))) / SHARP)
+    agree = face[_beyond_margin(gap) == 0]
     away = cKDTree(place[agree]).query(place, distance_upper_bound=reach)[0] if len(agree) else np.full(len(faces), np.inf)
-    return Gaps(wrong * _beyond_halo(middle), drift, np.where(enough, middle, 0.0), away)
+    return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, 0.0), away)
 
 
-def _beyond_halo(gap: np.ndarray) -> np.ndarray:
-    """What of gaps no halo explains [px]; exact silhouettes have none."""
-    return np.where(gap > HALO + SURE, gap - HALO, np.where(gap < -SURE, gap, 0.0))
+def _beyond_margin(gap: np.ndarray) -> np.ndarray:
+    """What of gaps is beyond the silhouettes' margin [px]; exact silhouettes have none."""
+    return np.where(gap > SILHOUETTE_MARGIN + SURE, gap - SILHOUETTE_MARGIN, np.where(gap < -SURE, gap, 0.0))
 
 
 def _spread(apart: np.ndarray) -> float:

@@ -29,8 +29,8 @@ from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
 from massprops.surface.silhouette import Hull, hull_points, make_hull
-from massprops.surface.tetra import Tetrahedra, behind, sight_evidence, tetrahedralise
-from massprops.surface.unexplained import Unexplained, earned, unexplained
+from massprops.surface.silhouette_only import SilhouetteOnly, inside_reward, silhouette_only_space
+from massprops.surface.tetra import Tetrahedra, sight_evidence, tetrahedra_at_depth, tetrahedralise
 from massprops.views import Views
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ class _Given:
     seed: int
     beside: Thinned | None
     fill: float
-    more: Unexplained | None = None
+    more: SilhouetteOnly | None = None
 
 
 def _body(given: _Given, masks: list[np.ndarray], moving: bool) -> tuple[Tetrahedra, np.ndarray, np.ndarray]:
@@ -168,7 +168,11 @@ def _body(given: _Given, masks: list[np.ndarray], moving: bool) -> tuple[Tetrahe
         every = joined(tetra, costs, inside, moving=True)
         vertices, faces, _ = _mesh(tetra, kind, every)
         spacing = given.thinned.spacing
-        more = unexplained(vertices, faces, given.views, masks, given.hull, spacing, given.seed) if len(faces) else None
+        more = (
+            silhouette_only_space(vertices, faces, given.views, masks, given.hull, spacing, given.seed)
+            if len(faces)
+            else None
+        )
         if more is not None:
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
@@ -362,7 +366,7 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
 
     sure = np.zeros(len(tetra.corners))
     depth = np.maximum(1.5 * thinned.sigma, 0.15 * h)
-    own = behind(tetra, np.arange(n), -thinned.normal, depth)
+    own = tetrahedra_at_depth(tetra, np.arange(n), -thinned.normal, depth)
     confidence = np.minimum(seen, 3) / 3.0
     np.add.at(sure, own[own >= 0], confidence[own >= 0])
 
@@ -378,7 +382,7 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
     shown = None
     if more is not None:
         own = np.flatnonzero((sky <= 0.5) & ~guard)
-        gain = earned(more, hull, middle[own], volume[own], h)
+        gain = inside_reward(more, hull, middle[own], volume[own], h)
         pull[own] += gain * np.exp(-free[own])
         shown = np.zeros(len(volume), bool)
         shown[own] = gain > 0

@@ -16,7 +16,7 @@ import numpy as np
 
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import MOST, TOUCHES, Extent, Pair, Witnesses, extent, moved, rim_rays
-from massprops.surface.shown import Photographs
+from massprops.surface.photo_consistency import Photographs
 from massprops.surface.silhouette import make_hull
 from massprops.views import Views
 

@@ -71,7 +71,7 @@ class Hull:
             start: (e, 3); direction: (e, 3) unit, outward.
             reach: longest way that is looked at.
         """
-        end, found = _leaves(self, start - self.pixel * direction, direction, 0.25 * self.pixel, reach)
+        end, found = _exits(self, start - self.pixel * direction, direction, 0.25 * self.pixel, reach)
         out: np.ndarray = np.where(found, np.maximum(np.einsum("ei,ei->e", end - start, direction), 0.0), 0.0)
         return out
 
@@ -235,7 +235,7 @@ def _is_sky(maps: Array, size: Array, P: Array, need: int, x: float, y: float, z
 
 
 @njit(cache=True, error_model="numpy")
-def _shoot(
+def _first_exit(
     start: Array, direction: Array, first: float, reach: float, maps: Array, size: Array, P: Array, need: int
 ) -> tuple[Array, Array]:
     out = np.empty_like(start)
@@ -290,12 +290,12 @@ def hull_points(
     along = np.einsum("ij,ij->i", direction, outward)
     direction -= np.where(along > 0.25, 2 * along, 0.0)[:, None] * outward
     direction[::rays] = -normal
-    found, hit = _leaves(hull, begin, direction, 0.3 * spacing, reach)
+    found, hit = _exits(hull, begin, direction, 0.3 * spacing, reach)
     begin = begin[hit]
     return _above_support(hull, begin, found[hit]), begin
 
 
-def shot(
+def exit_points(
     hull: Hull, start: np.ndarray, direction: np.ndarray, first: float, reach: float, missed: bool = False
 ) -> np.ndarray:
     """Where rays leave the hull (k, 3); those that do not within their reach are left out, or end there where `missed`.
@@ -303,18 +303,18 @@ def shot(
     Args:
         start, direction: (m, 3), unit directions; first: step of the search; reach: longest ray.
     """
-    found, hit = _leaves(hull, start, direction, first, reach)
+    found, hit = _exits(hull, start, direction, first, reach)
     if not missed:
         return _above_support(hull, start[hit], found[hit])
     return _above_support(hull, start, np.where(hit[:, None], found, start + reach * direction))
 
 
-def _leaves(
+def _exits(
     hull: Hull, start: np.ndarray, direction: np.ndarray, first: float, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where rays (m, 3) leave the hull, and (m,) bool whether they do within their reach."""
     start, direction = np.ascontiguousarray(start), np.ascontiguousarray(direction)
-    return _shoot(start, direction, first, reach, hull.maps, hull.size, hull.P, hull.need)
+    return _first_exit(start, direction, first, reach, hull.maps, hull.size, hull.P, hull.need)
 
 
 def _above_support(hull: Hull, begin: np.ndarray, found: np.ndarray) -> np.ndarray:

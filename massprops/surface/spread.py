@@ -30,7 +30,7 @@ import numpy as np
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
 from massprops.surface.error_modes import COMMON, SIDE_PIXELS, fill_modes, measured_modes
 from massprops.surface.length import model_length
-from massprops.surface.outline_gaps import HALO, Gaps
+from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, Gaps
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 from massprops.surface.scatter import WINDOW, face_scatter
@@ -198,12 +198,12 @@ class _Ends(NamedTuple):
 
 def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
     """(count,) how much longer the body may be. Each end is one vertex, as uncertain as the points about it; that of a free body
-    may be a tip which stereo did not measure, where the silhouettes leave room for it beside their own halo."""
+    may be a tip which stereo did not measure, where the silhouettes leave room for it beside their own margin."""
     out: np.ndarray = float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
     if free:
         outward = np.array([-ends.direction, ends.direction])
         room = surface.hull.room(ends.place, outward, 0.5 * ends.length)
-        out += rng.random((count, 2)) @ np.maximum(room - HALO * surface.hull.pixel, 0.0)
+        out += rng.random((count, 2)) @ np.maximum(room - SILHOUETTE_MARGIN * surface.hull.pixel, 0.0)
     return out
 
 

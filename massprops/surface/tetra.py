@@ -87,10 +87,10 @@ def sight_evidence(
     return into, free
 
 
-def behind(tetra: Tetrahedra, point: np.ndarray, direction: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def tetrahedra_at_depth(tetra: Tetrahedra, point: np.ndarray, direction: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """(r,) the tetrahedron at `depth` from `tetra.points[point]` along `direction`, -1 where there is none."""
     start, tets = _incidence(tetra)
-    return _behind(tetra.points, tetra.corners, tetra.neighbours, start, tets, point, direction, depth)
+    return _tetrahedra_at_depth(tetra.points, tetra.corners, tetra.neighbours, start, tets, point, direction, depth)
 
 
 def _incidence(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
@@ -192,7 +192,7 @@ def _trace(
 
 
 @njit(cache=True, error_model="numpy")
-def _behind(
+def _tetrahedra_at_depth(
     points: Array,
     corners: Array,
     neighbours: Array,

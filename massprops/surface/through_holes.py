@@ -89,7 +89,7 @@ class _Mouths(NamedTuple):
     lower: _Section
     alike: float
 
-    def hold(self, points: np.ndarray) -> bool:
+    def contains(self, points: np.ndarray) -> bool:
         """Whether most of the points (k, 3) lie between the mouths."""
         grid = self.layers.grid
         local = points @ grid.base.T + [0.0, 0.0, grid.offset]
@@ -115,7 +115,7 @@ def through_holes(body: Surface, places: list[np.ndarray]) -> tuple[list[Tube], 
     left = []
     cut: dict[bytes, _Layers | None] = {}
     for place in sorted(places, key=lambda p: -float(area[p].sum())):
-        if any(mouths.hold(middle[place]) for mouths in found):
+        if any(mouths.contains(middle[place]) for mouths in found):
             continue
         up = [d if area[place] @ normal[place] @ d >= 0 else -d for d in directions]
         mouths = _mouths(body, faces, place, up, cut)
@@ -123,7 +123,7 @@ def through_holes(body: Surface, places: list[np.ndarray]) -> tuple[list[Tube], 
             left.append(place)
         else:
             found.append(mouths)
-    left = [place for place in left if not any(mouths.hold(middle[place]) for mouths in found)]
+    left = [place for place in left if not any(mouths.contains(middle[place]) for mouths in found)]
     return [_tube(mouths) for mouths in found], left
 
 
@@ -212,7 +212,7 @@ def _mouths(
             found = None if layers is None else _pair(body, faces, place, layers)
             if found is None:
                 break
-            inside = found.hold(body.vertices[body.faces[place]].mean(axis=1))
+            inside = found.contains(body.vertices[body.faces[place]].mean(axis=1))
             if inside and (best is None or found.alike > best.alike):
                 best = found
             line = found.upper.middle - found.lower.middle

@@ -133,7 +133,7 @@ def test_colours_of_all_frames_correct_one_silhouette() -> None:
         bodies.append(body)
     colours = learn(images, rough)
     for k in (2, 4, 5):
-        before, after = iou(rough[k] > 0, bodies[k]), iou(colours.separate(images[k]), bodies[k])
+        before, after = iou(rough[k] > 0, bodies[k]), iou(colours.segment(images[k]), bodies[k])
         assert before < 0.9 and after > 0.96, (k, before, after)
     assert agrees(bodies[0], rough[0] > 0)
     assert not agrees(~bodies[0], rough[0] > 0)

@@ -14,7 +14,7 @@ from massprops.core.parts import Parts
 from massprops.dense import reconstruct
 from massprops.dense.curvature import bend
 from massprops.dense.depthmap import Matching, depth_map
-from massprops.dense.noise import calmed, grey_noise
+from massprops.dense.noise import denoised, grey_noise
 from massprops.dense.reconstruct import DenseOptions, DensePoints, _unexplained, crop, dense_points
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
@@ -333,7 +333,7 @@ def test_noise_is_taken_out_where_there_is_much_of_it():
     rng = np.random.default_rng(5)
     mask = np.full((80, 100), 255, np.uint8)
     some, much = (100 + s * rng.standard_normal(mask.shape).astype(np.float32) for s in (4.0, 20.0))
-    same, noise = calmed(some, mask)
+    same, noise = denoised(some, mask)
     assert same is some and noise == pytest.approx(4.0, rel=0.15)
-    calm, noise = calmed(much, mask)
+    calm, noise = denoised(much, mask)
     assert calm[10:-10, 10:-10].std() == pytest.approx(noise, rel=0.15) and noise < 7.0

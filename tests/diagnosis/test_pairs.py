@@ -11,7 +11,7 @@ from massprops.diagnosis.document import document_of_selection, model_of_selecti
 from massprops.diagnosis.effect_columns import Term, scan, term_of
 from massprops.diagnosis.effect_search import again, widening
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
-from massprops.diagnosis.pair_scan import ANCHORED, DIPS, FEW, KEPT, least_left, scanned
+from massprops.diagnosis.pair_scan import ANCHORED, FEW, KEPT, LOCAL_MINIMA, least_left, scanned
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import (
@@ -73,7 +73,7 @@ def test_values_of_a_pair_are_tried_beside_what_each_is_likeliest_at_alone(recor
     w = record.path.w[record.rows.at]
     assert len(a.terms) == len(scan(boom, record.times, w)) + 1 and a.alone and a.terms[-1] == moment
     tried = [terms for terms, _ in least_left(record, a, b)]
-    assert len(tried) <= KEPT + 2 * ANCHORED + DIPS and len(set(tried)) == len(tried)
+    assert len(tried) <= KEPT + 2 * ANCHORED + LOCAL_MINIMA and len(set(tried)) == len(tried)
     assert sum(t[0] == moment for t in tried) >= ANCHORED and sum(t[1] == pace for t in tried) >= ANCHORED
     # a few values are all tried
     torque = scanned(record, effects()["constant-body-torque"], unknown, None)

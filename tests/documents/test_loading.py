@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from massprops.documents import bounded_yaml
-from massprops.documents.loading import load_json, load_yaml, parse_json, parse_yaml, shown
+from massprops.documents.loading import excerpt, load_json, load_yaml, parse_json, parse_yaml
 from massprops.errors import InputError
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -97,6 +97,6 @@ def test_files(tmp_path: Path) -> None:
 
 
 def test_what_is_shown_steers_no_terminal() -> None:
-    assert shown("a\x1b[31m\nb") == "a?[31m b"
-    assert len(shown(list(range(10**6)))) < 70 and len(shown("x" * 10**6)) == 60
-    assert "more than 64 bits" in shown(10**5000)
+    assert excerpt("a\x1b[31m\nb") == "a?[31m b"
+    assert len(excerpt(list(range(10**6)))) < 70 and len(excerpt("x" * 10**6)) == 60
+    assert "more than 64 bits" in excerpt(10**5000)

@@ -33,3 +33,16 @@ def test_kernel_and_plain_integration_agree(name: str) -> None:
     plain = rotation._integrated_plainly(y, start, size, six, p, active, environment)
     assert np.abs(plain[-1] - plain[0]).max() > 0.1
     assert np.allclose(integrated(y, start, size, six, p, active, environment), plain, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_what_was_imported_does_not_choose_the_integrator(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    went = []
+    for name in ("_integrated_compiled", "_integrated_plainly"):
+        own = getattr(rotation, name)
+        monkeypatch.setattr(rotation, name, lambda *given, own=own, name=name: went.append(name) or own(*given))
+    model = model_of({})
+    environment = EnvironmentModel(Environment(), compiled=compiled)
+    q = np.array([1.0, 0.0, 0.0, 0.0])
+    rotation.trajectory(np.arange(3.0), q, np.array([0.1, 0.2, 0.3]), INERTIA, model.active, np.zeros(0), environment)
+    assert went == ["_integrated_compiled" if compiled else "_integrated_plainly"]

@@ -25,7 +25,7 @@ from massprops.estimators.filters import Measurements, Noise, State, body_axes, 
 from massprops.estimators.filters.principal_axes import in_principal_axes
 from massprops.estimators.filters.setup import setup
 from massprops.estimators.filters.state import EXTENDED
-from massprops.estimators.filters.verdict import unearned
+from massprops.estimators.filters.verdict import overconfident
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
 from massprops.sensing.pinhole import at_depth, project
@@ -124,9 +124,9 @@ def test_in_principal_axes_an_error_is_what_the_change_of_axes_makes_of_it() -> 
 
 def test_sigmas_that_no_measurement_earned_are_said() -> None:
     shown = np.array([0.08, 0.06])
-    assert "hardly shows" in unearned(np.array([0.03, 0.05]), shown, 0.3)
-    assert not unearned(np.array([0.07, 0.05]), shown, 0.3)
-    assert not unearned(np.array([0.01, 0.01]), shown, 0.01), "the prior knew it"
+    assert "hardly shows" in overconfident(np.array([0.03, 0.05]), shown, 0.3)
+    assert not overconfident(np.array([0.07, 0.05]), shown, 0.3)
+    assert not overconfident(np.array([0.01, 0.01]), shown, 0.01), "the prior knew it"
 
 
 def test_a_point_at_a_believed_depth() -> None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from massprops.sfm.features import CALM, FeatureOptions, calmed, extract
+from massprops.sfm.features import DENOISING_SIGMA, FeatureOptions, extract, with_denoising
 from massprops.sfm.footage import FootageRecord
 
 SIZE = (200, 160)
@@ -42,13 +42,13 @@ def noisy(image: np.ndarray, sigma: float, seed: int) -> np.ndarray:
     return np.clip(np.rint(image + sigma * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize(("sigma", "calm"), [(1.0, 0.0), (14.0, CALM)])
+@pytest.mark.parametrize(("sigma", "calm"), [(1.0, 0.0), (14.0, DENOISING_SIGMA)])
 def test_only_noisy_images_are_blurred(tmp_path: Path, sigma: float, calm: float) -> None:
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"{i}.png"), noisy(textured(), sigma, i))
         cv2.imwrite(str(tmp_path / f"mask-{i}.png"), np.full(SIZE[::-1], 255, np.uint8))
     footage: FootageRecord = Few(tmp_path)  # type: ignore[assignment]
-    assert calmed(footage, FeatureOptions(enlarge=2)) == FeatureOptions(enlarge=2, calm=calm)
+    assert with_denoising(footage, FeatureOptions(enlarge=2)) == FeatureOptions(enlarge=2, denoising_sigma=calm)
 
 
 def test_a_blur_brings_out_features_that_two_noisy_images_share() -> None:
@@ -60,4 +60,4 @@ def test_a_blur_brings_out_features_that_two_noisy_images_share() -> None:
         good = [m for m, n in pairs if m.distance < 0.8 * n.distance]
         return sum(np.linalg.norm(a[m.queryIdx, :2] - b[m.trainIdx, :2]) < 1.5 for m in good)
 
-    assert shared(FeatureOptions(calm=CALM)) > 1.3 * shared(FeatureOptions())
+    assert shared(FeatureOptions(denoising_sigma=DENOISING_SIGMA)) > 1.3 * shared(FeatureOptions())

@@ -20,7 +20,7 @@ def test_a_side_that_bulges_fills_its_silhouettes() -> None:
     sunk = vertices - 4 * PIXEL * free[:, None] * vertex_normals(vertices, faces)
     found = filling_outlines(sunk, faces, free, views, masks, PIXEL)
     off = np.einsum("vi,vi->v", found - vertices, vertex_normals(vertices, faces))[free] / PIXEL
-    # a pixel is the halo of a silhouette
+    # a pixel is the margin of a silhouette
     assert abs(np.median(off)) < 1.5 and np.mean(off > 0.5) < 0.05
     assert np.array_equal(found[~free], sunk[~free])
 

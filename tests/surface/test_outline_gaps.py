@@ -140,7 +140,7 @@ def test_a_tip_that_was_not_measured_makes_the_length_uncertain(measured: tuple[
     assert longer.mean() > own.mean() and longer.std() > own.std()
 
 
-def test_what_an_outline_says_in_the_middle_has_no_halo() -> None:
+def test_what_an_outline_says_in_the_middle_has_no_margin() -> None:
     """Between the colours of a thing on a table and its surroundings an outline is where it is."""
     vertices, faces = body()
     pixel = 5.0 / 400.0

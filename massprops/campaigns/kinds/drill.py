@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.kinds import always
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 
 SENTENCE = "Practice runs that cost, fail, hang, grow or die on demand."
@@ -51,7 +51,7 @@ def check(values: dict[str, Any], where: str) -> None:
             continue
         low, high = RANGES.get(name, (0.0, 1.0))
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise InputError(f"{where}: {name} {shown(value)}: give a number from {low:g} to {high:g}")
+            raise InputError(f"{where}: {name} {excerpt(value)}: give a number from {low:g} to {high:g}")
 
 
 default_runs = always(100)

@@ -15,7 +15,7 @@ import numpy as np
 from massprops.campaigns.kinds import always
 from massprops.campaigns.nearest import unknown
 from massprops.documents.fields import read
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.dynamics.quaternion import nearest_rotation
 from massprops.errors import InputError, NotPossible
 
@@ -73,7 +73,7 @@ def scenario_of(values: dict[str, Any], seed: int) -> TrackScenario:
 
     group = values.get("scenario") or {}
     if not isinstance(group, dict):
-        raise InputError(f"scenario {shown(group)}: give parameters by name, for example {{name: slow, rate_deg: 1}}")
+        raise InputError(f"scenario {excerpt(group)}: give parameters by name, for example {{name: slow, rate_deg: 1}}")
     known = _scenario_keys()
     for key in group:
         if key not in (*known, "name"):

@@ -8,7 +8,7 @@ from typing import Any
 
 from massprops.campaigns.nearest import unknown
 from massprops.campaigns.papers import checked_case, load_paper, papers
-from massprops.documents.loading import shown
+from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 
 SENTENCE = "A case of one of the five papers, or changes of it."
@@ -76,7 +76,7 @@ def set_up(values: dict[str, Any]) -> dict[str, Any]:
             raise unknown(f"parameter of {values['paper']} {values['case']}", name, _flat(found))
         old = part[last]
         if _kind_name(old) != _kind_name(value) and old is not None:
-            raise InputError(f"{name} {shown(value)}: give {_kind_name(old)} like {old!r}")
+            raise InputError(f"{name} {excerpt(value)}: give {_kind_name(old)} like {old!r}")
         part[last] = value
     return found
 

@@ -1,4 +1,4 @@
-"""The parameters of a black box at which it explains a record best: Levenberg-Marquardt with finite differences."""
+"""The parameters of a black box at which it explains a record best: least squares with finite differences."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.levenberg_marquardt import Damping, descend
 from massprops.diagnosis.black_box.worker import Simulator
 from massprops.diagnosis.criteria import BLOCKS, FOLDS
 from massprops.dynamics.quaternion import conjugate, multiply, normalise, rotation_vector
@@ -134,27 +135,34 @@ def fit_black_box(simulator: Simulator, problem: Problem) -> BlackBoxFit:
     )
 
 
+Place = tuple[np.ndarray, np.ndarray]
+"""Parameters (p,) and the residuals (r,) that they leave."""
+
+
 def _least(rows: _Residuals, x: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameters, residuals (r,) and their derivatives (r, p) at the least cost near a start."""
+    """Parameters, residuals (r,) and their last derivatives (r, p) at the least cost near a start."""
     r = rows(x)
     if r is None:
         raise NotPossible(f"--simulator {rows.simulator.text}: it fails with its own start values: {rows.why}")
-    J, damping = rows.jacobian(x), 1e-3
-    for _ in range(most):
-        H, g = J.T @ J, J.T @ r
+    J = np.zeros((len(r), len(x)))
+
+    def linearise(at: Place) -> tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        nonlocal J
+        J = rows.jacobian(at[0])
+        H = J.T @ J
         scale = np.maximum(np.diag(H), 1e-12 * float(np.max(np.diag(H)) or 1.0))
-        fell = 0.0
-        while damping < MOST_DAMPING:
-            trial = x - np.linalg.solve(H + damping * np.diag(scale), g)
-            after = rows(trial)
-            if after is not None and after @ after < r @ r:
-                fell = 1.0 - float(after @ after) / float(r @ r)
-                x, r, damping = trial, after, max(damping / 10.0, 1e-9)
-                break
-            damping *= 8.0
-        if fell < SETTLED:
+        return float(at[1] @ at[1]), (H, np.diag(scale), J.T @ at[1])
+
+    def step(at: Place, equations: tuple[np.ndarray, np.ndarray, np.ndarray], damping: float) -> tuple[float, Place]:
+        H, scale, g = equations
+        trial = at[0] - np.linalg.solve(H + damping * scale, g)
+        after = rows(trial)
+        return (np.inf, at) if after is None else (float(after @ after), (trial, after))
+
+    for found in descend((x, r), linearise, step, most, Damping(most=MOST_DAMPING)):
+        x, r = found.place
+        if found.fall < SETTLED * (found.cost + found.fall):
             break
-        J = rows.jacobian(x)
     return x, r, J
 
 

@@ -69,7 +69,7 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
     Raises:
         NotPossible: no attitude or rates to begin with.
     """
-    environment = EnvironmentModel(problem.environment)
+    environment = EnvironmentModel(problem.environment, compiled=True)  # many fits are to come
     warnings = list(problem.warnings)
     guess = first_guess(replace(problem, sigma_px=doubt * problem.sigma_px), Prior())
     warnings += guess.warnings

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -169,8 +168,6 @@ def diagnose_problem(
     from massprops.diagnosis.search.select import Selection
     from massprops.diagnosis.search.unexplained import recovered_torque
 
-    # many fits are to come: the free body goes by the compiled kernel, too
-    importlib.import_module("massprops.dynamics.compiled_integration")
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     case, base = without_outlier_features(case, base)
@@ -241,7 +238,9 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
         "environment.yaml"
     )
     other = replace(
-        case, environment=EnvironmentModel(case.problem.environment, falls=False), warnings=(*case.warnings, said)
+        case,
+        environment=EnvironmentModel(case.problem.environment, falls=False, compiled=True),
+        warnings=(*case.warnings, said),
     )
     other_base = refit(other, base.fit.state, (), most=40)
     much = case.fitted.count

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt over motion, inertia, effects and feature points, the points eliminated (Schur complement)."""
+"""Least squares over motion, inertia, effects and feature points, the points eliminated (Schur complement)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.levenberg_marquardt import Damping, descend
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.rotation import six_of
 from massprops.estimators.batch.track_weights import track_weights
@@ -105,6 +106,10 @@ class Search:
     against: float = np.inf
 
 
+Place = tuple[BatchState, Predicted, Residuals]
+"""A state, what it predicts, and the residuals that leaves."""
+
+
 @dataclass
 class _Descent:
     """Where a search stands: the state, what it predicts, its residuals, their weights and derivatives, and the cost."""
@@ -128,14 +133,14 @@ class _Descent:
         self.linear = linearise(self.problem, self.m, at, self.environment)
         self.cost = _cost(self.linear.residuals, self.weights, state, self.inertia_prior)
 
-    def tried(self, trial: BatchState) -> tuple[Predicted | None, Residuals | None, float]:
-        """What a state predicts, its residuals, and its cost under the present weights."""
+    def tried(self, trial: BatchState) -> tuple[float, Place]:
+        """Cost of a state under the present weights, infinite if it is wild, with what it predicts and its residuals."""
         if not np.linalg.norm(trial.w0) <= self.quickest:
-            return None, None, np.inf
+            return np.inf, (trial, self.at, self.linear.residuals)
         with np.errstate(all="ignore"):
             at = predict(self.problem, trial, self.environment)
             left = residuals(self.problem, self.m, at)
-            return at, left, _cost(left, self.weights, trial, self.inertia_prior)
+            return _cost(left, self.weights, trial, self.inertia_prior), (trial, at, left)
 
 
 def fit(
@@ -155,36 +160,32 @@ def fit(
         inertia_prior: about the inertia.
     """
     here = _Descent(problem, m, environment, inertia_prior, start, predict(problem, start, environment))
-    damping = 1e-3
-    converged, iterations, stalled, lost = False, 0, 0, 0
-    for iterations in range(1, search.most + 1):
-        reduced = reduced_equations(here.linear, m, here.weights, free, here.state, inertia_prior)
-        accepted = False
-        while damping < LARGEST_DAMPING:
-            d, points = _step(reduced, damping, free, here.state)
-            size = reduced.significance(d[free])
-            _hold_times(d, here.state, problem)
-            trial = moved(here.state, d, points)
-            at, left, new = here.tried(trial)
-            if np.isfinite(new) and new <= here.cost * (1 + 1e-12):
-                accepted = True
-                break
-            if size < search.tolerance:
-                break
-            damping *= 8.0
-        if not accepted or at is None or left is None:
+    size, iterations, stalled, lost, converged = np.inf, 0, 0, 0, False
+
+    def equations(place: Place) -> tuple[float, Reduced]:
+        nonlocal iterations
+        iterations += 1
+        return here.cost, reduced_equations(here.linear, m, here.weights, free, here.state, inertia_prior)
+
+    def step(place: Place, reduced: Reduced, damping: float) -> tuple[float, Place] | None:
+        nonlocal size
+        d, points = _step(reduced, damping, free, here.state)
+        size = reduced.significance(d[free])
+        _hold_times(d, here.state, problem)
+        new = here.tried(moved(here.state, d, points))
+        return None if size < search.tolerance and not new[0] < here.cost else new
+
+    begin = here.state, here.at, here.linear.residuals
+    for found in descend(begin, equations, step, search.most, Damping(lowered=8.0, most=LARGEST_DAMPING)):
+        if not found.fall:
             converged = size < 0.05
             break
-        gained = here.cost - new
-        progress(iterations, float(np.sqrt(2 * new / max(1, m.count))))
-        here.renew(trial, at, left)
-        damping = max(damping / 8.0, 1e-9)
-        if size < search.tolerance or (gained < 1e-7 * here.cost and damping < 1e-4):
-            converged = True
-            break
-        stalled = stalled + 1 if gained * m.count < search.idle * here.cost else 0
-        lost = lost + 1 if here.cost - 2.0 * gained * (search.most - iterations) > search.against else 0
-        if stalled == PATIENCE or lost == PATIENCE and iterations >= FIRST_JUDGED:
+        progress(iterations, float(np.sqrt(2 * found.cost / max(1, m.count))))
+        here.renew(*found.place)
+        converged = size < search.tolerance or (found.fall < 1e-7 * here.cost and found.damping < 1e-4)
+        stalled = stalled + 1 if found.fall * m.count < search.idle * here.cost else 0
+        lost = lost + 1 if here.cost - 2.0 * found.fall * (search.most - iterations) > search.against else 0
+        if converged or stalled == PATIENCE or lost == PATIENCE and iterations >= FIRST_JUDGED:
             break
     return _fit_of(here, free, converged, iterations)
 

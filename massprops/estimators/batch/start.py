@@ -162,7 +162,7 @@ def _grow(
     still = replace(around_free(problem), attitude=attitude, sigma_attitude=sigma)
     free = np.zeros(17, bool)
     free[:6] = free[12:17] = True
-    quiet = EnvironmentModel(replace(problem.environment, chaser_attitude="inertial"))
+    quiet = EnvironmentModel(replace(problem.environment, chaser_attitude="inertial"), compiled=environment.compiled)
     span = max(_turn(start.w), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
 

@@ -18,7 +18,7 @@ LARGEST_SQUARE = 4.0
 """Mean squared innovation, in units of its covariance, of a filter whose noise is short by 2."""
 LEARNT, SHARP = 0.7, 0.05
 """1-sigma of k over that at the start above which, where it is larger than SHARP, the motion taught nothing."""
-EARNED = 0.65
+LEAST_OF_BOUND = 0.65
 """Share of the Cramer-Rao bound of k below which a filter's 1-sigma is false: its linearisation moved, and it took that for
 news. Of 160 claims from tracks or attitudes of 40 to 140 epochs, the 39 below erred by 3.5 sigmas rms (up to 9.8), the others
 by 1.4 (up to 4.7)."""
@@ -59,11 +59,11 @@ def unlearnt(sigma: np.ndarray, before: float) -> str:
     return ""
 
 
-def unearned(sigma: np.ndarray, shown: np.ndarray, before: float) -> str:
+def overconfident(sigma: np.ndarray, shown: np.ndarray, before: float) -> str:
     """Why k cannot be known as well as a filter claims, sigma (2,), when its measurements show it to `shown` (2,) and the start
     knew it to `before`; empty when it can."""
     bound = 1.0 / np.sqrt(shown**-2.0 + before**-2.0)
-    if (sigma < EARNED * bound).any():
+    if (sigma < LEAST_OF_BOUND * bound).any():
         return (
             f"the motion hardly shows the ratios: the filter claims 1-sigma {sigma[0]:.2g}, {sigma[1]:.2g}, which no filter "
             f"could know better than to {bound[0]:.2g}, {bound[1]:.2g}"
@@ -127,7 +127,7 @@ def hidden(found: Estimate, weight: np.ndarray, before: float) -> str:
     return (
         unlearnt(found.sigma_k, before)
         or shown.reason
-        or unearned(found.sigma_k, shown.sigma_k, before)
+        or overconfident(found.sigma_k, shown.sigma_k, before)
         or symmetric(np.abs(k) < SURE * found.sigma_k)
     )
 

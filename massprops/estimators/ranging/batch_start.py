@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.core.compiling import compiled
+from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_matrix
 from massprops.dynamics.quaternion import rotation_vector as turn_of
@@ -56,7 +57,7 @@ def fit_first(
     windows: tuple[int, ...] = (),
     rival: Callable[[RangeMotion], RangeMotion] | None = None,
 ) -> BatchFit:
-    """Levenberg-Marquardt on state, inertia and features, with the start's covariance as prior and Huber's loss.
+    """Least squares on state, inertia and features, with the start's covariance as prior and Huber's loss.
 
     Args:
         windows: numbers of epochs of the growing window before the last, all of the data.
@@ -192,24 +193,23 @@ class _Task:
         return N, b, y, J
 
     def solve(self, x: RangeMotion, n: int) -> tuple[RangeMotion, bool]:
-        damping, cost = 1e-4, self.cost(x, n)
-        for _ in range(MOST_ROUNDS):
+        """The state of least cost near one over the first n epochs, and whether the search came to rest."""
+
+        def linearise(x: RangeMotion) -> tuple[float, tuple[np.ndarray, ...]]:
             N, b, _, _ = self.normal(x, n)
             scale = np.sqrt(np.diag(N))
-            A, g = N / np.outer(scale, scale), b / scale
-            while damping < 1e8:
-                d = np.linalg.solve(A + damping * np.eye(len(g)), g) / scale
-                d[6:11] = np.clip(d[6:11], -0.5, 0.5)
-                new = x.moved(d)
-                found = self.cost(new, n)
-                if found < cost:
-                    break
-                damping = max(damping, 1e-8) * 5.0
-            else:
-                return x, True
-            gain, x, cost = cost - found, new, found
-            damping = max(damping / 10.0, 1e-12)
-            if gain < 1e-3 + 1e-6 * cost:
+            return self.cost(x, n), (N / np.outer(scale, scale), b / scale, scale)
+
+        def step(x: RangeMotion, equations: tuple[np.ndarray, ...], damping: float) -> tuple[float, RangeMotion]:
+            normal, side, scale = equations
+            d = damped_step(normal, side, damping) / scale
+            d[6:11] = np.clip(d[6:11], -0.5, 0.5)
+            new = x.moved(d)
+            return self.cost(new, n), new
+
+        for found in descend(x, linearise, step, MOST_ROUNDS, Damping(1e-4, raised=5.0, least=1e-12, most=1e8)):
+            x = found.place
+            if found.fall < 1e-3 + 1e-6 * found.cost:
                 return x, True
         return x, False
 

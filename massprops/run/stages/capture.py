@@ -406,7 +406,7 @@ def _by_colour(job: Job, frames: list[dict[str, Any]]) -> None:
     colours = learn([image for image, _ in taught], [mask for _, mask in taught])
     for done, frame in enumerate(frames):
         image, mask = both(frame)
-        found = colours.separate(image)
+        found = colours.segment(image)
         if not mask.any() or agrees(found, mask > 127):
             write_image(job.out / "masks" / f"{frame['name']}.png", np.where(found, 255, 0).astype(np.uint8))
         job.progress(done + 1, len(frames), "colours")

@@ -186,8 +186,8 @@ def _by_outlines(job: Job, views: Views) -> tuple[list[float], float]:
 def _placed(job: Job, views: Views, number: int, support: np.ndarray | None) -> Placed:
     """A placement as the registration wants it."""
     from massprops.run.stages.shape import placement_folder, placement_points
+    from massprops.surface.photo_consistency import photographs
     from massprops.surface.registration import placed
-    from massprops.surface.shown import photographs
 
     cloud, colour = placement_points(job.work("shape"), number)
     with np.load(placement_folder(job.work("shape"), number) / "shape.npz", allow_pickle=False) as z:

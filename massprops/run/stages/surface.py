@@ -144,7 +144,7 @@ def _replicates(
         mesh = surface.vertices, surface.faces
         gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
         if not free:
-            # an outline between colours has no halo; it scatters with shadows and things behind, not with the cameras
+            # a silhouette cut by colour has no margin; it scatters with shadows and things behind, not with the cameras
             gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
     doubts = Doubts(_focal_sigma(job), gaps, free, _joints(place))
     return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift if gaps else 0.0

@@ -11,8 +11,8 @@ from synthetic_dense import cameras, observe
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.geometry.rasterise import rasterise
+from massprops.surface.photo_consistency import Photographs, photographs
 from massprops.surface.registration import Placed, _Answer, _Pair, _registration, overlap, placed
-from massprops.surface.shown import Photographs, photographs
 
 SIZE = (320, 240)
 TURNED = rotation_matrix(np.array([0.05, 0.99, 0.1, 0.05]) / np.linalg.norm([0.05, 0.99, 0.1, 0.05]))

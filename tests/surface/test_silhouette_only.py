@@ -13,7 +13,7 @@ from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud
 from massprops.surface.reconstruct import Surface, reconstruct_surface
 from massprops.surface.silhouette import make_hull
-from massprops.surface.unexplained import unexplained
+from massprops.surface.silhouette_only import silhouette_only_space
 from massprops.views import Views
 
 VIEWS = cameras(sphere_directions(30), 4.0, 330.0)
@@ -51,9 +51,9 @@ def test_nothing_is_missing_of_a_mesh_that_fills_its_silhouettes() -> None:
     views, cloud, masks = footage()
     hull = make_hull(views, list(masks), cloud.xyz)
     whole = np.asarray(WHOLE.vertices), np.asarray(WHOLE.faces)
-    assert unexplained(*whole, views, list(masks), hull, 0.02, 0) is None
+    assert silhouette_only_space(*whole, views, list(masks), hull, 0.02, 0) is None
     block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
-    found = unexplained(*block, views, list(masks), hull, 0.02, 0)
+    found = silhouette_only_space(*block, views, list(masks), hull, 0.02, 0)
     assert found is not None
     assert np.percentile(np.abs(found.inside[:, 0] - 0.85), 98) < 0.4
     axis = np.hypot(found.outline[:, 1] - 0.1, found.outline[:, 2] - 0.1)
@@ -66,4 +66,4 @@ def test_one_wrong_silhouette_is_no_part() -> None:
     wrong = [masks[0], *true[1:]]
     hull = make_hull(views, wrong, only.xyz)
     block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
-    assert unexplained(*block, views, wrong, hull, 0.02, 0) is None
+    assert silhouette_only_space(*block, views, wrong, hull, 0.02, 0) is None

@@ -1,9 +1,9 @@
-"""Space that all silhouettes show as object and where the cut left nothing.
+"""Space that silhouettes alone show: inside the visual hull, and where the cut left nothing.
 
 A ray through a silhouette meets matter somewhere (Laurentini 1994 the other way round). The cut pays for surface, and a
-thin bar that nothing was measured on has more surface than its volume earns. So after a cut the silhouettes are compared
-with what it drew: where a ray meets nothing, the hull's space on the ray is what it may have met, and each ray earns what
-the line of sight of a measured point weighs, spread over that space.
+thin bar that nothing was measured on has more surface than its volume is worth. So after a cut the silhouettes are compared
+with those of its mesh: where a ray meets nothing, the hull's space on the ray is what it may have met. Cells of that space
+are rewarded for being inside, each ray with the weight of one line of sight to a measured point.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.geometry.rasterise import silhouette
-from massprops.surface.silhouette import FEWEST_AGREE, Hull, shot
+from massprops.surface.silhouette import FEWEST_AGREE, Hull, exit_points
 from massprops.views import Views
 
 EDGE = 2.0
@@ -21,7 +21,7 @@ EDGE = 2.0
 an outline."""
 LEAST_RAYS = 30
 """Rays of all views without which nothing is missing."""
-RAY = 2.0
+RAY_WEIGHT = 2.0
 """What the rays of all views through one place weigh together, as the lines of sight of one measured point do. Chosen while
 looking at a padlock; a jug's lid and a chair's slats came right with it."""
 CHORDS = 4
@@ -33,7 +33,7 @@ MOST = 6000
 
 
 @dataclass(frozen=True)
-class Unexplained:
+class SilhouetteOnly:
     """Rays that meet nothing.
 
     Attributes:
@@ -48,10 +48,10 @@ class Unexplained:
 
     def share(self, xyz: np.ndarray) -> np.ndarray:
         """(m,) share of the views in which each point (m, 3) lies on a ray that meets nothing."""
-        return _shown(self.views, self.maps, xyz) / len(self.maps)
+        return _views_showing(self.views, self.maps, xyz) / len(self.maps)
 
 
-def unexplained(
+def silhouette_only_space(
     vertices: np.ndarray,
     faces: np.ndarray,
     views: Views,
@@ -59,7 +59,7 @@ def unexplained(
     hull: Hull,
     spacing: float,
     seed: int,
-) -> Unexplained | None:
+) -> SilhouetteOnly | None:
     """What the silhouettes show beside a mesh; None where there is nothing.
 
     Args:
@@ -78,7 +78,7 @@ def unexplained(
     if len(xyz) < LEAST_RAYS:
         return None
     xyz = xyz[np.unique(np.floor(xyz / spacing).astype(np.int64), axis=0, return_index=True)[1]]
-    xyz = xyz[_shown(views, maps, xyz) >= FEWEST_AGREE]
+    xyz = xyz[_views_showing(views, maps, xyz) >= FEWEST_AGREE]
     if len(xyz) < LEAST_RAYS:
         return None
     rng = np.random.default_rng([seed, 14])
@@ -86,15 +86,17 @@ def unexplained(
     direction = rng.standard_normal((len(xyz) * DIRECTIONS, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     begin = np.repeat(xyz, DIRECTIONS, axis=0)
-    outline = shot(hull, begin, direction, 0.3 * spacing, reach)
-    outline = outline[_shown(views, maps, outline) > 0]
+    outline = exit_points(hull, begin, direction, 0.3 * spacing, reach)
+    outline = outline[_views_showing(views, maps, outline) > 0]
     if not len(outline):
         return None
-    return Unexplained(views, maps, xyz, outline)
+    return SilhouetteOnly(views, maps, xyz, outline)
 
 
-def earned(found: Unexplained, hull: Hull, middle: np.ndarray, volume: np.ndarray, spacing: float) -> np.ndarray:
-    """(t,) what cells of space earn for the rays that meet nothing else.
+def inside_reward(
+    found: SilhouetteOnly, hull: Hull, middle: np.ndarray, volume: np.ndarray, spacing: float
+) -> np.ndarray:
+    """(t,) reward of cells for being labelled inside, from the rays that meet nothing else.
 
     Args:
         middle: (t, 3) and volume: (t,) of the cells; spacing: of rays.
@@ -104,7 +106,7 @@ def earned(found: Unexplained, hull: Hull, middle: np.ndarray, volume: np.ndarra
     some = np.flatnonzero(share > 0)
     if len(some):
         chord = np.maximum(_thickness(found, hull, middle[some], spacing), spacing)
-        out[some] = RAY * share[some] * volume[some] / (spacing**2 * chord)
+        out[some] = RAY_WEIGHT * share[some] * volume[some] / (spacing**2 * chord)
     return out
 
 
@@ -133,7 +135,7 @@ def _along(
     return np.asarray((camera - views.t[i]) @ views.R[i])
 
 
-def _shown(views: Views, maps: list[np.ndarray], xyz: np.ndarray) -> np.ndarray:
+def _views_showing(views: Views, maps: list[np.ndarray], xyz: np.ndarray) -> np.ndarray:
     """(m,) in how many views each point (m, 3) falls on a pixel of the maps."""
     out = np.zeros(len(xyz), int)
     for i, m in enumerate(maps):
@@ -149,7 +151,7 @@ def _shown(views: Views, maps: list[np.ndarray], xyz: np.ndarray) -> np.ndarray:
     return out
 
 
-def _thickness(found: Unexplained, hull: Hull, xyz: np.ndarray, spacing: float) -> np.ndarray:
+def _thickness(found: SilhouetteOnly, hull: Hull, xyz: np.ndarray, spacing: float) -> np.ndarray:
     """(m,) length of the hull about each point along rays of a few views, in the median."""
     chosen = np.unique(np.linspace(0, len(found.views) - 1, CHORDS).astype(int))
     reach, lengths = 40.0 * spacing, []
@@ -157,7 +159,8 @@ def _thickness(found: Unexplained, hull: Hull, xyz: np.ndarray, spacing: float) 
         ray = xyz - found.views.centres[i]
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         ends = [
-            np.linalg.norm(shot(hull, xyz, s * ray, 0.3 * spacing, reach, missed=True) - xyz, axis=1) for s in (1, -1)
+            np.linalg.norm(exit_points(hull, xyz, s * ray, 0.3 * spacing, reach, missed=True) - xyz, axis=1)
+            for s in (1, -1)
         ]
         lengths.append(ends[0] + ends[1])
     return np.asarray(np.median(lengths, axis=0))
