@@ -78,7 +78,9 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
     wrong = min(1.0, float(np.hypot(drift, _beyond_margin(np.array(whole)))) / SHARP)
     agree = face[_beyond_margin(gap) == 0]
-    away = cKDTree(place[agree]).query(place, distance_upper_bound=reach)[0] if len(agree) else np.full(len(faces), np.inf)
+    away = np.full(len(faces), np.inf)
+    if len(agree):
+        away = cKDTree(place[agree]).query(place, distance_upper_bound=reach)[0]
     return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, 0.0), away)
 
 
