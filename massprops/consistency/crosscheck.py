@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -192,8 +193,20 @@ def _centre(folder: Path, mesh: Any, frame: Any) -> tuple[Any, Any]:
     sigma = frame.sigma if frame is not None and len(frame.sigma) == len(rows) else np.full(len(rows), 1e-3)
     slides = slides_of(views.take(rows), seen, stamps, sigma, mesh)
     if found is not None:
-        found = replace(found, covariance=at_least(found.covariance, slides.centre))
+        more = _drift(folder, mesh, views.take(rows), stamps)
+        found = replace(found, covariance=at_least(found.covariance, slides.centre) + more)
     return found, slides
+
+
+def _drift(folder: Path, mesh: Any, views: Any, stamps: np.ndarray) -> np.ndarray:
+    """(3, 3) what the drift of the cameras, as the outlines of the run's mesh show it, adds to the centre's covariance."""
+    from massprops.consistency.drift import centre_drift
+
+    path = folder / "work" / "surface" / "surface.json"
+    pixels = float(json.loads(path.read_text()).get("camera_drift_px") or 0.0) if path.is_file() else 0.0
+    if not (pixels > 0 and mesh.length > 0):
+        return np.zeros((3, 3))
+    return centre_drift(views, stamps, pixels, mesh)
 
 
 def _motion(mesh: Any, best: Any, centre: Any) -> Any:

@@ -33,7 +33,7 @@ from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
 from massprops.sfm.reversed_depth import depth_reversal_resolved
-from massprops.sfm.steady import largest_jump
+from massprops.sfm.steady import largest_jump, steady_stretch
 
 ENOUGH = 0.9
 """Share of the images placed from which on no other way is tried."""
@@ -350,19 +350,41 @@ def count_images(pieces: list[pycolmap.Reconstruction]) -> int:
 
 def steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
     """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
+    found = _in_time(model, footage, mapping)
+    return found is not None and largest_jump(found[1], found[2]) < 1.0
+
+
+def steady_images(
+    model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions, core: frozenset[int]
+) -> frozenset[int]:
+    """Images (COLMAP's numbers) about those of `core` whose rate of turning, once adjusted, never changes by its own size."""
+    found = _in_time(model, footage, mapping)
+    if found is None:
+        return core
+    ids, R, times = found
+    keep = steady_stretch(R, times, np.isin(ids, list(core)))
+    return frozenset(ids[keep].tolist())
+
+
+def _in_time(
+    model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Of the first stream's images, in their order, once adjusted on a copy: numbers (n,), rotations (n, 3, 3) and times (n,);
+    None where too little is left."""
     trial = pycolmap.Reconstruction(model)
     given = mapping.fixed_intrinsics or bool(mapping.constant)
     try:
         loss = remove_outliers(trial, RefineOptions(given_focal=given), 2.0)
     except NotPossible:
-        return False
+        return None
     adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
-    views, _ = to_views(trial)
+    views, ids = to_views(trial)
     first = footage.frames[0].name.split("/", 1)[0]
     timed = all(f.timestamp_ns >= 0 for f in footage.frames)
     place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.name.startswith(f"{first}/")}
     own = sorted((place[n], i) for i, n in enumerate(views.names) if n in place)
-    return largest_jump(views.R[[i for _, i in own]], np.array([k for k, _ in own])) < 1.0
+    order = [i for _, i in own]
+    return np.array(ids)[order], views.R[order], np.array([k for k, _ in own])
 
 
 def _first_pairs(

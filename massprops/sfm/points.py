@@ -56,6 +56,23 @@ class SparsePoints:
             self.obs_uv[keep],
         )
 
+    @staticmethod
+    def filling(centre: np.ndarray, radius: float, count: int = 200, seed: int = 0) -> SparsePoints:
+        """Points drawn evenly in the ball about `centre` (3,), which no view observed."""
+        rng = np.random.default_rng([seed, 29])
+        way = rng.standard_normal((count, 3))
+        way *= (radius * rng.random(count) ** (1 / 3) / np.linalg.norm(way, axis=1))[:, None]
+        none = np.zeros(0, np.int32)
+        return SparsePoints(
+            np.arange(count),
+            centre + way,
+            np.zeros((count, 3), np.uint8),
+            np.zeros(count),
+            none,
+            none,
+            np.zeros((0, 2)),
+        )
+
     def near(self, centre: np.ndarray, radius: float) -> SparsePoints:
         """Points within `radius` of `centre` (3,), with their observations."""
         return self.observed((np.linalg.norm(self.xyz - centre, axis=1) < radius)[self.obs_point])

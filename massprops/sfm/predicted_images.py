@@ -31,6 +31,10 @@ RATE_OVER = 3
 """Images back from the last placed one over which the rate is taken."""
 
 GATE = Gate(0.025, 0.025)
+
+MOST_OFF_DEG = 15.0
+"""How far an image may be turned off its prediction. On a CubeSat with like cells on four sides, one film, right images were off by
+up to 10 degrees, where a rate was taken from images that had just been placed; the next side's cells turn an image by 90."""
 MOST_ROUNDS = 60
 
 
@@ -58,6 +62,7 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
                     db.delete_two_view_geometry(numbers[a], numbers[b])
         verify(found.database, numbers, matches, found.mapping)
         model = continue_mapping(model, found.database, given.frames, given.work / f"grown{turn}", found.mapping)
+        _take_out_astray(model, views, wanted)
         given.progress(model.num_reg_images(), len(order), "following the motion")
         if model.num_reg_images() <= before:
             break
@@ -101,6 +106,41 @@ def predicted(views: Views, points: SparsePoints, order: list[str], clock: dict[
         names.append(order[k])
     chosen = views.take(np.array(index, int))
     return replace(chosen, names=tuple(names), R=np.array(R).reshape(-1, 3, 3), t=np.array(t).reshape(-1, 3))
+
+
+def _take_out_astray(model: pycolmap.Reconstruction, before: Views, wanted: Views) -> None:
+    """Takes images out, in place, that were placed elsewhere than where the motion leads: by cells of another side, say."""
+    after, ids = to_views(model)
+    wrong = astray(before, wanted, after)
+    if np.any(wrong):
+        manager = pycolmap.ObservationManager(model)
+        for frame_id in sorted({model.image(i).frame_id for i, w in zip(ids, wrong, strict=True) if w}):
+            manager.deregister_frame(frame_id)
+
+
+def astray(before: Views, wanted: Views, after: Views) -> np.ndarray:
+    """(n,) bool: views of `after`, of `wanted` and not of `before`, that are turned off their prediction by too much.
+
+    Args:
+        before: placed when the poses of `wanted` were predicted; after: in axes of their own.
+    """
+    from scipy.spatial.transform import Rotation
+
+    then = {n: i for i, n in enumerate(before.names)}
+    guess = {n: i for i, n in enumerate(wanted.names)}
+    both = [(i, then[n]) for i, n in enumerate(after.names) if n in then]
+    out = np.zeros(len(after), bool)
+    if not both:
+        return out
+    now, old = np.array(both).T
+    axes = Rotation.from_matrix(after.R[now].transpose(0, 2, 1) @ before.R[old]).mean().as_matrix()
+    for i, name in enumerate(after.names):
+        if name in then or name not in guess:
+            continue
+        expected = wanted.R[guess[name]]
+        off = Rotation.from_matrix(after.R[i] @ axes @ expected.T).magnitude()
+        out[i] = off > np.deg2rad(MOST_OFF_DEG)
+    return out
 
 
 def _matched(

@@ -24,6 +24,7 @@ from massprops.sfm.attempt import (
     independent_models,
     may_distort,
     steady,
+    steady_images,
 )
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
@@ -46,6 +47,9 @@ from massprops.sfm.sound import flat_remarks, require_sound, take_out
 from massprops.sfm.surface_tracks import PIXELS, ROOM_PIXELS, Image, with_surface
 from massprops.sfm.turned import turn_image, upright
 from massprops.views import Views, undistort
+
+FOLLOWED = 3
+"""Rounds in which a motion is followed: each matches at their predicted places what the one before has placed."""
 
 
 @dataclass(frozen=True)
@@ -202,11 +206,25 @@ def _apart(model: pycolmap.Reconstruction, models: list[pycolmap.Reconstruction]
 
 
 def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
-    """The model with the images that its motion leads to, where they follow each other as motion lets them."""
-    grown = add_predicted_images(model, given)
-    if grown.num_reg_images() == model.num_reg_images() or not steady(grown, given.footage, given.found.mapping):
-        return model
-    return match_predicted(grown, given, given.work / "grown")
+    """The model with the images that its motion leads to, as far as they follow each other as motion lets them.
+
+    Images far from the first model are held by little until all are matched at their predicted places; what lies beyond a jump
+    is left to the next round.
+    """
+    for turn in range(FOLLOWED):
+        core = frozenset(model.reg_image_ids())
+        rounds = replace(given, work=given.work / f"following{turn}")
+        grown = add_predicted_images(model, rounds)
+        keep = steady_images(grown, given.footage, given.found.mapping, core)
+        if not keep > core:
+            break
+        manager = pycolmap.ObservationManager(grown)
+        for frame_id in sorted({grown.image(i).frame_id for i in set(grown.reg_image_ids()) - keep}):
+            manager.deregister_frame(frame_id)
+        model = match_predicted(grown, given, rounds.work / "grown")
+        if model.num_reg_images() == len(given.footage.frames):
+            break
+    return model
 
 
 def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:

@@ -18,11 +18,40 @@ def largest_jump(R: np.ndarray, times: np.ndarray) -> float:
     Returns:
         0 with fewer than five images.
     """
-    from scipy.spatial.transform import Rotation
-
     if len(times) < 5:
         return 0.0
+    change, usual = _changes(R, times)
+    return float(change.max() / usual)
+
+
+def steady_stretch(R: np.ndarray, times: np.ndarray, core: np.ndarray) -> np.ndarray:
+    """(n,) bool: the images about those of `core` (n,) bool up to the first jump on either side.
+
+    Args:
+        R: (n, 3, 3) world to camera; times: (n,) ascending, any unit.
+    """
+    keep, inside = np.ones(len(times), bool), np.flatnonzero(core)
+    while np.count_nonzero(keep) >= 5 and len(inside):
+        own = np.flatnonzero(keep)
+        change, usual = _changes(R[own], times[own])
+        if change.max() < usual:
+            break
+        at = own[int(np.argmax(change)) + 2]
+        if at < inside[len(inside) // 2]:
+            keep[: max(1, min(at + 1, inside[0]))] = False
+        else:
+            keep[min(len(keep) - 1, max(at, inside[-1] + 1)) :] = False
+        keep |= core
+        if np.array_equal(np.flatnonzero(keep), own):
+            return core.copy()
+    return keep
+
+
+def _changes(R: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, float]:
+    """(n - 4,) changes of the turning rate between chords of two steps, and the median rate."""
+    from scipy.spatial.transform import Rotation
+
     turn = Rotation.from_matrix(R[2:] @ R[:-2].transpose(0, 2, 1)).as_rotvec()
     rate = turn / (times[2:] - times[:-2]).astype(float)[:, None]
-    change = np.linalg.norm(rate[2:] - rate[:-2], axis=1)
-    return float(change.max() / max(float(np.median(np.linalg.norm(rate, axis=1))), 1e-12))
+    usual = max(float(np.median(np.linalg.norm(rate, axis=1))), 1e-12)
+    return np.linalg.norm(rate[2:] - rate[:-2], axis=1), usual

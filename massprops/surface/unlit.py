@@ -21,6 +21,9 @@ from massprops.views import Views, entries
 
 ROUNDED = 0.75
 """Share of chords that must look rounded: half of them are, when of flat ones chance makes half look so."""
+AGREED = 0.5
+"""Length of the sum of all images' slopes of brightness over the sum of their lengths from which on they agree; of random ones it is
+next to 0."""
 SHORTEST = 8
 """Chords shorter than this say nothing [px]."""
 
@@ -51,6 +54,63 @@ def spare_unlit(
     if not len(votes) or votes.mean() <= ROUNDED:
         return masks
     return [_spare(*one) for one in zip(masks, towards, (1 - phase) / (1 + phase), strict=True)]
+
+
+def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndarray]) -> list[np.ndarray]:
+    """Silhouettes (h, w) in which sky is no evidence, 128, wherever something lit lies towards the Sun from it.
+
+    What is unlit turns away from the Sun, or lies in the shadow of what is lit: seen along the Sun's direction in the image, it
+    is behind that. So the outline that faces the Sun is the body's own whatever its shape, and each side of a tumbling body
+    faces the Sun in some images. That leaves half of the evidence, which is enough where outlines are all there is.
+
+    Args:
+        views, masks, grey: as for `spare_unlit`.
+
+    Returns:
+        the silhouettes as they are where the brightness does not tell the Sun's direction.
+    """
+    camera = np.unique([name.rpartition("/")[0] for name in views.names], return_inverse=True)[1]
+    out = list(masks)
+    for c in range(camera.max(initial=-1) + 1):
+        own = np.flatnonzero(camera == c)
+        towards = brighter([masks[i] for i in own], [grey[i] for i in own])
+        if towards is None:
+            return masks
+        for i in own:
+            behind = _behind_any(masks[i] == 255, towards)
+            out[i] = np.where((masks[i] == 0) & behind, np.uint8(128), masks[i])
+    return out
+
+
+def brighter(masks: list[np.ndarray], grey: list[np.ndarray]) -> np.ndarray | None:
+    """(2,) unit, direction in the image in which the object gets brighter, over all images of a body that turns before a still
+    camera; None where they do not agree. A wrong shape of the body does not matter to it."""
+    ways = []
+    for mask, image in zip(masks, grey, strict=True):
+        at = np.argwhere(mask == 255)[:, ::-1].astype(float)
+        if len(at) < SHORTEST**2:
+            continue
+        light = image[mask == 255].astype(float)
+        at -= at.mean(axis=0)
+        slope = np.linalg.lstsq(at, light - light.mean(), rcond=None)[0]
+        ways.append(slope)
+    total = np.sum(ways, axis=0) if ways else np.zeros(2)
+    length, path = float(np.linalg.norm(total)), float(np.linalg.norm(np.reshape(ways, (-1, 2)), axis=1).sum())
+    return total / length if length > AGREED * max(path, 1e-12) else None
+
+
+def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """(h, w) bool: pixels from which something lit lies in the direction `towards` (2,)."""
+    import cv2
+
+    h, w = lit.shape
+    x, y = -towards / np.linalg.norm(towards)
+    turn = np.array([[x, y], [-y, x]])
+    size = 2 * int(np.ceil(np.hypot(h, w) / 2)) + 2
+    move = np.column_stack([turn, np.full(2, size / 2) - turn @ [(w - 1) / 2, (h - 1) / 2]])
+    rows = cv2.warpAffine(np.uint8(lit), move, (size, size), flags=cv2.INTER_NEAREST)
+    behind = np.maximum.accumulate(rows, axis=1)
+    return cv2.warpAffine(behind, move, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
 
 
 def _sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:

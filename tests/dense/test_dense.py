@@ -18,6 +18,7 @@ from massprops.dense.noise import denoised, grey_noise
 from massprops.dense.reconstruct import DenseOptions, DensePoints, _unexplained, crop, dense_points
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
+from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
 SIZE, FOCAL, DISTANCE = 128, 300.0, 5.0
@@ -231,6 +232,15 @@ def test_edges_of_shadows_that_move_are_not_matched() -> None:
     points = dense_points(views, lambda i: shaded[i], seen, DenseOptions(seed=3))[0]
     off = np.abs(np.linalg.norm(points.xyz, axis=1) - 1)
     assert len(points.xyz) > 0.85 * bright
+    assert np.mean(off > 0.02) < 0.08
+
+
+def test_poses_without_points_are_enough() -> None:
+    views, images, _ = sphere_views()
+    ball = SparsePoints.filling(np.array([0.1, 0.0, -0.1]), 1.3)
+    points = dense_points(views, lambda i: images[i], ball, DenseOptions(seed=3))[0]
+    off = np.abs(np.linalg.norm(points.xyz, axis=1) - 1)
+    assert len(points.xyz) > 15_000
     assert np.mean(off > 0.02) < 0.08
 
 

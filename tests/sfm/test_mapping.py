@@ -13,7 +13,7 @@ from massprops.errors import InputError, NotPossible
 from massprops.sfm import attempt, reconstruct
 from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, read_footage
 from massprops.sfm.mapping import MappingOptions
-from massprops.sfm.steady import largest_jump
+from massprops.sfm.steady import largest_jump, steady_stretch
 
 
 def footage(views, folder=Path(), **camera):
@@ -236,6 +236,20 @@ def test_a_part_linked_the_wrong_way_round_jumps():
     loose[20] = loose[20] @ Rotation.from_euler("x", 4, degrees=True).as_matrix()
     assert largest_jump(loose[times], times) < 1
     assert largest_jump(R[:2], times[:2]) == 0
+
+
+def test_images_beyond_a_jump_are_left_to_the_next_round():
+    R = Rotation.from_euler("zyx", np.outer(np.arange(40), [5.0, 1.0, 0.5]), degrees=True).as_matrix()
+    times = np.arange(40)
+    core = (times >= 18) & (times < 26)
+    assert steady_stretch(R, times, core).all()
+    jumps = R.copy()
+    jumps[:6] = jumps[:6] @ Rotation.from_euler("x", 25, degrees=True).as_matrix()
+    jumps[35:] = jumps[35:] @ Rotation.from_euler("y", 90, degrees=True).as_matrix()
+    kept = np.flatnonzero(steady_stretch(jumps, times, core))
+    assert 6 <= kept[0] <= 8 and 32 <= kept[-1] <= 34 and len(kept) == kept[-1] - kept[0] + 1
+    # what was placed before stays
+    assert steady_stretch(jumps, times, times < 8)[:8].all()
 
 
 def test_an_imported_model_may_have_the_users_own_names():

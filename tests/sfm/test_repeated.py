@@ -122,6 +122,24 @@ def test_motion_predicts_the_images_beside_the_placed_ones():
         np.testing.assert_allclose(found.t[i], views.t[k], atol=1e-9)
 
 
+def test_an_image_placed_by_another_sides_cells_is_astray():
+    from scipy.spatial.transform import Rotation
+
+    from massprops.sfm.predicted_images import astray, predicted
+
+    views, points = scene.make(12, 60)
+    order, clock = list(views.names), {n: float(i) for i, n in enumerate(views.names)}
+    before = views.take(np.arange(3, 9))
+    wanted = predicted(before, points, order, clock)
+    # the adjustment has turned all axes, and one new image shows the next of four like sides
+    axes = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    R = views.R @ axes
+    R[10] = views.R[10] @ Rotation.from_rotvec([0, np.pi / 2, 0]).as_matrix() @ axes
+    assert set(wanted.names) >= {views.names[9], views.names[10]}
+    found = astray(before, wanted, replace(views, R=R))
+    assert np.flatnonzero(found).tolist() == [10]
+
+
 def test_one_placed_image_predicts_nothing():
     from massprops.sfm.predicted_images import predicted
 

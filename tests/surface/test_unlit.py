@@ -10,7 +10,7 @@ import pytest
 from synthetic_dense import cameras, sphere_directions
 
 from massprops.surface.cloud import Cloud
-from massprops.surface.unlit import spare_unlit, sun_direction
+from massprops.surface.unlit import brighter, spare_behind_light, spare_unlit, sun_direction
 from massprops.views import Views
 
 SUN = np.array([0.6, -0.3, -0.74]) / np.linalg.norm([0.6, -0.3, -0.74])
@@ -113,3 +113,21 @@ def test_facets_end_where_their_light_does():
 def test_black_images_say_nothing(rounded):
     views, masks, grey, cloud, _ = rounded
     assert spare_unlit(views, masks, [np.zeros_like(g) for g in grey], cloud) is masks
+
+
+def test_outlines_that_face_the_sun_are_the_bodys_own() -> None:
+    for body in (ball, box):
+        views, masks, grey, _, whole = footage(body)
+        towards = brighter(masks, grey)
+        assert towards is not None and towards @ SUN[:2] / np.linalg.norm(SUN[:2]) > 0.95
+        spared = spare_behind_light(views, masks, grey)
+        for mask, disc in zip(spared, whole, strict=True):
+            # next to nothing of the body counts as sky, and the side towards the Sun still carves
+            assert np.mean(mask[disc] == 0) < 0.02
+            assert np.mean(mask[~disc] == 0) > 0.5
+
+
+def test_brightness_that_goes_any_way_tells_no_sun() -> None:
+    rng = np.random.default_rng(2)
+    masks = [np.full((40, 50), 255, np.uint8)] * 30
+    assert brighter(masks, [rng.integers(0, 255, (40, 50)).astype(np.uint8) for _ in masks]) is None

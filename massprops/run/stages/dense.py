@@ -26,6 +26,10 @@ def run(job: Job) -> dict[str, Any]:
     views = Views.load(job.work("join") / "views.npz")
     sparse = SparsePoints.load(job.work("join") / "points.npz")
     footage = json.loads((job.work("capture") / "footage.json").read_text())
+    place = json.loads((job.work("join") / "join.json").read_text())
+    if not len(sparse.xyz) and place.get("middle") is not None:
+        # poses that were given without points: the ball that holds the object says how deep it lies
+        sparse = SparsePoints.filling(np.array(place["middle"], float), float(place["radius"]))
 
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         return undistorted_frame(job, views, i), mask_for_stereo(job, views, i, footage)
@@ -34,7 +38,7 @@ def run(job: Job) -> dict[str, Any]:
         options = DenseOptions(job.options.dense_views, job.seed, job.threads)
         points, facts = dense_points(views, image, sparse, options, job.progress, job.parts)
     except NotPossible as error:
-        if json.loads((job.work("join") / "join.json").read_text()).get("middle") is None:
+        if place.get("middle") is None:
             raise
         job.warn(f"nothing could be measured on the object: its outlines alone give the shape ({error})")
         points, facts = nothing_measured(), {"points": 0, "reason": str(error)}

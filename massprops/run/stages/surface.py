@@ -313,7 +313,7 @@ def _surface(
     from massprops.surface.outline_cloud import surface_of_outlines
     from massprops.surface.reconstruct import reconstruct_surface
     from massprops.surface.silhouette import shown_as_object
-    from massprops.surface.unlit import spare_unlit
+    from massprops.surface.unlit import spare_behind_light
 
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
     beside = None
@@ -336,13 +336,9 @@ def _surface(
         if place.get("middle") is None:
             raise
     middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
-    surface = surface_of_outlines(views, masks, middle, radius, job.progress, support)
     if grey:
-        # what the Sun lights of this first surface says where the Sun is, and so what is body in the dark
-        spared = spare_unlit(views, masks, grey, surface.cloud, job.seed)
-        if spared is not masks:
-            return surface_of_outlines(views, spared, middle, radius, job.progress, support), spared
-    return surface, masks
+        masks = spare_behind_light(views, masks, grey)
+    return surface_of_outlines(views, masks, middle, radius, job.progress, support), masks
 
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
