@@ -254,7 +254,7 @@ def _dimensions(m: Measurements) -> np.ndarray:
 
 def _cost(r: Residuals, weights: np.ndarray, state: BatchState, inertia_prior: InertiaPrior) -> float:
     value = np.concatenate([believed(state, inertia_prior)[0], *(v for _, v, _ in penalties(state))])
-    # an outlier costs what it would at the gate, so that throwing measurements out never pays
+    # an outlier costs nothing: costs of two fits compare only as far as the same measurements are left out of both
     return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
 
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
+
 HUBER, GATE = 3.0, 5.0
 """Standard deviations of the tracks' own misfits beyond which a track counts less, and not at all."""
 
@@ -28,7 +30,7 @@ def track_weights(residuals: np.ndarray, feature: np.ndarray) -> np.ndarray:
     usual = max(1.0, float(np.median(root)))
     misfit = (root / usual - 1.0) * 2.0 * np.sqrt(count)
     middle = float(np.median(misfit))
-    spread = max(1.0, 1.4826 * float(np.median(np.abs(misfit - middle))))
+    spread = max(1.0, mad_sigma(misfit - middle))
     x = (misfit - middle) / spread
     weight = np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
     return np.asarray(weight[at])
