@@ -103,18 +103,17 @@ def solve(
     sd = np.concatenate([np.broadcast_to(np.asarray(b.sd, float), b.count) for b in blocks]).copy()
     scale = {b.name: float(np.median(np.broadcast_to(b.sd, b.count))) for b in blocks if b.kind == "sparse"}
     noise, evidence = np.ones(len(rows.groups)), -np.inf
-    residual, mean, covariance = y, np.zeros(len(sd)), np.zeros((len(sd), len(sd)))
+    residual, mean, factor, at = y, np.zeros(len(sd)), np.eye(len(sd)), sd
     for _ in range(steps):
-        mean, covariance, root = _unknowns(rows, sd, noise)
+        mean, variance, taken, factor = _unknowns(rows, sd, noise)
         residual = y - rows.X @ mean
         left = np.array([float(residual[own] @ residual[own]) for own in rows.groups])
         prior = float(np.sum((mean / sd) ** 2))
         new = -float(np.sum(rows.n * np.log(noise) + 0.5 * left / noise**2)) - 0.5 * prior
-        new -= float(np.sum(np.log(root)))
+        new -= float(np.sum(np.log(np.diag(factor))))
         new -= 0.5 * noise_rows * float(np.sum(2.0 * np.log(noise) + 1.0 / noise**2 - 1.0))
-        new += _moved_sizes(blocks, places, sd, scale, mean**2 + np.diag(covariance))
-        # what of each group's residual the unknowns took up: expectation maximisation's second moment
-        taken = np.array([float(np.sum(covariance * g)) for g in rows.G])
+        at = sd.copy()
+        new += _moved_sizes(blocks, places, sd, scale, mean**2 + variance)
         noise = np.sqrt((left + taken + noise_rows) / (rows.n + noise_rows))
         if not np.isfinite(new) or not np.isfinite(sd).all():
             raise FloatingPointError("the unknowns leave all bounds")
@@ -122,6 +121,7 @@ def solve(
         evidence = new
         if settled:
             break
+    covariance = _covariance(factor, at)
     return Posterior(
         evidence=float(evidence),
         mean={b.name: mean[p] for b, p in zip(blocks, places, strict=True)},
@@ -132,14 +132,19 @@ def solve(
     )
 
 
-def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean (k,) and covariance (k, k) of the unknowns under prior sd (k,) and noise factors (g,), and the diagonal (k,) of
-    the Cholesky factor of their precision over the prior's."""
-    from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (k,) and variance (k,) of the unknowns under prior sd (k,) and noise factors (g,), what of each group's squared
+    residual they took up (g,), expectation maximisation's second moment, and the Cholesky factor (k, k) of their precision
+    over the prior's."""
+    from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
-    G = np.add.reduce([g / s**2 for g, s in zip(rows.G, noise, strict=True)])
-    by = np.add.reduce([b / s**2 for b, s in zip(rows.by, noise, strict=True)])
-    whole = sd[:, None] * G * sd + np.eye(len(sd))
+    if len(rows.groups) == 1:
+        G, by = rows.G[0] / noise[0] ** 2, rows.by[0] / noise[0] ** 2
+    else:
+        G = np.add.reduce([g / s**2 for g, s in zip(rows.G, noise, strict=True)])
+        by = np.add.reduce([b / s**2 for b, s in zip(rows.by, noise, strict=True)])
+    whole = sd[:, None] * G * sd
+    whole[np.diag_indices(len(sd))] += 1.0
     if not np.isfinite(whole).all():
         raise FloatingPointError("the unknowns leave all bounds")
     # LAPACK itself: solved tens of thousands of times, mostly for a few unknowns
@@ -147,8 +152,23 @@ def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarra
     if failed:
         raise np.linalg.LinAlgError("the precision of the unknowns is not positive definite")
     mean = sd * dpotrs(factor, sd * by, lower=1)[0]
+    if len(rows.groups) == 1:
+        # the variances alone: with one noise factor the trace of covariance and G follows from them
+        inverse = dtrtri(factor, lower=1)[0]
+        share = np.einsum("ij,ij->j", inverse, inverse)
+        return mean, sd**2 * share, noise**2 * float(np.sum(1.0 - share)), factor
+    covariance = _covariance(factor, sd)
+    taken = np.array([float(np.sum(covariance * g)) for g in rows.G])
+    return mean, np.diag(covariance), taken, factor
+
+
+def _covariance(factor: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """(k, k) of the unknowns, from the Cholesky factor (k, k) of their precision over that of the prior sd (k,)."""
+    from scipy.linalg.lapack import dpotri
+
     half = dpotri(factor, lower=1)[0]
-    return mean, sd[:, None] * (half + np.tril(half, -1).T) * sd, np.diag(factor)
+    covariance: np.ndarray = sd[:, None] * (half + np.tril(half, -1).T) * sd
+    return covariance
 
 
 def _moved_sizes(

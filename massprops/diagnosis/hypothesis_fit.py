@@ -51,7 +51,7 @@ class Hypothesis:
     Attributes:
         terms: effects; wheel: a wheel of any history along one axis beside them; lag: time constant [s] with which that
             wheel follows its drive, a motor or a brake; latent: whether a latent torque acts; by_sun: whether one acts that
-            depends on the Sun's direction in the body in any way.
+            depends on the Sun's direction in the body in any way. scale: prior 1-sigma of a gyroscope's scale and misalignment.
     """
 
     terms: tuple[Term, ...] = ()
@@ -59,6 +59,7 @@ class Hypothesis:
     lag: float = 0.0
     latent: bool = True
     by_sun: bool = False
+    scale: float = SCALE_SD
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -267,7 +268,7 @@ def _parts(
     out: list[Any] = [("base", balance.free, balance.base(), sd, "fixed")]
     if record.rows.rates or record.rows.gyroscope is not None:
         columns = balance.sensor()
-        out.append(("gyroscope", None, columns, sensor_sd(columns.shape[2]), "fixed"))
+        out.append(("gyroscope", None, columns, sensor_sd(columns.shape[2], hypothesis.scale), "fixed"))
     if guess.axis is not None and guess.history is not None:
         axis = guess.axis
         shapes = _wheel_shapes(record, hypothesis.lag)
@@ -285,9 +286,9 @@ def _parts(
     return out
 
 
-def sensor_sd(count: int) -> np.ndarray:
-    """(count,) prior of the columns of `Balance.sensor`."""
-    return np.array([SCALE_SD] * 9 + [OFFSET_SD] * (count - 9))
+def sensor_sd(count: int, scale: float = SCALE_SD) -> np.ndarray:
+    """(count,) prior of the columns of `Balance.sensor`; scale: of a gyroscope's scale and misalignment."""
+    return np.array([scale] * 9 + [OFFSET_SD] * (count - 9))
 
 
 def _answers(balance: Balance, forcing: Forcing) -> tuple[np.ndarray, np.ndarray]:

@@ -192,7 +192,7 @@ class Balance:
 
     def rate_of(self, momentum: np.ndarray) -> np.ndarray:
         """(n, 3, 1) rate along the path when the momentum is `momentum` (3,), inertial axes, and nothing else acts."""
-        return np.asarray(np.linalg.solve(self.inertia, self.to_body @ momentum[:, None]))
+        return np.asarray(self.inverse @ (self.to_body @ momentum[:, None]))
 
     @property
     def base_count(self) -> int:

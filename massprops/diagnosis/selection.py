@@ -17,7 +17,7 @@ from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record
-from massprops.diagnosis.scanned_values import with_scanned
+from massprops.diagnosis.scanned_values import at_likeliest_scale, with_scanned
 from massprops.errors import NotPossible
 
 Watch = Callable[[str, int, int], None]
@@ -121,6 +121,8 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         tried += _pairs(tried, usable, base, unknowns)
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknowns, tried)
+    likeliest = {id(c): _at_likeliest_scale(c) for c in named}
+    tried, named = [likeliest.get(id(c), c) for c in tried], [likeliest[id(c)] for c in named]
     return Selection(
         base=base,
         unknown=unknown,
@@ -134,7 +136,15 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
 
 def _with_scanned(c: Candidate, gap: float) -> Candidate:
     """With what the record leaves open of what was scanned."""
-    found = with_scanned(c.best, gap)
+    return _with_best(c, with_scanned(c.best, gap))
+
+
+def _at_likeliest_scale(c: Candidate) -> Candidate:
+    """With the likeliest errors of a gyroscope: what is told of an effect depends on them, which one is named does not."""
+    return _with_best(c, at_likeliest_scale(c.best))
+
+
+def _with_best(c: Candidate, found: HypothesisFit) -> Candidate:
     return replace(c, with_latent=found) if c.best is c.with_latent else replace(c, alone=found)
 
 

@@ -14,8 +14,10 @@ from massprops.sequence.data import Orbit
 def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
     """E of Kepler's equation E - e sin E = M (any shape) [rad], 0 <= e < 1, by Newton from Danby's start.
 
-    A fixed number of steps, so that a value never depends on what else is in the array.
+    A fixed number of steps, so that a value never depends on what else is in the array; none on a circle.
     """
+    if eccentricity == 0.0:
+        return np.array(mean, float)
     turns = np.round(mean / (2 * np.pi))
     M = mean - 2 * np.pi * turns
     E = M + 0.85 * eccentricity * np.sign(np.sin(M))

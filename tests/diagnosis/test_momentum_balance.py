@@ -8,6 +8,7 @@ from report.browser import BROWSER, check_page
 from scipy.integrate import solve_ivp
 
 from massprops.diagnosis.conserved_start import conserved, conserved_across
+from massprops.diagnosis.criteria import SCALE_SD
 from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, is_linear
 from massprops.diagnosis.evidence import Block, solve
 from massprops.diagnosis.free_flight import check_free_flight, lever
@@ -16,6 +17,7 @@ from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.momentum_balance import inertia_of, inertia_slopes, shape_of
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_rates
+from massprops.diagnosis.scanned_values import at_likeliest_scale
 from massprops.diagnosis.selection import rms, significance
 from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.rotation import six_of
@@ -224,3 +226,18 @@ def test_free_rotation_is_given_no_effect() -> None:
     document = diagnose_by_balance(Sequence(rates=tumble(rate=80.0))).document
     assert document["verdict"] == "none" and document["effects"] == []
     assert document["gap"]["fitted"]["before"] == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_errors_of_a_gyroscope_are_as_large_as_the_record_says() -> None:
+    """One that shows other rates than the body's by 2 % has wide priors, a true one the narrow one; attitudes have none."""
+    true = tumble()
+    apart = 0.03 * np.array([[1.0, -0.6, 0.5], [0.7, -1.0, -0.4], [-0.5, 0.6, 0.8]])
+    bent = RateSeries(true.timestamp_ns, true.w @ (np.eye(3) + apart).T, SIGMA)
+    found = []
+    for series in (true, bent):
+        record = record_of_rates(series)
+        fit = fit_hypothesis(record, Hypothesis(latent=False), conserved(record.path, record.rows.at))
+        best = at_likeliest_scale(fit)
+        assert best.evidence >= fit.evidence
+        found.append(best.hypothesis.scale)
+    assert found[0] < SCALE_SD < found[1]

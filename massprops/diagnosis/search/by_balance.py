@@ -16,6 +16,7 @@ import numpy as np
 from massprops.diagnosis.document import parameters
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import record_of_attitudes
+from massprops.diagnosis.search.assumed import with_mass
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.refit import Added, Scored, near, refit, with_effects
 from massprops.diagnosis.selection import Selection, select, within_noise
@@ -34,11 +35,12 @@ class ByBalance:
 
     Attributes:
         fits: to the pixels, of what it likes best, the best first; forced: whether the attitudes are those of no free body,
-            so that something acts on the motion.
+            so that something acts on the motion; named: whether the catalogue explains the attitudes.
     """
 
     fits: tuple[Scored, ...] = ()
     forced: bool = False
+    named: bool = False
 
 
 def fits_by_balance(case: Case, usable: list[ModuleType], watch: Watch, against: float) -> ByBalance:
@@ -53,8 +55,18 @@ def fits_by_balance(case: Case, usable: list[ModuleType], watch: Watch, against:
     found: list[Scored] = []
     for k, (added, start) in enumerate(_begun(case, selected, usable)):
         watch(f"from the balance of momentum: {' + '.join(a.name for a in added)}", k, FITTED)
-        found.append(refit(case, start, added, against=near(min([against, *(s.fit.cost for s in found)]))))
-    return ByBalance(fits=tuple(sorted(found, key=lambda s: s.bic)), forced=not within_noise(selected.base))
+        least = near(min([against, *(s.fit.cost for s in found)]))
+        found.append(_with_its_mass(case, refit(case, start, added, against=least), usable))
+    return ByBalance(
+        fits=tuple(sorted(found, key=lambda s: s.bic)),
+        forced=not within_noise(selected.base),
+        named=bool(selected.named),
+    )
+
+
+def _with_its_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored:
+    """The fit of one effect, beside uneven density where it leaves the inertia that is assumed: the balance assumes none."""
+    return (with_mass(case, s, usable) or s) if len(s.added) == 1 else s
 
 
 def begun_by_balance(

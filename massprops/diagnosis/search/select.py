@@ -17,8 +17,8 @@ from massprops.diagnosis.search.acceptance import (
     explained,
     fits,
 )
-from massprops.diagnosis.search.assumed import DENSITY, density_with_each
-from massprops.diagnosis.search.by_balance import fits_by_balance
+from massprops.diagnosis.search.assumed import DENSITY, contradicts, density_with_each
+from massprops.diagnosis.search.by_balance import ByBalance, fits_by_balance
 from massprops.diagnosis.search.candidate_fits import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
@@ -103,9 +103,8 @@ class _Course:
         self.out.tried.extend(found)
         self.join(found)
 
-    def balance(self) -> bool:
-        """Effects, and pairs of them, as the balance of momentum finds them in the attitudes; whether these say that something
-        acts on the motion."""
+    def balance(self) -> ByBalance:
+        """Effects, and pairs of them, as the balance of momentum finds them in the attitudes."""
         cost = min(s.fit.cost for s in [self.base, *self.first])
         by_balance = fits_by_balance(self.case, _of_the_motion(self.case), self.watch, cost)
         found = list(by_balance.fits)
@@ -113,22 +112,31 @@ class _Course:
         self.longer += [s for s in found if len(s.added) == 1]
         self.join([s for s in found if len(s.added) == 1])
         self.good = sorted([*self.good, *self._needed([s for s in found if len(s.added) > 1])], key=lambda s: s.bic)
-        return by_balance.forced
+        return by_balance
+
+    def beside_density(self) -> None:
+        """Uneven density together with each effect."""
+        pairs = density_with_each(self.case, self.first, self.usable, self.watch)
+        self.out.tried += pairs
+        self.good = sorted([*self.good, *self._needed(pairs)], key=lambda s: s.bic)
 
     def pair(self, violated: bool) -> None:
-        """Two effects at once: a second beside each of the best, until a pair is adequate."""
-        pairs = density_with_each(self.case, self.first, self.usable, self.watch) if violated else []
-        better = self._needed(pairs)
-        for k, s in enumerate([] if any(adequate(p) for p in better) else _beam(self.good)):
+        """Two effects at once: a second beside each of the best, until a pair is adequate. Where uneven density beside an effect
+        already is, beside those alone that leave the inertia as it is assumed."""
+        beam = _beam([s for s in self.good if len(s.added) == 1] if violated else self.good)
+        if any(adequate(s) for s in self.good):
+            beam = [s for s in beam if not contradicts(self.case, s)]
+        least = min((s.fit.cost for s in self.good if len(s.added) > 1), default=np.inf)
+        for k, s in enumerate(beam):
             rest = [m for m in self.usable if m.NAME not in s.names]
             what = f"two effects, with {s.names[0]} ({k + 1})"
-            least = min((p.fit.cost for p in pairs), default=np.inf)
-            pairs += fit_candidates(self.case, s, rest, FITS_OF_A_PAIR, self.watch, what, against=least)
+            pairs = fit_candidates(self.case, s, rest, FITS_OF_A_PAIR, self.watch, what, against=least)
             better = self._needed(pairs)
+            self.out.tried += pairs
+            self.good = sorted([*self.good, *better], key=lambda s: s.bic)
             if any(adequate(p) for p in better):
                 break
-        self.out.tried += pairs
-        self.good = sorted([*self.good, *better], key=lambda s: s.bic)
+            least = min(least, *(p.fit.cost for p in pairs)) if pairs else least
 
     def _needed(self, pairs: list[Scored]) -> list[Scored]:
         return [p for p in pairs if acceptable(p, self.base) and all_needed(p, [*self.first, *self.longer])]
@@ -168,22 +176,40 @@ def _more_than_one(course: _Course, violated: bool) -> None:
     attitudes, and where it says that nothing acts on the motion, or finds too little, by a search."""
     case, base, first = course.case, course.base, course.first
     leading, far = _nearness(case, first, base, [m for m in course.usable if forms(m) > 1])
-    beyond = False
-    if not any(adequate(s) for s in course.good) and not violated and not explained(base):
+    beyond = lost = False
+
+    def ask_balance() -> tuple[bool, bool]:
         # attitudes that show a torque, and nothing in the catalogue explains it: a longer search has no more to try
-        beyond = course.balance() and not any(explained(s) for s in course.good)
+        found = course.balance()
+        none = found.forced and not any(explained(s) for s in course.good)
+        return none, none and not found.named
+
+    if not violated and not explained(base) and not any(adequate(s) for s in course.good):
+        beyond, lost = ask_balance()
     if not beyond and not any(adequate(s) for s in course.good):
         course.lengthen(leading)
-    if not beyond and course.good and not any(adequate(s) for s in course.good):
+    alone = any(adequate(s) for s in course.good)
+    if violated and course.good and not alone:
+        course.beside_density()
+        if not explained(base) and not any(adequate(s) for s in course.good):
+            beyond, lost = ask_balance()
+    if course.good and not beyond and not alone:
         course.pair(violated)
     if course.good:
-        steps = stepwise(
-            case, ([s for s in course.good if explained(s)] or course.good)[0], course.usable, course.watch
-        )
+        begun = ([s for s in course.good if explained(s)] or course.good)[0]
+        steps = stepwise(case, begun, _beside(begun, course.usable) if lost else course.usable, course.watch)
         course.out.tried += steps
         course.join(steps)
     if not beyond and not any(explained(s) for s in course.good) and (violated or not explained(base)):
         course.lengthen(far)
+
+
+def _beside(s: Scored, usable: list[ModuleType]) -> list[ModuleType]:
+    """What may act beside a fit where neither an effect on the motion nor two of them explain the attitudes: one of the two is the
+    sensors', which bends the attitudes as well."""
+    if any(not changes_motion(a.effect) for a in s.added):
+        return usable
+    return [m for m in usable if not changes_motion(m)]
 
 
 def _of_the_motion(case: Case) -> list[ModuleType]:

@@ -38,15 +38,16 @@ MOMENTUM_UNKNOWNS = ("share",)
 
 def momentum_columns(t, R, w, held):
     """Momentum of a sphere of the body's mean moment that the layer drives: for a `share` of one."""
+    from massprops.dynamics.linear_recurrence import recurrence
+
     pace = held["coupling"]
     turning = (R @ w[:, :, None])[:, :, 0]
     keep = 2.718281828459045 ** (-pace * (t[1:] - t[:-1]))
     driven = 0.5 * (1.0 - keep)[:, None] * (turning[1:] + turning[:-1])
     # in inertial axes the layer alone changes it: d(R z)/dt = coupling R (w - z), exact for w constant over a step
-    z = turning.copy()
-    for k in range(1, len(t)):
-        z[k] = keep[k - 1] * z[k - 1] + driven[k - 1]
-    return {"internal": R.swapaxes(1, 2) @ z[:, :, None]}
+    step = keep.repeat(3).reshape(-1, 3, 1, 1)
+    z = recurrence(step, driven[:, :, None], turning[0][:, None])
+    return {"internal": R.swapaxes(1, 2) @ z}
 
 
 SCANNED = tuple(0.01 * 3.0 ** (0.5 * k) for k in range(11))

@@ -215,6 +215,8 @@ def _oscillators(t, w, lever, outward, softer, spring, start):
         lever: (m, 3); outward, softer: (n, m) centrifugal drive and loss of stiffness; spring: (m, 2) frequency, damping;
         start: (m, 2) displacement, speed.
     """
+    from massprops.dynamics.linear_recurrence import recurrence
+
     m, step = len(lever), np.diff(t)
     frequency, damping = spring.T
     turning = w @ lever.T
@@ -224,10 +226,7 @@ def _oscillators(t, w, lever, outward, softer, spring, start):
     half, whole = _transition(0.5 * step, stiff, damping), _transition(step, stiff, damping)
     added = (whole @ drive[:-1, :, :, None] + 4.0 * (half @ middle[..., None]))[..., 0] + drive[1:]
     added *= (step / 6.0)[:, None, None]
-    y = np.empty((len(t), m, 2))
-    y[0] = start + np.stack([np.zeros(m), turning[0]], axis=1)
-    for k in range(len(step)):
-        y[k + 1] = (whole[k] @ y[k, :, :, None])[:, :, 0] + added[k]
+    y = recurrence(whole, added, start + np.stack([np.zeros(m), turning[0]], axis=1))
     return y[:, :, 0], y[:, :, 1] - turning
 
 
