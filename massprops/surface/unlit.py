@@ -110,7 +110,8 @@ def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
     move = np.column_stack([turn, np.full(2, size / 2) - turn @ [(w - 1) / 2, (h - 1) / 2]])
     rows = cv2.warpAffine(np.uint8(lit), move, (size, size), flags=cv2.INTER_NEAREST)
     behind = np.maximum.accumulate(rows, axis=1)
-    return cv2.warpAffine(behind, move, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
+    out: np.ndarray = cv2.warpAffine(behind, move, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
+    return out
 
 
 def _sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:
