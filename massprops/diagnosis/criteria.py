@@ -42,7 +42,7 @@ SCALE_SD = 0.005
 """Prior of a gyroscope's scale and misalignment: between data sheets of raw ones (1 to 3 %) and calibrated ones (0.1 %)."""
 SCALES = (0.001, 0.002, 0.01, 0.02)
 """Other such priors, over the range of data sheets, of which the evidence chooses where an effect is named from rates alone. All
-the flights were looked at: 0.002 is likelier than 0.005 in five of five of one body, by 1 to 73, and as likely as 0.0005."""
+the flights were looked at: smaller ones than 0.005 are likelier in eight of 14, by up to 14, larger ones in two by at most 0.4."""
 OFFSET_SD = 0.01
 """Prior of the offset of a gyroscope beside attitudes [rad/s]: a phone's, and far more than a spacecraft's."""
 WIDE = 10.0
