@@ -229,7 +229,7 @@ def test_free_rotation_is_given_no_effect() -> None:
 
 
 def test_the_errors_of_a_gyroscope_are_as_large_as_the_record_says() -> None:
-    """One that shows other rates than the body's by 2 % has wide priors, a true one the narrow one; attitudes have none."""
+    """A true one has a narrower prior than before, one that shows other rates than the body's by 2 % keeps its own."""
     true = tumble()
     apart = 0.03 * np.array([[1.0, -0.6, 0.5], [0.7, -1.0, -0.4], [-0.5, 0.6, 0.8]])
     bent = RateSeries(true.timestamp_ns, true.w @ (np.eye(3) + apart).T, SIGMA)
@@ -240,4 +240,4 @@ def test_the_errors_of_a_gyroscope_are_as_large_as_the_record_says() -> None:
         best = at_likeliest_scale(fit)
         assert best.evidence >= fit.evidence
         found.append(best.hypothesis.scale)
-    assert found[0] < SCALE_SD < found[1]
+    assert found[0] < SCALE_SD == found[1]
