@@ -36,5 +36,4 @@ def at_least(covariance: np.ndarray, floor: np.ndarray) -> np.ndarray:
     L = np.linalg.cholesky(covariance / both + 1e-12 * np.eye(len(covariance)))
     half = np.linalg.solve(L, np.linalg.solve(L, floor / both).T)
     value, vector = np.linalg.eigh(0.5 * (half + half.T))
-    widened: np.ndarray = L @ (vector * np.maximum(value, 1.0)) @ vector.T @ L.T * both
-    return widened
+    return np.asarray(L @ (vector * np.maximum(value, 1.0)) @ vector.T @ L.T * both)

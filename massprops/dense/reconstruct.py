@@ -239,8 +239,13 @@ def dense_points(
                 among = [p[use[p]] if use[n] else p[:0] for n, p in enumerate(partners)]
                 points = fuse(maps, scene.cameras, colour, among, reference)
     cloud = _enough(points)
-    return cloud, {
-        "references": r,
+    return cloud, _facts(scene, maps, cloud, wanted)
+
+
+def _facts(scene: _Scene, maps: Maps, cloud: DensePoints, wanted: int) -> dict[str, Any]:
+    """Counts and medians; wanted: pixels of which a depth was asked for."""
+    return {
+        "references": len(scene.reference),
         "image_factor": round(scene.factor, 4),
         "object_pixels": wanted,
         "measured_pixels": int(np.count_nonzero(maps.depth)),

@@ -28,7 +28,7 @@ from massprops.sfm.attempt import (
 )
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import to_points, to_views
-from massprops.sfm.features import read_mask
+from massprops.sfm.features import is_plain, read_mask
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.global_shutter import to_global_shutter
 from massprops.sfm.joined_models import join_models
@@ -121,6 +121,11 @@ def reconstruct(
     quiet()
     found = _best(footage, work, options, progress)
     warnings = list(found.warnings)
+    if found.registered < 3 and found.mapping.masked and is_plain(footage, found.features):
+        raise NotPossible(
+            "the object is plain: next to nothing on its surface can be told apart from image to image; light it from the side, "
+            "put marks or powder on it, or give the poses of its images with --sparse, so that its outlines show its shape"
+        )
     if found.registered < 3:
         raise NotPossible(
             f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "

@@ -96,7 +96,7 @@ def brighter(masks: list[np.ndarray], grey: list[np.ndarray]) -> np.ndarray | No
         ways.append(slope)
     total = np.sum(ways, axis=0) if ways else np.zeros(2)
     length, path = float(np.linalg.norm(total)), float(np.linalg.norm(np.reshape(ways, (-1, 2)), axis=1).sum())
-    return total / length if length > AGREED * max(path, 1e-12) else None
+    return np.asarray(total / length) if length > AGREED * max(path, 1e-12) else None
 
 
 def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -110,8 +110,8 @@ def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
     move = np.column_stack([turn, np.full(2, size / 2) - turn @ [(w - 1) / 2, (h - 1) / 2]])
     rows = cv2.warpAffine(np.uint8(lit), move, (size, size), flags=cv2.INTER_NEAREST)
     behind = np.maximum.accumulate(rows, axis=1)
-    out: np.ndarray = cv2.warpAffine(behind, move, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
-    return out
+    back = cv2.warpAffine(behind, move, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+    return np.asarray(back > 0)
 
 
 def _sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:

@@ -1,4 +1,4 @@
-"""Noise is taken out of images before features are looked for, where there is much of it."""
+"""What images show before features are matched: noise that is taken out where there is much of it, and objects that are plain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from massprops.sfm.features import DENOISING_SIGMA, FeatureOptions, extract, with_denoising
+from massprops.sfm.features import DENOISING_SIGMA, FeatureOptions, extract, is_plain, with_denoising
 from massprops.sfm.footage import FootageRecord
 
 SIZE = (200, 160)
@@ -61,3 +61,15 @@ def test_a_blur_brings_out_features_that_two_noisy_images_share() -> None:
         return sum(np.linalg.norm(a[m.queryIdx, :2] - b[m.trainIdx, :2]) < 1.5 for m in good)
 
     assert shared(FeatureOptions(denoising_sigma=DENOISING_SIGMA)) > 1.3 * shared(FeatureOptions())
+
+
+@pytest.mark.parametrize(("count", "plain"), [(20, True), (150, False)])
+def test_an_object_with_next_to_no_features_is_plain(tmp_path: Path, count: int, plain: bool) -> None:
+    footage = Few(tmp_path)
+    mask = np.zeros(SIZE[::-1], np.uint8)
+    mask[30:130, 40:160] = 255
+    found = {f.name: (np.zeros((count, 4)), np.zeros((count, 128))) for f in footage.frames}
+    assert not is_plain(footage, found)  # type: ignore[arg-type]
+    for frame in footage.frames:
+        cv2.imwrite(str(footage.mask(frame.name)), mask)
+    assert is_plain(footage, found) is plain  # type: ignore[arg-type]
