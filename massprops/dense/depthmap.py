@@ -54,6 +54,7 @@ class Matching:
         Ks: (s, 3, 3); R: (s, 3, 3), t: (s, 3): from the reference's camera.
         noise: 1-sigma of the grey levels: windows with less contrast than twice this are not matched.
         width: grey levels by which a window's pixels may differ from its middle and still count, at least.
+        unique: how much worse other depths must fit, over the cost.
     """
 
     image: np.ndarray
@@ -65,6 +66,7 @@ class Matching:
     t: np.ndarray
     noise: float
     width: float = LEAST_WIDTH
+    unique: float = pm.UNIQUE
 
     def halved(self) -> Matching:
         """The same at half the size."""
@@ -79,6 +81,7 @@ class Matching:
             self.t,
             self.noise / 2,
             self.width,
+            self.unique,
         )
 
     def of_kernel(self) -> tuple[pm.Reference, pm.Sources, pm.Frame]:
@@ -89,7 +92,7 @@ class Matching:
         cameras = np.concatenate([intrinsics, self.R.reshape(-1, 9), self.t], axis=1)
         K = self.K
         ray = (1 / K[0, 0], -K[0, 2] / K[0, 0], 1 / K[1, 1], -K[1, 2] / K[1, 1])
-        frame = pm.Frame(ray, rows, columns, *thresholds(self.noise, self.width))
+        frame = pm.Frame(ray, rows, columns, *thresholds(self.noise, self.width), self.unique)
         return pm.Reference(self.image, self.mask), pm.Sources(self.sources.reshape(count, -1), cameras), frame
 
 

@@ -73,6 +73,7 @@ class Frame(NamedTuple):
         rows, columns: of each source.
         level_sigma: grey-level width of the bilateral weight.
         least_variance: below it there is no texture.
+        unique: least excess of the cost elsewhere, over the cost; 0 or below asks for none.
     """
 
     ray: Ray
@@ -80,6 +81,7 @@ class Frame(NamedTuple):
     columns: int
     level_sigma: float
     least_variance: float
+    unique: float
 
 
 class Planes(NamedTuple):
@@ -478,7 +480,7 @@ def polish(
                     high = g
                 else:
                     elsewhere = min(elsewhere, g)
-            if elsewhere - c < UNIQUE * c:
+            if frame.unique > 0.0 and elsewhere - c < frame.unique * c:
                 cost[y, x] = WORST
                 continue
             curvature = low + high - 2.0 * c

@@ -14,6 +14,7 @@ from massprops.core.parts import Arrays, Parts
 from massprops.dense.depthmap import LEAST_WIDTH, DepthMap, Matching, depth_map
 from massprops.dense.fusion import Cameras, DensePoints, Maps, fuse
 from massprops.dense.noise import denoised
+from massprops.dense.patchmatch import UNIQUE
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.views import Views
@@ -83,12 +84,15 @@ class DenseOptions:
         seed: of the random steps.
         threads: processor threads; the result does not depend on them.
         pixels: of the object per view, at most.
+        tentative: for a first shape, which wrong depths do less harm to than missing ones: those that fit as well elsewhere stay,
+            and what nothing agrees on is not looked at again.
     """
 
     most_references: int = 0
     seed: int = 0
     threads: int = 2
     pixels: int = MOST_PIXELS
+    tentative: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,7 @@ class _Scene:
         reference: (r,) indices of the views that get a depth map; whole: (r,) bool, which of them a whole one.
         sources: per reference, the views that it is matched with.
         depths: (r, 2) nearest, farthest.
+        unique: how much worse other depths must fit, over the cost.
     """
 
     views: Views
@@ -111,6 +116,7 @@ class _Scene:
     whole: np.ndarray
     sources: tuple[np.ndarray, ...]
     depths: np.ndarray
+    unique: float
 
     @cached_property
     def size(self) -> tuple[int, int]:
@@ -150,6 +156,7 @@ class _Scene:
             np.stack([t[s] - R[s] @ R[i].T @ t[i] for s in group]),
             mine.noise,
             max(LEAST_WIDTH, float(mine.grey[mine.mask > 0].std())) if wide else LEAST_WIDTH,
+            self.unique,
         )
 
     def wanted(self, n: int, known: DensePoints | None) -> tuple[np.ndarray, np.ndarray]:
@@ -183,7 +190,9 @@ def _scene(views: Views, image: Image, sparse: Sparse, options: DenseOptions) ->
     cut = {i: crop(*raw[i], views.K[i], factor) for i in needed if (raw[i][1] > 0).any()}
     keep = np.array([k for k, i in enumerate(choice.reference) if i in cut], np.int64)
     sources = tuple(choice.sources[k] for k in keep)
-    return _Scene(views, sparse, cut, factor, choice.reference[keep], choice.whole[keep], sources, choice.depths[keep])
+    unique = 0.0 if options.tentative else UNIQUE
+    whole, depths = choice.whole[keep], choice.depths[keep]
+    return _Scene(views, sparse, cut, factor, choice.reference[keep], whole, sources, depths, unique)
 
 
 def dense_points(
@@ -218,7 +227,7 @@ def dense_points(
     partners = _partners(views.centres[reference] - np.median(sparse.xyz, axis=0), whole)
     points: DensePoints | None = None
     wanted = done = 0
-    turns = [(whole, False), (~whole, False), (np.ones(r, bool), True)]
+    turns = [(whole, False), (~whole, False), *([] if options.tentative else [(np.ones(r, bool), True)])]
     with ThreadPoolExecutor(max(1, options.threads)) as pool:
         for turn, wide in turns:
             fresh = False

@@ -429,7 +429,7 @@ def _dense(job: Job, views: Views, region: Region, sparse: SparsePoints) -> tupl
     def image(i: int) -> tuple[np.ndarray, np.ndarray]:
         return undistorted_frame(job, views, i), region.mask(views, i)
 
-    options = DenseOptions(REFERENCES, job.seed, job.threads, PIXELS)
+    options = DenseOptions(REFERENCES, job.seed, job.threads, PIXELS, tentative=True)
     parts = job.parts.within(hash_of([views.names, region.centre, region.radius]))
     points, _ = dense_points(views, image, near, options, job.progress, parts)
     cloud = Cloud(*(np.asarray(getattr(points, k)) for k in Cloud.__dataclass_fields__))
