@@ -42,7 +42,7 @@ SCALE_SD = 0.005
 """Prior of a gyroscope's scale and misalignment: between data sheets of raw ones (1 to 3 %) and calibrated ones (0.1 %)."""
 SCALES = (0.001, 0.002)
 """Smaller such priors, of which the evidence chooses where an effect is named from rates alone. All the flights were looked at: one of
-them is likelier than 0.005 in eight of 14, by up to 14. Larger ones are left out: in two racquets of four, whose drag leaves 7 to
+them is likelier than 0.005 in nine of 14, by up to 14. Larger ones are left out: in two racquets of four, whose drag leaves 7 to
 19 times the noise, the sensor took up a part of that with 0.01 or 0.02, and k1 went from -2.5 to -2.4."""
 OFFSET_SD = 0.01
 """Prior of the offset of a gyroscope beside attitudes [rad/s]: a phone's, and far more than a spacecraft's."""
