@@ -117,9 +117,8 @@ def replicates(
         np.add(rows, drawn @ (modes @ response), out=rows)
         np.add(lengths, drawn @ (modes[:, ends.face] @ ends.pull), out=lengths)
 
-    scatter = face_scatter(
-        mesh[0][mesh[1]].mean(axis=1), surface.observed, surface.cloud, max(2 * surface.spacing, WINDOW * pixel), rng
-    )
+    middle, window = mesh[0][mesh[1]].mean(axis=1), max(2 * surface.spacing, WINDOW * pixel)
+    scatter = face_scatter(middle, surface.observed, surface.cloud, window, rng)
     drift = doubts.gaps.drift * pixel if doubts.gaps else 0.0
     add(rng.standard_normal((count, 1)), _common(surface, scatter)[None])
     if doubts.gaps:
@@ -143,12 +142,17 @@ def replicates(
 
     lengths += _of_ends(surface, ends, count, rng, doubts.never_lit)
     # poses that are off by the drift where the body's outlines are
-    strain = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum()))) * rng.standard_normal(
-        (count, 3, 3)
-    )
-    strain = 0.5 * (strain + strain.transpose(0, 2, 1))
+    size = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
+    strain = _strains(size, count, rng)
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
+
+
+def _strains(size: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3, 3) symmetric strains with entries N(0, size) before they are made symmetric."""
+    drawn = size * rng.standard_normal((count, 3, 3))
+    out: np.ndarray = 0.5 * (drawn + drawn.transpose(0, 2, 1))
+    return out
 
 
 def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
