@@ -141,7 +141,6 @@ def replicates(
         add(joint.drawn(count, rng), _carried(surface, joint))
 
     lengths += _of_ends(surface, ends, count, rng, doubts.never_lit)
-    # poses that are off by the drift where the body's outlines are
     size = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
     strain = _strains(size, count, rng)
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
@@ -149,7 +148,8 @@ def replicates(
 
 
 def _strains(size: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3, 3) symmetric strains with entries N(0, size) before they are made symmetric."""
+    """(count, 3, 3) symmetric strains with entries N(0, size) before they are made symmetric: poses that are off by the drift where
+    the body's outlines are deform it as an error of the focal length does."""
     drawn = size * rng.standard_normal((count, 3, 3))
     out: np.ndarray = 0.5 * (drawn + drawn.transpose(0, 2, 1))
     return out
