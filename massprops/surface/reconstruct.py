@@ -11,7 +11,8 @@
 
 What no view constrains is filled up to the hull, less `HOLLOW` of the way to a membrane stretched over the measured
 rims: recesses lie near the membrane, unseen sides near the hull. What hangs over a support is put
-on the membrane. What of a still object then falls short of its silhouettes is moved out to them (`completion`). See `spread` for what that leaves uncertain.
+on the membrane. What of a still object then falls short of its silhouettes is moved out to them (`outline_fill`).
+See `spread` for what that leaves uncertain.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ import numpy as np
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
-from massprops.surface.completion import filling_outlines
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
+from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.silhouette_only import SilhouetteOnly, inside_reward, silhouette_only_space

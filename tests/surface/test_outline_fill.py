@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from surface.test_outline_gaps import body, filmed
 
-from massprops.surface.completion import filling_outlines
+from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import vertex_normals
 
 PIXEL = 5.0 / 400.0
