@@ -469,7 +469,8 @@ def polish(
             step = 0.5 / parallax
             bulge = _bend_window(window, bent[y, x], d)
             low, c, high, elsewhere = 0.0, 0.0, 0.0, WORST
-            for k in range(len(SIDES)):  # one call: each is compiled on its own
+            # elsewhere only where it is asked for; one call: each is compiled on its own
+            for k in range(len(SIDES) if frame.unique > 0.0 else 3):
                 plane = (d + SIDES[k] * step, n0, n1, n2)
                 g = _cost(x, y, plane, bulge, window, mean, images, cameras, each, frame)
                 if k == 0:
