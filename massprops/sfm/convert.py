@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
+from collections.abc import Iterable
 
 import numpy as np
 import pycolmap
@@ -110,3 +111,10 @@ def to_points(model: pycolmap.Reconstruction, image_ids: list[int]) -> SparsePoi
         np.array(points, np.int32),
         np.array(uv, float).reshape(-1, 2) - HALF,
     )
+
+
+def take_out_images(model: pycolmap.Reconstruction, ids: Iterable[int]) -> None:
+    """Takes images (COLMAP's numbers) out of the model, in place, with those of the same rig and moment."""
+    manager = pycolmap.ObservationManager(model)
+    for frame_id in sorted({model.image(i).frame_id for i in ids}):
+        manager.deregister_frame(frame_id)

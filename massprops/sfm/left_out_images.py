@@ -17,7 +17,7 @@ import pycolmap
 from massprops.core.parts import Arrays
 from massprops.errors import NotPossible
 from massprops.sfm.attempt import ModelInputs
-from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.guided import seen_alike
 from massprops.sfm.loops import match_predicted
 from massprops.sfm.mapping import continue_mapping
@@ -96,18 +96,14 @@ def take_out_unmatched(model: pycolmap.Reconstruction, fresh: set[str]) -> None:
         index, _ = seen_alike(views, points, i)
         share[name] = float(np.isin(index, points.obs_point[points.obs_view == i]).mean()) if len(index) else 0.0
     usual = float(np.median([s for name, s in share.items() if name not in fresh]))
-    manager = pycolmap.ObservationManager(model)
-    for image_id, name in zip(ids, views.names, strict=True):
-        if name in fresh and share[name] < MATCHED * usual:
-            manager.deregister_frame(model.image(image_id).frame_id)
+    lost = [i for i, n in zip(ids, views.names, strict=True) if n in fresh and share[n] < MATCHED * usual]
+    take_out_images(model, lost)
 
 
 def take_out_contradicted(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> None:
     """Removes images, in place, whose matches with the images `known` contradict their pose."""
-    manager = pycolmap.ObservationManager(model)
-    for image_id, (agree, all_of) in agreeing_matches(model, database, known).items():
-        if agree < BORNE_OUT * all_of:
-            manager.deregister_frame(model.image(image_id).frame_id)
+    found = agreeing_matches(model, database, known)
+    take_out_images(model, [i for i, (agree, all_of) in found.items() if agree < BORNE_OUT * all_of])
 
 
 def agreeing_matches(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> dict[int, tuple[int, int]]:

@@ -14,7 +14,7 @@ import numpy as np
 import pycolmap
 
 from massprops.sfm.attempt import Attempt, ModelInputs
-from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.distinct import unit
 from massprops.sfm.guided import Gate, match_onto, place
 from massprops.sfm.mapping import continue_mapping, verify
@@ -111,11 +111,7 @@ def predicted(views: Views, points: SparsePoints, order: list[str], clock: dict[
 def _take_out_astray(model: pycolmap.Reconstruction, before: Views, wanted: Views) -> None:
     """Takes images out, in place, that were placed elsewhere than where the motion leads: by cells of another side, say."""
     after, ids = to_views(model)
-    wrong = astray(before, wanted, after)
-    if np.any(wrong):
-        manager = pycolmap.ObservationManager(model)
-        for frame_id in sorted({model.image(i).frame_id for i, w in zip(ids, wrong, strict=True) if w}):
-            manager.deregister_frame(frame_id)
+    take_out_images(model, np.array(ids, int)[astray(before, wanted, after)].tolist())
 
 
 def astray(before: Views, wanted: Views, after: Views) -> np.ndarray:

@@ -27,7 +27,7 @@ from massprops.sfm.attempt import (
     steady_images,
 )
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
-from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.features import is_plain, read_mask
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.global_shutter import to_global_shutter
@@ -223,9 +223,7 @@ def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Re
         keep = steady_images(grown, given.footage, given.found.mapping, core)
         if not keep > core:
             break
-        manager = pycolmap.ObservationManager(grown)
-        for frame_id in sorted({grown.image(i).frame_id for i in set(grown.reg_image_ids()) - keep}):
-            manager.deregister_frame(frame_id)
+        take_out_images(grown, set(grown.reg_image_ids()) - keep)
         model = match_predicted(grown, given, rounds.work / "grown")
         if model.num_reg_images() == len(given.footage.frames):
             break

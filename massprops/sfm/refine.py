@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pycolmap
 
-from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.lens import LensChoice, choose_lenses, set_models
 from massprops.sfm.points import residuals
 from massprops.sfm.precision import Precision, precision
@@ -298,13 +298,11 @@ def _drop_loose(model: pycolmap.Reconstruction, ids: list[int], attitude: np.nda
     if not np.all(np.isfinite(attitude)):
         return False
     bound = max(options.loose * float(np.median(attitude)), np.deg2rad(options.loose_deg))
-    frames = {model.image(i).frame_id for i, s in zip(ids, attitude, strict=True) if bound < s}
-    if len(ids) - len(frames) < 3:
+    loose = [i for i, s in zip(ids, attitude, strict=True) if bound < s]
+    if len(ids) - len({model.image(i).frame_id for i in loose}) < 3:
         return False
-    manager = pycolmap.ObservationManager(model)
-    for frame_id in sorted(frames):
-        manager.deregister_frame(frame_id)
-    return bool(frames)
+    take_out_images(model, loose)
+    return bool(loose)
 
 
 def _shows_distortion(
