@@ -106,9 +106,9 @@ class PlacementEvidence:
         joined: placements that the mesh is made of.
         unjoined: placements that could not be joined to the one used.
         differing: those of them that have another volume or other moments, measured by themselves.
-        hollow_possible: share of the volume that an underside nobody saw may hide as empty, or filled-in sides of what was
-            turned over.
-        hollow_likely: the part of it that the interval allows for, since the upper side is hollow too, or much filled in.
+        hollow_possible: share of the volume that an underside nobody saw may hide as empty.
+        hollow_likely: the part of it that the interval allows for, since the upper side is hollow too.
+        behind_fill: the part of the volume behind filled-in sides that the interval allows to be empty.
         hollow_elsewhere: a placement that could not be joined shows a hollow upper side, or was not measured.
     """
 
@@ -117,6 +117,7 @@ class PlacementEvidence:
     differing: int = 0
     hollow_possible: float = 0.0
     hollow_likely: float = 0.0
+    behind_fill: float = 0.0
     hollow_elsewhere: bool = False
 
 
@@ -281,14 +282,17 @@ def _open_though_turned(filled: float) -> str:
 
 def _unseen(placements: PlacementEvidence, inferred: float) -> list[str]:
     """What remains unknown when the underside was not seen; inferred: share of the surface closed at its support."""
+    if placements.behind_fill > max(0.02, placements.hollow_likely):
+        return [
+            "behind the filled-in sides it may be empty: the interval reaches down to a body with "
+            f"{100 * placements.behind_fill:.0f} % less volume"
+        ]
     less = f"{100 * placements.hollow_likely:.0f} % less volume"
     if placements.hollow_likely > 0.02 and placements.hollow_elsewhere:
         return [
             "another placement, which could not be joined, shows a side that was not seen here. That side is hollow or was "
             f"not measured: the interval reaches down to a thin shell, with {less}"
         ]
-    if placements.hollow_likely > 0.02 and placements.joined > 1:
-        return [f"behind the filled-in sides it may be empty: the interval reaches down to a body with {less}"]
     if placements.hollow_likely > 0.02:
         return [
             f"it is hollow above, and its underside was not seen: the interval reaches down to a thin shell, with {less}; "

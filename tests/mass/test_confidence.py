@@ -71,7 +71,7 @@ def test_a_collapsed_replicate_is_no_opinion() -> None:
 
 
 def test_a_body_turned_over_that_may_be_a_shell_is_said_to_be() -> None:
-    found = confidence(evidence(0.6, 0.41, 0.0, 48, 48, joined=2, hollow_likely=0.9))
+    found = confidence(evidence(0.6, 0.41, 0.0, 48, 48, joined=2, behind_fill=0.9))
     assert "90 % less volume" in found["because"][-1] and "underside" not in found["because"][-1]
 
 

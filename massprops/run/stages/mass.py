@@ -148,6 +148,7 @@ def _evidence(
             differing=int(surface["differing_placements"]),
             hollow_possible=float(surface["hollow_possible"]),
             hollow_likely=float(surface["hollow_likely"]),
+            behind_fill=float(surface["hollow_behind_fill"]),
             hollow_elsewhere=bool(surface["hollow_elsewhere"]),
         ),
     )

@@ -17,6 +17,7 @@ from massprops.run.stage_images import undistorted_frame
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
     from massprops.surface.hollow import Hollows
+    from massprops.surface.outline_gaps import Gaps
     from massprops.surface.reconstruct import Surface
     from massprops.surface.spread import Joint
     from massprops.views import Views
@@ -35,6 +36,9 @@ MOST_FILLED = 0.6
 FOCAL_SIGMA = 0.003
 """Relative 1-sigma of a self-calibrated focal length when the structure from motion could not give its own."""
 
+OPEN = 0.1
+"""Share of the surface that nothing shows to be where it is, neither stereo, a support nor an outline, from which on it may be
+the mouth of a hollow. A cup whose inside was dark had .22; a jug, a banana, a bottle and a box at most .04."""
 BALL = 1.4
 """Radius in which a body known by its outlines alone is looked for, in radii of its first shape."""
 
@@ -73,6 +77,7 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
+    from massprops.surface.spread import Doubts, replicates
     from massprops.surface.through_holes import with_open_holes
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
@@ -96,11 +101,14 @@ def run(job: Job) -> dict[str, Any]:
         )
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
-    (rows, lengths), drift = _replicates(job, surface, views, masks, place, free)
+    gaps = _outline_gaps(surface, views, masks, free)
+    doubts = Doubts(_focal_sigma(job), gaps, free, _joints(place))
+    rows, lengths = replicates(surface, len(views), doubts, seed=job.seed)
     others = unjoined(job, place, _focal_sigma(job))
     underside_hollow = underside_may_be_hollow(place, others)
     body = mesh_integrals(surface.vertices, surface.faces)
-    empty, told = _may_be_empty(_hollows(surface, place, underside_hollow), holes, float(body[0]))
+    hollow, behind = _hollows(surface, place, underside_hollow), _behind_sides(surface, gaps, place)
+    empty, told = _may_be_empty(hollow, behind, holes, float(body[0]))
     rows = with_open_holes(hollowed(rows, body, empty, job.seed), holes.unsure, job.seed)
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     # what the body is within at most, where its replicates leave that open
@@ -118,36 +126,32 @@ def run(job: Job) -> dict[str, Any]:
     overlap = agreement(surface.vertices, surface.faces, views, masks)
     facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= told | {"camera_drift_px": drift, "hollow_elsewhere": underside_hollow, "differing_placements": differing}
+    facts |= told | {"camera_drift_px": gaps.drift if gaps else 0.0}
+    facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
 
 
-def _replicates(
-    job: Job, surface: Surface, views: Views, masks: list[np.ndarray], place: dict[str, Any], free: bool
-) -> tuple[tuple[np.ndarray, np.ndarray], float]:
-    """Integrals (r, 10) and lengths (r,) of bodies that the data allow, and by how much cameras drift, as outlines show it [px].
+def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free: bool) -> Gaps | None:
+    """How far outlines lie from the object's; None for a surface that outlines alone make, as it lies on them.
 
     Args:
-        place: `join.json`; free: the body tumbles, so what was not measured was never seen lit.
+        free: the body tumbles, so what was not measured was never seen lit.
     """
     from massprops.surface.error_modes import REACH
     from massprops.surface.length import model_length
     from massprops.surface.outline_gaps import outline_gaps
-    from massprops.surface.spread import Doubts, replicates
 
-    gaps = None
-    # a surface that outlines alone make lies on them
-    if surface.observed.any():
-        mesh = surface.vertices, surface.faces
-        gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
-        if not free:
-            # a silhouette cut by colour has no margin; it scatters with shadows and things behind, not with the cameras
-            gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
-    doubts = Doubts(_focal_sigma(job), gaps, free, _joints(place))
-    return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift if gaps else 0.0
+    if not surface.observed.any():
+        return None
+    mesh = surface.vertices, surface.faces
+    gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
+    if free:
+        return gaps
+    # a silhouette cut by colour has no margin; it scatters with shadows and things behind, not with the cameras
+    return replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
 
 
 def _focal_sigma(job: Job) -> float:
@@ -216,19 +220,37 @@ def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]
     return cloud.take(np.flatnonzero(~flat)), cloud.take(np.flatnonzero(flat))
 
 
-def _hollows(surface: Surface, place: dict[str, Any], underside_hollow: bool = False) -> Hollows:
-    """Space of which nothing proves that it is material. `place` is `join.json`; underside_hollow: of `on_support_hollows`."""
-    from massprops.mass.confidence import FILLED
+def _hollows(surface: Surface, place: dict[str, Any], underside_hollow: bool) -> Hollows:
+    """What an underside that was not seen may hide. `place` is `join.json`; underside_hollow: of `on_support_hollows`."""
     from massprops.run.unjoined import on_support_hollows
-    from massprops.surface.behind_fill import behind_fill
     from massprops.surface.hollow import Hollows
 
     if place["support_plane"] is None:
-        if len(place["joined"]) < 2 or _filled(surface) < FILLED:
-            return Hollows(np.zeros(10), np.zeros(10))
-        space = behind_fill(surface.vertices, surface.faces, surface.observed, surface.noise, surface.spacing)
-        return Hollows(space, space)
+        return Hollows(np.zeros(10), np.zeros(10))
     return on_support_hollows(surface, np.array(place["support_plane"], float), underside_hollow)
+
+
+def _behind_sides(surface: Surface, gaps: Gaps | None, place: dict[str, Any]) -> np.ndarray:
+    """Integrals (10,) of the space behind filled-in sides that may be empty, of an object that lay on something.
+
+    Args:
+        gaps: an outline that agrees shows that a filled side is where the object is, so there is no mouth; None for none.
+        place: `join.json`.
+    """
+    from massprops.mass.confidence import FILLED
+    from massprops.surface.behind_fill import behind_fill
+
+    mesh = surface.vertices, surface.faces
+    if len(place["joined"]) > 1:
+        if _filled(surface) < FILLED:
+            return np.zeros(10)
+        return behind_fill(*mesh, surface.observed, surface.noise, surface.spacing)
+    if place["support_plane"] is None or gaps is None:
+        return np.zeros(10)
+    walls, area = surface.observed | surface.inferred | np.isfinite(gaps.distance), face_areas(*mesh)
+    if area[~walls].sum() < OPEN * area.sum():
+        return np.zeros(10)
+    return behind_fill(*mesh, walls, surface.noise, surface.spacing, walls_alike=False)
 
 
 def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Surface, _Holes]:
@@ -249,11 +271,14 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     return replace(surface, vertices=vertices, faces=faces, observed=observed, inferred=inferred), holes
 
 
-def _may_be_empty(hollow: Hollows, holes: _Holes, volume: float) -> tuple[np.ndarray, dict[str, Any]]:
-    """Integrals (10,) of the space that the intervals allow to be empty, the larger of the two kinds as they may be the
-    same space, and what `surface.json` says of both; volume: of the body."""
+def _may_be_empty(
+    hollow: Hollows, behind: np.ndarray, holes: _Holes, volume: float
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Integrals (10,) of the space that the intervals allow to be empty, the largest of three kinds as they may be the same
+    space, and what `surface.json` says of them; behind: filled-in sides; volume: of the body."""
     shares = {"hollow_possible": hollow.possible[0] / volume, "hollow_likely": hollow.likely[0] / volume}
-    empty = max(hollow.likely, holes.behind, key=lambda space: float(space[0]))
+    shares["hollow_behind_fill"] = behind[0] / volume
+    empty = max(hollow.likely, behind, holes.behind, key=lambda space: float(space[0]))
     opened = {"holes_opened": holes.opened, "holes_opened_share": holes.taken / volume}
     return empty, shares | {"holes": holes.count, "holes_possible": holes.behind[0] / volume} | opened
 
