@@ -1,7 +1,8 @@
 """Which of what stands on the support is the object: as the user points, or as the cameras look; and what else it may be.
 
 Two readings can fit the same points: an object, and the object with the stand, foam or plate that it stands on; or two
-things of like size side by side. Nothing in the points decides between them, so both are named.
+things of like size side by side. Nothing in the points decides between them, so both are named. Of another colour, a stand is
+left out of what is measured; of the same colour, the two are measured as one thing, such as a machined part with its boss.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ FOOT = 0.25
 WIDER = 1.25
 """A stand is nowhere this much wider than its top: a foam block, a plate, a plinth."""
 ALIKE = 0.6
-"""Overlap of the colours of stand and carried (Bhattacharyya) above which they are one thing: a plate with its handle, a
-machined part with its boss."""
+"""Overlap of the colours of stand and carried (Bhattacharyya) above which they may as well be one thing: a plate with its
+handle, a machined part with its boss."""
 APART = 1.25
 """Distance of the hues of stand and carried, in standard deviations within them, from which on both readings are shown however
 alike their colours are in light and shade: 1.4, 2.8 and 5.5 for three plain pale figures on plain pale blocks (overlap of colours
@@ -75,12 +76,22 @@ class Reading:
         member: (n,) bool, its points.
         plane: (4,) what it stands on, or None.
         option: how the user asks for it.
+        one_if_moved: if it was moved as a whole, it is one thing, and the other readings fall.
     """
 
     what: str
     member: np.ndarray
     plane: np.ndarray | None
     option: str
+    one_if_moved: bool = False
+
+
+@dataclass(frozen=True)
+class Top:
+    """A level on which something stands all about: plane (4,), and whether what is below is of the same colour."""
+
+    plane: np.ndarray
+    alike: bool
 
 
 @dataclass(frozen=True)
@@ -273,8 +284,8 @@ def lowest_support(scene: Scene, plane: np.ndarray, seed: int = 0) -> np.ndarray
     return best
 
 
-def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: int = 0) -> np.ndarray | None:
-    """The plane (4,) within a piece on which something else stands, of another colour; None where there is none.
+def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: int = 0) -> Top | None:
+    """The level within a piece on which something else may stand, one of another colour first; None where there is none.
 
     Args:
         scene: the points; member: (n,) bool, the piece.
@@ -304,10 +315,10 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         if not _is_ledge(scene, level, plane):
             continue
         rgb = scene.rgb[own]
-        differ = _colours_alike(rgb, upper, ~upper) < ALIKE or _hues_apart(rgb[upper], rgb[~upper]) > APART
-        if differ and _carried(scene, own, rise, step, top):
-            found.append((float(upper.mean() * lower.mean() + upper.mean()), top))
-    return max(found, key=lambda f: f[0])[1] if found else None
+        alike = _colours_alike(rgb, upper, ~upper) >= ALIKE and _hues_apart(rgb[upper], rgb[~upper]) <= APART
+        if _carried(scene, own, rise, step, top):
+            found.append((not alike, float(upper.mean() * lower.mean() + upper.mean()), Top(top, alike)))
+    return max(found, key=lambda f: f[:2])[2] if found else None
 
 
 def turning_plate(scene: Scene, seed: int = 0) -> np.ndarray | None:
@@ -328,8 +339,8 @@ def turning_plate(scene: Scene, seed: int = 0) -> np.ndarray | None:
         # down to the foot of the rim
         foot = np.append(plane[:3], plane[3] - np.percentile(scene.xyz @ plane[:3] + plane[3], LOWEST))
         top = stand_top(scene, everyone, foot, seed)
-        if top is not None:
-            return top
+        if top is not None and not top.alike:
+            return top.plane
     return None
 
 
@@ -401,18 +412,31 @@ def _hues_apart(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.sqrt(off @ np.linalg.solve(spread + HUE_FLOOR**2 * np.eye(2), off)))
 
 
-def _with_stand(scene: Scene, whole: OnSupport, top: np.ndarray, pointed: Sequence[Located]) -> Found:
-    """Object without its stand, the stand among the surroundings; with it where the user points at the stand."""
-    rise = scene.xyz @ top[:3] + top[3]
+def _with_stand(scene: Scene, whole: OnSupport, top: Top, pointed: Sequence[Located]) -> Found:
+    """Object without its stand, the stand among the surroundings; with it where the user points at the stand. Of one colour,
+    it is one thing first."""
+    rise = scene.xyz @ top.plane[:3] + top.plane[3]
     step = max(1.5 * TOLERANCE * scene.region.radius, 1.5 * scene.pixel)
     upper = whole.member & (rise > step)
-    alone = OnSupport(upper, whole.other | (whole.member & ~upper), top)
-    readings = [
-        Reading("the object without what it stands on", upper, top, "--object X,Y with a pixel of the object"),
-        Reading("the object with what it stands on", whole.member, whole.plane, "--keep-support"),
-    ]
+    alone = OnSupport(upper, whole.other | (whole.member & ~upper), top.plane)
+    if not pointed and top.alike:
+        return Found(
+            whole,
+            [
+                Reading(
+                    "one thing with a flat ledge all about it",
+                    whole.member,
+                    whole.plane,
+                    "--object X,Y with a pixel below the ledge",
+                    one_if_moved=True,
+                ),
+                Reading("what rises from that ledge", upper, top.plane, "--object X,Y with a pixel above the ledge"),
+            ],
+        )
     if not pointed:
-        return Found(alone, readings)
+        what, option = "the object without what it stands on", "--object X,Y with a pixel of the object"
+        kept = Reading("the object with what it stands on", whole.member, whole.plane, "--keep-support")
+        return Found(alone, [Reading(what, upper, top.plane, option), kept])
     pixels = [p for p in pointed if not p.pointed.is_box]
     if not pixels:  # a rectangle round both says that both are meant
         return Found(whole)
@@ -476,13 +500,15 @@ def _extent(xyz: np.ndarray, plane: np.ndarray | None = None) -> np.ndarray:
 
 
 def described(reading: Reading, scene: Scene, used: bool) -> dict[str, Any]:
-    """A reading for `shape.json`: in words, its extent [units of the reconstruction], whether it is used, the option."""
+    """A reading for `shape.json`: in words, its extent [units of the reconstruction], whether it is used, the option, and
+    whether the object is that if it was moved as a whole."""
     return {
         "reading": reading.what,
         "extent": [float(v) for v in _extent(scene.xyz[reading.member], reading.plane)],
         "points": int(reading.member.sum()),
         "used": used,
         "option": reading.option,
+        "one_if_moved": reading.one_if_moved,
     }
 
 

@@ -18,6 +18,7 @@ from massprops.capture.readings import Found, Scene, described, find_object, pic
 from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
 from massprops.run.stages import shape
+from massprops.run.stages.mass import readings_of
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
@@ -190,22 +191,41 @@ def test_the_user_settles_it(keep: bool) -> None:
     assert share(at_stand, points, BLUE) > 0.7, "who points at the stand means it too"
 
 
-def test_a_plate_with_a_handle_of_its_own_colour_is_one_thing() -> None:
-    found = find_object(on_stand(BLUE))
-    assert found.readings == [] and found.split.member[(on_stand(BLUE).rgb == BLUE).all(1)].mean() > 0.7
+def test_a_plate_with_a_handle_of_its_own_colour_is_one_thing_and_the_handle_is_named() -> None:
+    points = on_stand(BLUE)
+    found = find_object(points)
+    blue = (points.rgb == BLUE).all(1)
+    assert found.split.member[blue].mean() > 0.7 and np.array_equal(found.readings[0].member, found.split.member)
+    assert len(found.readings) == 2 and found.readings[1].member[points.xyz[:, 2] < 0.07].mean() < 0.01
 
 
-@pytest.mark.parametrize(("hue", "things"), [((158, 150, 136), 2), ((160, 156, 159), 1)])
-def test_hues_tell_a_pale_thing_from_a_pale_stand(hue: tuple[int, int, int], things: int) -> None:
+def test_a_plate_that_was_turned_over_with_its_handle_is_one_thing() -> None:
+    points = on_stand(BLUE)
+    found = [described(r, points, used=k == 0) for k, r in enumerate(find_object(points).readings)]
+    shape_json = {"placements": [{"readings": found}, {"readings": []}]}
+    assert len(readings_of(shape_json, 1.0)) == 2 and readings_of(shape_json, 1.0, moved=True) == []
+    stand = [described(r, points, used=k == 0) for k, r in enumerate(find_object(on_stand()).readings)]
+    assert len(readings_of({"placements": [{"readings": stand}]}, 1.0, moved=True)) == 2
+
+
+@pytest.mark.parametrize(("at", "whole"), [((0.0, 0.0, 0.32), False), ((0.2, 0.2, 0.08), True)])
+def test_a_pixel_above_or_below_the_ledge_settles_it(at: tuple[float, float, float], whole: bool) -> None:
+    points = on_stand(BLUE)
+    found = find_object(points, [pixel_of(at)])
+    assert found.readings == [] and (found.split.member[points.xyz[:, 2] < 0.07].mean() > 0.1) == whole
+
+
+@pytest.mark.parametrize(("hue", "apart"), [((158, 150, 136), True), ((160, 156, 159), False)])
+def test_hues_tell_a_pale_thing_from_a_pale_stand(hue: tuple[int, int, int], apart: bool) -> None:
     """In light and shade their colours overlap by far more than the limit."""
     points = on_stand(hue)
     rng = np.random.default_rng(6)
     pale = np.where((points.rgb == BLUE).all(1)[:, None], (160, 156, 159), points.rgb)
     shaded = np.clip(pale * rng.uniform(0.5, 1.0, (len(pale), 1)) + rng.normal(0, 1.5, pale.shape), 0, 255)
     found = find_object(replace(points, rgb=shaded.astype(np.uint8)))
-    assert len(found.readings) == (2 if things == 2 else 0)
+    assert len(found.readings) == 2
     stand = found.split.member[(points.rgb == BLUE).all(1)].mean()
-    assert stand < 0.02 if things == 2 else stand > 0.7
+    assert stand < 0.02 if apart else stand > 0.7
 
 
 def on_plate(colour: tuple[int, int, int] = RED) -> Scene:

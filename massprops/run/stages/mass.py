@@ -55,7 +55,8 @@ def run(job: Job) -> dict[str, Any]:
         scale = {**scale, "source": "none", "metres_per_unit": None}
     bounds = intervals(draws, properties, scale_integrals(outer, factor))
     shape = json.loads((job.work("shape") / "shape.json").read_text())
-    open_readings = readings_of(shape, factor)
+    join = json.loads((job.work("join") / "join.json").read_text())
+    open_readings = readings_of(shape, factor, moved=len(join["joined"]) > 1)
     low, high = bounds["volume"]
     half_width = 0.5 * (high - low) / properties.volume
     trust = confidence(_evidence(job, surface, shape, half_width, float(valid_bodies(draws).mean()), open_readings))
@@ -168,15 +169,17 @@ def _contradicted(sfm: dict[str, Any], shape: dict[str, Any]) -> tuple[float, st
     return share, first
 
 
-def readings_of(shape: dict[str, Any], factor: float) -> list[dict[str, Any]]:
+def readings_of(shape: dict[str, Any], factor: float, moved: bool = False) -> list[dict[str, Any]]:
     """`readings` of `massprops.json`: what the object may be, its extent in final units, and how to ask for it.
 
     Args:
         shape: `shape.json`; of several placements, the first in which two readings fit speaks.
         factor: final units per unit of the reconstruction.
+        moved: what was used was turned over as a whole, and fits itself.
     """
     for placement in shape["placements"]:
-        if readings := placement.get("readings"):
+        readings = placement.get("readings")
+        if readings and not (moved and readings[0]["one_if_moved"]):
             return [
                 {
                     "reading": r["reading"],
