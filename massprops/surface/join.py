@@ -29,12 +29,13 @@ def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = T
         costs: of the cut that gave the labels.
         inside: (t,) labels of least cost.
         moving: all points moved together, so that all parts are the body's; else the component that weighs most is the
-            object, with those that silhouettes show, and others may be what stands beside it.
+            object, and others may be what stands beside it, unless they hang together with it through space that no
+            silhouette shows to be empty.
     """
     part = np.where(inside, components(tetra, inside), -1)
     worth = _worth(tetra, costs, part)
     body = int(np.argmax(worth))
-    few = parts(worth) if moving else np.array([body])
+    few = parts(worth)
     if costs.shown is not None:
         # what all silhouettes of the object show is its own
         own = np.bincount(part[inside], costs.shown[inside], len(worth)) > 0.5 * np.bincount(part[inside])
@@ -45,7 +46,8 @@ def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = T
     part = np.where(np.isin(part, few), part, -1)
     limit = float(np.sort(worth)[-2])
     facet, sides = _facets(tetra)
-    ends, price, through = _passages(tetra, costs, part >= 0, facet, limit)
+    shut = np.zeros(len(part), bool) if moving else costs.outside > 0
+    ends, price, through = _passages(tetra, costs, part >= 0, shut, facet, limit)
     graph = coo_matrix((price, ends.T), shape=(len(sides), len(sides))).tocsr()
     distance, before, owner = _search(graph, part, sides, limit)
     link, first = _links(ends, price, distance, owner, len(worth))
@@ -97,9 +99,9 @@ def _facets(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _passages(
-    tetra: Tetrahedra, costs: Costs, inside: np.ndarray, facet: np.ndarray, limit: float
+    tetra: Tetrahedra, costs: Costs, inside: np.ndarray, shut: np.ndarray, facet: np.ndarray, limit: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ways through the outside, from facet to facet of one tetrahedron.
+    """Ways through the outside, from facet to facet of one tetrahedron; shut: (t,) bool, tetrahedra that none leads through.
 
     Returns:
         ends (p, 2) facets, price (p,) of calling the tetrahedron inside and closing its two other facets, through
@@ -114,7 +116,7 @@ def _passages(
             others = [k for k in range(4) if k not in (i, j)]
             # never zero, which a sparse graph takes for no edge
             cost = np.maximum(own + wall[:, others].sum(1), 1e-9)
-            way = np.flatnonzero(free & (cost < limit) & (facet[:, i] >= 0) & (facet[:, j] >= 0))
+            way = np.flatnonzero(free & ~shut & (cost < limit) & (facet[:, i] >= 0) & (facet[:, j] >= 0))
             ends.append(facet[way][:, [i, j]])
             price.append(cost[way])
             through.append(way)

@@ -47,6 +47,15 @@ def test_a_bar_that_only_silhouettes_show_is_kept() -> None:
     assert mesh.is_volume
 
 
+def test_a_bar_of_which_only_the_end_was_measured_is_kept() -> None:
+    """It stands beside the block as another piece would, and all silhouettes show the two as one thing."""
+    cloud, masks = observe(WHOLE, VIEWS, 0.003, 0, outliers=0.0)
+    cloud = cloud.take(np.flatnonzero((cloud.xyz[:, 0] < 0.51) | (cloud.xyz[:, 0] > 0.8)))
+    found = reconstruct_surface(VIEWS, masks, cloud, 8000, moving=False)
+    assert 1.1 < found.vertices[:, 0].max() < 1.2
+    assert mesh_integrals(found.vertices, found.faces)[0] == pytest.approx(WHOLE.volume, rel=0.01)
+
+
 def test_nothing_is_missing_of_a_mesh_that_fills_its_silhouettes() -> None:
     views, cloud, masks = footage()
     hull = make_hull(views, list(masks), cloud.xyz)
