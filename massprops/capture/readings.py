@@ -137,8 +137,9 @@ def find_object(
         NotPossible: the user points at the support or at nothing.
     """
     plane = find_support(scene.xyz, scene.normal, scene.views.centres, scene.region, seed)
-    if turning and plane is None and not keep_support:
-        plane = turning_plate(scene, seed)
+    plate = turning_plate(scene, seed) if turning and plane is None and not keep_support else None
+    if plate is not None and not plate.alike:
+        plane = plate.plane
     if known is not None and (plane is None or plane[:3] @ known[:3] < PARALLEL) and _bears(scene, known):
         plane = known
     if keep_support and plane is not None:
@@ -153,7 +154,7 @@ def find_object(
         return Found(first)
     if keep_support:
         return Found(first)
-    top = stand_top(scene, first.member, plane, seed)
+    top = stand_top(scene, first.member, plane, seed) if plane is not None else plate
     if top is not None:
         return _with_stand(scene, first, top, pointed)
     return Found(first, [] if pointed else _rivals(scene, first, piece, weight))
@@ -321,8 +322,8 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
     return max(found, key=lambda f: f[:2])[2] if found else None
 
 
-def turning_plate(scene: Scene, seed: int = 0) -> np.ndarray | None:
-    """The top (4,) of a turntable's plate on which something of another colour stands, or None.
+def turning_plate(scene: Scene, seed: int = 0) -> Top | None:
+    """The top of a turntable's plate on which something stands, one of another colour first, or None.
 
     Where the camera stays and things turn, stereo measures nothing of the room: what carries the plate is not seen, and
     the plate's rim lies below its top, so that the top is no support by `find_support`.
@@ -333,6 +334,7 @@ def turning_plate(scene: Scene, seed: int = 0) -> np.ndarray | None:
     """
     few = thin_cells(scene.xyz, scene.region.radius / 150)
     everyone = np.ones(len(scene.xyz), bool)
+    found = []
     for plane in planes(scene.xyz[few], scene.normal[few], scene.region.radius, seed):
         if np.mean(scene.views.centres @ plane[:3] + plane[3] > 0) < CAMERAS_ABOVE:
             continue
@@ -340,8 +342,9 @@ def turning_plate(scene: Scene, seed: int = 0) -> np.ndarray | None:
         foot = np.append(plane[:3], plane[3] - np.percentile(scene.xyz @ plane[:3] + plane[3], LOWEST))
         top = stand_top(scene, everyone, foot, seed)
         if top is not None and not top.alike:
-            return top.plane
-    return None
+            return top
+        found.append(top)
+    return next((top for top in found if top is not None), None)
 
 
 def _carried(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:

@@ -149,7 +149,8 @@ def _rough_support(
     plane = find_support(cloud.xyz, cloud.normal, views.centres, region, job.seed)
     if plane is None and turning:
         scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel_size(views, region))
-        plane = turning_plate(scene, job.seed)
+        plate = turning_plate(scene, job.seed)
+        plane = None if plate is None or plate.alike else plate.plane
     return None if plane is None else (cloud, plane)
 
 
