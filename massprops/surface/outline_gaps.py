@@ -41,7 +41,8 @@ class Gaps:
     Attributes:
         offset: (f,) how far outside the mesh the object is at each face, beyond the silhouettes' margin, as far as cameras are wrong [px].
         drift: 1-sigma by which the object's outline scatters about the mesh's, beyond what it does where cameras are right [px].
-        middle: (f,) how far outside the mesh the object's outline is in the middle [px], 0 where nothing is said.
+        middle: (f,) how far outside the mesh the object's outline is in the middle [px]; where no outline speaks, the mean of
+            all that do: what all views measure too deep alike is as deep there.
         distance: (f,) from the nearest place that an outline shows where the mesh has it [world units], on the same side of a
             thin part; infinite where there is none within reach.
     """
@@ -81,7 +82,8 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     away = np.full(len(faces), np.inf)
     if len(agree):
         away = cKDTree(place[agree]).query(place, distance_upper_bound=reach)[0]
-    return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, 0.0), away)
+    elsewhere = float(middle[enough].mean()) if enough.any() else 0.0
+    return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, elsewhere), away)
 
 
 def _beyond_margin(gap: np.ndarray) -> np.ndarray:

@@ -140,6 +140,19 @@ def test_a_tip_that_was_not_measured_makes_the_length_uncertain(measured: tuple[
     assert longer.mean() > own.mean() and longer.std() > own.std()
 
 
+def test_where_no_outline_speaks_the_mesh_is_as_far_off_as_elsewhere() -> None:
+    """All cameras look down: outlines show the flanks alone."""
+    vertices, faces = body()
+    down = np.array([[0.1 * np.cos(a), 0.1 * np.sin(a), 1.0] for a in np.arange(12)])
+    views = cameras(down / np.linalg.norm(down, axis=1, keepdims=True), 5.0, 400.0, SIZE)
+    drawn = [silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], SIZE) for i in range(len(views))]
+    small = vertices * (1 - 4 * 5.0 / 400.0 / 0.9)
+    found = outline_gaps(small, faces, views, [np.where(d, 255, 0).astype(np.uint8) for d in drawn], REACH)
+    height = np.abs(small[faces].mean(axis=1)[:, 2])
+    assert found.middle[height > 0.5] == pytest.approx(4.0, abs=1.0)
+    assert found.middle[height < 0.1].mean() == pytest.approx(4.0, abs=1.0)
+
+
 def test_what_an_outline_says_in_the_middle_has_no_margin() -> None:
     """Between the colours of a thing on a table and its surroundings an outline is where it is."""
     vertices, faces = body()
