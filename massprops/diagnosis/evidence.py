@@ -9,7 +9,7 @@ sparse blocks its variational lower bound. Everything works on inner products, s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -46,16 +46,41 @@ class Posterior:
 
     Attributes:
         evidence: log marginal likelihood of the rows over their noise.
-        mean, covariance: of the unknowns by block; sd: their prior standard deviations; noise: (g,) factors on the noise.
+        mean, covariance: of the unknowns by block; joint: (k, k) covariance of all, in the order of the blocks; sd: their prior
+            standard deviations; noise: (g,) factors on the noise.
         residual: (r,) rows less what the unknowns explain, over the noise given.
     """
 
     evidence: float
     mean: dict[str, np.ndarray]
     covariance: dict[str, np.ndarray]
+    joint: np.ndarray
     sd: dict[str, np.ndarray]
     noise: np.ndarray
     residual: np.ndarray
+
+    def shifts(self, change: np.ndarray) -> dict[str, np.ndarray]:
+        """By how much the likeliest values of all unknowns move, by block, with a change of the first ones (f,)."""
+        f = len(change)
+        moved = self.joint[:, :f] @ np.linalg.solve(self.joint[:f, :f], change)
+        ends = np.cumsum([len(m) for m in self.mean.values()])
+        return dict(zip(self.mean, np.split(moved, ends[:-1]), strict=True))
+
+    def square(self, change: np.ndarray) -> float:
+        """A change of the first unknowns (f,) over their covariance, squared."""
+        f = len(change)
+        return float(change @ np.linalg.solve(self.joint[:f, :f], change))
+
+    def moved(self, change: np.ndarray, blocks: list[Block]) -> Posterior:
+        """The likeliest unknowns with the first ones (f,) moved away from theirs by a change, and what that costs; spreads stay."""
+        shift = self.shifts(change)
+        lost = np.add.reduce([b.columns @ shift[b.name] for b in blocks])
+        return replace(
+            self,
+            evidence=self.evidence - 0.5 * self.square(change),
+            mean={name: m + shift[name] for name, m in self.mean.items()},
+            residual=self.residual - lost,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +151,7 @@ def solve(
         evidence=float(evidence),
         mean={b.name: mean[p] for b, p in zip(blocks, places, strict=True)},
         covariance={b.name: covariance[p, p] for b, p in zip(blocks, places, strict=True)},
+        joint=covariance,
         sd={b.name: sd[p].copy() for b, p in zip(blocks, places, strict=True)},
         noise=noise,
         residual=residual,

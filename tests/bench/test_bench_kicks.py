@@ -53,11 +53,12 @@ def test_intervals_of_a_push_in_a_toss(capsys) -> None:
             held["kick"] += sum(abs(z) < WITHIN for z in kick)
             worst.append(max(map(abs, kick)))
             apart = np.linalg.norm(rate_change(fit) - change) / np.linalg.norm(change)
+            note = "" if fit.settled else "; not settled"
             told = [sigma[f"kick_{a}"] for a in "xyz"]
             print(
                 f"{seed:4} kick off by {', '.join(f'{z:+.1f}' for z in kick)} sigma, of "
                 f"{', '.join(f'{s:.2f}' for s in told)} rad/s; time {off['time']:+.1f}, length "
-                f"{off['duration']:+.1f}; change of rate off by {100 * apart:.1f} %",
+                f"{off['duration']:+.1f}; change of rate off by {100 * apart:.1f} %{note}",
                 flush=True,
             )
         n = len(seeds)
