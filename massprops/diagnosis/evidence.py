@@ -94,7 +94,7 @@ class _Rows:
 
     X: np.ndarray
     y: np.ndarray
-    groups: list[np.ndarray]
+    groups: list[np.ndarray | slice]
     G: list[np.ndarray]
     by: list[np.ndarray]
     n: np.ndarray
@@ -103,21 +103,27 @@ class _Rows:
 def _rows(blocks: list[Block], y: np.ndarray, group: np.ndarray | None) -> _Rows:
     X = np.concatenate([b.columns for b in blocks], axis=1)
     group = np.zeros(len(y), int) if group is None else group
-    groups = [group == g for g in range(int(group.max()) + 1)]
+    groups = [slice(None)] if not group.any() else [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
     Gs, bys = [X[own].T @ X[own] for own in groups], [X[own].T @ y[own] for own in groups]
     if not all(np.isfinite(G).all() for G in Gs):
         raise FloatingPointError("the columns leave all bounds")
-    return _Rows(X=X, y=y, groups=groups, G=Gs, by=bys, n=np.array([int(own.sum()) for own in groups]))
+    return _Rows(X=X, y=y, groups=groups, G=Gs, by=bys, n=np.array([len(y[own]) for own in groups]))
 
 
 def solve(
-    blocks: list[Block], y: np.ndarray, noise_rows: float, group: np.ndarray | None = None, steps: int = STEPS
+    blocks: list[Block],
+    y: np.ndarray,
+    noise_rows: float,
+    group: np.ndarray | None = None,
+    steps: int = STEPS,
+    noise: np.ndarray | None = None,
 ) -> Posterior:
     """Unknowns, sizes and noise of a linear model by expectation maximisation.
 
     Args:
         y: (r,) rows over the noise given; noise_rows: as how many rows that noise counts against the data's own word:
-            the prior of a noise factor is inverse gamma about 1. group: (r,) which factor a row has, 0 to g - 1.
+            the prior of a noise factor is inverse gamma about 1. group: (r,) which factor a row has, 0 to g - 1; noise: (g,) where the search for the
+            factors begins.
 
     Raises:
         FloatingPointError, numpy.linalg.LinAlgError: the numbers leave all bounds.
@@ -127,7 +133,7 @@ def solve(
     places = [slice(int(end) - b.count, int(end)) for b, end in zip(blocks, ends, strict=True)]
     sd = np.concatenate([np.broadcast_to(np.asarray(b.sd, float), b.count) for b in blocks]).copy()
     scale = {b.name: float(np.median(np.broadcast_to(b.sd, b.count))) for b in blocks if b.kind == "sparse"}
-    noise, evidence = np.ones(len(rows.groups)), -np.inf
+    noise, evidence = np.ones(len(rows.groups)) if noise is None else noise, -np.inf
     residual, mean, factor, at = y, np.zeros(len(sd)), np.eye(len(sd)), sd
     for _ in range(steps):
         mean, variance, taken, factor = _unknowns(rows, sd, noise)

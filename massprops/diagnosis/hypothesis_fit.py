@@ -36,6 +36,8 @@ SETTLED = 0.2
 decides nothing."""
 SMALL_STEP = 0.02
 """Of the inertia's shape, which ends the passes too: the next one is about its square."""
+SMALLEST = 0.01
+"""Of the usual start of the search for a size: from less it takes long to come back."""
 LARGEST_STEP = 1.0
 """Of the inertia's shape in a pass: a factor of e in a second moment of mass."""
 TORQUE_KNOTS = 40
@@ -129,7 +131,11 @@ class HypothesisFit:
 
 @dataclass(frozen=True, kw_only=True)
 class _Guess:
-    """Where a pass is linearised: see `HypothesisFit`."""
+    """Where a pass is linearised: see `HypothesisFit`.
+
+    Attributes:
+        sizes: by block, prior standard deviation that the pass before found for unknowns of one size; noise: (g,) its factors.
+    """
 
     shape: np.ndarray
     rate: np.ndarray
@@ -137,6 +143,8 @@ class _Guess:
     start: np.ndarray
     axis: np.ndarray | None
     history: np.ndarray | None
+    sizes: dict[str, float] = field(default_factory=dict)
+    noise: np.ndarray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,7 +271,7 @@ def _solved(record: Record, hypothesis: Hypothesis, guess: _Guess) -> _Solution:
     blocks, y = _linear_model(parts, balance, guess)
     return _Solution(
         record=record, hypothesis=hypothesis, guess=guess, balance=balance, acting=acting, parts=parts, blocks=blocks, y=y,
-        posterior=solve(blocks, y, record.noise_rows, rows.groups),
+        posterior=solve(blocks, y, record.noise_rows, rows.groups, noise=guess.noise),
     )  # fmt: skip
 
 
@@ -296,9 +304,11 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
     for name, forcing in own.acting.items():
         if forcing.internal is not None:
             inside = inside + forcing.internal @ post.mean[name]
+    # beside a wheel's heavy-tailed steps the search for sizes has many ends: it begins anew with every pass
+    kept = [] if hypothesis.wheel else [b.name for b in own.blocks if b.kind == "common"]
     return found, _Guess(
-        shape=shape, rate=whole, momentum=whole @ inertia_of(shape) + inside, axis=axis, history=history,
-        start=found.momentum,
+        shape=shape, rate=whole, momentum=whole @ found.inertia + inside, axis=axis, history=history, start=found.momentum,
+        noise=None if hypothesis.wheel else post.noise, sizes={name: float(post.sd[name][0]) for name in kept},
     )  # fmt: skip
 
 
@@ -309,10 +319,11 @@ def _linear_model(parts: list[Any], balance: Balance, guess: _Guess) -> tuple[li
         FloatingPointError: the predicted path leaves all bounds.
     """
     over = 1.0 / balance.rows.spread
-    blocks = [
-        Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=sd, kind=kind)
-        for name, _, columns, sd, kind in parts
-    ]
+    blocks = []
+    for name, _, columns, sd, kind in parts:
+        # the search for a size goes on where the pass before left it
+        size = max(guess.sizes[name], SMALLEST * sd) if name in guess.sizes else sd
+        blocks.append(Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=size, kind=kind))
     if not all(np.isfinite(b.columns).all() for b in blocks):
         raise FloatingPointError("the path that is predicted leaves all bounds")
     y = (balance.rows.values - balance.constant(guess.start)).reshape(-1) * over
@@ -339,7 +350,7 @@ def _wheel_found(
     if guess.axis is None:
         return None, guess.history, None
     shapes = _wheel_shapes(record, hypothesis.lag)
-    variance = np.einsum("nk,kl,nl->n", shapes, post.covariance["wheel"], shapes)
+    variance = np.sum((shapes @ post.covariance["wheel"]) * shapes, axis=1)
     axis = guess.axis + _across(guess.axis) @ post.mean["wheel axis"]
     return axis / np.linalg.norm(axis), shapes @ post.mean["wheel"], np.sqrt(np.maximum(variance, 0.0))
 
