@@ -103,7 +103,9 @@ class _Rows:
 def _rows(blocks: list[Block], y: np.ndarray, group: np.ndarray | None) -> _Rows:
     X = np.concatenate([b.columns for b in blocks], axis=1)
     group = np.zeros(len(y), int) if group is None else group
-    groups = [slice(None)] if not group.any() else [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
+    groups: list[np.ndarray | slice] = [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
+    if len(groups) == 1:
+        groups = [slice(None)]  # no copy of the columns
     Gs, bys = [X[own].T @ X[own] for own in groups], [X[own].T @ y[own] for own in groups]
     if not all(np.isfinite(G).all() for G in Gs):
         raise FloatingPointError("the columns leave all bounds")
