@@ -190,7 +190,7 @@ class _Solution:
 
     def near(self, before: _Solution) -> bool:
         """Whether nothing that decides is left to gain after the pass before."""
-        small = float(np.abs(self.step).max()) < SMALL_STEP or self.gain < SETTLED
+        small = float(np.abs(self.step).max()) < SMALL_STEP or (self.hypothesis.linear and self.gain < SETTLED)
         return small and abs(self.posterior.evidence - before.posterior.evidence) < SETTLED
 
 
@@ -206,7 +206,7 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     guess = _first_guess(record, hypothesis, start)
     found: HypothesisFit | None = None
     best: _Solution | None = None
-    part = 1.0
+    damped = 1.0
     for _ in range(passes):
         before, settled = found, False
         try:
@@ -214,10 +214,10 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
                 own = _solved(record, hypothesis, guess)
                 if best is None or not hypothesis.linear or own.density > best.density - SETTLED:
                     settled = best is not None and own.near(best)
-                    best, part = own, min(own.longest, 2.0 * part)
+                    best, damped = own, min(1.0, 2.0 * damped)
                 else:
-                    part *= 0.5
-                found, guess = _reached(best, part)
+                    damped = 0.5 * min(best.longest, damped)
+                found, guess = _reached(best, min(best.longest, damped))
         except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
             break
         if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
@@ -279,9 +279,10 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
     """The fit after a part of the step of the inertia, all else as that inertia has it, and the next guess."""
     record, hypothesis, guess, balance = own.record, own.hypothesis, own.guess, own.balance
     path, rows = record.path, record.rows
-    post = own.posterior if part == 1.0 else own.posterior.moved((part - 1.0) * own.step, own.blocks)
+    stays = part == 1.0 or not hypothesis.linear
+    post = own.posterior if stays else own.posterior.moved((part - 1.0) * own.step, own.blocks)
     base = post.mean["base"]
-    shape = base[:INERTIA].copy()
+    shape = guess.shape + part * own.step
     turn = None if rows.rates else base[INERTIA + 3 :]
     whole, phi = balance.motion(_rate_along(own.parts, post, balance, guess), turn)
     axis, history, history_sd = _wheel_found(record, hypothesis, guess, post)
