@@ -54,12 +54,14 @@ def conserved(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) 
     M, N = _columns(path, at, forcing)
     M, N = M.reshape(-1, M.shape[2]), N.reshape(-1, 6)
     value, six = _least((M.T @ M)[None], (N.T @ N)[None], np.eye(6)[None])
-    return _start(value[0], six[0])
+    return start_of(value[0], six[0])
 
 
-def conserved_by_both(path: MotionPath, at: np.ndarray, a: list[Forcing], b: list[Forcing]) -> list[list[Start]]:
-    """The start under one forcing of `a` together with one of `b`, for all of either: as `conserved` of both, but each column's
-    products with the others are taken once."""
+def conserved_by_both(
+    path: MotionPath, at: np.ndarray, a: list[Forcing], b: list[Forcing]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Square of the share of momentum left (a, b) and six of the inertia (a, b, 6), for `start_of`, under one forcing of `a` together with one
+    of `b`, for all of either: as `conserved` of both, but each column's products with the others are taken once."""
     M, N = _columns(path, at, None)
     sides = [[_sized(path, at, f) for f in side] for side in (a, b)]
     X = np.concatenate([M, *sides[0], *sides[1]], axis=2).reshape(3 * len(at), -1)
@@ -78,9 +80,8 @@ def conserved_by_both(path: MotionPath, at: np.ndarray, a: list[Forcing], b: lis
         for second in seconds:
             sixes.append(_without(left, np.arange(6), np.array(where[begun : begun + len(second)])))
             begun += len(second)
-        value, six = _least(np.array(sixes), np.broadcast_to(part, (len(sixes), 6, 6)), np.eye(6)[None])
-        out.append([_start(v, x) for v, x in zip(value, six, strict=True)])
-    return out
+        out.append(_least(np.array(sixes), np.broadcast_to(part, (len(sixes), 6, 6)), np.eye(6)[None]))
+    return np.array([value for value, _ in out]), np.array([six for _, six in out])
 
 
 def _without(whole: np.ndarray, kept: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -90,7 +91,8 @@ def _without(whole: np.ndarray, kept: np.ndarray, out: np.ndarray) -> np.ndarray
     return left
 
 
-def _start(value: float, six: np.ndarray) -> Start:
+def start_of(value: float, six: np.ndarray) -> Start:
+    """From the square of the share of momentum left and the six of an inertia (6,)."""
     return Start(inertia=physical_inertia(_positive(_matrix(six))), left=float(np.sqrt(max(value, 0.0))))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.held_out import fitted_rms, held_out_rms
-from massprops.diagnosis.hypothesis_fit import HypothesisFit
+from massprops.diagnosis.hypothesis_fit import PASSES, HypothesisFit
 from massprops.diagnosis.selection import Candidate, Selection, rms, significance
 
 INTERVALS = 12
@@ -35,8 +35,15 @@ def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
         "corrected": _corrected(s.base, after.best if after else s.base),
         "axes": AXES[s.base.record.rows.rates],
         "model": "model.yaml",
-        "warnings": warnings,
+        "warnings": [*warnings, *(w for c in s.named for w in _unsettled(c))],
     }
+
+
+def _unsettled(c: Candidate) -> list[str]:
+    """What is to be said where the fit of what is named did not come to rest."""
+    if c.best.settled:
+        return []
+    return [f"the fit of {c.name} did not settle in {PASSES} passes: its sigmas hold the step that was left to it"]
 
 
 def gap(s: Selection) -> dict[str, Any]:

@@ -166,7 +166,9 @@ def forcing_of(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarr
     if prior is None:
         return units
     sides = {k: getattr(units, k) for k in ("momentum", "internal", "rate")}
-    return Forcing(**{k: None if v is None else v @ prior for k, v in sides.items()})
+    # as matrices: a product for each point and axis takes ten times as long
+    flat = {k: None if v is None else v.reshape(-1, len(prior)) @ prior for k, v in sides.items()}
+    return Forcing(**{k: None if v is None else v.reshape(len(path.t), 3, -1) for k, v in flat.items()})
 
 
 def _unit_forcing(term: Term, path: MotionPath, rate: np.ndarray, inertia: np.ndarray, environment: Any) -> Forcing:

@@ -9,7 +9,7 @@ sparse blocks its variational lower bound. Everything works on inner products, s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -46,16 +46,41 @@ class Posterior:
 
     Attributes:
         evidence: log marginal likelihood of the rows over their noise.
-        mean, covariance: of the unknowns by block; sd: their prior standard deviations; noise: (g,) factors on the noise.
+        mean, covariance: of the unknowns by block; joint: (k, k) covariance of all, in the order of the blocks; sd: their prior
+            standard deviations; noise: (g,) factors on the noise.
         residual: (r,) rows less what the unknowns explain, over the noise given.
     """
 
     evidence: float
     mean: dict[str, np.ndarray]
     covariance: dict[str, np.ndarray]
+    joint: np.ndarray
     sd: dict[str, np.ndarray]
     noise: np.ndarray
     residual: np.ndarray
+
+    def shifts(self, change: np.ndarray) -> dict[str, np.ndarray]:
+        """By how much the likeliest values of all unknowns move, by block, with a change of the first ones (f,)."""
+        f = len(change)
+        moved = self.joint[:, :f] @ np.linalg.solve(self.joint[:f, :f], change)
+        ends = np.cumsum([len(m) for m in self.mean.values()])
+        return dict(zip(self.mean, np.split(moved, ends[:-1]), strict=True))
+
+    def square(self, change: np.ndarray) -> float:
+        """A change of the first unknowns (f,) over their covariance, squared."""
+        f = len(change)
+        return float(change @ np.linalg.solve(self.joint[:f, :f], change))
+
+    def moved(self, change: np.ndarray, blocks: list[Block]) -> Posterior:
+        """The likeliest unknowns with the first ones (f,) moved away from theirs by a change, and what that costs; spreads stay."""
+        shift = self.shifts(change)
+        lost = np.add.reduce([b.columns @ shift[b.name] for b in blocks])
+        return replace(
+            self,
+            evidence=self.evidence - 0.5 * self.square(change),
+            mean={name: m + shift[name] for name, m in self.mean.items()},
+            residual=self.residual - lost,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +94,7 @@ class _Rows:
 
     X: np.ndarray
     y: np.ndarray
-    groups: list[np.ndarray]
+    groups: list[np.ndarray | slice]
     G: list[np.ndarray]
     by: list[np.ndarray]
     n: np.ndarray
@@ -78,21 +103,29 @@ class _Rows:
 def _rows(blocks: list[Block], y: np.ndarray, group: np.ndarray | None) -> _Rows:
     X = np.concatenate([b.columns for b in blocks], axis=1)
     group = np.zeros(len(y), int) if group is None else group
-    groups = [group == g for g in range(int(group.max()) + 1)]
+    groups: list[np.ndarray | slice] = [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
+    if len(groups) == 1:
+        groups = [slice(None)]  # no copy of the columns
     Gs, bys = [X[own].T @ X[own] for own in groups], [X[own].T @ y[own] for own in groups]
     if not all(np.isfinite(G).all() for G in Gs):
         raise FloatingPointError("the columns leave all bounds")
-    return _Rows(X=X, y=y, groups=groups, G=Gs, by=bys, n=np.array([int(own.sum()) for own in groups]))
+    return _Rows(X=X, y=y, groups=groups, G=Gs, by=bys, n=np.array([len(y[own]) for own in groups]))
 
 
 def solve(
-    blocks: list[Block], y: np.ndarray, noise_rows: float, group: np.ndarray | None = None, steps: int = STEPS
+    blocks: list[Block],
+    y: np.ndarray,
+    noise_rows: float,
+    group: np.ndarray | None = None,
+    steps: int = STEPS,
+    noise: np.ndarray | None = None,
 ) -> Posterior:
     """Unknowns, sizes and noise of a linear model by expectation maximisation.
 
     Args:
         y: (r,) rows over the noise given; noise_rows: as how many rows that noise counts against the data's own word:
-            the prior of a noise factor is inverse gamma about 1. group: (r,) which factor a row has, 0 to g - 1.
+            the prior of a noise factor is inverse gamma about 1. group: (r,) which factor a row has, 0 to g - 1; noise: (g,) where the search for the
+            factors begins.
 
     Raises:
         FloatingPointError, numpy.linalg.LinAlgError: the numbers leave all bounds.
@@ -102,7 +135,7 @@ def solve(
     places = [slice(int(end) - b.count, int(end)) for b, end in zip(blocks, ends, strict=True)]
     sd = np.concatenate([np.broadcast_to(np.asarray(b.sd, float), b.count) for b in blocks]).copy()
     scale = {b.name: float(np.median(np.broadcast_to(b.sd, b.count))) for b in blocks if b.kind == "sparse"}
-    noise, evidence = np.ones(len(rows.groups)), -np.inf
+    noise, evidence = np.ones(len(rows.groups)) if noise is None else noise, -np.inf
     residual, mean, factor, at = y, np.zeros(len(sd)), np.eye(len(sd)), sd
     for _ in range(steps):
         mean, variance, taken, factor = _unknowns(rows, sd, noise)
@@ -126,6 +159,7 @@ def solve(
         evidence=float(evidence),
         mean={b.name: mean[p] for b, p in zip(blocks, places, strict=True)},
         covariance={b.name: covariance[p, p] for b, p in zip(blocks, places, strict=True)},
+        joint=covariance,
         sd={b.name: sd[p].copy() for b, p in zip(blocks, places, strict=True)},
         noise=noise,
         residual=residual,

@@ -9,6 +9,7 @@ evidence, so hypotheses compare by their marginal likelihoods.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,12 @@ from massprops.errors import NotPossible
 
 PASSES = 12
 SETTLED = 0.2
-"""Change of the log evidence between two passes at which they end: it decides nothing."""
+"""Change of the log evidence between two passes at which they end, and gain of it that is left to a step of the inertia: it
+decides nothing."""
+SMALL_STEP = 0.02
+"""Of the inertia's shape, which ends the passes too: the next one is about its square."""
+SMALLEST = 0.01
+"""Of the usual start of the search for a size: from less it takes long to come back."""
 LARGEST_STEP = 1.0
 """Of the inertia's shape in a pass: a factor of e in a second moment of mass."""
 TORQUE_KNOTS = 40
@@ -66,6 +72,11 @@ class Hypothesis:
         """Of the effects in it."""
         return (("internal-rotor",) if self.wheel else ()) + tuple(t.name for t in self.terms)
 
+    @property
+    def linear(self) -> bool:
+        """Whether all enters linearly but the inertia: a wheel's axis does not, nor what an effect's own values move by."""
+        return not self.wheel and not any(t.moves for t in self.terms)
+
     def term(self, name: str) -> Term:
         """The effect of that name."""
         return next(t for t in self.terms if t.name == name)
@@ -83,6 +94,7 @@ class HypothesisFit:
         torque: (n, 3) latent, body axes [rad/s^2]; left: (all, 3) what the rows hold beyond the model without the latent
             torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
         held_sd: by effect, 1-sigma of the values that its columns hold, where they were looked at (`scanned_values`).
+        settled: whether the passes came to rest. Where they did not, covariances hold the step that was left.
     """
 
     hypothesis: Hypothesis
@@ -105,6 +117,7 @@ class HypothesisFit:
     blocks: tuple[Block, ...]
     y: np.ndarray
     held_sd: dict[str, dict[str, float]] = field(default_factory=dict)
+    settled: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -118,7 +131,11 @@ class HypothesisFit:
 
 @dataclass(frozen=True, kw_only=True)
 class _Guess:
-    """Where a pass is linearised: see `HypothesisFit`."""
+    """Where a pass is linearised: see `HypothesisFit`.
+
+    Attributes:
+        sizes: by block, prior standard deviation that the pass before found for unknowns of one size; noise: (g,) its factors.
+    """
 
     shape: np.ndarray
     rate: np.ndarray
@@ -126,55 +143,125 @@ class _Guess:
     start: np.ndarray
     axis: np.ndarray | None
     history: np.ndarray | None
+    sizes: dict[str, float] = field(default_factory=dict)
+    noise: np.ndarray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Solution:
+    """What a pass found about a guess, before anything moves.
+
+    Attributes:
+        acting: the columns of each effect; parts: see `_parts`; blocks, y: the linear model; posterior: its solution.
+    """
+
+    record: Record
+    hypothesis: Hypothesis
+    guess: _Guess
+    balance: Balance
+    acting: dict[str, Forcing]
+    parts: list[Any]
+    blocks: list[Block]
+    y: np.ndarray
+    posterior: Posterior
+
+    @cached_property
+    def step(self) -> np.ndarray:
+        """(5,) of the inertia's shape to its likeliest."""
+        return np.asarray(self.posterior.mean["base"][:INERTIA] - self.guess.shape)
+
+    @property
+    def longest(self) -> float:
+        """Part of the step that a pass may take."""
+        return min(1.0, LARGEST_STEP / max(float(np.abs(self.step).max()), 1e-12))
+
+    @cached_property
+    def gain(self) -> float:
+        """Of the log evidence by that step, if the model is linear so far."""
+        return 0.5 * self.posterior.square(self.step)
+
+    @cached_property
+    def density(self) -> float:
+        """Log density of the rows together with the guess's shape: what else is unknown is marginalised, the noise too (Student's
+        law). It does not lean on how the rows answer to another inertia, so passes compare by it."""
+        spread, count = self.posterior.joint[:INERTIA, :INERTIA], len(self.y) + self.record.noise_rows
+        lost = 0.5 * count * np.log1p(2.0 * self.gain / count)
+        return float(self.posterior.evidence - lost - 0.5 * np.linalg.slogdet(2.0 * np.pi * spread)[1])
+
+    def near(self, before: _Solution) -> bool:
+        """Whether nothing that decides is left to gain after the pass before."""
+        small = float(np.abs(self.step).max()) < SMALL_STEP or (self.hypothesis.linear and self.gain < SETTLED)
+        return small and abs(self.posterior.evidence - before.posterior.evidence) < SETTLED
 
 
 def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes: int = PASSES) -> HypothesisFit:
     """The hypothesis at its most likely, from a start that it stays near.
 
+    A record that hardly shows the inertia lets a step lead far beyond where the model is linear, to a needle or a plate: a
+    step after which the measurements are less likely is taken back, and a part of it tried.
+
     Raises:
         NotPossible: the start leads nowhere.
     """
-    path = record.path
-    axis, history = (start.axis, start.history) if hypothesis.wheel else (None, None)
-    inside = np.zeros_like(path.w) if axis is None or history is None else history[:, None] * axis
-    momentum = path.w @ inertia_of(shape_of(start.inertia)) + inside
-    guess = _Guess(
-        shape=shape_of(start.inertia), rate=path.w, momentum=momentum, axis=axis, history=history,
-        start=np.mean(np.einsum("nij,nj->ni", path.R, momentum), axis=0),
-    )  # fmt: skip
+    guess = _first_guess(record, hypothesis, start)
     found: HypothesisFit | None = None
+    best: _Solution | None = None
+    damped = 1.0
     for _ in range(passes):
-        before = found
+        before, settled = found, False
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                found, guess = _pass(record, hypothesis, guess)
+                own = _solved(record, hypothesis, guess)
+                if best is None or not hypothesis.linear or own.density > best.density - SETTLED:
+                    settled = best is not None and own.near(best)
+                    best, damped = own, min(1.0, 2.0 * damped)
+                else:
+                    damped = 0.5 * min(best.longest, damped)
+                found, guess = _reached(best, min(best.longest, damped))
         except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
             break
         if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
             found = before
             break
-        if not record.rows.rates:
-            record = found.record
-        hypothesis = _moved(found)
-        still = before is not None and np.abs(found.shape - before.shape).max() < 0.02
-        if still and before is not None and abs(found.evidence - before.evidence) < SETTLED:
-            break
-    if found is None:
+        record, hypothesis = found.record, _moved(found)
+        if settled:
+            return replace(found, settled=True)
+    if found is None or best is None:
         raise NotPossible(
             "no rotation of a rigid body comes near this record, which may hold more than one body or flight: cut it to one"
         )
-    return found
+    return found if passes < PASSES else _widened(found, best)
+
+
+def _first_guess(record: Record, hypothesis: Hypothesis, start: Start) -> _Guess:
+    path = record.path
+    axis, history = (start.axis, start.history) if hypothesis.wheel else (None, None)
+    inside = np.zeros_like(path.w) if axis is None or history is None else history[:, None] * axis
+    momentum = path.w @ inertia_of(shape_of(start.inertia)) + inside
+    return _Guess(
+        shape=shape_of(start.inertia), rate=path.w, momentum=momentum, axis=axis, history=history,
+        start=np.mean(np.einsum("nij,nj->ni", path.R, momentum), axis=0),
+    )  # fmt: skip
 
 
 def _moved(found: HypothesisFit) -> Hypothesis:
     """The hypothesis about the values that a pass led to, for effects that are not linear in theirs."""
     own = found.hypothesis
-    if not any(t.moves for t in own.terms):
-        return own
     return replace(own, terms=tuple(t.moved(found.posterior.mean[t.name]) if t.moves else t for t in own.terms))
 
 
-def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[HypothesisFit, _Guess]:
+def _widened(found: HypothesisFit, last: _Solution) -> HypothesisFit:
+    """A fit that did not settle, with what its effects would move by with the step that was left in their covariance."""
+    shift, post = last.posterior.shifts(last.step), found.posterior
+    covariance = dict(post.covariance)
+    for term in found.hypothesis.terms:
+        covariance[term.name] = covariance[term.name] + np.outer(shift[term.name], shift[term.name])
+    own = {t.name: t.values(post.mean[t.name], covariance[t.name])[1] for t in found.hypothesis.terms}
+    return replace(found, posterior=replace(post, covariance=covariance), covariance=own)
+
+
+def _solved(record: Record, hypothesis: Hypothesis, guess: _Guess) -> _Solution:
+    """All that enters linearly about a guess."""
     path, rows = record.path, record.rows
     balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
     acting = {
@@ -182,37 +269,47 @@ def _pass(record: Record, hypothesis: Hypothesis, guess: _Guess) -> tuple[Hypoth
     }
     parts = _parts(record, hypothesis, guess, balance, acting)
     blocks, y = _linear_model(parts, balance, guess)
-    post = solve(blocks, y, record.noise_rows, rows.groups)
+    return _Solution(
+        record=record, hypothesis=hypothesis, guess=guess, balance=balance, acting=acting, parts=parts, blocks=blocks, y=y,
+        posterior=solve(blocks, y, record.noise_rows, rows.groups, noise=guess.noise),
+    )  # fmt: skip
+
+
+def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
+    """The fit after a part of the step of the inertia, all else as that inertia has it, and the next guess."""
+    record, hypothesis, guess, balance = own.record, own.hypothesis, own.guess, own.balance
+    path, rows = record.path, record.rows
+    stays = part == 1.0 or not hypothesis.linear
+    post = own.posterior if stays else own.posterior.moved((part - 1.0) * own.step, own.blocks)
     base = post.mean["base"]
-    step = base[:INERTIA] - guess.shape
-    shape = guess.shape + step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+    shape = guess.shape + part * own.step
     turn = None if rows.rates else base[INERTIA + 3 :]
-    whole, phi = balance.motion(_rate_along(parts, post, balance, guess), turn)
+    whole, phi = balance.motion(_rate_along(own.parts, post, balance, guess), turn)
     axis, history, history_sd = _wheel_found(record, hypothesis, guess, post)
     torque = np.zeros_like(path.w)
-    latent = np.zeros(len(y))
+    latent = np.zeros(len(own.y))
     for name, shapes in _unknown_torques(record, hypothesis):
         torque = torque + shapes @ post.mean[name]
-        latent = latent + next(b.columns for b in blocks if b.name == name) @ post.mean[name]
+        latent = latent + next(b.columns for b in own.blocks if b.name == name) @ post.mean[name]
     summed = {t.name: t.values(post.mean[t.name], post.covariance[t.name]) for t in hypothesis.terms}
+    moved = record if rows.rates else along(record, path.turned(phi, whole), attitudes_of(record))
     found = HypothesisFit(
-        hypothesis=hypothesis, record=record, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
+        hypothesis=hypothesis, record=moved, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
         evidence=post.evidence - float(np.sum(np.log(rows.spread))), noise=post.noise, posterior=post,
         values={k: v for k, (v, _) in summed.items()}, covariance={k: c for k, (_, c) in summed.items()},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
-        blocks=tuple(blocks), y=y,
+        blocks=tuple(own.blocks), y=own.y,
     )  # fmt: skip
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
-    for name, forcing in acting.items():
+    for name, forcing in own.acting.items():
         if forcing.internal is not None:
             inside = inside + forcing.internal @ post.mean[name]
-    if not rows.rates:
-        moved = path.turned(phi, whole)
-        found = replace(found, record=along(record, moved, attitudes_of(record)))
+    # beside a wheel's heavy-tailed steps the search for sizes has many ends: it begins anew with every pass
+    kept = [] if hypothesis.wheel else [b.name for b in own.blocks if b.kind == "common"]
     return found, _Guess(
-        shape=shape, rate=whole, momentum=whole @ inertia_of(shape) + inside, axis=axis, history=history,
-        start=found.momentum,
+        shape=shape, rate=whole, momentum=whole @ found.inertia + inside, axis=axis, history=history, start=found.momentum,
+        noise=None if hypothesis.wheel else post.noise, sizes={name: float(post.sd[name][0]) for name in kept},
     )  # fmt: skip
 
 
@@ -223,10 +320,11 @@ def _linear_model(parts: list[Any], balance: Balance, guess: _Guess) -> tuple[li
         FloatingPointError: the predicted path leaves all bounds.
     """
     over = 1.0 / balance.rows.spread
-    blocks = [
-        Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=sd, kind=kind)
-        for name, _, columns, sd, kind in parts
-    ]
+    blocks = []
+    for name, _, columns, sd, kind in parts:
+        # the search for a size goes on where the pass before left it
+        size = max(guess.sizes[name], SMALLEST * sd) if name in guess.sizes else sd
+        blocks.append(Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=size, kind=kind))
     if not all(np.isfinite(b.columns).all() for b in blocks):
         raise FloatingPointError("the path that is predicted leaves all bounds")
     y = (balance.rows.values - balance.constant(guess.start)).reshape(-1) * over
@@ -253,7 +351,7 @@ def _wheel_found(
     if guess.axis is None:
         return None, guess.history, None
     shapes = _wheel_shapes(record, hypothesis.lag)
-    variance = np.einsum("nk,kl,nl->n", shapes, post.covariance["wheel"], shapes)
+    variance = np.sum((shapes @ post.covariance["wheel"]) * shapes, axis=1)
     axis = guess.axis + _across(guess.axis) @ post.mean["wheel axis"]
     return axis / np.linalg.norm(axis), shapes @ post.mean["wheel"], np.sqrt(np.maximum(variance, 0.0))
 

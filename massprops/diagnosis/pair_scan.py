@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 
-from massprops.diagnosis.conserved_start import Start, conserved_by_both
+from massprops.diagnosis.conserved_start import Start, conserved_by_both, start_of
 from massprops.diagnosis.effect_columns import Term, forcing_of, scan, steps, term_of, variants
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.momentum_balance import Forcing
@@ -78,8 +78,8 @@ def least_left(record: Record, a: Scanned, b: Scanned) -> list[tuple[Terms, Star
     The inertia is one of the unknowns. That of a free body with an unknown torque would be no start: what the torque takes up
     leaves the inertia open.
     """
-    starts = conserved_by_both(record.path, record.rows.at, a.forcings, b.forcings)
-    left = np.array([[s.left for s in row] for row in starts])
+    squares, sixes = conserved_by_both(record.path, record.rows.at, a.forcings, b.forcings)
+    left = np.sqrt(np.maximum(squares, 0.0))
     order = [divmod(int(k), left.shape[1]) for k in np.argsort(left, axis=None)]
     if len(order) > FEW:
         every, order = order, order[:KEPT]
@@ -87,7 +87,7 @@ def least_left(record: Record, a: Scanned, b: Scanned) -> list[tuple[Terms, Star
             if own.alone:
                 order += [k for k in every if k[side] == len(own.terms) - 1][:ANCHORED]
         order += _dips(left[: len(a.terms) - a.alone, : len(b.terms) - b.alone])
-    return [((a.terms[i], b.terms[j]), starts[i][j]) for i, j in dict.fromkeys(order)]
+    return [((a.terms[i], b.terms[j]), start_of(squares[i, j], sixes[i, j])) for i, j in dict.fromkeys(order)]
 
 
 def _dips(left: np.ndarray) -> list[tuple[int, int]]:

@@ -236,7 +236,10 @@ def along(record: Record, path: MotionPath, q: np.ndarray) -> Record:
     from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
 
     turn = rotation_vector(multiply(conjugate(path.q[record.rows.at]), q))
-    return replace(record, path=path, rows=replace(record.rows, measured=turn))
+    moved = replace(record, path=path, rows=replace(record.rows, measured=turn))
+    if path.t is record.path.t:  # what acts from outside depends on time alone
+        vars(moved)["environment_state"] = record.environment_state
+    return moved
 
 
 def with_points(record: Record, more: np.ndarray) -> Record:

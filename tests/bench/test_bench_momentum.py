@@ -125,7 +125,7 @@ def test_bounces_of_a_tossed_cube(real_data: Path) -> None:
         line = f"\n{folder.name}: {verdict} {names}"
         if verdict == "named" and names == ["impulse"]:
             effect = found.document["effects"][0]
-            begins, lasts = effect["parameters"]["time"], effect["parameters"]["duration"]
+            begins, lasts = effect["parameters"]["time"], effect["parameters"]["duration"] or 0.0
             size = float(np.linalg.norm(effect["rate_change_rad_s"]))
             # the truth's times are those of the frames on either side
             at = begins < truth["time_s"][1] and begins + lasts > truth["time_s"][0]

@@ -30,6 +30,10 @@ SPHERE_MOMENT, SPHERE_DAMPING = 1.0, 0.1
 KNOCK_S, KNOCK_STEPS, KNOCK_N = 61.3, 12, (2.5, -1.5, 2.0)
 """A force in world axes for 30 ms, at KNOCK_AT in the body."""
 KNOCK_AT = (0.7, 0.5, -0.3)
+BALL_KG, BALL_M_S, BALL_S = 2.0, 0.06, 60.0
+"""A ball that arrives after a minute, from where nothing else acts on it."""
+TENDON_KG, TENDON_RAD_S = 3.0, 0.3
+"""Mass on a tendon and its frequency, three times the body's rate."""
 DEPLOY_S, DEPLOYED_KG, DEPLOYED_M = 58.1, 1.5, 0.5
 """A mass is driven along a rail, and is there a third of a second later."""
 
@@ -55,8 +59,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class Body:
-    """inside, actuator: MJCF of what is hidden; speeds: joint speeds at the start [rad/s or m/s]; push: told of time and
-    given what to act on; run_in: seconds that pass before the record."""
+    """inside, actuator, tendon: MJCF of what is hidden; beside: of other bodies; speeds: joint speeds at the start [rad/s or m/s];
+    push: told of time and given what to act on; run_in: seconds that pass before the record."""
 
     effect: str
     inside: str = ""
@@ -64,6 +68,8 @@ class Body:
     speeds: tuple[float, ...] = ()
     push: Callable[[Any, Any, Any, float], None] = lambda mujoco, model, data, t: None
     run_in: float = 0.0
+    beside: str = ""
+    tendon: str = ""
 
 
 def _knock(mujoco: Any, model: Any, data: Any, t: float) -> None:
@@ -88,6 +94,28 @@ def _sliding(at: str, axis: str) -> tuple[str, str]:
     )
 
 
+def _struck() -> Body:
+    """A ball that comes by and bounces off a soft side: MuJoCo's own contact, for a second or two."""
+    soft = 'condim="1" friction="0 0 0" solref="1.6 0.3"'
+    x, y, z = 0.3 + BALL_M_S * BALL_S + 0.9, -0.2 + 0.3, DISTANCE_M + 0.25
+    return Body(
+        "impulse", f'<geom type="box" size="0.8 0.7 0.6" mass="0" {soft}/>', speeds=(-BALL_M_S, 0.0, 0.0),
+        beside=f'<body pos="{x} {y} {z}"><freejoint/><geom type="sphere" size="0.15" mass="{BALL_KG}" {soft}/></body>',
+    )  # fmt: skip
+
+
+def _on_a_tendon() -> Body:
+    """A mass on a rail that only a tendon's spring and damping hold."""
+    stiff, damp = TENDON_KG * TENDON_RAD_S**2, 2.0 * TENDON_KG * TENDON_RAD_S * 0.15
+    return Body(
+        "spring-mass-damper",
+        '<site name="post" pos="0.5 -0.3 -0.3"/><body pos="0.5 0.4 0.1"><joint type="slide" axis="0 0.7 0.4"/><site name="bob"/>'
+        f'<inertial pos="0 0 0" mass="{TENDON_KG}" diaginertia="0.01 0.01 0.01"/></body>',
+        speeds=(0.0,),
+        tendon=f'<spatial stiffness="{stiff}" damping="{damp}"><site site="post"/><site site="bob"/></spatial>',
+    )
+
+
 BODIES = {
     "nothing": Body("none"),
     "wheel": Body(
@@ -106,6 +134,8 @@ BODIES = {
     "knock": Body("impulse", push=_knock),
     "boom": Body("inertia-change", *_sliding("0.5 0.2 0.1", "0.9 0.36 0.18"), push=_deploy),
     "side boom": Body("inertia-change", *_sliding("0.5 0.4 0.1", "0 -0.3 1"), push=_deploy),
+    "contact": _struck(),
+    "tendon": _on_a_tendon(),
 }
 """By name. The rail of `boom` passes through the main part's centre; that of `side boom` does not, so that the body
 turns a little the other way while the mass travels."""
@@ -124,7 +154,7 @@ def moved(body: Body, seed: int) -> Motion:
       <worldbody><body name="main" pos="0.3 -0.2 {DISTANCE_M}"><freejoint/>
         <inertial pos="0 0 0" mass="{MASS}" diaginertia="{moments}" quat="0.9 0.3 -0.2 0.25"/>
         {body.inside}
-      </body></worldbody>
+      </body>{body.beside}</worldbody><tendon>{body.tendon}</tendon>
       <actuator>{body.actuator}</actuator></mujoco>""")
     data = mujoco.MjData(model)
     data.qpos[3:7] = q / np.linalg.norm(q)

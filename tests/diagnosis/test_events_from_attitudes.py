@@ -6,26 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from diagnosis import tossed_bodies
+from diagnosis.tossed_bodies import RATE, SIGMA, Toss
 
+from massprops.diagnosis import hypothesis_fit
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import decides, diagnose_by_balance
-from massprops.diagnosis.document import rate_change
+from massprops.diagnosis.document import document_of_selection, rate_change
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.effect_search import again, best_fit, moved_to_best
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis_fit import PASSES, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import FINER, LARGEST_STEP, _finer, _halfway, with_scanned
 from massprops.diagnosis.screen import screened
-from massprops.diagnosis.selection import rms
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
+from massprops.diagnosis.selection import Candidate, Selection, rms
 from massprops.effects import effects
 from massprops.sequence.data import AttitudeSeries, Environment, RateSeries, Sequence
 
 INERTIA = np.diag([0.8, 1.0, 1.2])
-SIGMA = 8e-4
-RATE = 150.0
 BEGINS, LASTS = 0.1153, 0.02
 SEVERAL_TURNS = 2.0
 PUSH = np.array([150.0, -250.0, 100.0])
@@ -34,21 +33,18 @@ BALL = Start(inertia=np.eye(3), left=1.0)
 
 def tossed(push: np.ndarray, seconds: float = 0.22, noise: float = SIGMA) -> tuple[AttitudeSeries, np.ndarray]:
     """Attitudes of a body that a torque pushes from BEGINS on for LASTS, and the change of its rate."""
+    rate = np.array([4.0, -2.0, 1.0])
+    toss = Toss(inertia=INERTIA, rate=rate, push=push, begins=BEGINS, lasts=LASTS, seconds=seconds)
+    return tossed_bodies.tossed(toss, 4, noise)
 
-    def slope(t, y):
-        q, w = y[:4], y[4:]
-        torque = push * (BEGINS < t < BEGINS + LASTS)
-        turning = 0.5 * multiply(q, np.concatenate([[0.0], w]))
-        return np.concatenate([turning, np.linalg.solve(INERTIA, torque - np.cross(w, INERTIA @ w))])
 
-    times = np.arange(round(seconds * RATE)) / RATE
-    start = np.concatenate([[1.0, 0.0, 0.0, 0.0], [4.0, -2.0, 1.0]])
-    found = solve_ivp(slope, (0.0, times[-1]), start, dense_output=True, rtol=1e-9, atol=1e-10, max_step=0.001)
-    y = found.sol(times).T
-    turned = noise * np.random.default_rng(4).standard_normal((len(times), 3))
-    q = normalise(multiply(normalise(y[:, :4]), from_rotation_vector(turned)))
-    change = found.sol(BEGINS + LASTS)[4:] - found.sol(BEGINS)[4:]
-    return AttitudeSeries(np.round(times * 1e9).astype(np.int64), q, np.full(len(times), SIGMA)), change
+def pushed(seed: int, passes: int = PASSES) -> tuple[HypothesisFit, Toss]:
+    """A push in a short toss fitted from a ball with its time and length given, and the truth."""
+    toss = tossed_bodies.drawn(seed)
+    record = record_of_attitudes(tossed_bodies.tossed(toss, seed)[0], Environment())
+    held = (("duration", toss.lasts), ("parts", 1), ("time", toss.begins))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    return fit_hypothesis(record, h, BALL, passes), toss
 
 
 def test_a_contact_is_found_at_its_time_with_its_length_and_what_it_does() -> None:
@@ -173,3 +169,46 @@ def test_a_halved_path_tells_a_kick_better() -> None:
     fine = _finer(coarse, 1 / RATE)
     before, after = (np.linalg.norm(rate_change(f) - change) / np.linalg.norm(change) for f in (coarse, fine))
     assert before > 0.01 and after < 0.3 * before
+
+
+@pytest.mark.parametrize("seed", [10, 22, 29])
+def test_a_push_settles_where_the_record_hardly_shows_the_inertia(seed: int) -> None:
+    """Full steps lead to a needle and on, with a kick that is off by 15 to 52 sigmas."""
+    fit, toss = pushed(seed)
+    assert fit.settled and np.linalg.eigvalsh(fit.inertia)[0] > 0.2
+    off = (fit.values["impulse"] - toss.kick) / np.sqrt(np.diag(fit.covariance["impulse"]))
+    assert np.abs(off).max() < 3.5
+
+
+def test_a_kick_goes_with_the_inertia_that_a_pass_reaches() -> None:
+    """A pass that takes a part of its step has the kick of that part: the measurements fit as well as they can with it."""
+    record = record_of_attitudes(tossed_bodies.tossed(tossed_bodies.drawn(10), 10)[0], Environment())
+    toss = tossed_bodies.drawn(10)
+    held = (("duration", toss.lasts), ("parts", 1), ("time", toss.begins))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    own = hypothesis_fit._solved(record, h, hypothesis_fit._first_guess(record, h, BALL))
+    half, _ = hypothesis_fit._reached(own, 0.5)
+    assert half.shape == pytest.approx(own.guess.shape + 0.5 * own.step)
+    # solved for anew with that inertia given: no step of it, the same noise and sizes
+    post, y = own.posterior, own.y - own.blocks[0].columns[:, :5] @ half.shape
+    columns = np.concatenate([own.blocks[0].columns[:, 5:], *(b.columns for b in own.blocks[1:])], axis=1)
+    sd = np.concatenate([post.sd[b.name] for b in own.blocks])[5:]
+    A = columns.T @ columns / post.noise[0] ** 2 + np.diag(1.0 / sd**2)
+    again_ = np.linalg.solve(A, columns.T @ y / post.noise[0] ** 2)
+    assert half.posterior.mean["impulse"] == pytest.approx(again_[-3:], rel=1e-2)
+    assert np.abs(half.posterior.mean["impulse"] - post.mean["impulse"]).max() > 0.1
+
+
+def test_a_fit_that_does_not_settle_widens_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    short, _ = pushed(10, passes=2)
+    assert not short.settled
+    monkeypatch.setattr(hypothesis_fit, "PASSES", 2)
+    wide, _ = pushed(10, passes=2)
+    more = wide.covariance["impulse"] - short.covariance["impulse"]
+    assert np.linalg.eigvalsh(more) == pytest.approx([0.0, 0.0, np.trace(more)], abs=1e-6) and np.trace(more) > 0.1
+    candidate = Candidate(alone=wide)
+    named = Selection(base=wide, unknown=wide, tried=(candidate,), verdict="named", named=(candidate,))
+    warned = document_of_selection(named, [])["warnings"]
+    assert len(warned) == 1 and "impulse did not settle" in warned[0]
+    rested = replace(candidate, alone=replace(wide, settled=True))
+    assert not document_of_selection(replace(named, named=(rested,)), [])["warnings"]
