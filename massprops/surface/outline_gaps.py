@@ -43,7 +43,7 @@ class Gaps:
         drift: 1-sigma by which the object's outline scatters about the mesh's, beyond what it does where cameras are right [px].
         middle: (f,) how far outside the mesh the object's outline is in the middle [px], 0 where nothing is said.
         distance: (f,) from the nearest place that an outline shows where the mesh has it [world units], on the same side of a
-            thin part; infinite where there is none within reach.
+            thin part; infinite where there is none.
     """
 
     offset: np.ndarray
@@ -78,9 +78,7 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
     wrong = min(1.0, float(np.hypot(drift, _beyond_margin(np.array(whole)))) / SHARP)
     agree = face[_beyond_margin(gap) == 0]
-    away = np.full(len(faces), np.inf)
-    if len(agree):
-        away = cKDTree(place[agree]).query(place, distance_upper_bound=reach)[0]
+    away = cKDTree(place[agree]).query(place)[0] if len(agree) else np.full(len(faces), np.inf)
     return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, 0.0), away)
 
 

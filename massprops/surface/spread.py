@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
-from massprops.surface.error_modes import COMMON, SIDE_PIXELS, fill_modes, measured_modes
+from massprops.surface.error_modes import COMMON, REACH, SIDE_PIXELS, fill_modes, measured_modes
 from massprops.surface.length import model_length
 from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, Gaps
 from massprops.surface.reconstruct import Surface
@@ -133,7 +133,8 @@ def replicates(
     by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
-    of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred, _outlined(surface, doubts))
+    outlined = _outlined(surface, doubts, ends.length)
+    of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred, outlined, surface.slope)
     add(_fill_draws(surface, doubts, (count, len(of_fill)), rng), of_fill)
 
     for joint in doubts.joints:
@@ -160,18 +161,26 @@ def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
     return np.where(shown, np.maximum(BIAS_PIXELS * surface.hull.pixel, scatter), 0.0)
 
 
-def _outlined(surface: Surface, doubts: Doubts) -> np.ndarray | None:
-    """(f,) distance from where outlines of a still object show the mesh, which they do to the margin of a silhouette: fill that was
-    brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body."""
-    if doubts.gaps is None or doubts.never_lit:
+def _outlined(surface: Surface, doubts: Doubts, length: float) -> np.ndarray | None:
+    """(f,) distance from where outlines show the mesh, which they do to the margin of a silhouette: fill of still objects that was
+    brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body that stereo
+    measured; length: of the body."""
+    if doubts.gaps is None or (doubts.never_lit and surface.observed.any()):
         return None
-    return np.asarray(doubts.gaps.distance + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
+    away = doubts.gaps.distance
+    if surface.observed.any():
+        away = np.where(away <= REACH * length, away, np.inf)
+    else:
+        away = np.minimum(away, length)
+    return np.asarray(away + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
 
 
 def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     """(count, modes) of how far a fill is off, in sigmas of its modes, of which the first is common to all."""
     drawn = rng.standard_normal(shape)
     if not shape[1]:
+        return drawn
+    if surface.slope is not None:
         return drawn
     if not surface.observed.any():
         # a hull holds its body: what it hides is inward

@@ -138,16 +138,16 @@ def _replicates(
     from massprops.surface.outline_gaps import outline_gaps
     from massprops.surface.spread import Doubts, replicates
 
-    gaps = None
-    # a surface that outlines alone make lies on them
-    if surface.observed.any():
-        mesh = surface.vertices, surface.faces
-        gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
-        if not free:
-            # a silhouette cut by colour has no margin; it scatters with shadows and things behind, not with the cameras
-            gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
+    mesh = surface.vertices, surface.faces
+    gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
+    if not surface.observed.any():
+        # a surface that outlines alone make lies on them
+        gaps = replace(gaps, offset=np.zeros(len(surface.faces)), drift=0.0)
+    elif not free:
+        # a silhouette cut by colour has no margin; it scatters with shadows and things behind, not with the cameras
+        gaps = replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
     doubts = Doubts(_focal_sigma(job), gaps, free, _joints(place))
-    return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift if gaps else 0.0
+    return replicates(surface, len(views), doubts, seed=job.seed), gaps.drift
 
 
 def _focal_sigma(job: Job) -> float:
@@ -312,6 +312,7 @@ def _surface(
     from massprops.surface.cloud import Cloud
     from massprops.surface.outline_cloud import surface_of_outlines
     from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.surface.shading import with_brightness
     from massprops.surface.silhouette import shown_as_object
     from massprops.surface.unlit import spare_behind_light
 
@@ -338,7 +339,8 @@ def _surface(
     middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
     if grey:
         masks = spare_behind_light(views, masks, grey)
-    return surface_of_outlines(views, masks, middle, radius, job.progress, support), masks
+    surface = surface_of_outlines(views, masks, middle, radius, job.progress, support)
+    return (with_brightness(surface, views, masks, grey, (middle, radius)) if grey else surface), masks
 
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
@@ -347,7 +349,11 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
     observed, inferred = (float(area[w].sum() / area.sum()) for w in (surface.observed, surface.inferred))
     filled = 1 - observed - inferred
     warnings = []
-    if filled > 0.1:
+    if surface.slope is not None:
+        warnings.append(
+            "nothing of the surface was measured by stereo: it was fitted to its outlines and its brightness"
+        )
+    elif filled > 0.1:
         warnings.append(f"{100 * filled:.0f} % of the surface was not measured but filled from the silhouettes")
     if inferred > 0.02:
         warnings.append(f"{100 * inferred:.0f} % of the surface stood on its support, unseen, and was closed there")
@@ -372,6 +378,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "silhouette_overlap_by_image": {k: round(float(o), 4) for k, o in overlap.items() if np.isfinite(o)},
         "views_that_carve": surface.hull.need,
         "outside_share": surface.hull.outside_share,
+        "slope_sigma": surface.slope,
         "warnings": warnings,
         "partial": partial,
     }
