@@ -44,6 +44,9 @@ DARK_MEAN, DARK_SIGMA = -0.3, 0.3
 """Mean and 1-sigma of the offset common to what was never seen lit of a body that turns, over its distance from measured
 surface: silhouettes of lit parts leave room behind the terminator, and the fill takes most of it. Set on 17 films of six
 bodies, some of them badly filmed; with -0.2 and 0.4 the small asteroid of `tests/run`, a fifth of which is filled in, had a wider interval than it should."""
+ACROSS = 0.9
+"""Cosine between the length and the surface at its end from which on that surface ends the body: the side of a rod that stereo lost
+before its tip looks across the length."""
 PATCHES = 400
 
 
@@ -207,13 +210,15 @@ def _carried(surface: Surface, joint: Joint) -> np.ndarray:
 
 class _Ends(NamedTuple):
     """Of the greatest length: length, direction (3,), a face at each end (2,), and how much longer the body gets when that
-    face moves outward, pull (2,); place: (2, 3) of the ends."""
+    face moves outward, pull (2,); place: (2, 3) of the ends; measured: (2,) bool, all about it was measured and looks along the
+    length, so that nothing goes on there."""
 
     length: float
     direction: np.ndarray
     face: np.ndarray
     pull: np.ndarray
     place: np.ndarray
+    measured: np.ndarray
 
 
 def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
@@ -222,7 +227,7 @@ def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator
     out: np.ndarray = float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
     if free:
         outward = np.array([-ends.direction, ends.direction])
-        room = surface.hull.room(ends.place, outward, 0.5 * ends.length)
+        room = np.where(ends.measured, 0.0, surface.hull.room(ends.place, outward, 0.5 * ends.length))
         out += rng.random((count, 2)) @ np.maximum(room - SILHOUETTE_MARGIN * surface.hull.pixel, 0.0)
     return out
 
@@ -233,9 +238,9 @@ def _ends(surface: Surface) -> _Ends:
     ends = np.array([end_a, end_b])
     direction = (vertices[end_b] - vertices[end_a]) / np.linalg.norm(vertices[end_b] - vertices[end_a])
     pull = np.einsum("ij,j->i", vertex_normals(vertices, faces)[ends], direction) * [-1, 1]
-    return _Ends(
-        length, direction, np.array([np.flatnonzero((faces == e).any(1))[0] for e in ends]), pull, vertices[ends]
-    )
+    about = [np.flatnonzero((faces == e).any(1)) for e in ends]
+    measured = np.array([bool(surface.observed[a].all()) for a in about]) & (pull > ACROSS)
+    return _Ends(length, direction, np.array([a[0] for a in about]), pull, vertices[ends], measured)
 
 
 def _by_patch(response: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarray:
