@@ -70,13 +70,15 @@ def fill_modes(
     length: float,
     inferred: np.ndarray | None = None,
     outlined: np.ndarray | None = None,
+    slope: float | None = None,
 ) -> np.ndarray:
     """(m, f) outward offsets of the faces, one row for each independent mode of error at one sigma.
 
     Args:
         vertices: (v, 3); faces: (f, 3); observed: (f,) bool; length: greatest length of the body.
         inferred: (f,) bool, closed at the plane of support; none by default.
-        outlined: (f,) distance from where outlines of a still object lie on the mesh, which is known there, too.
+        outlined: (f,) distance from where outlines lie on the mesh, which is known there, too.
+        slope: 1-sigma of the surface's slope where its brightness was fitted [rad]; then outlines and it are all that is known.
 
     Returns:
         Zero for measured faces; no rows where everything was measured. The first row is common to all; of a body known
@@ -90,10 +92,11 @@ def fill_modes(
     middle = vertices[faces].mean(axis=1)
     if observed.any():
         away = cKDTree(middle[observed]).query(middle[hidden])[0]
+        away = away if outlined is None else np.minimum(away, outlined[hidden])
     else:
-        away = hidden_depth(vertices, faces)[hidden]
-    if outlined is not None:
-        away = np.minimum(away, outlined[hidden])
+        # what no image shows in outline lies as far in as a side that nothing was measured on, beside what outlines cannot show
+        away = np.zeros(len(hidden)) if outlined is None else outlined[hidden]
+        away = away + hidden_depth(vertices, faces)[hidden] if slope is None else away * slope / LOCAL
     if inferred is not None:
         away = np.where(inferred[hidden], RECESS * away, away)
     bump = _bumps(middle[hidden], int(np.argmax(away)), REACH * length)

@@ -44,7 +44,7 @@ class Gaps:
         middle: (f,) how far outside the mesh the object's outline is in the middle [px]; where no outline speaks, the mean of
             all that do: what all views measure too deep alike is as deep there.
         distance: (f,) from the nearest place that an outline shows where the mesh has it [world units], on the same side of a
-            thin part; infinite where there is none within reach.
+            thin part; infinite where there is none.
     """
 
     offset: np.ndarray
@@ -79,9 +79,7 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
     wrong = min(1.0, float(np.hypot(drift, _beyond_margin(np.array(whole)))) / SHARP)
     agree = face[_beyond_margin(gap) == 0]
-    away = np.full(len(faces), np.inf)
-    if len(agree):
-        away = cKDTree(place[agree]).query(place, distance_upper_bound=reach)[0]
+    away = cKDTree(place[agree]).query(place)[0] if len(agree) else np.full(len(faces), np.inf)
     elsewhere = float(middle[enough].mean()) if enough.any() else 0.0
     return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, elsewhere), away)
 

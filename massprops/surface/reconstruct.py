@@ -66,6 +66,7 @@ class Surface:
         hull: the silhouettes' evidence.
         cloud: the points the surface was made of, without outliers.
         spacing: distance between neighbouring vertices where it was measured.
+        slope: 1-sigma of the surface's slope where its brightness gave it [rad], None elsewhere.
     """
 
     vertices: np.ndarray
@@ -75,6 +76,7 @@ class Surface:
     hull: Hull
     cloud: Cloud
     spacing: float
+    slope: float | None = None
 
     @property
     def noise(self) -> float:

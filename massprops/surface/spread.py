@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
-from massprops.surface.error_modes import COMMON, SIDE_PIXELS, fill_modes, measured_modes
+from massprops.surface.error_modes import COMMON, REACH, SIDE_PIXELS, fill_modes, measured_modes
 from massprops.surface.length import model_length
 from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, Gaps
 from massprops.surface.reconstruct import Surface
@@ -44,6 +44,9 @@ DARK_MEAN, DARK_SIGMA = -0.3, 0.3
 """Mean and 1-sigma of the offset common to what was never seen lit of a body that turns, over its distance from measured
 surface: silhouettes of lit parts leave room behind the terminator, and the fill takes most of it. Set on 17 films of six
 bodies, some of them badly filmed; with -0.2 and 0.4 the small asteroid of `tests/run`, a fifth of which is filled in, had a wider interval than it should."""
+ACROSS = 0.9
+"""Cosine between the length and the surface at its end from which on that surface ends the body: the side of a rod that stereo lost
+before its tip looks across the length."""
 PATCHES = 400
 
 
@@ -133,7 +136,8 @@ def replicates(
     by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
-    of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred, _outlined(surface, doubts))
+    outlined = _outlined(surface, doubts, ends.length)
+    of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred, outlined, surface.slope)
     add(_fill_draws(surface, doubts, (count, len(of_fill)), rng), of_fill)
 
     for joint in doubts.joints:
@@ -160,18 +164,26 @@ def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
     return np.where(shown, np.maximum(BIAS_PIXELS * surface.hull.pixel, scatter), 0.0)
 
 
-def _outlined(surface: Surface, doubts: Doubts) -> np.ndarray | None:
-    """(f,) distance from where outlines of a still object show the mesh, which they do to the margin of a silhouette: fill that was
-    brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body."""
-    if doubts.gaps is None or doubts.never_lit:
+def _outlined(surface: Surface, doubts: Doubts, length: float) -> np.ndarray | None:
+    """(f,) distance from where outlines show the mesh, which they do to the margin of a silhouette: fill of still objects that was
+    brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body that stereo
+    measured; length: of the body."""
+    if doubts.gaps is None or (doubts.never_lit and surface.observed.any()):
         return None
-    return np.asarray(doubts.gaps.distance + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
+    away = doubts.gaps.distance
+    if surface.observed.any():
+        away = np.where(away <= REACH * length, away, np.inf)
+    else:
+        away = np.minimum(away, length)
+    return np.asarray(away + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
 
 
 def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     """(count, modes) of how far a fill is off, in sigmas of its modes, of which the first is common to all."""
     drawn = rng.standard_normal(shape)
     if not shape[1]:
+        return drawn
+    if surface.slope is not None:
         return drawn
     if not surface.observed.any():
         # a hull holds its body: what it hides is inward
@@ -198,13 +210,15 @@ def _carried(surface: Surface, joint: Joint) -> np.ndarray:
 
 class _Ends(NamedTuple):
     """Of the greatest length: length, direction (3,), a face at each end (2,), and how much longer the body gets when that
-    face moves outward, pull (2,); place: (2, 3) of the ends."""
+    face moves outward, pull (2,); place: (2, 3) of the ends; measured: (2,) bool, all about it was measured and looks along the
+    length, so that nothing goes on there."""
 
     length: float
     direction: np.ndarray
     face: np.ndarray
     pull: np.ndarray
     place: np.ndarray
+    measured: np.ndarray
 
 
 def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
@@ -213,7 +227,7 @@ def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator
     out: np.ndarray = float(np.median(surface.cloud.sigma)) * np.sqrt(2.0) * rng.standard_normal(count)
     if free:
         outward = np.array([-ends.direction, ends.direction])
-        room = surface.hull.room(ends.place, outward, 0.5 * ends.length)
+        room = np.where(ends.measured, 0.0, surface.hull.room(ends.place, outward, 0.5 * ends.length))
         out += rng.random((count, 2)) @ np.maximum(room - SILHOUETTE_MARGIN * surface.hull.pixel, 0.0)
     return out
 
@@ -224,9 +238,9 @@ def _ends(surface: Surface) -> _Ends:
     ends = np.array([end_a, end_b])
     direction = (vertices[end_b] - vertices[end_a]) / np.linalg.norm(vertices[end_b] - vertices[end_a])
     pull = np.einsum("ij,j->i", vertex_normals(vertices, faces)[ends], direction) * [-1, 1]
-    return _Ends(
-        length, direction, np.array([np.flatnonzero((faces == e).any(1))[0] for e in ends]), pull, vertices[ends]
-    )
+    about = [np.flatnonzero((faces == e).any(1)) for e in ends]
+    measured = np.array([bool(surface.observed[a].all()) for a in about]) & (pull > ACROSS)
+    return _Ends(length, direction, np.array([a[0] for a in about]), pull, vertices[ends], measured)
 
 
 def _by_patch(response: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarray:

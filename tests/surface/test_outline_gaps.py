@@ -136,8 +136,14 @@ def test_a_tip_that_was_not_measured_makes_the_length_uncertain(measured: tuple[
     wide = replace(surface, hull=replace(surface.hull, need=9))
     zero = np.zeros(len(surface.faces))
     none = Doubts(gaps=Gaps(zero, 0.0, zero, zero), never_lit=True)
+    certain, sure = (replicates(s, views, none)[1] for s in (surface, wide))
+    away = np.linalg.norm(surface.vertices[surface.faces].mean(axis=1) - surface.vertices.mean(axis=0), axis=1)
+    surface, wide = (replace(s, observed=s.observed & (away < 0.9 * away.max())) for s in (surface, wide))
     own, longer = (replicates(s, views, none)[1] for s in (surface, wide))
     assert longer.mean() > own.mean() and longer.std() > own.std()
+    # where all about an end was measured nothing goes on, whatever room the silhouettes leave
+    assert sure.mean() - certain.mean() < 0.2 * (longer.mean() - own.mean())
+    assert sure.std() < 0.5 * longer.std()
 
 
 def test_where_no_outline_speaks_the_mesh_is_as_far_off_as_elsewhere() -> None:

@@ -126,7 +126,7 @@ def run(job: Job) -> dict[str, Any]:
     overlap = agreement(surface.vertices, surface.faces, views, masks)
     facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= told | {"camera_drift_px": gaps.drift if gaps else 0.0}
+    facts |= told | {"camera_drift_px": gaps.drift}
     facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
     for line in facts["warnings"]:
         job.warn(line)
@@ -134,8 +134,8 @@ def run(job: Job) -> dict[str, Any]:
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
 
 
-def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free: bool) -> Gaps | None:
-    """How far outlines lie from the object's; None for a surface that outlines alone make, as it lies on them.
+def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free: bool) -> Gaps:
+    """How far outlines lie from the object's.
 
     Args:
         free: the body tumbles, so what was not measured was never seen lit.
@@ -144,10 +144,11 @@ def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free:
     from massprops.surface.length import model_length
     from massprops.surface.outline_gaps import outline_gaps
 
-    if not surface.observed.any():
-        return None
     mesh = surface.vertices, surface.faces
     gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
+    if not surface.observed.any():
+        # a surface that outlines alone make lies on them
+        return replace(gaps, offset=np.zeros(len(surface.faces)), drift=0.0)
     if free:
         return gaps
     # a silhouette cut by colour has no margin; it scatters with shadows and things behind, not with the cameras
@@ -230,24 +231,27 @@ def _hollows(surface: Surface, place: dict[str, Any], underside_hollow: bool) ->
     return on_support_hollows(surface, np.array(place["support_plane"], float), underside_hollow)
 
 
-def _behind_sides(surface: Surface, gaps: Gaps | None, place: dict[str, Any]) -> np.ndarray:
+def _behind_sides(surface: Surface, gaps: Gaps, place: dict[str, Any]) -> np.ndarray:
     """Integrals (10,) of the space behind filled-in sides that may be empty, of an object that lay on something.
 
     Args:
-        gaps: an outline that agrees shows that a filled side is where the object is, so there is no mouth; None for none.
+        gaps: an outline that agrees shows that a filled side is where the object is, so there is no mouth.
         place: `join.json`.
     """
     from massprops.mass.confidence import FILLED
     from massprops.surface.behind_fill import behind_fill
+    from massprops.surface.error_modes import REACH
+    from massprops.surface.length import model_length
 
     mesh = surface.vertices, surface.faces
     if len(place["joined"]) > 1:
         if _filled(surface) < FILLED:
             return np.zeros(10)
         return behind_fill(*mesh, surface.observed, surface.noise, surface.spacing)
-    if place["support_plane"] is None or gaps is None:
+    if place["support_plane"] is None or not surface.observed.any():
         return np.zeros(10)
-    walls, area = surface.observed | surface.inferred | np.isfinite(gaps.distance), face_areas(*mesh)
+    shown = gaps.distance < REACH * model_length(*mesh, surface.observed)[0]
+    walls, area = surface.observed | surface.inferred | shown, face_areas(*mesh)
     if area[~walls].sum() < OPEN * area.sum():
         return np.zeros(10)
     return behind_fill(*mesh, walls, surface.noise, surface.spacing, walls_alike=False)
@@ -337,6 +341,7 @@ def _surface(
     from massprops.surface.cloud import Cloud
     from massprops.surface.outline_cloud import surface_of_outlines
     from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.surface.shading import with_brightness
     from massprops.surface.silhouette import shown_as_object
     from massprops.surface.unlit import spare_behind_light
 
@@ -363,7 +368,8 @@ def _surface(
     middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
     if grey:
         masks = spare_behind_light(views, masks, grey)
-    return surface_of_outlines(views, masks, middle, radius, job.progress, support), masks
+    surface = surface_of_outlines(views, masks, middle, radius, job.progress, support)
+    return (with_brightness(surface, views, masks, grey, (middle, radius)) if grey else surface), masks
 
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
@@ -372,7 +378,11 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
     observed, inferred = (float(area[w].sum() / area.sum()) for w in (surface.observed, surface.inferred))
     filled = 1 - observed - inferred
     warnings = []
-    if filled > 0.1:
+    if surface.slope is not None:
+        warnings.append(
+            "nothing of the surface was measured by stereo: it was fitted to its outlines and its brightness"
+        )
+    elif filled > 0.1:
         warnings.append(f"{100 * filled:.0f} % of the surface was not measured but filled from the silhouettes")
     if inferred > 0.02:
         warnings.append(f"{100 * inferred:.0f} % of the surface stood on its support, unseen, and was closed there")
@@ -397,6 +407,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "silhouette_overlap_by_image": {k: round(float(o), 4) for k, o in overlap.items() if np.isfinite(o)},
         "views_that_carve": surface.hull.need,
         "outside_share": surface.hull.outside_share,
+        "slope_sigma": surface.slope,
         "warnings": warnings,
         "partial": partial,
     }

@@ -1,0 +1,339 @@
+"""The surface of a plain body by how bright it is: given cameras, one still Sun, one paint.
+
+Outlines that face the Sun hold a body only loosely: of a lumpy one, their hull was 11 % larger than its own convex hull. But
+every image also shows how steeply the Sun falls on what is lit, and a body that turns is shown under many directions of it
+(Horn 1970; with many known lights Woodham 1980). So the hull's surface is moved along its normals until its brightness,
+a power of the cosine to the Sun, is that of the images, while its outlines stay on theirs: Gauss-Newton, whose step is
+linear in the offset and its slope along the surface. The Sun's direction, its strength and the power (the camera's response)
+are fitted with it.
+
+Whether that is how the body is lit is asked of images which had no part in the fit: they must be explained better than by
+the hull. What they are still off by, as a slope, is what the surface may be off by over the distance from an outline.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprops.core.robust import MAD_TO_SIGMA
+from massprops.geometry.rasterise import rasterise
+from massprops.mass.integrals import mesh_integrals
+from massprops.surface.level_set import level_set
+from massprops.surface.outline_cloud import body_of_hull, outline_cloud
+from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, on_outlines
+from massprops.surface.reconstruct import Surface
+from massprops.surface.refine import mean_matrix, vertex_normals
+from massprops.surface.unlit import brighter
+from massprops.views import Views
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+    from massprops.surface.silhouette import Hull
+
+COARSE = 45
+"""Steps of the grid from which the mesh is made that is fitted, along the width of the space that holds the body."""
+THIN = 0.05
+"""Share of the volume that such a mesh may lack or have too much: of a body with thin parts, more."""
+FEWEST, ROUNDS, SETTLED = 12, 24, 0.5
+"""Fewest and most rounds of the fit, and root mean square of the offsets in one [px] from which on it has settled. Of two bodies drawn by rule one
+came to that at 2 % of its volume; of the other, whose hull was 27 % too large, a crease went on at 1.3 px, and its volume stayed 5 %
+too large and outside its interval."""
+HELD_OUT = 5
+"""One view in so many has no part in the fit."""
+LEAST_FACING = 0.25
+"""Cosine between surface and line of sight below which a pixel shows too much of the surface."""
+WHITE = 250
+"""Brightness from which on a pixel may be saturated."""
+SHADOW_SIZE = 600
+"""Side of the map of what the Sun sees [px]."""
+IN_SHADOW = 3.0
+"""Depth behind what the Sun sees first, in edges of the mesh, from which a place is in its shadow."""
+OUTLINE_SIGMA = 0.7
+"""1-sigma of an outline [px], beside the margin of silhouettes."""
+FAR_OUTLINE = 3.0
+"""Distance [px] from which on an outline weighs little."""
+LEAST_RESIDUAL = 0.02
+"""Least scale of the residuals' weights, as a cosine."""
+LONGEST_STEP = 0.5
+"""Of an offset in a round, in edges of the mesh."""
+BENDS = 0.1
+"""1-sigma of the distance of a vertex from the middle of its neighbours, in edges of the mesh: creases are five times that, which
+what many views show easily outweighs."""
+DAMPED = 1e-6
+"""What is added to the matrix's diagonal over its mean: no more than keeps what nothing was seen of in its place."""
+
+
+@dataclass(frozen=True)
+class Shaded:
+    """A closed surface (v, 3), (f, 3) that is as bright as the images, and the `slope` that it may be off by: 1-sigma, the
+    residual of left-out images as an angle [rad]. `light` (3,): direction to the Sun in the camera, times strength; `power`."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    slope: float
+    light: np.ndarray
+    power: float
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """What k places on the surface look like: vertex, view (k,), brightness over the sky's (k,) from 0 to 1, its change by a unit
+    outward (k,), normal in the camera (k, 3), and whether the place is lit as far as the rest of the surface lets it (k,) and
+    counts as lit in the image (k,)."""
+
+    vertex: np.ndarray
+    view: np.ndarray
+    light: np.ndarray
+    change: np.ndarray
+    normal: np.ndarray
+    free: np.ndarray
+    lit: np.ndarray
+
+    def of(self, chosen: np.ndarray) -> _Samples:
+        """Those that are chosen (k,) bool."""
+        return _Samples(*(getattr(self, name)[chosen] for name in _Samples.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class _Film:
+    """n views, their silhouettes and images, as for `shaded`, their hull, the length of the mesh's edges, and the sky's brightness."""
+
+    views: Views
+    masks: list[np.ndarray]
+    grey: list[np.ndarray]
+    hull: Hull
+    edge: float
+    sky: float
+
+
+def with_brightness(
+    surface: Surface, views: Views, masks: list[np.ndarray], grey: list[np.ndarray], ball: tuple[np.ndarray, float]
+) -> Surface:
+    """A surface of outlines, moved to where its brightness is that of the images; as it is where that does not explain them, or
+    where several cameras, thin parts or no common direction of the light do not allow the fit.
+
+    Args:
+        surface: of `surface_of_outlines`; ball: middle (3,) and radius that it was given.
+        views, masks, grey: as for `shaded`.
+    """
+    towards = brighter(masks, grey)
+    if towards is None or len({name.rpartition("/")[0] for name in views.names}) > 1:
+        return surface
+    body = body_of_hull(surface.hull, *ball)
+    coarser = max(1, round(len(body.value) / COARSE))
+    step = coarser * body.step
+    vertices, faces = level_set(body.value[::coarser, ::coarser, ::coarser], body.origin, step)
+    if abs(mesh_integrals(vertices, faces)[0] / mesh_integrals(surface.vertices, surface.faces)[0] - 1) > THIN:
+        return surface
+    found = shaded(vertices, faces, views, masks, grey, towards, surface.hull)
+    if found is None:
+        return surface
+    none = np.zeros(len(found.faces), bool)
+    cloud = outline_cloud(found.vertices, found.faces, views.centres, 0.2 * step)
+    return Surface(found.vertices, found.faces, none, none, surface.hull, cloud, step, found.slope)
+
+
+def shaded(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    views: Views,
+    masks: list[np.ndarray],
+    grey: list[np.ndarray],
+    towards: np.ndarray,
+    hull: Hull,
+) -> Shaded | None:
+    """The surface that explains how bright the images are; None where images left out are not explained better by it, or the fit does
+    not settle.
+
+    Args:
+        vertices: (v, 3) and faces: (f, 3) of the hull, with edges of some pixels.
+        views: n views of one still camera, in the body's frame.
+        masks: n silhouettes (h, w), 255 lit, 0 sky, anything between no evidence; grey: n images (h, w) uint8.
+        towards: (2,) direction in the image in which the body gets brighter.
+        hull: of the silhouettes, which the body is within.
+    """
+    edge = float(np.linalg.norm(vertices[faces[:, 0]] - vertices[faces[:, 1]], axis=1).mean())
+    sky = float(np.median(np.concatenate([g[m == 0][::97] for g, m in zip(grey, masks, strict=True)])))
+    held = np.arange(len(views)) % HELD_OUT == HELD_OUT // 2
+    own = np.flatnonzero(~held)
+    fitted = views.take(own), [masks[i] for i in own]
+    film = _Film(views, masks, grey, hull, edge, sky)
+    at, light, power = vertices.copy(), np.append(towards, -1.0), 0.5
+    off: list[float] = []
+    moved = np.inf
+    for round_ in range(ROUNDS + 1):
+        seen = _samples(at, faces, film, light)
+        part = seen.of(~held[seen.view])
+        light, power = _light(part, light, power)
+        residual, counts = _residual(seen.of(held[seen.view]), light, power)
+        off.append(MAD_TO_SIGMA * float(np.median(np.abs(residual[counts]))) if counts.any() else np.inf)
+        if round_ >= FEWEST and moved < SETTLED * hull.pixel:
+            return Shaded(at, faces, off[-1], light, power) if off[-1] < off[0] else None
+        step = _step(at, faces, part, on_outlines(at, faces, *fitted), film, light, power)
+        # a hull holds its body
+        step = np.where(hull.value(at) > 0, np.minimum(step, 0.0), step)
+        moved = float(np.sqrt(np.mean(step**2)))
+        at = _along(at + step[:, None] * vertex_normals(at, faces), faces)
+    return None
+
+
+def _samples(vertices: np.ndarray, faces: np.ndarray, film: _Film, light: np.ndarray) -> _Samples:
+    """What every vertex looks like in every view that shows it."""
+    import cv2
+
+    normal, found = vertex_normals(vertices, faces), []
+    views, edge, sky = film.views, film.edge, film.sky
+    for i, (mask, image) in enumerate(zip(film.masks, film.grey, strict=True)):
+        K, R, t = views.K[i], views.R[i], views.t[i]
+        h, w = mask.shape
+        camera, n = vertices @ R.T + t, normal @ R.T
+        ahead = (camera @ K.T)[:, :2] / camera[:, 2:]
+        outward = ((camera + edge * n) @ K.T)[:, :2] / (camera + edge * n)[:, 2:]
+        at = np.clip(np.rint(ahead).astype(int), 0, [w - 1, h - 1])
+        depth = rasterise(vertices, faces, K, R, t, (w, h))[0][at[:, 1], at[:, 0]]
+        facing = -np.einsum("vi,vi->v", n, camera) / np.linalg.norm(camera, axis=1)
+        seen = np.flatnonzero((facing > LEAST_FACING) & (camera[:, 2] < depth + edge))
+        here, there = (
+            cv2.remap(image, uv[:, :1], uv[:, 1:], cv2.INTER_LINEAR)[:, 0].astype(float)
+            for uv in (ahead[seen].astype(np.float32), outward[seen].astype(np.float32))
+        )
+        keep = here < WHITE
+        free = _behind_first(vertices, faces, light @ R) < IN_SHADOW * edge
+        lit = mask[at[seen, 1], at[seen, 0]] == 255
+        ratio = [np.clip((x - sky) / (WHITE - sky), 0.0, None) for x in (here, there)]
+        one = seen, np.full(len(seen), i), ratio[0], ratio[1] - ratio[0], n[seen], free[seen], lit
+        found.append([column[keep] for column in one])
+    columns = [np.concatenate(c) for c in zip(*found, strict=True)]
+    columns[3] = columns[3] / edge
+    return _Samples(*columns)
+
+
+def _behind_first(vertices: np.ndarray, faces: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """(v,) how far each vertex lies behind what is seen first from very far in a direction (3,)."""
+    ray = -towards / np.linalg.norm(towards)
+    side = np.linalg.svd(ray[None])[2][1]
+    R = np.stack([side, np.cross(ray, side), ray])
+    middle = vertices.mean(axis=0)
+    radius = float(np.linalg.norm(vertices - middle, axis=1).max())
+    far, half = 200.0 * radius, SHADOW_SIZE / 2
+    K = np.array([[0.95 * half * far / radius, 0, half], [0, 0.95 * half * far / radius, half], [0, 0, 1.0]])
+    t = np.array([0.0, 0.0, far]) - R @ middle
+    depth = rasterise(vertices, faces, K, R, t, (SHADOW_SIZE, SHADOW_SIZE))[0]
+    camera = vertices @ R.T + t
+    at = np.clip(np.rint((camera @ K.T)[:, :2] / camera[:, 2:]).astype(int), 0, SHADOW_SIZE - 1)
+    out: np.ndarray = camera[:, 2] - depth[at[:, 1], at[:, 0]]
+    return out
+
+
+def _light(seen: _Samples, light: np.ndarray, power: float) -> tuple[np.ndarray, float]:
+    """Light (3,) and power at which lit places are as bright as the images."""
+    from scipy.optimize import least_squares
+
+    use = np.flatnonzero(seen.free & seen.lit)
+    use = use[:: max(1, len(use) // 20_000)]
+    normal, bright = seen.normal[use], seen.light[use]
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        return np.asarray(np.maximum(normal @ p[:3], 1e-3) ** np.exp(p[3]) - bright)
+
+    found = least_squares(residual, [*light, np.log(power)], loss="soft_l1", f_scale=0.02).x
+    return found[:3], float(np.exp(found[3]))
+
+
+def _residual(seen: _Samples, light: np.ndarray, power: float) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) cosine to the Sun by the image less that of the surface, and (k,) bool which count.
+
+    A dark place that turns away from the Sun is as it should be; what lies in the shadow of the rest says nothing.
+    """
+    strength = float(np.linalg.norm(light))
+    cosine = seen.normal @ light / strength
+    apart = seen.light ** (1 / power) / strength - cosine
+    return np.where(~seen.lit & (cosine < 0), 0.0, apart), seen.free & (seen.lit | (cosine > 0))
+
+
+def _step(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    seen: _Samples,
+    outlines: tuple[np.ndarray, np.ndarray],
+    film: _Film,
+    light: np.ndarray,
+    power: float,
+) -> np.ndarray:
+    """(v,) offsets of the vertices along their normals, by Gauss-Newton; outlines: of `on_outlines`."""
+    from scipy.sparse import diags, identity
+    from scipy.sparse.linalg import spsolve
+
+    edge, pixel = film.edge, film.hull.pixel
+    size = len(vertices)
+    system, wanted = _by_brightness(vertices, faces, seen, film, light, power)
+    # outlines
+    face, gap = outlines
+    certain = np.repeat(1 / (3 * (1 + (gap / FAR_OUTLINE) ** 2) * (OUTLINE_SIGMA * pixel) ** 2), 3)
+    corner, out = faces[face].ravel(), np.repeat((gap - SILHOUETTE_MARGIN) * pixel, 3)
+    system = system + diags(np.bincount(corner, certain, size))
+    wanted = wanted + np.bincount(corner, certain * out, size)
+    # bending
+    mean, normal = mean_matrix(faces, size), vertex_normals(vertices, faces)
+    bend, drawn = identity(size) - mean, mean @ vertices - vertices
+    inward = np.einsum("vi,vi->v", drawn, normal)
+    system = system + (bend.T @ bend) / (BENDS * edge) ** 2
+    wanted = wanted + (bend.T @ inward) / (BENDS * edge) ** 2
+    system = system + DAMPED * system.diagonal().mean() * identity(size)
+    return np.asarray(np.clip(spsolve(system.tocsc(), wanted), -LONGEST_STEP * edge, LONGEST_STEP * edge))
+
+
+def _by_brightness(
+    vertices: np.ndarray, faces: np.ndarray, seen: _Samples, film: _Film, light: np.ndarray, power: float
+) -> tuple[csr_matrix, np.ndarray]:
+    """Matrix (v, v) and right side (v,) of the offsets by brightness alone.
+
+    The normal of a surface moved outward by d turns by -grad d, so its cosine to the Sun changes by -sun . grad d.
+    """
+    from scipy.sparse import bsr_matrix, identity, vstack
+
+    size, strength = len(vertices), float(np.linalg.norm(light))
+    residual, counts = _residual(seen, light, power)
+    scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residual[counts]))), LEAST_RESIDUAL)
+    weight = counts / (1 + (residual / (2.5 * scale)) ** 2) / scale**2
+    again = np.clip(seen.light + film.edge * seen.change, 0.0, None)
+    change = (again ** (1 / power) - seen.light ** (1 / power)) / (strength * film.edge)
+    change = np.clip(change, -0.05 / film.edge, 0.05 / film.edge)
+    sun = np.einsum("kji,j->ki", film.views.R[seen.view], light / strength)
+    slope = np.column_stack([change, sun])
+    normal_matrix, right = np.zeros((size, 4, 4)), np.zeros((size, 4))
+    for i in range(4):
+        right[:, i] = np.bincount(seen.vertex, weight * slope[:, i] * residual, size)
+        for j in range(4):
+            normal_matrix[:, i, j] = np.bincount(seen.vertex, weight * slope[:, i] * slope[:, j], size)
+    each = bsr_matrix((normal_matrix, np.arange(size), np.arange(size + 1)), shape=(4 * size, 4 * size))
+    order = np.column_stack([np.arange(size), size + 3 * np.arange(size)[:, None] + np.arange(3)]).ravel()
+    effect = vstack([identity(size), _gradient(vertices, faces)]).tocsr()[order]
+    return effect.T @ each @ effect, -(effect.T @ right.ravel())
+
+
+def _along(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Vertices (v, 3) moved along the surface towards the middle of their neighbours, so that faces keep their shape."""
+    drawn, normal = mean_matrix(faces, len(vertices)) @ vertices - vertices, vertex_normals(vertices, faces)
+    return np.asarray(vertices + 0.3 * (drawn - np.einsum("vi,vi->v", drawn, normal)[:, None] * normal))
+
+
+def _gradient(vertices: np.ndarray, faces: np.ndarray) -> csr_matrix:
+    """(3v, v) gradient along the surface of a function on its vertices: the mean of the faces' by area."""
+    from scipy.sparse import csr_matrix
+
+    x = vertices[faces]
+    side = np.stack([x[:, 2] - x[:, 1], x[:, 0] - x[:, 2], x[:, 1] - x[:, 0]], axis=1)
+    normal = np.cross(side[:, 0], side[:, 1])
+    twice = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    hat = np.cross((normal / twice[:, None])[:, None], side)
+    share = 1 / np.maximum(np.bincount(faces.ravel(), np.repeat(twice, 3), len(vertices)), 1e-300)
+    row = 3 * faces[:, :, None, None] + np.arange(3)
+    value = share[faces][:, :, None, None] * hat[:, None]
+    row, column, value = np.broadcast_arrays(row, faces[:, None, :, None], value)
+    shape = 3 * len(vertices), len(vertices)
+    return csr_matrix((value.ravel(), (row.ravel(), column.ravel())), shape=shape)
