@@ -21,7 +21,9 @@ LEVEL = 1e-3
 """Chance that the heaviest of the specks of wrong points is taken for a part."""
 
 
-def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = True) -> np.ndarray:
+def joined(
+    tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = True, silhouettes: bool = True
+) -> np.ndarray:
     """(t,) bool: the component that weighs most, the parts worth a link to it, and the links.
 
     Args:
@@ -31,11 +33,12 @@ def joined(tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = T
         moving: all points moved together, so that all parts are the body's; else the component that weighs most is the
             object, and others may be what stands beside it, unless they hang together with it through space that no
             silhouette shows to be empty.
+        silhouettes: there are some; without them, nothing tells the object's parts from other things.
     """
     part = np.where(inside, components(tetra, inside), -1)
     worth = _worth(tetra, costs, part)
     body = int(np.argmax(worth))
-    few = parts(worth)
+    few = parts(worth) if moving or silhouettes else np.array([body])
     if costs.shown is not None:
         # what all silhouettes of the object show is its own
         own = np.bincount(part[inside], costs.shown[inside], len(worth)) > 0.5 * np.bincount(part[inside])

@@ -179,7 +179,7 @@ def _body(given: _Given, masks: list[np.ndarray], moving: bool) -> tuple[Tetrahe
         if more is not None:
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
-    return tetra, kind, manifold(tetra, joined(tetra, costs, inside, moving), guard)
+    return tetra, kind, manifold(tetra, joined(tetra, costs, inside, moving, bool(masks)), guard)
 
 
 def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, Costs, np.ndarray]:

@@ -45,6 +45,12 @@ def test_a_piece_beside_a_still_object_is_left(seen):
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(0.4, abs=0.015)
 
 
+def test_before_there_are_silhouettes_a_piece_beside_a_still_object_is_left(seen):
+    _, views, cloud, _ = seen
+    surface = reconstruct_surface(views, [], cloud, points=6000, moving=False, fill=0.0)
+    assert np.ptp(surface.vertices[:, 0]) == pytest.approx(0.4, abs=0.015)
+
+
 def blobs(*given: tuple[tuple[float, float, float], float]) -> tuple[Tetrahedra, np.ndarray]:
     """Tetrahedra of random points in a unit box, and which ball (centre, radius) each lies in, -1 for none."""
     tetra = tetrahedralise(np.random.default_rng(2).random((4000, 3)))
