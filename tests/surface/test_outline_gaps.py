@@ -96,17 +96,28 @@ def measured() -> tuple[Surface, int]:
     return reconstruct_surface(views, masks, cloud, points=8_000), len(views)
 
 
-def test_drift_widens_all_and_an_offset_widens_to_its_own_side(measured: tuple[Surface, int]) -> None:
+def _interval(measured: tuple[Surface, int], gaps: Gaps | None, free: bool) -> np.ndarray:
     surface, views = measured
-    none, pixel = np.zeros(len(surface.faces)), surface.hull.pixel
-    own, drifting, small = (
-        np.quantile(replicates(surface, views, Doubts(gaps=g))[0][:, 0], [0.05, 0.5, 0.95])
-        for g in (None, Gaps(none, 3.0, none, none), Gaps(none + 4.0, 0.0, none, none))
-    )
-    area = trimesh.Trimesh(surface.vertices, surface.faces, process=False).area
+    volume = replicates(surface, views, Doubts(gaps=gaps, never_lit=free))[0][:, 0]
+    return np.quantile(volume, [0.05, 0.5, 0.95])
+
+
+def test_drift_widens_all(measured: tuple[Surface, int]) -> None:
+    none = np.zeros(len(measured[0].faces))
+    own, drifting = (_interval(measured, g, True) for g in (None, Gaps(none, 3.0, none, none)))
     assert drifting[2] - drifting[0] > 3 * (own[2] - own[0])
-    assert small[2] - own[2] > 4.0 * pixel * area
-    assert abs(small[0] - own[0]) < 0.3 * (own[2] - own[0])
+
+
+def test_an_offset_widens_to_its_own_side_for_a_free_body_and_both_ways_for_a_still_one(
+    measured: tuple[Surface, int],
+) -> None:
+    surface = measured[0]
+    none = np.zeros(len(surface.faces))
+    room = surface.hull.pixel * trimesh.Trimesh(surface.vertices, surface.faces, process=False).area
+    for free, below in ((True, 0.0), (False, 4.0 * 1.645 * room)):
+        own, outlines_outside = (_interval(measured, g, free) for g in (None, Gaps(none + 4.0, 0.0, none, none)))
+        assert outlines_outside[2] - own[2] > 4.0 * room
+        assert abs(own[0] - outlines_outside[0] - below) < max(0.3 * (own[2] - own[0]), 0.2 * below)
 
 
 def test_what_was_never_lit_is_expected_further_in() -> None:
