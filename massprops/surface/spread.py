@@ -127,11 +127,7 @@ def replicates(
     drift = doubts.gaps.drift * pixel if doubts.gaps else 0.0
     add(rng.standard_normal((count, 1)), _common(surface, scatter)[None])
     if doubts.gaps:
-        drawn = rng.standard_normal((count, 1))
-        if doubts.never_lit:
-            # the mesh is off by that, or silhouettes are wide and it is not
-            drawn = WIDENED * np.maximum(drawn, 0.0)
-        add(drawn, doubts.gaps.offset[None] * pixel)
+        add(_of_outlines(count, rng, doubts.never_lit), doubts.gaps.offset[None] * pixel)
     offset = _bootstrap(surface, patch, views, count, blocks, rng)
     rows += offset @ _by_patch(response, patch, offset.shape[1])
     for e in (0, 1):
@@ -153,6 +149,13 @@ def replicates(
     strain = _strains(size, count, rng)
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
+
+
+def _of_outlines(count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
+    """(count, 1) shares of the gaps to the outlines by which the mesh is off."""
+    drawn = rng.standard_normal((count, 1))
+    # a free body's mesh is off by them, or its silhouettes are wide and it is not
+    return WIDENED * np.maximum(drawn, 0.0) if free else drawn
 
 
 def _strains(size: float, count: int, rng: np.random.Generator) -> np.ndarray:

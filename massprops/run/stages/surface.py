@@ -93,12 +93,7 @@ def run(job: Job) -> dict[str, Any]:
     if grey and len(cloud):
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
     surface, masks = _surface(job, views, masks, grey, cloud, table, place, free or bool(footage["masks_given"]))
-    lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
-    if lost > NOTHING_LEFT:
-        raise NotPossible(
-            f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
-            "closed body was measured; give images with more overlap and from more sides"
-        )
+    lost = _lost(surface)
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
     gaps = _outline_gaps(surface, views, masks, free)
@@ -132,6 +127,21 @@ def run(job: Job) -> dict[str, Any]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _lost(surface: Surface) -> float:
+    """Share of the measured points that lie far from the mesh.
+
+    Raises:
+        NotPossible: nearly all of them.
+    """
+    lost = lost_share(surface.vertices, surface.cloud.xyz, FAR * surface.spacing)
+    if lost > NOTHING_LEFT:
+        raise NotPossible(
+            f"surface: {100 * lost:.0f} % of the measured points are not on the closed surface that fits them best: no "
+            "closed body was measured; give images with more overlap and from more sides"
+        )
+    return lost
 
 
 def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free: bool) -> Gaps:
