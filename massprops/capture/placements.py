@@ -193,21 +193,35 @@ def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
         return None
     affinity = np.minimum(shared, usual) - np.where(like, 0.5 * usual, 0.0)
     affinity[~apart] = 0.0
-    side = _sides(affinity, shared)
+    # where one placement shows many features and another few, the leading eigenvector sees the first alone: weighed equally
+    # all images have their part in it
+    weight = np.sqrt(np.abs(affinity).sum(1))
+    equal = affinity / np.maximum(np.outer(weight, weight), 1e-12)
+    found = (_sides(a, shared) for a in (affinity, equal))
+    return next((side for side in found if _is_division(side, shared, angle, apart)), None)
+
+
+def _is_division(side: np.ndarray, shared: np.ndarray, angle: np.ndarray, apart: np.ndarray) -> bool:
+    """Whether sides (n,) bool are two placements, by what images of like direction share within and across.
+
+    Args:
+        shared: (n, n) features in common; angle: (n, n) between directions of view [deg]; apart: (n, n) bool, of two images.
+    """
     if min(side.sum(), (~side).sum()) < 4:
-        return None
+        return False
+    like = (angle < LIKE_DEG) & apart
     across = side[:, None] != side[None]
     # two sides of one placement meet at their border only; two placements are seen from the same directions
     met = (like & across).any(1)
     met_side, met_other = met[side].mean(), met[~side].mean()
     if max(met_side, met_other) < MET:
-        return None
+        return False
     # a placement of a few images is seen from some of the directions of the other
     near = like if min(met_side, met_other) >= MET else like & (angle < NEXT_DEG)
     between, within = shared[near & across], shared[like & ~across]
     if len(between) < 2 * LEAST_PAIRS or len(within) < 2 * LEAST_PAIRS:
-        return None
-    return side if np.median(between) < FEW * np.median(within) else None
+        return False
+    return bool(np.median(between) < FEW * np.median(within))
 
 
 def _sides(affinity: np.ndarray, shared: np.ndarray) -> np.ndarray:

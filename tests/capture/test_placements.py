@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from massprops.capture.placements import divide, fill_undecided, find_placements
@@ -27,6 +29,16 @@ def test_two_placements_are_told_apart() -> None:
     placement = np.repeat([0, 1], [24, 18])
     label = divide(shared(direction, placement, rng), direction)
     assert np.array_equal(label, placement), "the larger one is first"
+
+
+def test_a_placement_with_few_features_beside_one_with_many() -> None:
+    """What 28 + 28 images (Blender) of a machined part share: its flat base shows many features, its other side few."""
+    with np.load(Path(__file__).parent / "data" / "turned_part.npz", allow_pickle=False) as z:
+        counts, direction = z["shared"].astype(int), z["direction"].astype(float)
+    label = divide(counts, direction)
+    told, first = label >= 0, np.arange(56) < 28
+    assert told.mean() > 0.8 and set(label[told]) == {0, 1}
+    assert np.array_equal(label[told] == label[0], first[told])
 
 
 def test_three_placements_too_and_an_image_of_none() -> None:
