@@ -95,8 +95,9 @@ class FootageRecord:
 
     @property
     def room_stood(self) -> bool:
-        """Whether a camera went round in a room: what is about the object then tells where it was."""
-        return self.motion == "static" and self.background == "moving"
+        """Whether a camera may have gone round in a room: what is about the object then tells where it was. The rim of images
+        that shows no texture may be that of a plain table in a room."""
+        return self.motion == "static"
 
     @property
     def ordered(self) -> bool:

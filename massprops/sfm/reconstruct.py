@@ -19,6 +19,7 @@ from massprops.sfm.attempt import (
     Attempt,
     ModelInputs,
     SfmOptions,
+    Way,
     attempt,
     count_images,
     independent_models,
@@ -247,11 +248,9 @@ def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pro
         if again.registered > found.registered:
             line = "only the object's own features were used: with the background fewer images fit together"
             found = replace(again, warnings=[*again.warnings, line])
-    if found and masked and found.registered < ENOUGH * used and footage.room_stood:
-        again = attempt(footage, work / "b", options, False, progress=progress)
-        if again.registered > found.registered and contradictions(again.models[0], again.database).share < MANY:
-            line = "the surroundings were used too: by the object's own features alone fewer images fit together"
-            found = replace(again, warnings=[*again.warnings, line])
+    room = masked and footage.room_stood
+    if found and room and found.registered < ENOUGH * used:
+        found = _with_the_room(footage, work / "b", options, found, "usual", progress)
     if found and (found.registered >= ENOUGH * used or not found.few):
         return found
     if masked and footage.moving_pictures:
@@ -266,10 +265,26 @@ def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pro
         again = None
     more = again is not None and again.registered > (found.registered if found else 0)
     if again and more and (not footage.moving_pictures or steady(again.models[0], footage, again.mapping)):
-        return again
+        found = again
     if found is None:
         raise why or NotPossible("no two images fit together; use more overlap and texture")
+    if room and found.mapping.masked and found.registered < ENOUGH * used:
+        return _with_the_room(footage, work / "e", options, found, "faint", progress)
     return found
+
+
+def _with_the_room(
+    footage: FootageRecord, work: Path, options: SfmOptions, found: Attempt, way: Way, progress: Progress
+) -> Attempt:
+    """What the surroundings and the object place together, where that is more, and contradicts nothing that the object shows."""
+    try:
+        again = attempt(footage, work, options, False, way, progress)
+    except NotPossible:
+        return found
+    if again.registered <= found.registered or contradictions(again.models[0], again.database).share >= MANY:
+        return found
+    line = "the surroundings were used too: by the object's own features alone fewer images fit together"
+    return replace(again, warnings=[*again.warnings, line])
 
 
 def _enlarged(

@@ -39,3 +39,24 @@ def test_the_room_places_what_the_object_does_not(
     found = reconstruct._best(footage, tmp_path, SfmOptions(), silent)
     assert found.mapping.masked is masked and found.registered == (25 if masked else 32)
     assert any("surroundings" in line for line in found.warnings) is not masked
+
+
+def test_faint_features_of_the_room_place_what_its_usual_ones_do_not(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A toy on a plain table, turned over (Blender): 13 of 56 images by itself, 4 with the room, 54 with the room's faint features."""
+    places = {(True, "usual"): 13, (False, "usual"): 4, (True, "faint"): 15, (False, "faint"): 54}
+
+    def attempt(
+        footage: Any, work: Path, options: Any, masked: bool, way: str = "usual", progress: Any = None
+    ) -> Attempt:
+        model: Any = SimpleNamespace(num_reg_images=lambda: places[masked, way])
+        return Attempt(work, MappingOptions(masked=masked), [model], {}, lambda pairs: None, True, False, [])
+
+    monkeypatch.setattr(reconstruct, "attempt", attempt)
+    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: SimpleNamespace(share=0.0))
+    footage: Any = SimpleNamespace(
+        frames=range(56), mask_features=True, has_masks=True, room_stood=True, moving_pictures=False
+    )
+    found = reconstruct._best(footage, tmp_path, SfmOptions(), silent)
+    assert not found.mapping.masked and found.registered == 54

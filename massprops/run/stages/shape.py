@@ -69,8 +69,8 @@ def run(job: Job) -> dict[str, Any]:
     footage = json.loads((job.work("capture") / "footage.json").read_text())
     known = all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names)
     perhaps_carried = _turns(footage)
-    # silhouettes say nothing of placements, which the room has put into one model
-    by_room = bool(footage["masks_given"]) and not _by_object_alone(job)
+    # silhouettes say nothing of placements, which the room has put into one model; where it has, it is no plain backdrop
+    by_room = not _by_object_alone(job) and (bool(footage["masks_given"]) or footage["motion"] == "static")
     if not pointed and known and not perhaps_carried and not by_room:
         return _said(job, {"placements": [], "lost": []})
     sparse = SparsePoints.load(job.work("sfm") / "points.npz")
