@@ -1,8 +1,9 @@
 """How far a run on a rendered scene is from the truth.
 
 A reconstruction from images alone has no scale, so its scale comes from the cameras: the similarity that lays the
-run's camera centres on the true ones, both in axes fixed to the object. Volume, centre of mass and intervals are
-compared after it. Moments of shape, I / V^(5/3), and the ratios k1 and k2 need no scale.
+run's camera centres on the true ones, both in axes fixed to the object. Volume and centre of mass are compared after
+it. Moments of shape, I / V^(5/3), and the ratios k1 and k2 need no scale. Intervals are stated in units of the object's
+greatest length, and compared in these.
 
 Half of the cameras may be wrong, as when one placement of a turned object was not joined. So the similarity is the
 one on which most cameras agree (random triples, then least squares on those that agree).
@@ -20,6 +21,7 @@ import numpy as np
 import trimesh
 from trimesh.registration import procrustes
 
+from massprops.mass.integrals import greatest_length
 from massprops.mass.properties import mass_properties
 from tabletop.silhouettes import intersection_over_union, silhouette
 from tabletop.truth import SceneTruth
@@ -141,20 +143,20 @@ def judge_mesh(mesh: trimesh.Trimesh, truth: SceneTruth, fit: CameraFit | None) 
     return found
 
 
-def judge_intervals(document: dict[str, Any], truth: SceneTruth, fit: CameraFit | None) -> dict[str, Any]:
-    """Whether `interval_90` of `massprops.json` holds the truth. Lengths are scaled by the cameras."""
+def judge_intervals(document: dict[str, Any], truth: SceneTruth) -> dict[str, Any]:
+    """Whether `interval_90` of `massprops.json` holds the truth, in the document's own unit: where no length is given that is
+    the object's greatest length, and the interval says how well that is known too."""
     bounds = document.get("interval_90") or {}
     k = np.log(truth.moments[:2] / truth.moments[1:])
     true = {f"k{i + 1}": (bounds.get(f"k{i + 1}"), float(k[i])) for i in (0, 1)}
     found: dict[str, Any] = {}
     if bounds.get("volume"):
         found["half_width"] = float(np.ptp(bounds["volume"])) / 2 / float(document["volume"])
-    if fit is not None:
-        density = float(document["density"])
-        true["volume"] = (bounds.get("volume"), truth.volume / fit.scale**3)
-        for i, moment in enumerate(truth.moments):
-            interval = (bounds.get("principal_moments") or [None] * 3)[i]
-            true[f"I{i + 1}"] = (interval, density * moment / fit.scale**5)
+    unit, density = greatest_length(np.asarray(truth.mesh.vertices))[0], float(document.get("density", 0.0))
+    true["volume"] = (bounds.get("volume"), truth.volume / unit**3)
+    for i, moment in enumerate(truth.moments):
+        interval = (bounds.get("principal_moments") or [None] * 3)[i]
+        true[f"I{i + 1}"] = (interval, density * moment / unit**5)
     found["holds"] = {
         name: interval is not None and None not in interval and bool(interval[0] <= value <= interval[1])
         for name, (interval, value) in true.items()
@@ -196,7 +198,7 @@ def judge_run(run: Path, truth: SceneTruth, exit_code: int = -1, cpu_seconds: fl
         found |= judge_mesh(trimesh.load(run / "mesh.ply", force="mesh"), truth, fit)
     if (run / "massprops.json").is_file():
         document = json.loads((run / "massprops.json").read_text())
-        found |= judge_intervals(document, truth, fit)
+        found |= judge_intervals(document, truth)
         found["confidence"] = (document.get("confidence") or {}).get("level", "")
     return Judgement(exit_code=exit_code, cpu_seconds=cpu_seconds, **found, **judge_masks(run_masks(run, truth), truth))
 
