@@ -15,23 +15,26 @@ def model_length(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray) 
     """Greatest length between measured vertices, and which two they are.
 
     A maximum over noisy vertices finds the hairs, so one step of smoothing goes before it (on 19 rendered bodies the
-    median error went from 0.10 to 0.07 %; more steps round the corners off). Only vertices among measured
+    median error went from 0.10 to 0.07 %; more steps round the corners off). Only vertices of measured
     faces count where they span most of the body: what was filled in reaches for the hull of the silhouettes, and would
-    make the body longer than it is.
+    make the body longer than it is. The tip itself often has a face that was not measured beside one that was: without such
+    vertices the length of six scanned objects on tables, a CubeSat and a foil body was 0.3 to 2.2 % shorter, and further
+    from the truth in seven of these eight.
 
     Args:
         vertices: (v, 3); faces: (f, 3); observed: (f,) bool.
     """
     smooth = fair(vertices, faces, np.zeros(len(vertices), bool), 1)
-    inner = np.zeros(len(vertices), bool)
-    inner[faces[observed]] = True
+    measured = np.zeros(len(vertices), bool)
+    measured[faces[observed]] = True
+    index = np.flatnonzero(measured)
+    inner = measured.copy()
     inner[faces[~observed]] = False
     # a filled end counts, a needle of the fill does not
-    mean = mean_matrix(faces, len(vertices))
+    mean, filled = mean_matrix(faces, len(vertices)), smooth.copy()
     for _ in range(NEEDLE**2):
-        smooth[~inner] = (mean @ smooth)[~inner]
-    whole = greatest_length(smooth)
-    index = np.flatnonzero(inner)
+        filled[~inner] = (mean @ filled)[~inner]
+    whole = greatest_length(filled)
     if len(index) < 8:
         return whole
     length, a, b = greatest_length(smooth[index])

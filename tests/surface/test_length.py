@@ -54,3 +54,12 @@ def test_a_filled_half_counts(rod):
     vertices, faces = rod
     observed = (vertices[:, 2] < 0.2)[faces].all(axis=1)
     assert model_length(vertices, faces, observed)[0] == pytest.approx(np.ptp(vertices[:, 2]), rel=0.02)
+
+
+def test_a_tip_with_one_face_that_was_not_measured_counts(rod):
+    vertices, faces = rod
+    tip = int(np.argmax(vertices[:, 2]))
+    observed = np.ones(len(faces), bool)
+    observed[np.flatnonzero((faces == tip).any(axis=1))[0]] = False
+    whole = model_length(vertices, faces, np.ones(len(faces), bool))
+    assert model_length(vertices, faces, observed) == whole
