@@ -120,10 +120,10 @@ def test_an_offset_widens_to_its_own_side_for_a_free_body_and_both_ways_for_a_st
         assert abs(own[0] - outlines_outside[0] - below) < max(0.3 * (own[2] - own[0]), 0.2 * below)
 
 
-def test_the_ends_of_a_still_object_are_off_by_a_pixel(measured: tuple[Surface, int]) -> None:
+def test_the_ends_of_a_still_object_are_less_known(measured: tuple[Surface, int]) -> None:
     surface, views = measured
     free, still = (np.std(replicates(surface, views, Doubts(never_lit=lit))[1]) for lit in (True, False))
-    assert np.sqrt(max(still**2 - free**2, 0.0)) > 0.9 * np.sqrt(2.0) * surface.hull.pixel
+    assert np.sqrt(max(still**2 - free**2, 0.0)) > 2.0 * surface.hull.pixel
 
 
 def test_what_was_never_lit_is_expected_further_in() -> None:
