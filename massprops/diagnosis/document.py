@@ -64,7 +64,9 @@ def gap(s: Selection) -> dict[str, Any]:
 def reason(s: Selection) -> str:
     """The verdict in a sentence."""
     if s.verdict == "none":
-        return f"a free rigid body explains the measurements: the residuals are {fitted_rms(s.base, s.noise):.2f} times the noise"
+        memory = s.base.hypothesis.memory
+        alike = f", with errors that are alike over {memory:.3g} s" if memory else ""
+        return f"a free rigid body explains the measurements{alike}: the residuals are {fitted_rms(s.base, s.noise):.2f} times the noise"
     if s.verdict == "named":
         return _sentence(s.named[0])
     if s.verdict == "ambiguous":

@@ -132,6 +132,13 @@ def scan(effect: ModuleType, t: np.ndarray, w: np.ndarray) -> list[Term]:
     return [term_of(effect, held) for held in effect.momentum_scan(t, w)]
 
 
+def looked_at(term: Term, t: np.ndarray, w: np.ndarray) -> int:
+    """At how many values an effect was looked for: those scanned, each with its variants in all but time."""
+    held, gap = dict(term.held), float(np.median(np.diff(t)))
+    forms = {tuple(v for v in other.held if v[0] != "time") for other in (term, *variants(term, gap))}
+    return len(scan(term.effect, t, w)) * (len(forms) if held else 1)
+
+
 def term_of(effect: ModuleType, held: dict[str, float]) -> Term:
     return Term(effect=effect, held=tuple(sorted(held.items())))
 

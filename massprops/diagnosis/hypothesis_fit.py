@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.conserved_start import Start
+from massprops.diagnosis.correlated_errors import innovations, log_density
 from massprops.diagnosis.criteria import AXIS_SD, OFFSET_SD, SCALE_SD, SHAPE_SD, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.evidence import Block, Posterior, solve
@@ -57,7 +58,8 @@ class Hypothesis:
     Attributes:
         terms: effects; wheel: a wheel of any history along one axis beside them; lag: time constant [s] with which that
             wheel follows its drive, a motor or a brake; latent: whether a latent torque acts; by_sun: whether one acts that
-            depends on the Sun's direction in the body in any way. scale: prior 1-sigma of a gyroscope's scale and misalignment.
+            depends on the Sun's direction in the body in any way. scale: prior 1-sigma of a gyroscope's scale and misalignment;
+            memory: time constant of the attitudes' errors [s] (`correlated_errors`), 0 of independent ones.
     """
 
     terms: tuple[Term, ...] = ()
@@ -66,6 +68,7 @@ class Hypothesis:
     latent: bool = True
     by_sun: bool = False
     scale: float = SCALE_SD
+    memory: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -268,7 +271,7 @@ def _solved(record: Record, hypothesis: Hypothesis, guess: _Guess) -> _Solution:
         t.name: forcing_of(t, path, guess.rate, balance.inertia, record.environment_state) for t in hypothesis.terms
     }
     parts = _parts(record, hypothesis, guess, balance, acting)
-    blocks, y = _linear_model(parts, balance, guess)
+    blocks, y = _linear_model(record, hypothesis, parts, balance, guess)
     return _Solution(
         record=record, hypothesis=hypothesis, guess=guess, balance=balance, acting=acting, parts=parts, blocks=blocks, y=y,
         posterior=solve(blocks, y, record.noise_rows, rows.groups, noise=guess.noise),
@@ -295,7 +298,7 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
     moved = record if rows.rates else along(record, path.turned(phi, whole), attitudes_of(record))
     found = HypothesisFit(
         hypothesis=hypothesis, record=moved, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
-        evidence=post.evidence - float(np.sum(np.log(rows.spread))), noise=post.noise, posterior=post,
+        evidence=post.evidence - float(np.sum(np.log(rows.spread))) + log_density(record, hypothesis.memory), noise=post.noise, posterior=post,
         values={k: v for k, (v, _) in summed.items()}, covariance={k: c for k, (_, c) in summed.items()},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
@@ -313,7 +316,9 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
     )  # fmt: skip
 
 
-def _linear_model(parts: list[Any], balance: Balance, guess: _Guess) -> tuple[list[Block], np.ndarray]:
+def _linear_model(
+    record: Record, hypothesis: Hypothesis, parts: list[Any], balance: Balance, guess: _Guess
+) -> tuple[list[Block], np.ndarray]:
     """The blocks of unknowns and the rows (r,) that they answer for, both over the noise.
 
     Raises:
@@ -324,10 +329,11 @@ def _linear_model(parts: list[Any], balance: Balance, guess: _Guess) -> tuple[li
     for name, _, columns, sd, kind in parts:
         # the search for a size goes on where the pass before left it
         size = max(guess.sizes[name], SMALLEST * sd) if name in guess.sizes else sd
-        blocks.append(Block(name=name, columns=columns.reshape(len(over), -1) * over[:, None], sd=size, kind=kind))
+        own = innovations(columns.reshape(len(over), -1) * over[:, None], record, hypothesis.memory)
+        blocks.append(Block(name=name, columns=own, sd=size, kind=kind))
     if not all(np.isfinite(b.columns).all() for b in blocks):
         raise FloatingPointError("the path that is predicted leaves all bounds")
-    y = (balance.rows.values - balance.constant(guess.start)).reshape(-1) * over
+    y = innovations((balance.rows.values - balance.constant(guess.start)).reshape(-1) * over, record, hypothesis.memory)
     # the inertia's prior is about a ball, not about the present guess
     return blocks, y + blocks[0].columns[:, :INERTIA] @ guess.shape
 

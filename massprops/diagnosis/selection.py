@@ -11,7 +11,7 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start, conserved, conserved_across
-from massprops.diagnosis.effect_columns import in_balance
+from massprops.diagnosis.effect_columns import in_balance, looked_at
 from massprops.diagnosis.effect_search import BALL, admissible, again, best_fit
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
@@ -25,6 +25,9 @@ LAGS = (0.02, 0.03, 0.045, 0.065, 0.1)
 """Time constants of a wheel tried, over the record's length: from what the knots of its drive can draw. On the odd flights,
 whose wheel has one of about .07, evidence chose .03 to .045 and its size came within 7 % in 7 of 7; without a lag within
 10 % in 5."""
+MEMORIES = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Time constants of attitudes' errors that are tried, over the gap between two of them: from nearly none to what a short
+record can show."""
 BESIDE_UNKNOWN = 4
 """Effects, the best by themselves, that are fitted beside a latent torque as well."""
 
@@ -116,11 +119,18 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
         h = one.alone.hypothesis
         tried[k] = Candidate(alone=one.alone, with_latent=admissible(record, h, again(one.alone), latent=True))
+    alike = _by_errors_alike(base, unknowns, tried)
+    if alike is not None:
+        return Selection(
+            base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, by_sun=by_sun
+        )
     if asks_for_two(tried, base, *unknowns):
         watch("two effects at once", 0, 1)
         tried += _pairs(tried, usable, base, unknowns)
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknowns, tried)
+    if by_sun is not None and named and leaves_to_the_sun(named[0].best):
+        verdict, named = "unexplained", []
     likeliest = {id(c): _at_likeliest_scale(c) for c in named}
     tried, named = [likeliest.get(id(c), c) for c in tried], [likeliest[id(c)] for c in named]
     return Selection(
@@ -132,6 +142,42 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         skipped=skipped,
         by_sun=by_sun,
     )
+
+
+def _by_errors_alike(
+    base: HypothesisFit, unknowns: tuple[HypothesisFit, ...], tried: list[Candidate]
+) -> HypothesisFit | None:
+    """The rigid body with errors of the attitudes that are alike in time, where nothing that acts is likelier by enough: it may
+    have such errors too, and pays for the values that it was looked for at. Else None.
+
+    What may not be named with independent errors, which speak for effects, has no say.
+    """
+    others = [*unknowns, *(c.best for c in tried if may_be_named(c, base, *unknowns))]
+    enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
+    alike = with_memory(base)
+    if alike is base or _paid(max(others, key=_paid)) > alike.evidence + enough:
+        return None
+    return None if max(_paid(with_memory(f)) for f in others) > alike.evidence + enough else alike
+
+
+def _paid(fit: HypothesisFit) -> float:
+    """Log evidence, less the logarithm of the values at which an effect's time and the like were looked for."""
+    record = fit.record
+    looked = [looked_at(t, record.times, record.path.w[record.rows.at]) for t in fit.hypothesis.terms]
+    return float(fit.evidence - np.sum(np.log(np.maximum(looked, 1))))
+
+
+def with_memory(fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the likeliest time constant of the attitudes' errors; the fit itself where none is likelier."""
+    if not fit.record.stated or fit.record.rows.rates:
+        return fit
+    best = fit
+    for gaps in MEMORIES:
+        with suppress(NotPossible):
+            memory = gaps * float(np.median(np.diff(fit.record.times)))
+            other = fit_hypothesis(fit.record, replace(fit.hypothesis, memory=memory), again(best))
+            best = other if other.evidence > best.evidence else best
+    return best
 
 
 def _with_scanned(c: Candidate, gap: float) -> Candidate:
@@ -215,6 +261,16 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
         if fits and record.stated and within_noise(fits[0]):
             break
     return max(fits, key=lambda f: f.evidence, default=None)
+
+
+def leaves_to_the_sun(found: HypothesisFit) -> bool:
+    """Whether a torque that depends on the Sun's direction in any way is likelier beside effects than they are by themselves: a
+    second effect may take what the first one cannot be. Of fits that do not settle nothing is said."""
+    try:
+        beside = fit_hypothesis(found.record, replace(found.hypothesis, by_sun=True), again(found))
+    except NotPossible:
+        return False
+    return beside.settled and beside.evidence > found.evidence + criteria.BEATS_UNKNOWN
 
 
 def rigid_body_alone(record: Record) -> Selection:
