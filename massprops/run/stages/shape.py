@@ -69,9 +69,7 @@ def run(job: Job) -> dict[str, Any]:
     footage = json.loads((job.work("capture") / "footage.json").read_text())
     known = all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names)
     perhaps_carried = _turns(footage)
-    # silhouettes say nothing of placements, which the room has put into one model; where it has, it is no plain backdrop
-    by_room = not _by_object_alone(job) and (bool(footage["masks_given"]) or footage["motion"] == "static")
-    if not pointed and known and not perhaps_carried and not by_room:
+    if not pointed and known and not perhaps_carried and not _by_room(job, footage):
         return _said(job, {"placements": [], "lost": []})
     sparse = SparsePoints.load(job.work("sfm") / "points.npz")
     if known and perhaps_carried and not pointed and not _carried(job, views, sparse):
@@ -115,9 +113,12 @@ def run(job: Job) -> dict[str, Any]:
     return _said(job, {"placements": placements, "lost": lost})
 
 
-def _by_object_alone(job: Job) -> bool:
-    """Whether only features within silhouettes placed the images."""
-    return bool(json.loads((job.work("sfm") / "sfm.json").read_text()).get("masked", True))
+def _by_room(job: Job, footage: dict[str, Any]) -> bool:
+    """Whether the room, too, placed images of a still object: then it is no plain backdrop, and silhouettes say nothing of
+    placements, which it has put into one model."""
+    if not footage["masks_given"] and footage["motion"] != "static":
+        return False
+    return not json.loads((job.work("sfm") / "sfm.json").read_text()).get("masked", True)
 
 
 def _turns(footage: dict[str, Any]) -> bool:
