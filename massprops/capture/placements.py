@@ -198,18 +198,18 @@ def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
     weight = np.sqrt(np.abs(affinity).sum(1))
     equal = affinity / np.maximum(np.outer(weight, weight), 1e-12)
     found = (_sides(a, shared) for a in (affinity, equal))
-    return next((side for side in found if _is_division(side, shared, angle, apart)), None)
+    return next((side for side in found if _is_division(side, shared, angle, like)), None)
 
 
-def _is_division(side: np.ndarray, shared: np.ndarray, angle: np.ndarray, apart: np.ndarray) -> bool:
+def _is_division(side: np.ndarray, shared: np.ndarray, angle: np.ndarray, like: np.ndarray) -> bool:
     """Whether sides (n,) bool are two placements, by what images of like direction share within and across.
 
     Args:
-        shared: (n, n) features in common; angle: (n, n) between directions of view [deg]; apart: (n, n) bool, of two images.
+        shared: (n, n) features in common; angle: (n, n) between directions of view [deg]; like: (n, n) bool, pairs of like
+            direction.
     """
     if min(side.sum(), (~side).sum()) < 4:
         return False
-    like = (angle < LIKE_DEG) & apart
     across = side[:, None] != side[None]
     # two sides of one placement meet at their border only; two placements are seen from the same directions
     met = (like & across).any(1)

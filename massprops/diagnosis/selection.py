@@ -152,10 +152,12 @@ def _by_errors_alike(
 
     What may not be named with independent errors, which speak for effects, has no say.
     """
+    alike = with_memory(base)
+    if alike is base:
+        return None
     others = [*unknowns, *(c.best for c in tried if may_be_named(c, base, *unknowns))]
     enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
-    alike = with_memory(base)
-    if alike is base or _paid(max(others, key=_paid)) > alike.evidence + enough:
+    if max(map(_paid, others)) > alike.evidence + enough:
         return None
     return None if max(_paid(with_memory(f)) for f in others) > alike.evidence + enough else alike
 

@@ -150,12 +150,9 @@ def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free:
     Args:
         free: the body tumbles, so what was not measured was never seen lit.
     """
-    from massprops.surface.error_modes import REACH
-    from massprops.surface.length import model_length
     from massprops.surface.outline_gaps import outline_gaps
 
-    mesh = surface.vertices, surface.faces
-    gaps = outline_gaps(*mesh, views, masks, REACH * model_length(*mesh, surface.observed)[0])
+    gaps = outline_gaps(surface.vertices, surface.faces, views, masks, _reach(surface))
     if not surface.observed.any():
         # a surface that outlines alone make lies on them
         return replace(gaps, offset=np.zeros(len(surface.faces)), drift=0.0)
@@ -163,6 +160,14 @@ def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free:
         return gaps
     # a silhouette cut by colour has no margin; it scatters with shadows and things behind, not with the cameras
     return replace(gaps, offset=np.where(surface.inferred, 0.0, gaps.middle), drift=0.0)
+
+
+def _reach(surface: Surface) -> float:
+    """Width of the bumps in which a surface is off (`error_modes`) [world units]."""
+    from massprops.surface.error_modes import REACH
+    from massprops.surface.length import model_length
+
+    return REACH * model_length(surface.vertices, surface.faces, surface.observed)[0]
 
 
 def _focal_sigma(job: Job) -> float:
@@ -250,8 +255,6 @@ def _behind_sides(surface: Surface, gaps: Gaps, place: dict[str, Any]) -> np.nda
     """
     from massprops.mass.confidence import FILLED
     from massprops.surface.behind_fill import behind_fill
-    from massprops.surface.error_modes import REACH
-    from massprops.surface.length import model_length
 
     mesh = surface.vertices, surface.faces
     if len(place["joined"]) > 1:
@@ -260,8 +263,7 @@ def _behind_sides(surface: Surface, gaps: Gaps, place: dict[str, Any]) -> np.nda
         return behind_fill(*mesh, surface.observed, surface.noise, surface.spacing)
     if place["support_plane"] is None or not surface.observed.any():
         return np.zeros(10)
-    shown = gaps.distance < REACH * model_length(*mesh, surface.observed)[0]
-    walls, area = surface.observed | surface.inferred | shown, face_areas(*mesh)
+    walls, area = surface.observed | surface.inferred | (gaps.distance < _reach(surface)), face_areas(*mesh)
     if area[~walls].sum() < OPEN * area.sum():
         return np.zeros(10)
     return behind_fill(*mesh, walls, surface.noise, surface.spacing, walls_alike=False)

@@ -152,7 +152,7 @@ def judge_intervals(document: dict[str, Any], truth: SceneTruth) -> dict[str, An
     found: dict[str, Any] = {}
     if bounds.get("volume"):
         found["half_width"] = float(np.ptp(bounds["volume"])) / 2 / float(document["volume"])
-    unit, density = greatest_length(np.asarray(truth.mesh.vertices))[0], float(document.get("density", 0.0))
+    unit, density = greatest_length(np.asarray(truth.mesh.vertices))[0], float(document["density"])
     true["volume"] = (bounds.get("volume"), truth.volume / unit**3)
     for i, moment in enumerate(truth.moments):
         interval = (bounds.get("principal_moments") or [None] * 3)[i]
