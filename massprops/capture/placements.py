@@ -178,6 +178,41 @@ def _long_pauses(timestamp_ns: np.ndarray | None, before: int, after: int) -> li
     return [i for i in range(before, after) if pause[i] > PAUSE * usual]
 
 
+def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:
+    """Labels (n,) of placements, in the order of capture, of an object with too few features for `divide`; all 0 without a
+    long pause.
+
+    Hands were at work in a long pause or they were not. If not, images of like direction before and after it share as many
+    features of the object as those on the side that shows fewer.
+
+    Args:
+        shared: (n, n) of `shared_features`; direction: (n, 3) unit, from the object to each camera.
+        timestamp_ns: (n,) when each was taken, not positive where nobody knows.
+    """
+    n = len(shared)
+    angle = np.degrees(np.arccos(np.clip(direction @ direction.T, -1, 1)))
+    like = (angle < LIKE_DEG) & ~np.eye(n, dtype=bool)
+    cuts = [i + 1 for i in _long_pauses(timestamp_ns, 0, n - 1) or []]
+    label, first = np.zeros(n, int), 0
+    for cut, end in zip(cuts, [*cuts[1:], n], strict=True):
+        before, after = np.arange(first, cut), np.arange(cut, end)
+        label[after] = label[cut - 1]
+        own = min(_mean_shared(shared, like, side, side) for side in (before, after))
+        pairs = int(like[np.ix_(before, after)].sum())
+        if own * pairs >= LEAST_SHARED * LEAST_PAIRS and _mean_shared(shared, like, before, after) < FEW * own:
+            label[after] += 1
+            first = cut
+    count = np.bincount(label)
+    order = np.argsort(-count, kind="stable")
+    return np.asarray(np.argsort(order, kind="stable")[label])
+
+
+def _mean_shared(shared: np.ndarray, like: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
+    """Mean number of features that pairs of like direction, an image of `one` and one of `other`, share; 0 without a pair."""
+    at = np.ix_(one, other)
+    return float(shared[at][like[at]].mean()) if like[at].any() else 0.0
+
+
 def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
     """(n,) bool division of the images into two placements, or None where the evidence is missing."""
     n = len(shared)
@@ -303,6 +338,7 @@ def find_placements(
     centre: np.ndarray,
     radius: float,
     seed: int = 0,
+    timestamp_ns: np.ndarray | None = None,
 ) -> Placements:
     """The placements of a still object among images that share a room.
 
@@ -311,11 +347,12 @@ def find_placements(
         centres: (n, 3) of the cameras.
         centre, radius: of the region the cameras look at.
         seed: of the plane's draws.
+        timestamp_ns: (n,) when each image was taken, not positive where nobody knows.
     """
     own = on_object(xyz, centres, centre, radius, seed)
     shared = shared_features(len(centres), obs_view, obs_point, own)
     direction = centres - centre
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if own.sum() < LEAST_POINTS:
-        return Placements(np.zeros(len(centres), int), shared, known=False)
+        return Placements(divide_at_pauses(shared, direction, timestamp_ns), shared, known=False)
     return Placements(divide(shared, direction), shared)

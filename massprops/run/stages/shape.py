@@ -76,13 +76,13 @@ def run(job: Job) -> dict[str, Any]:
         return _said(job, {"placements": [], "lost": []})
     region = region_of(views)
     given = given_placements(footage, views.names)
-    divided = given or find_placements(
-        sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed
-    )
     taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
     times = np.array([taken[name] for name in views.names], np.int64)
+    divided = given or find_placements(
+        sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed, times
+    )
     label = fill_undecided(divided.label, times)
-    if not given and not divided.known:
+    if not given and not divided.known and not label.any():
         label = _divided_by_occlusion(job, views, sparse, region, times)
     placements, lost = _solved(job, views, sparse, label, pointed)
     if len(placements) > 1 and not given:
