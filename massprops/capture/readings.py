@@ -59,6 +59,11 @@ these, as a needless question harms less than a stand that is taken in silently:
 `medium`."""
 HUE_FLOOR = 0.02
 """Least standard deviation of a hue: two steps in a hundred grey levels."""
+FACING = 0.85
+"""Cosine between a point's normal and a level's from which on the point may lie on it."""
+NARROW = 0.25
+"""Width of a ledge, over the radius of a disc as large as what rises from it, below which it is a moulding that follows the
+object's outline: the sole of a shoe (Blender) has .19; a square about a disc reaches beyond it by .41 at least."""
 COLOUR_BINS = 8
 LOWEST = 1.0
 """Percentile of heights at which a plate ends: what lies below it are wrong matches."""
@@ -88,10 +93,12 @@ class Reading:
 
 @dataclass(frozen=True)
 class Top:
-    """A level on which something stands all about: plane (4,), and whether what is below is of the same colour."""
+    """A level on which something stands all about: plane (4,), whether what is below is of the same colour, and whether the
+    level is but a narrow rim that follows the outline of what is above it."""
 
     plane: np.ndarray
     alike: bool
+    narrow: bool
 
 
 @dataclass(frozen=True)
@@ -109,10 +116,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class Found:
-    """The object, and the readings between which nothing decides, the one that is used first; none where one fits."""
+    """The object, and the readings between which nothing decides, the one that is used first; none where one fits. `moulded`:
+    a narrow ledge of its own colour runs all about it, and is taken for a part of it."""
 
     split: OnSupport
     readings: list[Reading] = field(default_factory=list)
+    moulded: bool = False
 
 
 def find_object(
@@ -155,9 +164,10 @@ def find_object(
     if keep_support:
         return Found(first)
     top = stand_top(scene, first.member, plane, seed) if plane is not None else plate
-    if top is not None:
+    moulded = top is not None and top.alike and top.narrow and not pointed
+    if top is not None and not moulded:
         return _with_stand(scene, first, top, pointed)
-    return Found(first, [] if pointed else _rivals(scene, first, piece, weight))
+    return Found(first, [] if pointed else _rivals(scene, first, piece, weight), moulded)
 
 
 def _bears(scene: Scene, plane: np.ndarray) -> bool:
@@ -297,7 +307,7 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         return None
     own = np.flatnonzero(member)
     height = scene.xyz[own] @ plane[:3] + plane[3]
-    facing = own[scene.normal[own] @ plane[:3] > 0.85]
+    facing = own[scene.normal[own] @ plane[:3] > FACING]
     if len(facing) < 200:
         return None
     radius = 0.5 * float(np.linalg.norm(np.ptp(scene.xyz[own], axis=0)))
@@ -318,7 +328,8 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         rgb = scene.rgb[own]
         alike = _colours_alike(rgb, upper, ~upper) >= ALIKE and _hues_apart(rgb[upper], rgb[~upper]) <= APART
         if _carried(scene, own, rise, step, top):
-            found.append((not alike, float(upper.mean() * lower.mean() + upper.mean()), Top(top, alike)))
+            worth = float(upper.mean() * lower.mean() + upper.mean())
+            found.append((not alike, worth, Top(top, alike, _is_narrow(scene, own, rise, step, top))))
     return max(found, key=lambda f: f[:2])[2] if found else None
 
 
@@ -352,7 +363,7 @@ def _carried(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: 
     upper, level, lower = rise > step, np.abs(rise) < step, rise < -step
     first, second = axes(top)
     x, y = scene.xyz[own] @ first, scene.xyz[own] @ second
-    foot = upper & (rise < step + FOOT * np.percentile(rise[upper], 98))
+    foot = _foot(rise, step)
     if foot.sum() < 20 or level.sum() < 50:
         return False
     middle = np.median(x[foot]), np.median(y[foot])
@@ -370,6 +381,24 @@ def _carried(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: 
     return not lower.any() or np.percentile(out[lower], 95) < WIDER * np.percentile(out[level], 95)
 
 
+def _foot(rise: np.ndarray, step: float) -> np.ndarray:
+    """(k,) bool: the lowest part of what rises from a level, of points whose heights above it are `rise` (k,)."""
+    upper = rise > step
+    return np.asarray(upper & (rise < step + FOOT * np.percentile(rise[upper], 98)))
+
+
+def _is_narrow(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:
+    """Whether a level is a narrow rim about the foot of what is above it; arguments of `_carried`."""
+    import cv2
+
+    flat = (scene.xyz[own] @ np.stack(axes(top), axis=1)).astype(np.float32)
+    level = flat[(np.abs(rise) < step) & (scene.normal[own] @ top[:3] > FACING)]
+    foot = cv2.convexHull(flat[_foot(rise, step)])
+    beyond = [-cv2.pointPolygonTest(foot, (float(x), float(y)), True) for x, y in level]
+    radius = np.sqrt(cv2.contourArea(foot) / np.pi)
+    return bool(np.percentile(np.maximum(beyond, 0.0), 95) < NARROW * radius)
+
+
 def _is_ledge(scene: Scene, level: np.ndarray, plane: np.ndarray) -> bool:
     """Whether points of a level (indices) end at a step down to the support, not in a slope.
 
@@ -381,7 +410,7 @@ def _is_ledge(scene: Scene, level: np.ndarray, plane: np.ndarray) -> bool:
     away = np.linalg.norm(flat - np.median(flat[level], axis=0), axis=1)
     height = scene.xyz @ plane[:3] + plane[3]
     top = float(np.median(height[level]))
-    here = (away < np.percentile(away[level], 95)) & (scene.normal @ plane[:3] > 0.85)
+    here = (away < np.percentile(away[level], 95)) & (scene.normal @ plane[:3] > FACING)
     between = here & (np.abs(height - 0.5 * top) < 0.15 * top)
     on_top = here & (np.abs(height - top) < 0.15 * top)
     return bool(between.sum() < LEDGE * max(on_top.sum(), 1))

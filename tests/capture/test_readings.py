@@ -76,14 +76,14 @@ def two_boxes() -> tuple[Scene, int, int]:
     return made((table, GREY), (left, RED), (right, BLUE)), 6000, 6000
 
 
-def on_stand(colour: tuple[int, int, int] = RED) -> Scene:
-    """A box of some colour on a flat blue block on a table."""
+def on_stand(colour: tuple[int, int, int] = RED, half: float = 0.25) -> Scene:
+    """A box of some colour, 0.2 wide, on a flat blue block of some half width on a table."""
     rng = np.random.default_rng(1)
-    block = box(rng, 16_000, np.array([0.25, 0.25, 0.04]), np.array([0, 0, 0.04]))
+    block = box(rng, 16_000, np.array([half, half, 0.04]), np.array([0, 0, 0.04]))
     carried = (block[0][:, 2] > 0.075) & (np.abs(block[0][:, :2]) < 0.1).all(1)
     block = block[0][~carried], block[1][~carried]
     own = box(rng, 8000, np.array([0.1, 0.1, 0.12]), np.array([0, 0, 0.2]))
-    return made((ground(rng, 0.25), GREY), (block, BLUE), (own, colour))
+    return made((ground(rng, half), GREY), (block, BLUE), (own, colour))
 
 
 def share(found: Found, points: Scene, colour: tuple[int, int, int]) -> float:
@@ -197,6 +197,15 @@ def test_a_plate_with_a_handle_of_its_own_colour_is_one_thing_and_the_handle_is_
     blue = (points.rgb == BLUE).all(1)
     assert found.split.member[blue].mean() > 0.7 and np.array_equal(found.readings[0].member, found.split.member)
     assert len(found.readings) == 2 and found.readings[1].member[points.xyz[:, 2] < 0.07].mean() < 0.01
+
+
+def test_a_narrow_ledge_of_its_own_colour_is_a_moulding_and_of_another_colour_a_stand() -> None:
+    points = on_stand(BLUE, half=0.12)
+    sole = find_object(points)
+    assert sole.moulded and sole.readings == [] and share(sole, points, BLUE) > 0.7
+    stand = find_object(on_stand(RED, half=0.12))
+    assert not stand.moulded and len(stand.readings) == 2
+    assert not find_object(on_stand(BLUE)).moulded
 
 
 def test_a_plate_that_was_turned_over_with_its_handle_is_one_thing() -> None:
