@@ -123,16 +123,16 @@ def test_the_room_casts_no_vote() -> None:
 
 
 def test_a_long_pause_divides_what_has_few_features_and_only_where_they_are_not_shared() -> None:
-    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    direction = np.tile(np.column_stack([np.cos(turn), np.sin(turn), np.full(12, 0.5)]), (2, 1))
+    turn = np.linspace(0, 2 * np.pi, 20, endpoint=False)
+    direction = np.tile(np.column_stack([np.cos(turn), np.sin(turn), np.full(20, 0.5)]), (2, 1))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     angle = np.degrees(np.arccos(np.clip(direction @ direction.T, -1, 1)))
-    seconds = np.arange(24) * 10 + np.where(np.arange(24) >= 12, 300, 0)
+    seconds = np.arange(40) * 10 + np.where(np.arange(40) >= 20, 300, 0)
     times = (1_000_000_000 * (1 + seconds)).astype(np.int64)
     stood = np.where(angle < 35, 2.0, 0.0)
-    second = np.arange(24) >= 12
+    second = np.arange(40) >= 20
     moved = np.where(second[:, None] == second[None], stood, 0.0)
     assert np.array_equal(divide_at_pauses(moved, direction, times), second.astype(int))
     assert not divide_at_pauses(stood, direction, times).any()
-    assert not divide_at_pauses(moved, direction, np.full(24, -1)).any(), "nobody knows when"
+    assert not divide_at_pauses(moved, direction, np.full(40, -1)).any(), "nobody knows when"
     assert not divide_at_pauses(moved * second[:, None], direction, times).any(), "one side shows nothing"
