@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -194,7 +195,7 @@ def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np
     like = (angle < LIKE_DEG) & ~np.eye(n, dtype=bool)
     cuts = [i + 1 for i in _long_pauses(timestamp_ns, 0, n - 1) or []]
     label, first = np.zeros(n, int), 0
-    for cut, end in zip(cuts, [*cuts[1:], n], strict=True):
+    for cut, end in pairwise([*cuts, n]):
         before, after = np.arange(first, cut), np.arange(cut, end)
         label[after] = label[cut - 1]
         own = min(_mean_shared(shared, like, side, side) for side in (before, after))
