@@ -414,6 +414,8 @@ def _drawn(side: Side, camera: _Camera, chosen: np.ndarray, turn: np.ndarray, sh
         region[solid] = (facing > FACING) & (c[:, 2] < shown.ravel()[solid] + DEEPER_PX * pixel)
         image = cv2.remap(side.images[i], place, None, cv2.INTER_LINEAR, borderValue=0)
         xy, data = extract(image, region.reshape(n, n) & inside, FeatureOptions(MOST))
+        if not len(xy):
+            continue
         at = xy[:, :2].astype(np.float32) - np.float32(0.5)
         uv = cv2.remap(place, at[:, None], None, cv2.INTER_LINEAR, borderValue=-1e6).reshape(-1, 2)
         where = cv2.remap(on_shape.reshape(n, n, 3), at[:, None], None, cv2.INTER_NEAREST, borderValue=(np.nan,) * 3)
