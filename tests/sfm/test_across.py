@@ -120,6 +120,6 @@ def test_features_speak_against_the_wrong_way_round_and_not_where_nothing_is_sha
 
 def test_a_placement_that_shows_no_feature_is_not_laid(upright: Side) -> None:
     """Of a cardboard parcel some drawn images had none, and the command failed."""
-    dark = replace(upright, images=[np.full_like(image, 60) for image in upright.images])
+    dark = replace(upright, images=[np.zeros_like(image) for image in upright.images])
     assert lay(upright, dark, [rough_start()]) is None
     assert lay(dark, upright, [rough_start()], anywhere=False) is None
