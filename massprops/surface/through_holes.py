@@ -118,7 +118,8 @@ def through_holes(body: Surface, places: list[np.ndarray]) -> tuple[list[Tube], 
         if any(mouths.contains(middle[place]) for mouths in found):
             continue
         up = [d if area[place] @ normal[place] @ d >= 0 else -d for d in directions]
-        mouths = _mouths(body, faces, place, up, cut)
+        others = [p for p in places if p is not place]
+        mouths = _mouths(body, faces, place, up, cut) or _lids(body, place, others, up, cut)
         if mouths is None:
             left.append(place)
         else:
@@ -233,6 +234,45 @@ def _pair(body: Surface, faces: cKDTree, place: np.ndarray, layers: _Layers) -> 
         return None
     alike = np.count_nonzero(upper.free & lower.free) / np.count_nonzero(upper.free | lower.free)
     return _Mouths(layers, upper, lower, float(alike))
+
+
+def _lids(
+    body: Surface,
+    place: np.ndarray,
+    others: list[np.ndarray],
+    directions: list[np.ndarray],
+    cut: dict[bytes, _Layers | None],
+) -> _Mouths | None:
+    """The place and the one of the `others` that closes the other end of a hole without measured walls: along the direction
+    each covers the other, and the body between them is bounded by these two."""
+    best = None
+    for up in directions:
+        if up.tobytes() not in cut:
+            cut[up.tobytes()] = _layers(body, up)
+        layers = cut[up.tobytes()]
+        if layers is None:
+            continue
+        ends = layers.rank % 2 == 1
+        top = np.flatnonzero(np.isin(layers.face, place) & ends)
+        for other in others:
+            bottom = np.flatnonzero(np.isin(layers.face, other) & ~ends)
+            both = np.intersect1d(top - 1, bottom)
+            either = np.union1d(layers.cell[top], layers.cell[bottom])
+            alike = len(both) / max(len(either), 1)
+            if len(both) >= SMALLEST and alike > max(ALIKE, 0.0 if best is None else best.alike):
+                best = _Mouths(layers, _lid(layers, top, 1), _lid(layers, bottom, -1), alike)
+    return best
+
+
+def _lid(layers: _Layers, crossings: np.ndarray, side: int) -> _Section:
+    """What a place covers, at its highest (`side` 1) or lowest (-1) layer and one beyond."""
+    grid = layers.grid
+    free = np.zeros(layers.piece.shape[:2], bool)
+    free.ravel()[layers.cell[crossings]] = True
+    level = (layers.height[crossings] - grid.corner[2]) / grid.step[2]
+    layer = int(np.clip(side * np.max(side * level) + side, 0, layers.piece.shape[2] - 1))
+    cells = np.argwhere(free)
+    return _Section(free, layer, grid.world(np.column_stack([cells, np.full(len(cells), layer)])).mean(axis=0))
 
 
 def _section(body: Surface, faces: cKDTree, layers: _Layers, columns: np.ndarray, order: range) -> _Section | None:
