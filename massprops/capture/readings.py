@@ -360,7 +360,7 @@ def turning_plate(scene: Scene, seed: int = 0) -> Top | None:
 
 def _carried(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:
     """Whether a level reaches beyond the foot of what is above it, all about, and nothing below is wider."""
-    upper, level, lower = rise > step, np.abs(rise) < step, rise < -step
+    level, lower = np.abs(rise) < step, rise < -step
     first, second = axes(top)
     x, y = scene.xyz[own] @ first, scene.xyz[own] @ second
     foot = _foot(rise, step)

@@ -18,6 +18,7 @@ from massprops.documents.arrays import open_arrays
 from massprops.documents.loading import load_json
 from massprops.errors import InputError
 from massprops.report.masks_page import Sheet, Silhouette, masks_page
+from massprops.run.stage_images import silhouette_file
 from massprops.sfm.global_images import SHIFTS, as_read
 
 COMMAND = "masks"
@@ -154,7 +155,7 @@ def _exif(image: Path) -> int:
 
 def read_mask(run: Path, stored: str) -> np.ndarray | None:
     """The silhouette of a frame, (h, w) uint8, or None where the run has none."""
-    path = run / "work" / "silhouettes" / "masks" / f"{stored}.png"
+    path = silhouette_file(run / "work", stored)
     return read_image(path, 0) if path.is_file() else None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,20 @@ def undistorted_frame(job: Job, views: Views, i: int, flags: int = 1) -> np.ndar
     return undistort(image, views.K[i], views.distortion[i])
 
 
+def silhouette_file(work: Path, name: str) -> Path:
+    """The silhouette of a stored frame in the folder of all stages: as all placements of the object know it, where that
+    is known better."""
+    again = work / "join" / "masks" / f"{name}.png"
+    return again if again.is_file() else work / "silhouettes" / "masks" / f"{name}.png"
+
+
 def undistorted_mask(job: Job, views: Views, i: int) -> np.ndarray:
     """(h, w) uint8 silhouette of view i without its lens's distortion: 255 object, 0 background, 128 not known.
 
     Raises:
         OSError: the silhouette is missing or cannot be read.
     """
-    mask = read_image(job.work("silhouettes") / "masks" / f"{views.names[i]}.png", 0)
+    mask = read_image(silhouette_file(job.run / "work", views.names[i]), 0)
     return undistort(mask, views.K[i], views.distortion[i], nearest=True)
 
 

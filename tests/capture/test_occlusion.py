@@ -25,8 +25,8 @@ from massprops.capture.occlusion import (
 )
 from massprops.dense.region import Region
 from massprops.geometry.rasterise import silhouette
+from massprops.run.drawn_silhouettes import surroundings
 from massprops.run.stages.shape import HELD, WHOLE, WHOLLY
-from massprops.run.stages.silhouettes import _surroundings
 from massprops.surface.cloud import Cloud
 from massprops.surface.outline_cloud import surface_of_outlines
 from massprops.surface.silhouette import agreement, shown_as_object
@@ -135,9 +135,9 @@ def test_silhouettes_are_drawn_with_all_known_support(tmp_path: Path) -> None:
     other = Cloud(np.eye(3), np.eye(3), np.ones(3), np.array([0, 1, 2, 3]), np.zeros(3, int))
     other.save(tmp_path / "other.npz")
     np.save(tmp_path / "other_colour.npy", np.tile(np.array([10, 20, 30], np.uint8), (3, 1)))
-    assert _surroundings(tmp_path)[1].tolist() == [[30, 20, 10]] * 3, "stored as RGB, given as BGR"
+    assert surroundings(tmp_path)[1].tolist() == [[30, 20, 10]] * 3, "stored as RGB, given as BGR"
     np.savez(tmp_path / "support.npz", xyz=np.zeros((2, 3)), colour=np.full((2, 3), 7, np.uint8))
-    xyz, colour = _surroundings(tmp_path)
+    xyz, colour = surroundings(tmp_path)
     assert len(xyz) == len(colour) == 5 and (colour[3:] == 7).all()
 
 

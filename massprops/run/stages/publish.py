@@ -169,6 +169,8 @@ def _masks(job: Job, new: Path, factor: float) -> bool:
     if not source.is_dir():
         return False
     shutil.copytree(source, new / "masks")
+    if (job.work("join") / "masks").is_dir():
+        shutil.copytree(job.work("join") / "masks", new / "masks", dirs_exist_ok=True)
     return True
 
 

@@ -415,6 +415,11 @@ def placement_folder(work: Path, number: int) -> Path:
     return work / f"placement{number}"
 
 
+def measured_folders(work: Path, placements: list[dict[str, Any]]) -> list[Path]:
+    """Folders of the placements of `shape.json` that stereo has measured."""
+    return [placement_folder(work, k) for k, p in enumerate(placements) if p["method"] == "measured"]
+
+
 def placement_points(work: Path, number: int) -> tuple[Cloud, np.ndarray]:
     """The points of a placement's object that agree with their neighbours, and their colours (n, 3) uint8."""
     from massprops.surface.cloud import Cloud, agreeing

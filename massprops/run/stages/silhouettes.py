@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from massprops.capture.before import hidden_share, something_before
+from massprops.capture.before import something_before
 from massprops.capture.frame_edge import cut_off
-from massprops.capture.from_shape import (
-    Paint,
-    far_from,
-    moved,
-    overlap,
-    refine,
-    shows_points,
-    to_stored,
-    trimap,
-    unsure,
-)
+from massprops.capture.from_shape import Paint, moved, overlap
 from massprops.core.files import write_image
 from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
 from massprops.core.text import counted
 from massprops.errors import NotPossible
 from massprops.run.completion import shown_beside
+from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_paint, shown_in, stored
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 from massprops.sfm.footage import mask_file
@@ -55,7 +44,7 @@ def run(job: Job) -> dict[str, Any]:
         method = "given" if given else f"before a {footage['background']} background"
     else:
         share, left_out = _from_shapes(job, views, shape["placements"])
-        method = "drawn from the shape, refined by the images"
+        method = DRAWN
         if left_out:
             job.warn(
                 counted(len(left_out), "image shows", "images show")
@@ -128,9 +117,11 @@ def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tu
     Returns:
         share of the object in each image that is used, and the names of those left out.
     """
+    from massprops.run.stages.shape import measured_folders
+
     number = {name: i for i, name in enumerate(views.names)}
     found: dict[int, np.ndarray] = {}
-    painted = _paint(job, placements)
+    painted = learned_paint(measured_folders(job.work("shape"), placements))
     for k, placement in enumerate(placements):
         index = np.array([number[name] for name in placement["images"]])
         drawn = _placement(job, views, index, k, len(found), painted)
@@ -140,26 +131,11 @@ def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tu
     share = []
     for i, name in enumerate(views.names):
         if i in found:
-            lens = tuple(views.size[i]), views.K[i], views.distortion[i]
-            mask = to_stored(found[i] == 255, *lens)
-            mask[(to_stored(found[i] > 0, *lens) > 0) & (mask == 0)] = 128
-            share.append(_save(job, name, mask))
+            share.append(_save(job, name, stored(found[i], views, i)))
         else:
             _save(job, name, np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8))
     known = {name for p in placements for name in p["images"]}
     return share, [n for i, n in enumerate(views.names) if i not in found and n in known]
-
-
-def _paint(job: Job, placements: list[dict[str, Any]]) -> Paint | None:
-    """Colours of the object and of what is about it over all placements; None where none was measured."""
-    from massprops.run.stages.shape import placement_folder
-
-    folders = [placement_folder(job.work("shape"), k) for k, p in enumerate(placements) if p["method"] == "measured"]
-    if not folders:
-        return None
-    own = [_own_points(folder)[1] for folder in folders]
-    other = [np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1] for folder in folders]
-    return Paint.learn(np.concatenate(own), np.concatenate(other))
 
 
 def _placement(
@@ -171,41 +147,16 @@ def _placement(
         index: rows of its views; number: its own; before: views done before it.
         painted: colours of the object, which tell what a silhouette may lack: 128.
     """
-    from massprops.capture.unknown_pixels import project
-    from massprops.geometry.rasterise import rasterise
     from massprops.run.stages.shape import placement_folder
 
     folder = placement_folder(job.work("shape"), number)
-    with np.load(folder / "shape.npz", allow_pickle=False) as z:
-        vertices, faces = z["vertices"], z["faces"]
-        measured = faces[: int(z["measured"])] if "measured" in z.files else None
-    other, colour = _surroundings(folder)
-    own, own_colour = _own_points(folder)
+    shown = shown_in(folder, painted)
 
     def silhouette(i: int, place: int) -> Arrays:
-        K, R, t = views.K[i], views.R[i], views.t[i]
-        image = undistorted_frame(job, views, i)
-        depth, _ = rasterise(vertices, faces, K, R, t, (image.shape[1], image.shape[0]))
-        camera = other @ R.T + t
-        ahead = camera[:, 2] > 0
-        camera = camera[ahead]
-        uv = camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2]
-        at, deep = project(own, K, R, t)
-        uv_all, bgr_all = np.concatenate([uv, at]), np.concatenate([colour[ahead], own_colour])
-        far = far_from(depth)
-        shown = shows_points(image, uv_all, bgr_all, far)
-        known = trimap(depth, uv, camera[:, 2], shown[: len(uv)])
-        if measured is not None:
-            # what the votes of all images put to the shape is a hull, and no point of it is sure
-            sure = np.isfinite(rasterise(vertices, measured, K, R, t, (image.shape[1], image.shape[0]))[0])
-            evidence = shown_beside(job, views, folder, i, place)
-            known = replace(known, surely=known.surely & sure, evidence=evidence)
-        solid = refine(image, known)
-        mask = np.where(solid, 255, 0).astype(np.uint8)
-        if painted is not None:
-            mask[unsure(image, solid, painted, far)] = 128
-        hidden = hidden_share(depth, at, deep, shown[len(uv) :])
-        return {"mask": mask, "overlap": np.array(overlap(solid, known.drawn)), "hidden": np.array(hidden)}
+        evidence = None if shown.measured is None else shown_beside(job, views, folder, i, place)
+        mask, known, hidden = drawn_silhouette(undistorted_frame(job, views, i), views, i, shown, evidence)
+        agreement = overlap(mask == 255, known.drawn)
+        return {"mask": mask, "overlap": np.array(agreement), "hidden": np.array(hidden)}
 
     hidden, out = np.zeros(len(index)), []
     for done, i in enumerate(index):
@@ -221,24 +172,6 @@ def _placement(
             "('massprops masks')"
         )
     return out
-
-
-def _surroundings(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) of what is not the object and their colours (n, 3) BGR: of a plain one all of its known support."""
-    with np.load(folder / "other.npz", allow_pickle=False) as z:
-        xyz = z["xyz"]
-    colour = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
-    if not (folder / "support.npz").is_file():
-        return xyz, colour
-    with np.load(folder / "support.npz", allow_pickle=False) as z:
-        return np.concatenate([xyz, z["xyz"]]), np.concatenate([colour, z["colour"]])
-
-
-def _own_points(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """The object's dense points (n, 3) and their colours (n, 3) BGR."""
-    with np.load(folder / "object.npz", allow_pickle=False) as z:
-        xyz = z["xyz"]
-    return xyz, np.load(folder / "colour.npy", allow_pickle=False)[:, ::-1]
 
 
 def _save(job: Job, name: str, mask: np.ndarray) -> float:

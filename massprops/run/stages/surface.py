@@ -12,7 +12,7 @@ from massprops.errors import NotPossible
 from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
-from massprops.run.stage_images import undistorted_frame
+from massprops.run.stage_images import silhouette_file, undistorted_frame
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
@@ -313,7 +313,7 @@ def _masks(job: Job, views: Views) -> list[np.ndarray]:
 
     masks = []
     for i, name in enumerate(views.names):
-        path = job.work("silhouettes") / "masks" / f"{name}.png"
+        path = silhouette_file(job.run / "work", name)
         mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         if mask is None:
             raise NotPossible(f"surface: silhouette {path.name} is missing; run the silhouettes again")
