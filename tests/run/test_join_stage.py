@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+import trimesh
 
+from massprops.capture.from_shape import overlap
 from massprops.dynamics.quaternion import rotation_matrix
+from massprops.geometry.rasterise import rasterise
+from massprops.run.drawn_silhouettes import Shown
+from massprops.run.stages import join
 from massprops.run.stages.join import _laid, _reason, _said
 from massprops.sfm.across import Laid
 from massprops.sfm.points import SparsePoints, project
@@ -117,3 +124,43 @@ def test_a_cloud_loses_the_lines_of_sight_of_views_that_go() -> None:
     ]
     both = Cloud.joined([kept, kept.moved(R, T, 5)])
     assert len(both) == 4 and both.view_index.tolist() == [1, 0, 1, 6, 5, 6]
+
+
+def half_box(low: float, high: float) -> Shown:
+    """What stereo measured of a red cube of side 2 about the origin, between two heights, before nothing."""
+    mesh = trimesh.creation.box(bounds=[[-1, -1, low], [1, 1, high]]).subdivide_to_size(0.1)
+    points = np.asarray(mesh.vertices)
+    none = np.zeros((0, 3))
+    return Shown(points, np.asarray(mesh.faces), None, points, np.tile([40, 40, 200], (len(points), 1)), none, none)
+
+
+@pytest.mark.parametrize("lacks", [True, False])
+def test_a_silhouette_that_lacks_what_another_placement_measured_is_drawn_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, lacks: bool
+) -> None:
+    here = views(3)
+    cube, seen = half_box(-1, 1), []
+    for i in range(3):
+        whole = rasterise(cube.vertices, cube.faces, here.K[i], here.R[i], here.t[i], (640, 480))[0] < np.inf
+        seen.append(whole)
+    image = [np.where(w[..., None], np.uint8([40, 40, 200]), np.uint8([120, 120, 120])) for w in seen]
+    upper = half_box(0, 1) if lacks else cube
+    known = [
+        np.where(
+            np.isfinite(rasterise(upper.vertices, upper.faces, here.K[i], here.R[i], here.t[i], (640, 480))[0]), 255, 0
+        )
+        for i in range(3)
+    ]
+    shown = {0: half_box(0, 1), 1: half_box(-1, 0)}
+    monkeypatch.setattr(join, "shown_in", lambda folder, painted: shown[int(folder.name[-1])])
+    monkeypatch.setattr(join, "learned_paint", lambda folders: None)
+    monkeypatch.setattr(join, "undistorted_frame", lambda job, views, i: image[int(views.names[i][5])])
+    monkeypatch.setattr(join, "_masks", lambda job, views: [known[int(n[5])].astype(np.uint8) for n in views.names])
+    job: Any = SimpleNamespace(work=lambda stage: tmp_path, out=tmp_path)
+    one, two = here.take(np.array([0, 1])), here.take(np.array([2]))
+    placements = [{"method": "measured"}] * 2
+    found = join._redrawn(job, placements, [(one, np.eye(3), np.zeros(3), 0), (two, np.eye(3), np.zeros(3), 1)])
+    assert found == (list(here.names) if lacks else [])
+    for i, name in enumerate(found):
+        mask = cv2.imread(str(tmp_path / "masks" / f"{name}.png"), 0)
+        assert overlap(mask == 255, seen[i]) > 0.97

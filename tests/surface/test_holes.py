@@ -184,3 +184,16 @@ def test_dents_of_other_sections_are_no_hole() -> None:
     body.vertices[inner & (body.vertices[:, 2] < 0), :2] *= 1.8
     tubes, left = through_holes(body, places)
     assert not tubes and len(left) == 2
+
+
+def test_a_short_bore_of_which_no_wall_was_measured_is_opened_where_both_ends_are_dark() -> None:
+    body, places = _closed("bore")
+    tubes, left = through_holes(body, places)
+    assert len(tubes) == 1 and not left
+    made_of = opened(body, tubes)
+    assert made_of is not None
+    made = trimesh.Trimesh(*made_of[:2], process=False)
+    assert made.is_volume and made.euler_number == 0
+    assert made.volume == pytest.approx(np.pi * (OUTER**2 - INNER**2) * HEIGHT, rel=0.04)
+    aside = [place[body.vertices[body.faces[place]].mean(axis=1)[:, 0] > 0.4 * INNER] for place in places]
+    assert not through_holes(body, [places[0], aside[1]])[0], "they hardly cover each other"
