@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dense.region import Region
+
 LIKE_DEG = 25.0
 """Angle between two directions of view below which one placement would show the same features."""
 LEAST_PAIRS = 6
@@ -336,8 +338,7 @@ def find_placements(
     obs_view: np.ndarray,
     obs_point: np.ndarray,
     centres: np.ndarray,
-    centre: np.ndarray,
-    radius: float,
+    region: Region,
     seed: int = 0,
     timestamp_ns: np.ndarray | None = None,
 ) -> Placements:
@@ -346,13 +347,13 @@ def find_placements(
     Args:
         xyz: (m, 3) sparse points; obs_view, obs_point: (k,) which view saw which.
         centres: (n, 3) of the cameras.
-        centre, radius: of the region the cameras look at.
+        region: that the cameras look at.
         seed: of the plane's draws.
         timestamp_ns: (n,) when each image was taken, not positive where nobody knows.
     """
-    own = on_object(xyz, centres, centre, radius, seed)
+    own = on_object(xyz, centres, region.centre, region.radius, seed)
     shared = shared_features(len(centres), obs_view, obs_point, own)
-    direction = centres - centre
+    direction = centres - region.centre
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if own.sum() < LEAST_POINTS:
         return Placements(divide_at_pauses(shared, direction, timestamp_ns), shared, known=False)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.capture.placements import divide, divide_at_pauses, fill_undecided, find_placements
+from massprops.dense.region import Region
 
 
 def ring(n: int, phase: float = 0.0) -> np.ndarray:
@@ -117,7 +118,11 @@ def test_the_room_casts_no_vote() -> None:
         view += [i] * (len(seen) + len(facing))
         point += [*seen, *(400 + facing)]
     found = find_placements(
-        np.concatenate([ground, own]), np.array(view), np.array(point), 3 * direction, np.array([0, 0, 0.1]), 0.8
+        np.concatenate([ground, own]),
+        np.array(view),
+        np.array(point),
+        3 * direction,
+        Region(np.array([0, 0, 0.1]), 0.8),
     )
     assert found.count == 2 and np.array_equal(found.label, placement)
 

@@ -79,7 +79,7 @@ def run(job: Job) -> dict[str, Any]:
     taken = {f["name"]: f["timestamp_ns"] for f in footage["frames"]}
     times = np.array([taken[name] for name in views.names], np.int64)
     divided = given or find_placements(
-        sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region.centre, region.radius, job.seed, times
+        sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region, job.seed, times
     )
     label = fill_undecided(divided.label, times)
     if not given and not divided.known and not label.any():
