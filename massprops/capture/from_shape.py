@@ -43,7 +43,7 @@ class Trimap:
 
     Attributes:
         drawn: (h, w) bool, the shape's silhouette, its gaps filled where the surroundings would show through and do not.
-        surely: (h, w) bool, the object.
+        surely: (h, w) bool, the object; not in such gaps.
         away: (h, w) bool, surely not.
         hidden: (h, w) bool, the surroundings lie there and do not show: something is before them.
         evidence: (h, w) float32, log odds of something before the support by its picture of all images; None where that
@@ -82,9 +82,12 @@ def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray) 
         count.append(cv2.boxFilter(dots, -1, (2 * NEAR_OTHER + 1,) * 2, normalize=False))
     # one point alone may be wrong
     other, hidden = (count[0] > 2.5) & (count[0] > count[1]), (count[1] > 2.5) & (count[1] > count[0])
+    shape = drawn
     drawn = _without_gaps(drawn, other, size)
+    # a gap may be a plain wall behind the object, which has no points either: the image decides by its colours
+    gap = cv2.dilate((drawn & ~shape).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     solid = drawn.astype(np.uint8)
-    surely = cv2.distanceTransform(solid, cv2.DIST_L2, 5) > band
+    surely = (cv2.distanceTransform(solid, cv2.DIST_L2, 5) > band) & ~gap
     outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5) if drawn.any() else np.full((h, w), np.inf)
     enclosed = ~_reached(~drawn)
     reach = np.where(hidden, FAR * size, UNKNOWN * size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 
 from massprops.capture.from_shape import (
     Paint,
@@ -45,6 +46,20 @@ def test_a_gap_that_shows_nothing_is_the_object() -> None:
     known = trimap(depth_of(ring), through, np.full(len(through), 2.0), np.ones(len(through), bool))
     assert not known.drawn[120, 160] and known.away[120, 160], "the table shows through it"
     assert known.surely[120, 205] and not known.away[120, 205], "points behind the shape are hidden by it"
+
+
+@pytest.mark.parametrize("open_", [True, False])
+def test_the_image_decides_whether_a_gap_without_points_is_the_object(open_: bool) -> None:
+    """As between the rails of a chair's back before a plain wall, and within the glossy side of a jug."""
+    rng = np.random.default_rng(3)
+    ring, middle = disc(160, 120, 60), disc(160, 120, 25)
+    body = ring & ~middle if open_ else ring
+    image = np.where(body[..., None], [60, 90, 190], [120, 120, 110]) + 6.0 * rng.standard_normal((*SHAPE, 3))
+    outside = everywhere()
+    outside = outside[np.hypot(outside[:, 0] - 160, outside[:, 1] - 120) > 62]
+    seen = np.full(len(outside), 2.0), np.ones(len(outside), bool)
+    found = refine(np.clip(image, 0, 255).astype(np.uint8), trimap(depth_of(ring & ~middle), outside, *seen))
+    assert overlap(found, body) > 0.96
 
 
 def test_the_image_decides_where_the_outline_is() -> None:
