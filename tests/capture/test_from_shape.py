@@ -62,6 +62,19 @@ def test_the_image_decides_whether_a_gap_without_points_is_the_object(open_: boo
     assert overlap(found, body) > 0.96
 
 
+def test_a_lump_of_a_first_shape_that_has_the_surroundings_colour_is_not_held() -> None:
+    rng = np.random.default_rng(4)
+    truth = disc(160, 110, 50)
+    image = np.where(truth[..., None], [60, 90, 190], [120, 120, 110]) + 6.0 * rng.standard_normal((*SHAPE, 3))
+    lump = truth | disc(160, 165, 20)
+    points = everywhere()
+    points = points[np.hypot(points[:, 0] - 160, points[:, 1] - 120) > 80]
+    seen = np.full(len(points), 2.0), np.ones(len(points), bool)
+    known = trimap(depth_of(lump), points, *seen)
+    assert known.surely[172, 160]
+    assert overlap(refine(np.clip(image, 0, 255).astype(np.uint8), known), truth) > 0.97
+
+
 def test_the_image_decides_where_the_outline_is() -> None:
     rng = np.random.default_rng(0)
     truth = disc(160, 120, 50)
