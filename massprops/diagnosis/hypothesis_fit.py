@@ -97,7 +97,8 @@ class HypothesisFit:
         torque: (n, 3) latent, body axes [rad/s^2]; left: (all, 3) what the rows hold beyond the model without the latent
             torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
         held_sd: by effect, 1-sigma of the values that its columns hold, where they were looked at (`scanned_values`).
-        settled: whether the passes came to rest. Where they did not, covariances hold the step that was left.
+        settled: whether the passes came to rest. Where they did not, covariances hold the step that was left. unverified: log
+            evidence that the last pass expects of its step of the inertia, along which no pass has seen the balance.
     """
 
     hypothesis: Hypothesis
@@ -121,6 +122,12 @@ class HypothesisFit:
     y: np.ndarray
     held_sd: dict[str, dict[str, float]] = field(default_factory=dict)
     settled: bool = False
+    unverified: float = 0.0
+
+    @property
+    def verified(self) -> float:
+        """Log evidence less what is unverified: fits of one hypothesis from several starts compare by it."""
+        return self.evidence - self.unverified
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -187,9 +194,14 @@ class _Solution:
     def density(self) -> float:
         """Log density of the rows together with the guess's shape: what else is unknown is marginalised, the noise too (Student's
         law). It does not lean on how the rows answer to another inertia, so passes compare by it."""
-        spread, count = self.posterior.joint[:INERTIA, :INERTIA], len(self.y) + self.record.noise_rows
-        lost = 0.5 * count * np.log1p(2.0 * self.gain / count)
-        return float(self.posterior.evidence - lost - 0.5 * np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        spread = self.posterior.joint[:INERTIA, :INERTIA]
+        return float(self.posterior.evidence - self.unverified - 0.5 * np.linalg.slogdet(2.0 * np.pi * spread)[1])
+
+    @property
+    def unverified(self) -> float:
+        """Log evidence that the step gains if the model is linear so far, the noise marginalised."""
+        count = len(self.y) + self.record.noise_rows
+        return float(0.5 * count * np.log1p(2.0 * self.gain / count))
 
     def near(self, before: _Solution) -> bool:
         """Whether nothing that decides is left to gain after the pass before."""
@@ -302,7 +314,7 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
         values={k: v for k, (v, _) in summed.items()}, covariance={k: c for k, (_, c) in summed.items()},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
-        blocks=tuple(own.blocks), y=own.y,
+        blocks=tuple(own.blocks), y=own.y, unverified=own.unverified,
     )  # fmt: skip
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
     for name, forcing in own.acting.items():

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.conserved_start import Start, conserved, conserved_across
+from massprops.diagnosis.conserved_start import Start, conserved, conserved_across, with_mean_moment_about_axis
 from massprops.diagnosis.effect_columns import in_balance, looked_at
 from massprops.diagnosis.effect_search import BALL, admissible, again, best_fit
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
@@ -308,15 +308,19 @@ def wheel_of_any_history(record: Record) -> Candidate:
     Raises:
         NotPossible: no axis leads anywhere.
     """
-    first = fit_hypothesis(record, Hypothesis(wheel=True), conserved_across(record.path, record.rows.at))
-    lags = record.path.span * np.array(LAGS)
+    start, fits = conserved_across(record.path, record.rows.at), []
+    # the wheel answers for the moment about its axis: where its momentum changes least a ball may begin as a needle
+    for begun in (start, with_mean_moment_about_axis(start, record.path)):
+        with suppress(NotPossible):
+            fits.append(fit_hypothesis(record, Hypothesis(wheel=True), begun))
+    first = max(fits, key=lambda f: f.verified)
     fits = []
-    for lag in lags:
+    for lag in record.path.span * np.array(LAGS):
         with suppress(NotPossible):
             fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), again(first)))
     # how the wheel follows its drive has no say in its axis: a fit that left it went astray
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
-    with_latent = max(fits, key=lambda f: f.evidence, default=first)
+    with_latent = max(fits, key=lambda f: f.verified, default=first)
     alone = fit_hypothesis(record, replace(with_latent.hypothesis, latent=False), again(with_latent))
     if alone.evidence > with_latent.evidence:  # more freedom cannot be less likely: it went astray
         with_latent = fit_hypothesis(record, with_latent.hypothesis, again(alone))
