@@ -111,7 +111,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
             tried.append(Candidate(alone=found))
     watch("balance of momentum: internal-rotor of any history", 0, 1)
     with suppress(NotPossible):
-        tried.append(wheel_of_any_history(record))
+        tried.append(wheel_of_any_history(record if record.rows.rates else unknown.record))
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
         if one.with_latent is not None:
@@ -282,11 +282,16 @@ def rigid_body_alone(record: Record) -> Selection:
 
 
 def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> HypothesisFit:
+    """The likeliest fit of one hypothesis from several starts, by what is verified: a fit that runs away to a needle claims more.
+
+    Raises:
+        NotPossible: none leads anywhere, nor does a ball.
+    """
     fits = []
     for start in starts:
         with suppress(NotPossible):
             fits.append(fit_hypothesis(record, hypothesis, start))
-    return max(fits, key=lambda f: f.evidence) if fits else fit_hypothesis(record, hypothesis, BALL)
+    return max(fits, key=lambda f: f.verified) if fits else fit_hypothesis(record, hypothesis, BALL)
 
 
 def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
@@ -308,22 +313,20 @@ def wheel_of_any_history(record: Record) -> Candidate:
     Raises:
         NotPossible: no axis leads anywhere.
     """
-    start, fits = conserved_across(record.path, record.rows.at), []
+    start = conserved_across(record.path, record.rows.at)
     # the wheel answers for the moment about its axis: where its momentum changes least a ball may begin as a needle
-    for begun in (start, with_mean_moment_about_axis(start, record.path)):
-        with suppress(NotPossible):
-            fits.append(fit_hypothesis(record, Hypothesis(wheel=True), begun))
-    first = max(fits, key=lambda f: f.verified)
+    starts = [start, with_mean_moment_about_axis(start, record.path)]
+    first = _best(record, Hypothesis(wheel=True), starts)
     fits = []
     for lag in record.path.span * np.array(LAGS):
         with suppress(NotPossible):
-            fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), again(first)))
+            fits.append(_best(record, Hypothesis(wheel=True, lag=float(lag)), [again(first), *starts]))
     # how the wheel follows its drive has no say in its axis: a fit that left it went astray
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
     with_latent = max(fits, key=lambda f: f.verified, default=first)
-    alone = fit_hypothesis(record, replace(with_latent.hypothesis, latent=False), again(with_latent))
-    if alone.evidence > with_latent.evidence:  # more freedom cannot be less likely: it went astray
-        with_latent = fit_hypothesis(record, with_latent.hypothesis, again(alone))
+    alone = _best(record, replace(with_latent.hypothesis, latent=False), [again(with_latent), *starts])
+    if alone.verified > with_latent.verified:  # more freedom cannot be less likely: it went astray
+        with_latent = _best(record, with_latent.hypothesis, [again(alone)])
     return Candidate(alone=alone, with_latent=with_latent)
 
 
