@@ -222,17 +222,17 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     found: HypothesisFit | None = None
     best: _Solution | None = None
     damped = 1.0
-    for _ in range(passes):
+    for k in range(passes):
         before, settled = found, False
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 own = _solved(record, hypothesis, guess)
-                if best is None or not hypothesis.linear or own.density > best.density - SETTLED:
+                if best is None or not (hypothesis.linear or hypothesis.wheel) or (hypothesis.wheel and k == 1) or own.density > best.density - SETTLED:
                     settled = best is not None and own.near(best)
                     best, damped = own, min(1.0, 2.0 * damped)
                 else:
                     damped = 0.5 * min(best.longest, damped)
-                found, guess = _reached(best, min(best.longest, damped))
+                found, guess = _reached(best, 0.0 if hypothesis.wheel and k == 0 else min(best.longest, damped))
         except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
             break
         if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
@@ -284,9 +284,19 @@ def _solved(record: Record, hypothesis: Hypothesis, guess: _Guess) -> _Solution:
     }
     parts = _parts(record, hypothesis, guess, balance, acting)
     blocks, y = _linear_model(record, hypothesis, parts, balance, guess)
+    rows_ = (record.noise_rows, rows.groups)
+    if hypothesis.wheel:
+        # sizes as the guess's inertia has them: with a step far beyond where the model is linear they would explain noise
+        base = blocks[0]
+        held = [replace(base, columns=base.columns[:, INERTIA:], sd=base.sd[INERTIA:]), *blocks[1:]]
+        sized = solve(held, y - base.columns[:, :INERTIA] @ guess.shape, *rows_)
+        again_ = [base, *(replace(b, sd=sized.sd[b.name]) for b in blocks[1:])]
+        posterior = solve(again_, y, *rows_, steps=1, noise=sized.noise)
+    else:
+        posterior = solve(blocks, y, *rows_, noise=guess.noise)
     return _Solution(
         record=record, hypothesis=hypothesis, guess=guess, balance=balance, acting=acting, parts=parts, blocks=blocks, y=y,
-        posterior=solve(blocks, y, record.noise_rows, rows.groups, noise=guess.noise),
+        posterior=posterior,
     )  # fmt: skip
 
 
@@ -294,7 +304,7 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
     """The fit after a part of the step of the inertia, all else as that inertia has it, and the next guess."""
     record, hypothesis, guess, balance = own.record, own.hypothesis, own.guess, own.balance
     path, rows = record.path, record.rows
-    stays = part == 1.0 or not hypothesis.linear
+    stays = part == 1.0 or not (hypothesis.linear or hypothesis.wheel)
     post = own.posterior if stays else own.posterior.moved((part - 1.0) * own.step, own.blocks)
     base = post.mean["base"]
     shape = guess.shape + part * own.step
