@@ -77,8 +77,8 @@ class Hypothesis:
 
     @property
     def linear(self) -> bool:
-        """Whether all enters linearly but the inertia: a wheel's axis does not, nor what an effect's own values move by."""
-        return not self.wheel and not any(t.moves for t in self.terms)
+        """Whether all enters linearly but the inertia (a wheel's axis by a small turn): what an effect's own values move by does not."""
+        return not any(t.moves for t in self.terms)
 
     def term(self, name: str) -> Term:
         """The effect of that name."""
@@ -224,15 +224,18 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     damped = 1.0
     for k in range(passes):
         before, settled = found, False
+        # about rates as measured, noise stands in the columns of the inertia, and a wheel answers for it: first the motion alone
+        motion = hypothesis.wheel and k == 0
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 own = _solved(record, hypothesis, guess)
-                if best is None or not (hypothesis.linear or hypothesis.wheel) or (hypothesis.wheel and k == 1) or own.density > best.density - SETTLED:
+                if best is None or not hypothesis.linear or own.density > best.density - SETTLED:
                     settled = best is not None and own.near(best)
                     best, damped = own, min(1.0, 2.0 * damped)
                 else:
                     damped = 0.5 * min(best.longest, damped)
-                found, guess = _reached(best, 0.0 if hypothesis.wheel and k == 0 else min(best.longest, damped))
+                found, guess = _reached(best, 0.0 if motion else min(best.longest, damped))
+                best = None if motion else best
         except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
             break
         if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
@@ -284,27 +287,35 @@ def _solved(record: Record, hypothesis: Hypothesis, guess: _Guess) -> _Solution:
     }
     parts = _parts(record, hypothesis, guess, balance, acting)
     blocks, y = _linear_model(record, hypothesis, parts, balance, guess)
-    rows_ = (record.noise_rows, rows.groups)
-    if hypothesis.wheel:
-        # sizes as the guess's inertia has them: with a step far beyond where the model is linear they would explain noise
-        base = blocks[0]
-        held = [replace(base, columns=base.columns[:, INERTIA:], sd=base.sd[INERTIA:]), *blocks[1:]]
-        sized = solve(held, y - base.columns[:, :INERTIA] @ guess.shape, *rows_)
-        again_ = [base, *(replace(b, sd=sized.sd[b.name]) for b in blocks[1:])]
-        posterior = solve(again_, y, *rows_, steps=1, noise=sized.noise)
-    else:
-        posterior = solve(blocks, y, *rows_, noise=guess.noise)
     return _Solution(
         record=record, hypothesis=hypothesis, guess=guess, balance=balance, acting=acting, parts=parts, blocks=blocks, y=y,
-        posterior=posterior,
+        posterior=(_sized_at_guess if hypothesis.wheel else _sized)(record, guess, blocks, y),
     )  # fmt: skip
+
+
+def _sized(record: Record, guess: _Guess, blocks: list[Block], y: np.ndarray) -> Posterior:
+    """The solution with the sizes of what is flexible by evidence."""
+    return solve(blocks, y, record.noise_rows, record.rows.groups, noise=guess.noise)
+
+
+def _sized_at_guess(record: Record, guess: _Guess, blocks: list[Block], y: np.ndarray) -> Posterior:
+    """The solution with the sizes that are likeliest at the guess's inertia.
+
+    A wheel answers for the moment about its axis: sizes that are found together with a step of the inertia lead far beyond
+    where the model is linear, where a wheel's steps explain noise.
+    """
+    base = blocks[0]
+    held = Block(name=base.name, columns=base.columns[:, INERTIA:], sd=np.asarray(base.sd)[INERTIA:])
+    sized = _sized(record, guess, [held, *blocks[1:]], y - base.columns[:, :INERTIA] @ guess.shape)
+    own = [base, *(replace(b, sd=sized.sd[b.name]) for b in blocks[1:])]
+    return solve(own, y, record.noise_rows, record.rows.groups, steps=1, noise=sized.noise)
 
 
 def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
     """The fit after a part of the step of the inertia, all else as that inertia has it, and the next guess."""
     record, hypothesis, guess, balance = own.record, own.hypothesis, own.guess, own.balance
     path, rows = record.path, record.rows
-    stays = part == 1.0 or not (hypothesis.linear or hypothesis.wheel)
+    stays = part == 1.0 or not hypothesis.linear
     post = own.posterior if stays else own.posterior.moved((part - 1.0) * own.step, own.blocks)
     base = post.mean["base"]
     shape = guess.shape + part * own.step

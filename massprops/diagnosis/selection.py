@@ -320,13 +320,13 @@ def wheel_of_any_history(record: Record) -> Candidate:
     fits = []
     for lag in record.path.span * np.array(LAGS):
         with suppress(NotPossible):
-            fits.append(_best(record, Hypothesis(wheel=True, lag=float(lag)), [again(first), *starts]))
+            fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), again(first)))
     # how the wheel follows its drive has no say in its axis: a fit that left it went astray
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
     with_latent = max(fits, key=lambda f: f.verified, default=first)
-    alone = _best(record, replace(with_latent.hypothesis, latent=False), [again(with_latent), *starts])
+    alone = fit_hypothesis(record, replace(with_latent.hypothesis, latent=False), again(with_latent))
     if alone.verified > with_latent.verified:  # more freedom cannot be less likely: it went astray
-        with_latent = _best(record, with_latent.hypothesis, [again(alone)])
+        with_latent = fit_hypothesis(record, with_latent.hypothesis, again(alone))
     return Candidate(alone=alone, with_latent=with_latent)
 
 
