@@ -28,6 +28,8 @@ whose wheel has one of about .07, evidence chose .03 to .045 and its size came w
 MEMORIES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Time constants of attitudes' errors that are tried, over the gap between two of them: from nearly none to what a short
 record can show."""
+SUN = "sun direction"
+"""What effects need that follow the Sun."""
 BESIDE_UNKNOWN = 4
 """Effects, the best by themselves, that are fitted beside a latent torque as well."""
 
@@ -129,7 +131,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         tried += _pairs(tried, usable, base, unknowns)
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknowns, tried)
-    if by_sun is not None and named and leaves_to_the_sun(named[0].best):
+    if by_sun is not None and named and leaves_to_the_sun(named[0].best, len(tried)):
         verdict, named = "unexplained", []
     likeliest = {id(c): _at_likeliest_scale(c) for c in named}
     tried, named = [likeliest.get(id(c), c) for c in tried], [likeliest[id(c)] for c in named]
@@ -254,7 +256,7 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
 
     What acts may follow the Sun and be no pressure of its light: a jet of what it warms, a panel that bends.
     """
-    if record.environment is None or "sun direction" not in record.environment.known:
+    if record.environment is None or SUN not in record.environment.known:
         return None
     along, fits = record if record.rows.rates else unknown.record, []
     for latent in (False, True):
@@ -265,14 +267,27 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
     return max(fits, key=lambda f: f.evidence, default=None)
 
 
-def leaves_to_the_sun(found: HypothesisFit) -> bool:
-    """Whether a torque that depends on the Sun's direction in any way is likelier beside effects than they are by themselves: a
-    second effect may take what the first one cannot be. Of fits that do not settle nothing is said."""
+def leaves_to_the_sun(found: HypothesisFit, tried: int) -> bool:
+    """Whether effects have a rival that names nothing of the Sun: a torque that depends on its direction in any way, in place of
+    those that follow it and beside the others. A second effect may take what the first one cannot be.
+
+    In place of one it must be less likely by as much as the best of so many is by chance; beside all it may be a little likelier.
+    Of an effect alone that follows the Sun the verdict has asked.
+
+    Args:
+        tried: how many hypotheses the effects are the likeliest of.
+    """
+    own = found.hypothesis
+    others = tuple(t for t in own.terms if SUN not in t.effect.NEEDS)
+    replaced = len(others) < len(own.terms)
+    if replaced and not (others or own.wheel):
+        return False
     try:
-        beside = fit_hypothesis(found.record, replace(found.hypothesis, by_sun=True), again(found))
+        rival = fit_hypothesis(found.record, replace(own, terms=others, by_sun=True), again(found))
     except NotPossible:
         return False
-    return beside.settled and beside.evidence > found.evidence + criteria.BEATS_UNKNOWN
+    lead = criteria.BEATS_UNKNOWN + np.log(1 + tried) if replaced else -criteria.BEATS_UNKNOWN
+    return bool(rival.verified > found.evidence - lead)
 
 
 def rigid_body_alone(record: Record) -> Selection:
