@@ -12,7 +12,7 @@ import numpy as np
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start, conserved, conserved_across, with_mean_moment_about_axis
 from massprops.diagnosis.effect_columns import in_balance, looked_at
-from massprops.diagnosis.effect_search import BALL, admissible, again, best_fit
+from massprops.diagnosis.effect_search import admissible, again, best_fit
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
@@ -306,7 +306,8 @@ def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> Hypoth
     for start in starts:
         with suppress(NotPossible):
             fits.append(fit_hypothesis(record, hypothesis, start))
-    return max(fits, key=lambda f: f.verified) if fits else fit_hypothesis(record, hypothesis, BALL)
+    ball = replace(starts[0], inertia=np.eye(3))
+    return max(fits, key=lambda f: f.verified) if fits else fit_hypothesis(record, hypothesis, ball)
 
 
 def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
