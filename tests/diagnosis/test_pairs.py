@@ -180,7 +180,8 @@ def test_a_strong_wheel_is_not_taken_for_noise_of_a_needle() -> None:
     # what the last pass would still gain is hardly more than what tells two effects apart
     assert wheel.alone.unverified < 10.0 and wheel.alone.evidence > unknown.evidence + 100.0
     assert wheel.alone.axis is not None and abs(wheel.alone.axis @ (0.93845, 0.31775, 0.13542)) > np.cos(np.radians(0.5))
-    assert np.linalg.eigvalsh(wheel.alone.inertia)[0] > 0.5, "the body is nearly a ball"
+    # of a body that is nearly a ball; what is said of the moment about the axis is little, but no needle's 0.005 to 0.03
+    assert np.linalg.eigvalsh(wheel.alone.inertia)[0] > 0.2
 
 
 def test_what_two_effects_share_of_the_noise_is_not_left_to_one() -> None:
