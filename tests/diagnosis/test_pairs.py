@@ -179,7 +179,8 @@ def test_a_strong_wheel_is_not_taken_for_noise_of_a_needle() -> None:
     assert rms(base.residual) > 100.0 and 0.97 < rms(wheel.alone.residual) < 1.03
     # what the last pass would still gain is hardly more than what tells two effects apart
     assert wheel.alone.unverified < 10.0 and wheel.alone.evidence > unknown.evidence + 100.0
-    assert wheel.alone.axis is not None and abs(wheel.alone.axis @ (0.93845, 0.31775, 0.13542)) > np.cos(np.radians(0.5))
+    assert wheel.alone.axis is not None
+    assert abs(wheel.alone.axis @ (0.93845, 0.31775, 0.13542)) > np.cos(np.radians(0.5))
     # of a body that is nearly a ball; what is said of the moment about the axis is little, but no needle's 0.005 to 0.03
     assert np.linalg.eigvalsh(wheel.alone.inertia)[0] > 0.2
 
