@@ -134,7 +134,9 @@ def solve(
     ends = np.cumsum([b.count for b in blocks])
     places = [slice(int(end) - b.count, int(end)) for b, end in zip(blocks, ends, strict=True)]
     sd = np.concatenate([np.broadcast_to(np.asarray(b.sd, float), b.count) for b in blocks]).copy()
-    scale = {b.name: float(np.median(np.broadcast_to(b.sd, b.count))) for b in blocks if b.kind == "sparse"}
+    scale = {
+        b.name: float(np.mean(sd[p] ** -2) ** -0.5) for b, p in zip(blocks, places, strict=True) if b.kind == "sparse"
+    }
     noise, evidence = np.ones(len(rows.groups)) if noise is None else noise, -np.inf
     residual, mean, factor, at = y, np.zeros(len(sd)), np.eye(len(sd)), sd
     for _ in range(steps):

@@ -77,8 +77,8 @@ class Hypothesis:
 
     @property
     def linear(self) -> bool:
-        """Whether all enters linearly but the inertia: a wheel's axis does not, nor what an effect's own values move by."""
-        return not self.wheel and not any(t.moves for t in self.terms)
+        """Whether all enters linearly but the inertia (a wheel's axis by a small turn): what an effect's own values move by does not."""
+        return not any(t.moves for t in self.terms)
 
     def term(self, name: str) -> Term:
         """The effect of that name."""
@@ -97,7 +97,8 @@ class HypothesisFit:
         torque: (n, 3) latent, body axes [rad/s^2]; left: (all, 3) what the rows hold beyond the model without the latent
             torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
         held_sd: by effect, 1-sigma of the values that its columns hold, where they were looked at (`scanned_values`).
-        settled: whether the passes came to rest. Where they did not, covariances hold the step that was left.
+        settled: whether the passes came to rest. Where they did not, covariances hold the step that was left. unverified: log
+            evidence that the last pass expects of its step of the inertia, along which no pass has seen the balance.
     """
 
     hypothesis: Hypothesis
@@ -121,6 +122,12 @@ class HypothesisFit:
     y: np.ndarray
     held_sd: dict[str, dict[str, float]] = field(default_factory=dict)
     settled: bool = False
+    unverified: float = 0.0
+
+    @property
+    def verified(self) -> float:
+        """Log evidence less what is unverified: fits of one hypothesis from several starts compare by it."""
+        return self.evidence - self.unverified
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -187,9 +194,14 @@ class _Solution:
     def density(self) -> float:
         """Log density of the rows together with the guess's shape: what else is unknown is marginalised, the noise too (Student's
         law). It does not lean on how the rows answer to another inertia, so passes compare by it."""
-        spread, count = self.posterior.joint[:INERTIA, :INERTIA], len(self.y) + self.record.noise_rows
-        lost = 0.5 * count * np.log1p(2.0 * self.gain / count)
-        return float(self.posterior.evidence - lost - 0.5 * np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        spread = self.posterior.joint[:INERTIA, :INERTIA]
+        return float(self.posterior.evidence - self.unverified - 0.5 * np.linalg.slogdet(2.0 * np.pi * spread)[1])
+
+    @property
+    def unverified(self) -> float:
+        """Log evidence that the step gains if the model is linear so far, the noise marginalised."""
+        count = len(self.y) + self.record.noise_rows
+        return float(0.5 * count * np.log1p(2.0 * self.gain / count))
 
     def near(self, before: _Solution) -> bool:
         """Whether nothing that decides is left to gain after the pass before."""
@@ -210,8 +222,10 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     found: HypothesisFit | None = None
     best: _Solution | None = None
     damped = 1.0
-    for _ in range(passes):
+    for k in range(passes):
         before, settled = found, False
+        # about rates as measured, noise stands in the columns of the inertia, and a wheel answers for it: first the motion alone
+        motion = hypothesis.wheel and k == 0
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 own = _solved(record, hypothesis, guess)
@@ -220,7 +234,8 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
                     best, damped = own, min(1.0, 2.0 * damped)
                 else:
                     damped = 0.5 * min(best.longest, damped)
-                found, guess = _reached(best, min(best.longest, damped))
+                found, guess = _reached(best, 0.0 if motion else min(best.longest, damped))
+                best = None if motion else best
         except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
             break
         if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
@@ -274,8 +289,26 @@ def _solved(record: Record, hypothesis: Hypothesis, guess: _Guess) -> _Solution:
     blocks, y = _linear_model(record, hypothesis, parts, balance, guess)
     return _Solution(
         record=record, hypothesis=hypothesis, guess=guess, balance=balance, acting=acting, parts=parts, blocks=blocks, y=y,
-        posterior=solve(blocks, y, record.noise_rows, rows.groups, noise=guess.noise),
+        posterior=(_sized_at_guess if hypothesis.wheel else _sized)(record, guess, blocks, y),
     )  # fmt: skip
+
+
+def _sized(record: Record, guess: _Guess, blocks: list[Block], y: np.ndarray) -> Posterior:
+    """The solution with the sizes of what is flexible by evidence."""
+    return solve(blocks, y, record.noise_rows, record.rows.groups, noise=guess.noise)
+
+
+def _sized_at_guess(record: Record, guess: _Guess, blocks: list[Block], y: np.ndarray) -> Posterior:
+    """The solution with the sizes that are likeliest at the guess's inertia.
+
+    A wheel answers for the moment about its axis: sizes that are found together with a step of the inertia lead far beyond
+    where the model is linear, where a wheel's steps explain noise.
+    """
+    base = blocks[0]
+    held = Block(name=base.name, columns=base.columns[:, INERTIA:], sd=np.asarray(base.sd)[INERTIA:])
+    sized = _sized(record, guess, [held, *blocks[1:]], y - base.columns[:, :INERTIA] @ guess.shape)
+    own = [base, *(replace(b, sd=sized.sd[b.name]) for b in blocks[1:])]
+    return solve(own, y, record.noise_rows, record.rows.groups, steps=1, noise=sized.noise)
 
 
 def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
@@ -302,7 +335,7 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
         values={k: v for k, (v, _) in summed.items()}, covariance={k: c for k, (_, c) in summed.items()},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
-        blocks=tuple(own.blocks), y=own.y,
+        blocks=tuple(own.blocks), y=own.y, unverified=own.unverified,
     )  # fmt: skip
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
     for name, forcing in own.acting.items():

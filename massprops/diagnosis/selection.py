@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.conserved_start import Start, conserved, conserved_across
+from massprops.diagnosis.conserved_start import Start, conserved, conserved_across, with_mean_moment_about_axis
 from massprops.diagnosis.effect_columns import in_balance, looked_at
-from massprops.diagnosis.effect_search import BALL, admissible, again, best_fit
+from massprops.diagnosis.effect_search import admissible, again, best_fit
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
@@ -28,6 +28,8 @@ whose wheel has one of about .07, evidence chose .03 to .045 and its size came w
 MEMORIES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Time constants of attitudes' errors that are tried, over the gap between two of them: from nearly none to what a short
 record can show."""
+SUN = "sun direction"
+"""What effects need that follow the Sun."""
 BESIDE_UNKNOWN = 4
 """Effects, the best by themselves, that are fitted beside a latent torque as well."""
 
@@ -111,7 +113,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
             tried.append(Candidate(alone=found))
     watch("balance of momentum: internal-rotor of any history", 0, 1)
     with suppress(NotPossible):
-        tried.append(wheel_of_any_history(record))
+        tried.append(wheel_of_any_history(record if record.rows.rates else unknown.record))
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
         if one.with_latent is not None:
@@ -129,7 +131,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         tried += _pairs(tried, usable, base, unknowns)
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknowns, tried)
-    if by_sun is not None and named and leaves_to_the_sun(named[0].best):
+    if by_sun is not None and named and leaves_to_the_sun(named[0].best, len(tried)):
         verdict, named = "unexplained", []
     likeliest = {id(c): _at_likeliest_scale(c) for c in named}
     tried, named = [likeliest.get(id(c), c) for c in tried], [likeliest[id(c)] for c in named]
@@ -254,7 +256,7 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
 
     What acts may follow the Sun and be no pressure of its light: a jet of what it warms, a panel that bends.
     """
-    if record.environment is None or "sun direction" not in record.environment.known:
+    if record.environment is None or SUN not in record.environment.known:
         return None
     along, fits = record if record.rows.rates else unknown.record, []
     for latent in (False, True):
@@ -265,14 +267,27 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
     return max(fits, key=lambda f: f.evidence, default=None)
 
 
-def leaves_to_the_sun(found: HypothesisFit) -> bool:
-    """Whether a torque that depends on the Sun's direction in any way is likelier beside effects than they are by themselves: a
-    second effect may take what the first one cannot be. Of fits that do not settle nothing is said."""
+def leaves_to_the_sun(found: HypothesisFit, tried: int) -> bool:
+    """Whether effects have a rival that names nothing of the Sun: a torque that depends on its direction in any way, in place of
+    those that follow it and beside the others. A second effect may take what the first one cannot be.
+
+    In place of one it must be less likely by as much as the best of so many is by chance; beside all it may be a little likelier.
+    Of an effect alone that follows the Sun the verdict has asked.
+
+    Args:
+        tried: how many hypotheses the effects are the likeliest of.
+    """
+    own = found.hypothesis
+    others = tuple(t for t in own.terms if SUN not in t.effect.NEEDS)
+    replaced = len(others) < len(own.terms)
+    if replaced and not (others or own.wheel):
+        return False
     try:
-        beside = fit_hypothesis(found.record, replace(found.hypothesis, by_sun=True), again(found))
+        rival = fit_hypothesis(found.record, replace(own, terms=others, by_sun=True), again(found))
     except NotPossible:
         return False
-    return beside.settled and beside.evidence > found.evidence + criteria.BEATS_UNKNOWN
+    lead = criteria.BEATS_UNKNOWN + np.log(1 + tried) if replaced else -criteria.BEATS_UNKNOWN
+    return bool(rival.verified > found.evidence - lead)
 
 
 def rigid_body_alone(record: Record) -> Selection:
@@ -282,11 +297,17 @@ def rigid_body_alone(record: Record) -> Selection:
 
 
 def _best(record: Record, hypothesis: Hypothesis, starts: list[Start]) -> HypothesisFit:
+    """The likeliest fit of one hypothesis from several starts, by what is verified: a fit that runs away to a needle claims more.
+
+    Raises:
+        NotPossible: none leads anywhere, nor does a ball.
+    """
     fits = []
     for start in starts:
         with suppress(NotPossible):
             fits.append(fit_hypothesis(record, hypothesis, start))
-    return max(fits, key=lambda f: f.evidence) if fits else fit_hypothesis(record, hypothesis, BALL)
+    ball = replace(starts[0], inertia=np.eye(3))
+    return max(fits, key=lambda f: f.verified) if fits else fit_hypothesis(record, hypothesis, ball)
 
 
 def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
@@ -308,17 +329,19 @@ def wheel_of_any_history(record: Record) -> Candidate:
     Raises:
         NotPossible: no axis leads anywhere.
     """
-    first = fit_hypothesis(record, Hypothesis(wheel=True), conserved_across(record.path, record.rows.at))
-    lags = record.path.span * np.array(LAGS)
+    start = conserved_across(record.path, record.rows.at)
+    # the wheel answers for the moment about its axis: where its momentum changes least a ball may begin as a needle
+    starts = [start, with_mean_moment_about_axis(start, record.path)]
+    first = _best(record, Hypothesis(wheel=True), starts)
     fits = []
-    for lag in lags:
+    for lag in record.path.span * np.array(LAGS):
         with suppress(NotPossible):
             fits.append(fit_hypothesis(record, Hypothesis(wheel=True, lag=float(lag)), again(first)))
     # how the wheel follows its drive has no say in its axis: a fit that left it went astray
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
-    with_latent = max(fits, key=lambda f: f.evidence, default=first)
+    with_latent = max(fits, key=lambda f: f.verified, default=first)
     alone = fit_hypothesis(record, replace(with_latent.hypothesis, latent=False), again(with_latent))
-    if alone.evidence > with_latent.evidence:  # more freedom cannot be less likely: it went astray
+    if alone.verified > with_latent.verified:  # more freedom cannot be less likely: it went astray
         with_latent = fit_hypothesis(record, with_latent.hypothesis, again(alone))
     return Candidate(alone=alone, with_latent=with_latent)
 

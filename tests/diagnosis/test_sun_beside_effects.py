@@ -1,35 +1,70 @@
-"""Whether a torque by the Sun's direction, of any form, explains more beside the effects that would be named."""
+"""Whether a torque by the Sun's direction, of any form, is a rival of the effects that would be named."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from massprops.diagnosis import criteria, selection
+from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.hypothesis_fit import Hypothesis
+from massprops.effects import effects
 from massprops.errors import NotPossible
 
+TRIED = 12
 
-@pytest.mark.parametrize(
-    ("gain", "settled", "leaves"),
-    [(criteria.BEATS_UNKNOWN + 0.1, True, True), (criteria.BEATS_UNKNOWN - 0.1, True, False), (50.0, False, False)],
-)
-def test_it_must_be_likelier_by_enough_and_settled(
-    monkeypatch: pytest.MonkeyPatch, gain: float, settled: bool, leaves: bool
-) -> None:
+
+def _found(*names: str, wheel: bool = False) -> Any:
+    terms = tuple(Term(effect=effects()[n]) for n in names)
+    own = Hypothesis(terms=terms, latent=False, wheel=wheel)
+    return SimpleNamespace(record=None, hypothesis=own, evidence=100.0)
+
+
+def _asked(monkeypatch: pytest.MonkeyPatch, verified: float) -> list[Hypothesis]:
+    """The hypotheses that are fitted from now on, each to a verified log evidence."""
     asked: list[Hypothesis] = []
 
     def fit(record: Any, hypothesis: Hypothesis, start: Any) -> Any:
         asked.append(hypothesis)
-        return SimpleNamespace(settled=settled, evidence=100.0 + gain)
+        return SimpleNamespace(verified=verified)
 
     monkeypatch.setattr(selection, "fit_hypothesis", fit)
     monkeypatch.setattr(selection, "again", lambda found: None)
-    found: Any = SimpleNamespace(record=None, hypothesis=Hypothesis(latent=False), evidence=100.0)
-    assert selection.leaves_to_the_sun(found) is leaves
-    assert asked == [Hypothesis(latent=False, by_sun=True)]
+    return asked
+
+
+@pytest.mark.parametrize(("more", "leaves"), [(0.1, True), (-0.1, False)])
+def test_beside_effects_it_must_be_likelier_by_enough(
+    monkeypatch: pytest.MonkeyPatch, more: float, leaves: bool
+) -> None:
+    asked = _asked(monkeypatch, 100.0 + criteria.BEATS_UNKNOWN + more)
+    found = _found("viscous-damping")
+    assert selection.leaves_to_the_sun(found, TRIED) is leaves
+    assert asked == [Hypothesis(terms=found.hypothesis.terms, latent=False, by_sun=True)]
+
+
+@pytest.mark.parametrize(("more", "leaves"), [(0.1, True), (-0.1, False)])
+def test_in_place_of_sunlight_it_must_be_less_likely_by_enough(
+    monkeypatch: pytest.MonkeyPatch, more: float, leaves: bool
+) -> None:
+    asked = _asked(monkeypatch, 100.0 - criteria.BEATS_UNKNOWN - np.log(1 + TRIED) + more)
+    found = _found("viscous-damping", "solar-pressure-on-facets")
+    assert selection.leaves_to_the_sun(found, TRIED) is leaves
+    assert asked == [Hypothesis(terms=found.hypothesis.terms[:1], latent=False, by_sun=True)]
+
+
+def test_a_wheel_stays_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = _asked(monkeypatch, 0.0)
+    assert not selection.leaves_to_the_sun(_found("solar-pressure-on-facets", wheel=True), TRIED)
+    assert asked == [Hypothesis(latent=False, wheel=True, by_sun=True)]
+
+
+def test_of_sunlight_alone_it_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = _asked(monkeypatch, 1000.0)
+    assert not selection.leaves_to_the_sun(_found("solar-pressure-on-facets"), TRIED) and not asked
 
 
 def test_a_fit_that_fails_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,5 +73,4 @@ def test_a_fit_that_fails_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(selection, "fit_hypothesis", fit)
     monkeypatch.setattr(selection, "again", lambda found: None)
-    found: Any = SimpleNamespace(record=None, hypothesis=Hypothesis(), evidence=0.0)
-    assert not selection.leaves_to_the_sun(found)
+    assert not selection.leaves_to_the_sun(_found("viscous-damping"), TRIED)
