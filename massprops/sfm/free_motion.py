@@ -9,7 +9,7 @@ other across a gap of some tens of degrees.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,52 @@ class Piece:
     t: np.ndarray
 
 
+OUTLYING_RAD = 0.005
+"""Attitudes that are off by more than this count less in a robust fit: those of images held by few points."""
+
+
+@dataclass(frozen=True)
+class FreeRotation:
+    """A free rigid body's attitude over time.
+
+    Attributes:
+        attitude: (3, 3) body to camera at the time `begin`.
+        rate: (3,) there, in the body's axes [rad per unit of time].
+        inertia: (5,) its logarithm but for the size, in `_BASIS`.
+        begin, unit: of time, as those of `Piece`.
+    """
+
+    attitude: np.ndarray
+    rate: np.ndarray
+    inertia: np.ndarray
+    begin: float
+    unit: float
+
+    def attitudes(self, times: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """(m, n, 3, 3) body to camera at times (n,), of motions changed by (m, 11): a turn in the camera's axes, rate and inertia."""
+        from scipy.spatial.transform import Rotation as Turn
+
+        x = np.zeros((1, 11)) if change is None else change
+        q0 = (Turn.from_rotvec(x[:, :3]) * Turn.from_matrix(self.attitude)).as_quat()[:, [3, 0, 1, 2]]
+        rate, inertia = self.rate + x[:, 3:6], _inertia(self.inertia + x[:, 6:11])
+        clock = (np.asarray(times, float) - self.begin) / self.unit
+        out = np.zeros((len(x), len(clock), 3, 3))
+        for side in (clock >= 0, clock < 0):
+            own = np.flatnonzero(side)
+            own = own[np.argsort(np.abs(clock[own]), kind="stable")]
+            q, _ = propagate(q0, rate, inertia, np.r_[0.0, clock[own]], largest_turn=STEP_RAD)
+            R = Turn.from_quat(q[1:].reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix() if len(own) else np.zeros((0, 3, 3))
+            out[:, own] = R.reshape(len(own), len(x), 3, 3).transpose(1, 0, 2, 3)
+        return out
+
+    def changed(self, x: np.ndarray) -> FreeRotation:
+        """The motion changed by x (11,), as in `attitudes`."""
+        from scipy.spatial.transform import Rotation as Turn
+
+        turned = Turn.from_rotvec(x[:3]).as_matrix() @ self.attitude
+        return replace(self, attitude=turned, rate=self.rate + x[3:6], inertia=self.inertia + x[6:11])
+
+
 @dataclass(frozen=True)
 class Rotation:
     """How k models turn to each other.
@@ -51,16 +97,18 @@ class Rotation:
         sigma: (k,) standard deviation of the turn of C [rad]; 0 for the first.
         rms: of the attitudes about the motion [rad].
         inertia: (3, 3) in the first one's axes, of determinant 1.
+        motion: of the body, in the first one's axes.
     """
 
     C: np.ndarray
     sigma: np.ndarray
     rms: float
     inertia: np.ndarray
+    motion: FreeRotation
 
 
-def fit_rotation(pieces: Sequence[Piece]) -> Rotation:
-    """Free rotation through the attitudes of all pieces, of two or more images each."""
+def fit_rotation(pieces: Sequence[Piece], robust: bool = False) -> Rotation:
+    """Free rotation through the attitudes of all pieces, of two or more images each; robust: some of them are astray."""
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation as Turn
 
@@ -76,6 +124,18 @@ def fit_rotation(pieces: Sequence[Piece]) -> Rotation:
         max_nfev=60,
         ftol=1e-8,
     )
+    if robust:
+        found = least_squares(
+            lambda x: motion.residuals(x[None])[0],
+            found.x,
+            motion.slope,
+            (around - reach, around + reach),
+            x_scale=reach,
+            max_nfev=60,
+            ftol=1e-8,
+            loss="soft_l1",
+            f_scale=OUTLYING_RAD,
+        )
     count = 3 * sum(len(p.times) for p in pieces)
     rms = float(np.sqrt(np.sum(found.fun[:count] ** 2) / max(count - 6 - 3 * (len(pieces) - 1), 1)))
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(rms, LEAST_SIGMA) ** 2
@@ -84,7 +144,9 @@ def fit_rotation(pieces: Sequence[Piece]) -> Rotation:
         own = _turn_of(k)
         C.append(Turn.from_rotvec(found.x[own]).as_matrix() @ motion.C[k])
         sigma.append(float(np.sqrt(np.linalg.eigvalsh(covariance[own, own])[-1])))
-    return Rotation(np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0])
+    turned = Turn.from_rotvec(found.x[:3]).as_matrix() @ motion.P0
+    followed = FreeRotation(turned, found.x[3:6], found.x[6:11], motion.begin, motion.unit)
+    return Rotation(np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0], followed)
 
 
 def _turn_of(k: int) -> slice:
@@ -98,7 +160,8 @@ class _Motion:
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self.pieces = pieces
         times = np.unique(np.concatenate([p.times for p in pieces]))
-        self.clock = (times - times[0]) / float(np.median(np.diff(times)))
+        self.begin, self.unit = float(times[0]), float(np.median(np.diff(times)))
+        self.clock = (times - times[0]) / self.unit
         self.at = [np.searchsorted(times, p.times) for p in pieces]
         self.P0, self.w0, self.C = _begin(pieces, self.clock, self.at)
 
