@@ -16,7 +16,7 @@ import numpy as np
 import pycolmap
 
 from massprops.sfm.convert import to_points, to_views
-from massprops.sfm.free_motion import FreeRotation
+from massprops.sfm.free_motion import MOST_LOG, FreeRotation
 from massprops.sfm.points import SparsePoints, residuals
 from massprops.sfm.precision import Derivatives, Lens, Precision, System, derivatives, pseudo_inverse
 from massprops.views import Views
@@ -211,10 +211,12 @@ class _Adjusted:
             for _ in range(8):
                 scaled = H * unit[:, None] * unit + damping * np.eye(len(H))
                 step = -unit * np.linalg.solve(scaled, unit * g)
-                moved = at.system.points_follow(J @ step, at.of_points)
-                focal = state.focal + float(step[-1]) if self.free else 0.0
-                trial = _State(state.tumble.changed(step), focal, state.xyz + moved)
-                cost = self.cost(trial)
+                trial, cost = state, np.inf
+                if _within_reach(step, state.tumble):
+                    moved = at.system.points_follow(J @ step, at.of_points)
+                    focal = state.focal + float(step[-1]) if self.free else 0.0
+                    trial = _State(state.tumble.changed(step), focal, state.xyz + moved)
+                    cost = self.cost(trial)
                 if cost < before:
                     state, damping = trial, 0.2 * damping
                     break
@@ -222,6 +224,13 @@ class _Adjusted:
             if not cost < before * (1 - SETTLED):
                 break
         return state
+
+
+def _within_reach(step: np.ndarray, tumble: Tumble) -> bool:
+    """Whether a step leaves the turning one that can be followed: rates that run away take for ever."""
+    turn, rate, inertia = step[:3], step[3:6], step[6:MOTION] + tumble.turning.inertia
+    slow = np.linalg.norm(rate) < 0.5 * np.linalg.norm(tumble.turning.rate)
+    return bool(np.isfinite(step).all() and np.linalg.norm(turn) < 1 and slow and np.abs(inertia).max() < MOST_LOG)
 
 
 def _by_point(s: Derivatives, points: SparsePoints, weight: np.ndarray, r: np.ndarray) -> np.ndarray:
