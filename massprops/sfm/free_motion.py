@@ -107,12 +107,17 @@ class Rotation:
     motion: FreeRotation
 
 
-def fit_rotation(pieces: Sequence[Piece], robust: bool = False) -> Rotation:
-    """Free rotation through the attitudes of all pieces, of two or more images each; robust: some of them are astray."""
+def fit_rotation(pieces: Sequence[Piece], robust: bool = False, about: FreeRotation | None = None) -> Rotation:
+    """Free rotation through the attitudes of all pieces, of two or more images each.
+
+    Args:
+        robust: some attitudes are astray.
+        about: a motion that is near, in the first piece's axes; without one, rates are drawn on straight between the pieces.
+    """
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation as Turn
 
-    motion = _Motion(pieces)
+    motion = _Motion(pieces, about)
     first, reach = motion.start(), motion.reach()
     around = np.where(np.arange(len(first)) < 6, first, 0.0)
     found = least_squares(
@@ -157,17 +162,21 @@ class _Motion:
     """The attitudes of pieces as a function of: turn and rate (3 + 3) of the body at the first time, logarithm of its inertia (5),
     and turn of each piece but the first (3 each), about a first guess."""
 
-    def __init__(self, pieces: Sequence[Piece]) -> None:
+    def __init__(self, pieces: Sequence[Piece], about: FreeRotation | None = None) -> None:
         self.pieces = pieces
         times = np.unique(np.concatenate([p.times for p in pieces]))
         self.begin, self.unit = float(times[0]), float(np.median(np.diff(times)))
         self.clock = (times - times[0]) / self.unit
         self.at = [np.searchsorted(times, p.times) for p in pieces]
-        self.P0, self.w0, self.C = _begin(pieces, self.clock, self.at)
+        if about is None:
+            self.P0, self.w0, self.C = _begin(pieces, self.clock, self.at)
+        else:
+            self.P0, self.w0, self.C = _begin_about(pieces, about, times[0] + 0.01 * self.unit * np.arange(2))
+        self.inertia = np.zeros(5) if about is None else about.inertia
 
     def start(self) -> np.ndarray:
-        """A sphere's inertia, all else as guessed."""
-        return np.concatenate([np.zeros(3), self.w0, np.zeros(5 + 3 * (len(self.pieces) - 1))])
+        """As guessed; without a motion that is near, a sphere's inertia."""
+        return np.concatenate([np.zeros(3), self.w0, self.inertia, np.zeros(3 * (len(self.pieces) - 1))])
 
     def reach(self) -> np.ndarray:
         """How far the parameters may be from there: beyond, a step of the fit runs into rates that take for ever."""
@@ -231,6 +240,20 @@ def _begin(
     for p, i in zip(pieces[1:], at[1:], strict=True):
         C.append(Turn.from_matrix(P[i].transpose(0, 2, 1) @ p.R).mean().as_matrix())
     return P0, P0.T @ drawn[0], np.array(C)
+
+
+def _begin_about(
+    pieces: Sequence[Piece], about: FreeRotation, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `_begin`, by a motion; first (2,): the first time and one soon after."""
+    from scipy.spatial.transform import Rotation as Turn
+
+    P0, P1 = about.attitudes(first)[0]
+    step = (first[1] - first[0]) / about.unit
+    C = [
+        Turn.from_matrix(about.attitudes(p.times)[0].transpose(0, 2, 1) @ p.R).mean().as_matrix() for p in pieces[1:]
+    ]
+    return P0, Turn.from_matrix(P0.T @ P1).as_rotvec() / step, np.array([np.eye(3), *C])
 
 
 _BASIS = np.array(
