@@ -58,7 +58,9 @@ class Following:
     clock: Callable[[str], float]
 
 
-def follow_free_motion(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Following] | None:
+def follow_free_motion(
+    model: pycolmap.Reconstruction, given: ModelInputs
+) -> tuple[pycolmap.Reconstruction, Following] | None:
     """The images placed by one free motion, and that motion; None where the body does not move so, or no such motion is found."""
     footage, mapping, options = given.footage, given.found.mapping, given.options.refine
     times = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in footage.frames}
@@ -177,9 +179,7 @@ def _matched(
     return retriangulate(out, found.database, given.frames, given.work, found.mapping)
 
 
-def _depths(
-    views: Views, points: SparsePoints, moved: Views, start: _Start, given: ModelInputs
-) -> dict[str, Placed]:
+def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, given: ModelInputs) -> dict[str, Placed]:
     """Rays and depths of all features of the images of `moved`; those that were not placed borrow from what others saw."""
     out = {}
     row = {n: i for i, n in enumerate(views.names)}

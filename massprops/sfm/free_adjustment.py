@@ -96,7 +96,9 @@ def adjust_tumble(
     for point_id, xyz in zip(system.points.id.tolist(), found.xyz, strict=True):
         model.point3D(point_id).xyz = xyz
     for camera in model.cameras.values():
-        camera.params = [p * np.exp(found.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)]
+        camera.params = [
+            p * np.exp(found.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)
+        ]
     return found.tumble
 
 
@@ -151,9 +153,7 @@ class _Linear:
 class _Adjusted:
     """Observations, and what of them a state misses."""
 
-    def __init__(
-        self, views: Views, points: SparsePoints, times: np.ndarray, loss_px: float, free_focal: bool
-    ) -> None:
+    def __init__(self, views: Views, points: SparsePoints, times: np.ndarray, loss_px: float, free_focal: bool) -> None:
         self.views, self.points, self.times, self.loss_px, self.free = views, points, times, loss_px, free_focal
 
     def at(self, state: _State) -> tuple[Views, SparsePoints]:

@@ -250,9 +250,7 @@ def _begin_about(
 
     P0, P1 = about.attitudes(first)[0]
     step = (first[1] - first[0]) / about.unit
-    C = [
-        Turn.from_matrix(about.attitudes(p.times)[0].transpose(0, 2, 1) @ p.R).mean().as_matrix() for p in pieces[1:]
-    ]
+    C = [Turn.from_matrix(about.attitudes(p.times)[0].transpose(0, 2, 1) @ p.R).mean().as_matrix() for p in pieces[1:]]
     return P0, Turn.from_matrix(P0.T @ P1).as_rotvec() / step, np.array([np.eye(3), *C])
 
 
