@@ -180,7 +180,8 @@ def _matched(
 
 
 def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, given: ModelInputs) -> dict[str, Placed]:
-    """Rays and depths of all features of the images of `moved`; those that were not placed borrow from what others saw."""
+    """Rays and depths of all features of the images of `moved`; those that were not placed borrow from what others saw, and where
+    none saw that side, all of the body's depth is open."""
     out = {}
     row = {n: i for i, n in enumerate(views.names)}
     for k, name in enumerate(moved.names):
@@ -190,7 +191,10 @@ def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, giv
             out[name] = replace(own, depth=start.scale.get(name, 1.0) * own.depth)
         else:
             both = Views.joined([views, moved.take(np.array([k]))])
-            out[name] = place(both, points, len(views), uv, lent=True)
+            lent = place(both, points, len(views), uv, lent=True)
+            z = float(moved.R[k][2] @ start.tumble.centre + moved.t[k][2])
+            unknown = ~np.isfinite(lent.depth).all(1, keepdims=True)
+            out[name] = replace(lent, depth=np.where(unknown, z + _radius(points) * np.array([-1.0, 1.0]), lent.depth))
     return out
 
 

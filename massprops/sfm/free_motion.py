@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
 from massprops.dynamics.rigid_body import propagate
 
 STEP_RAD = 0.1
@@ -95,7 +96,7 @@ class Rotation:
     Attributes:
         C: (k, 3, 3) from each model's axes to the first one's.
         sigma: (k,) standard deviation of the turn of C [rad]; 0 for the first.
-        rms: of the attitudes about the motion [rad].
+        rms: of the attitudes about the motion [rad]; of a robust fit what the median says of it.
         inertia: (3, 3) in the first one's axes, of determinant 1.
         motion: of the body, in the first one's axes.
     """
@@ -142,7 +143,11 @@ def fit_rotation(pieces: Sequence[Piece], robust: bool = False, about: FreeRotat
             f_scale=OUTLYING_RAD,
         )
     count = 3 * sum(len(p.times) for p in pieces)
-    rms = float(np.sqrt(np.sum(found.fun[:count] ** 2) / max(count - 6 - 3 * (len(pieces) - 1), 1)))
+    off = found.fun[:count]
+    if robust:
+        rms = mad_sigma(off)
+    else:
+        rms = float(np.sqrt(np.sum(off**2) / max(count - 6 - 3 * (len(pieces) - 1), 1)))
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(rms, LEAST_SIGMA) ** 2
     C, sigma = [np.eye(3)], [0.0]
     for k in range(1, len(pieces)):
