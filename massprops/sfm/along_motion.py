@@ -208,7 +208,7 @@ def _free(model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str],
     bound, own = (_cost(m, loss) for m in both)
     poses = 6 * model.num_reg_images()
     left = 2 * model.compute_num_observations() - 3 * model.num_points3D() - poses
-    return left > 0 and bound / own - 1 < WORSE * (poses - MOTION - LINE) / left
+    return bool(left > 0 and bound / own - 1 < WORSE * (poses - MOTION - LINE) / left)
 
 
 def _cost(model: pycolmap.Reconstruction, loss_px: float) -> float:
