@@ -9,10 +9,11 @@ other across a gap of some tens of degrees.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.core.robust import mad_sigma
 from massprops.dynamics.rigid_body import propagate
 
 STEP_RAD = 0.1
@@ -42,6 +43,52 @@ class Piece:
     t: np.ndarray
 
 
+OUTLYING_RAD = 0.005
+"""Attitudes that are off by more than this count less in a robust fit: those of images held by few points."""
+
+
+@dataclass(frozen=True)
+class FreeRotation:
+    """A free rigid body's attitude over time.
+
+    Attributes:
+        attitude: (3, 3) body to camera at the time `begin`.
+        rate: (3,) there, in the body's axes [rad per unit of time].
+        inertia: (5,) its logarithm but for the size, in `_BASIS`.
+        begin, unit: of time, as those of `Piece`.
+    """
+
+    attitude: np.ndarray
+    rate: np.ndarray
+    inertia: np.ndarray
+    begin: float
+    unit: float
+
+    def attitudes(self, times: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """(m, n, 3, 3) body to camera at times (n,), of motions changed by (m, 11): a turn in the camera's axes, rate and inertia."""
+        from scipy.spatial.transform import Rotation as Turn
+
+        x = np.zeros((1, 11)) if change is None else change
+        q0 = (Turn.from_rotvec(x[:, :3]) * Turn.from_matrix(self.attitude)).as_quat()[:, [3, 0, 1, 2]]
+        rate, inertia = self.rate + x[:, 3:6], _inertia(self.inertia + x[:, 6:11])
+        clock = (np.asarray(times, float) - self.begin) / self.unit
+        out = np.zeros((len(x), len(clock), 3, 3))
+        for side in (clock >= 0, clock < 0):
+            own = np.flatnonzero(side)
+            own = own[np.argsort(np.abs(clock[own]), kind="stable")]
+            q, _ = propagate(q0, rate, inertia, np.r_[0.0, clock[own]], largest_turn=STEP_RAD)
+            R = Turn.from_quat(q[1:].reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix() if len(own) else np.zeros((0, 3, 3))
+            out[:, own] = R.reshape(len(own), len(x), 3, 3).transpose(1, 0, 2, 3)
+        return out
+
+    def changed(self, x: np.ndarray) -> FreeRotation:
+        """The motion changed by x (11,), as in `attitudes`."""
+        from scipy.spatial.transform import Rotation as Turn
+
+        turned = Turn.from_rotvec(x[:3]).as_matrix() @ self.attitude
+        return replace(self, attitude=turned, rate=self.rate + x[3:6], inertia=self.inertia + x[6:11])
+
+
 @dataclass(frozen=True)
 class Rotation:
     """How k models turn to each other.
@@ -49,22 +96,29 @@ class Rotation:
     Attributes:
         C: (k, 3, 3) from each model's axes to the first one's.
         sigma: (k,) standard deviation of the turn of C [rad]; 0 for the first.
-        rms: of the attitudes about the motion [rad].
+        rms: of the attitudes about the motion [rad]; of a robust fit what the median says of it.
         inertia: (3, 3) in the first one's axes, of determinant 1.
+        motion: of the body, in the first one's axes.
     """
 
     C: np.ndarray
     sigma: np.ndarray
     rms: float
     inertia: np.ndarray
+    motion: FreeRotation
 
 
-def fit_rotation(pieces: Sequence[Piece]) -> Rotation:
-    """Free rotation through the attitudes of all pieces, of two or more images each."""
+def fit_rotation(pieces: Sequence[Piece], robust: bool = False, about: FreeRotation | None = None) -> Rotation:
+    """Free rotation through the attitudes of all pieces, of two or more images each.
+
+    Args:
+        robust: some attitudes are astray.
+        about: a motion that is near, in the first piece's axes; without one, rates are drawn on straight between the pieces.
+    """
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation as Turn
 
-    motion = _Motion(pieces)
+    motion = _Motion(pieces, about)
     first, reach = motion.start(), motion.reach()
     around = np.where(np.arange(len(first)) < 6, first, 0.0)
     found = least_squares(
@@ -76,15 +130,33 @@ def fit_rotation(pieces: Sequence[Piece]) -> Rotation:
         max_nfev=60,
         ftol=1e-8,
     )
+    if robust:
+        found = least_squares(
+            lambda x: motion.residuals(x[None])[0],
+            found.x,
+            motion.slope,
+            (around - reach, around + reach),
+            x_scale=reach,
+            max_nfev=60,
+            ftol=1e-8,
+            loss="soft_l1",
+            f_scale=OUTLYING_RAD,
+        )
     count = 3 * sum(len(p.times) for p in pieces)
-    rms = float(np.sqrt(np.sum(found.fun[:count] ** 2) / max(count - 6 - 3 * (len(pieces) - 1), 1)))
+    off = found.fun[:count]
+    if robust:
+        rms = mad_sigma(off)
+    else:
+        rms = float(np.sqrt(np.sum(off**2) / max(count - 6 - 3 * (len(pieces) - 1), 1)))
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(rms, LEAST_SIGMA) ** 2
     C, sigma = [np.eye(3)], [0.0]
     for k in range(1, len(pieces)):
         own = _turn_of(k)
         C.append(Turn.from_rotvec(found.x[own]).as_matrix() @ motion.C[k])
         sigma.append(float(np.sqrt(np.linalg.eigvalsh(covariance[own, own])[-1])))
-    return Rotation(np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0])
+    turned = Turn.from_rotvec(found.x[:3]).as_matrix() @ motion.P0
+    followed = FreeRotation(turned, found.x[3:6], found.x[6:11], motion.begin, motion.unit)
+    return Rotation(np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0], followed)
 
 
 def _turn_of(k: int) -> slice:
@@ -95,16 +167,21 @@ class _Motion:
     """The attitudes of pieces as a function of: turn and rate (3 + 3) of the body at the first time, logarithm of its inertia (5),
     and turn of each piece but the first (3 each), about a first guess."""
 
-    def __init__(self, pieces: Sequence[Piece]) -> None:
+    def __init__(self, pieces: Sequence[Piece], about: FreeRotation | None = None) -> None:
         self.pieces = pieces
         times = np.unique(np.concatenate([p.times for p in pieces]))
-        self.clock = (times - times[0]) / float(np.median(np.diff(times)))
+        self.begin, self.unit = float(times[0]), float(np.median(np.diff(times)))
+        self.clock = (times - times[0]) / self.unit
         self.at = [np.searchsorted(times, p.times) for p in pieces]
-        self.P0, self.w0, self.C = _begin(pieces, self.clock, self.at)
+        if about is None:
+            self.P0, self.w0, self.C = _begin(pieces, self.clock, self.at)
+        else:
+            self.P0, self.w0, self.C = _begin_about(pieces, about, times[0] + 0.01 * self.unit * np.arange(2))
+        self.inertia = np.zeros(5) if about is None else about.inertia
 
     def start(self) -> np.ndarray:
-        """A sphere's inertia, all else as guessed."""
-        return np.concatenate([np.zeros(3), self.w0, np.zeros(5 + 3 * (len(self.pieces) - 1))])
+        """As guessed; without a motion that is near, a sphere's inertia."""
+        return np.concatenate([np.zeros(3), self.w0, self.inertia, np.zeros(3 * (len(self.pieces) - 1))])
 
     def reach(self) -> np.ndarray:
         """How far the parameters may be from there: beyond, a step of the fit runs into rates that take for ever."""
@@ -168,6 +245,18 @@ def _begin(
     for p, i in zip(pieces[1:], at[1:], strict=True):
         C.append(Turn.from_matrix(P[i].transpose(0, 2, 1) @ p.R).mean().as_matrix())
     return P0, P0.T @ drawn[0], np.array(C)
+
+
+def _begin_about(
+    pieces: Sequence[Piece], about: FreeRotation, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `_begin`, by a motion; first (2,): the first time and one soon after."""
+    from scipy.spatial.transform import Rotation as Turn
+
+    P0, P1 = about.attitudes(first)[0]
+    step = (first[1] - first[0]) / about.unit
+    C = [Turn.from_matrix(about.attitudes(p.times)[0].transpose(0, 2, 1) @ p.R).mean().as_matrix() for p in pieces[1:]]
+    return P0, Turn.from_matrix(P0.T @ P1).as_rotvec() / step, np.array([np.eye(3), *C])
 
 
 _BASIS = np.array(

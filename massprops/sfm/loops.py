@@ -66,7 +66,7 @@ def match_predicted(
         lent = fresh or set()
         placed = {n: place(views, points, i, found.features[n][0][:, :2] - 0.5, n in lent) for n, i in row.items()}
         chosen = set(views.names) if fresh is None else fresh
-        pairs = sorted({*_next(views, footage), *_facing(views, points, footage, options, NEXT + 1)})
+        pairs = pairs_to_compare(views, points, footage, options, NEXT + 1)
         pairs = [pair for pair in pairs if chosen.intersection(pair)]
         matches = _agreeing(found.database, views, ids, placed, gate)
         matches = {pair: m for pair, m in matches.items() if chosen.intersection(pair)}
@@ -76,7 +76,7 @@ def match_predicted(
             old = matches.pop((b, a))[:, ::-1] if (b, a) in matches else matches.get((a, b), new[:0])
             matches[a, b] = joined(new, old)
             given.progress(done + 1, len(pairs), "guided matching")
-        _forget(found.database, ids, {number[n] for n in chosen if n in number})
+        forget(found.database, ids, {number[n] for n in chosen if n in number})
         verify(found.database, number, matches, mapping)
         model = retriangulate(model, found.database, given.frames, work / f"tracks{turn}", mapping)
         settings = options.refine
@@ -86,7 +86,7 @@ def match_predicted(
     return model
 
 
-def _forget(database: Path, ids: list[int], fresh: set[int]) -> None:
+def forget(database: Path, ids: list[int], fresh: set[int]) -> None:
     """Takes the matches of images `fresh` with the placed images `ids` out of a database; all others stay."""
     placed = set(ids)
     pairs = {(min(a, b), max(a, b)) for a in fresh & placed for b in placed - {a}}
@@ -115,6 +115,13 @@ def _agreeing(
             near = off_line(views, (i, j), placed[a].ray[found[:, 0]], placed[b].ray[found[:, 1]])
             out[a, b] = found[near < gate.line * views.size[j].max()]
     return out
+
+
+def pairs_to_compare(
+    views: Views, points: SparsePoints, footage: FootageRecord, options: SfmOptions, apart: int
+) -> list[tuple[str, str]]:
+    """Names of neighbours in time, and of views of one side that are at least `apart` images from each other."""
+    return sorted({*_next(views, footage), *_facing(views, points, footage, options, apart)})
 
 
 def _next(views: Views, footage: FootageRecord) -> list[tuple[str, str]]:

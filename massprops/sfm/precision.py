@@ -75,11 +75,11 @@ def further_parameters(
     """
     r = residuals(views, points)
     weight = how.weight(r)
-    slopes = _slopes(views, points)
+    slopes = derivatives(views, points)
     lens = _lens(slopes, points, how)
     lens.columns.extend(columns)
-    system = _System(len(views), points, slopes, lens, weight)
-    inverse, score = _inverse(system.normal), system.scores(r, weight)
+    system = System(len(views), points, slopes, lens, weight)
+    inverse, score = pseudo_inverse(system.normal), system.scores(r, weight)
     value = -inverse @ np.asarray(score.sum(axis=0)).ravel()
     sigma, _ = _deviations(inverse, score)
     return value[-len(columns) :], sigma[-len(columns) :]
@@ -112,10 +112,10 @@ def precision(
         return Precision(rms, np.nan if free_focal else 0.0, np.nan, np.full(n, np.nan), np.nan)
     how = Adjusted(free_focal, radial_terms, np.inf if loss_px is None else loss_px, camera, constant)
     weight = how.weight(r)
-    slopes = _slopes(views, points)
+    slopes = derivatives(views, points)
     lens = _lens(slopes, points, how)
-    system = _System(n, points, slopes, lens, weight)
-    stated, independent = _deviations(_inverse(system.normal), system.scores(r, weight))
+    system = System(n, points, slopes, lens, weight)
+    stated, independent = _deviations(pseudo_inverse(system.normal), system.scores(r, weight))
     optics = _of_lenses(views, points, slopes, lens, r, weight)
     by_camera = {c: float(optics[i]) for c, i in lens.focal_at.items()}
     first = int(numbers[int(np.argmax(many))])
@@ -131,7 +131,7 @@ def precision(
 
 
 @dataclass(frozen=True)
-class _Slopes:
+class Derivatives:
     """Of k observations: normalised place x, y, squared radius r2, radial factor and focal length f (k,); derivatives of
     the pixel by the pose (k, 2, 6), turn before shift, and by the point (k, 2, 3)."""
 
@@ -144,7 +144,7 @@ class _Slopes:
     point: np.ndarray
 
 
-def _slopes(views: Views, points: SparsePoints) -> _Slopes:
+def derivatives(views: Views, points: SparsePoints) -> Derivatives:
     """The tangential terms are left out: they are far below the rest."""
     v, p = points.obs_view, points.obs_point
     R, D, f = views.R[v], views.distortion[v], views.K[v][:, 0, 0]
@@ -162,11 +162,11 @@ def _slopes(views: Views, points: SparsePoints) -> _Slopes:
     cross[:, 0, 1], cross[:, 0, 2] = a[:, 2], -a[:, 1]
     cross[:, 1, 0], cross[:, 1, 2] = -a[:, 2], a[:, 0]
     cross[:, 2, 0], cross[:, 2, 1] = a[:, 1], -a[:, 0]
-    return _Slopes(x, y, r2, radial, f, np.concatenate([by_camera @ cross, by_camera], 2), by_camera @ R)
+    return Derivatives(x, y, r2, radial, f, np.concatenate([by_camera @ cross, by_camera], 2), by_camera @ R)
 
 
 @dataclass(frozen=True)
-class _Lens:
+class Lens:
     """Derivatives (k, 2) by each estimated number of the lenses, and which of them is a camera's focal length and its
     first radial term."""
 
@@ -175,7 +175,7 @@ class _Lens:
     bent_at: dict[int, int]
 
 
-def _lens(s: _Slopes, points: SparsePoints, how: Adjusted) -> _Lens:
+def _lens(s: Derivatives, points: SparsePoints, how: Adjusted) -> Lens:
     """Of every camera what was estimated of it."""
     camera, numbers = how.camera[points.obs_view], np.unique(how.camera).tolist()
     free = [c for c in numbers if how.free_focal and c not in how.constant]
@@ -191,10 +191,10 @@ def _lens(s: _Slopes, points: SparsePoints, how: Adjusted) -> _Lens:
         for power in range(1, number + 1):
             bent_at.setdefault(c, len(columns))
             columns.append(np.where(own, np.stack([s.x * s.r2**power, s.y * s.r2**power], 1) * s.f[:, None], 0.0))
-    return _Lens(columns, focal_at, bent_at)
+    return Lens(columns, focal_at, bent_at)
 
 
-def _sparse(n: int, points: SparsePoints, s: _Slopes, lens: _Lens) -> tuple[Any, Any]:
+def _sparse(n: int, points: SparsePoints, s: Derivatives, lens: Lens) -> tuple[Any, Any]:
     """Derivatives of all residuals by poses and lenses (2k, 6n + e), and by the points (2k, 3m)."""
     import scipy.sparse as sp
 
@@ -215,19 +215,19 @@ def _sparse(n: int, points: SparsePoints, s: _Slopes, lens: _Lens) -> tuple[Any,
     return A, B
 
 
-class _System:
+class System:
     """Least squares of q = 6n + e numbers, poses and lenses, with the points eliminated.
 
     Attributes:
         normal: (q, q) matrix.
     """
 
-    def __init__(self, n: int, points: SparsePoints, s: _Slopes, lens: _Lens, weight: np.ndarray) -> None:
+    def __init__(self, n: int, points: SparsePoints, s: Derivatives, lens: Lens, weight: np.ndarray) -> None:
         """weight: (k,) of the observations."""
         import scipy.sparse as sp
 
         p, m = points.obs_point, len(points.xyz)
-        self._point, self._slopes = p, s
+        self._point, self.derivatives = p, s
         self._A, self._B = _sparse(n, points, s, lens)
         AW = (self._A.T @ sp.diags(np.repeat(weight, 2))).tocsr()
         V = np.zeros((m, 3, 3))
@@ -246,9 +246,14 @@ class _System:
         track = sp.csr_matrix((np.ones(2 * k), (np.repeat(p, 2), np.arange(2 * k))), (m, 2 * k))
         S = (track @ sp.diags((r * weight[:, None]).ravel()) @ self._A).tocsr()
         b = np.zeros((m, 3))
-        np.add.at(b, p, np.einsum("k,kia,ki->ka", weight, self._slopes.point, r))
+        np.add.at(b, p, np.einsum("k,kia,ki->ka", weight, self.derivatives.point, r))
         back = sp.bsr_matrix((b[:, None, :], np.arange(m), np.arange(m + 1)), (m, 3 * m))
         return S - back @ self._Vinv @ self._C.T
+
+    def points_follow(self, step: np.ndarray, of_points: np.ndarray) -> np.ndarray:
+        """(m, 3) steps of the points to one (q,) of poses and lenses, with their own slopes of_points (m, 3)."""
+        out: np.ndarray = -(self._Vinv @ (of_points.ravel() + self._C.T @ step)).reshape(-1, 3)
+        return out
 
     def along(self, directions: np.ndarray) -> np.ndarray:
         """(k, 2, e) derivatives of each observation along directions (q, e), its point following."""
@@ -257,7 +262,7 @@ class _System:
 
 
 def _of_lenses(
-    views: Views, points: SparsePoints, s: _Slopes, lens: _Lens, r: np.ndarray, weight: np.ndarray
+    views: Views, points: SparsePoints, s: Derivatives, lens: Lens, r: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
     """1-sigma (e,) of each number of the lenses, with clusters in three ways: see the module."""
     n, e = len(views), len(lens.columns)
@@ -265,8 +270,8 @@ def _of_lenses(
         return np.zeros(0)
     # a Cauchy loss curves by weight^2, in the mean over the directions of a residual
     curved = weight**2
-    system = _System(n, points, s, lens, curved)
-    every = _inverse(system.normal)[:, 6 * n :]
+    system = System(n, points, s, lens, curved)
+    every = pseudo_inverse(system.normal)[:, 6 * n :]
     inverse = 0.5 * (every[6 * n :] + every[6 * n :].T)
     # poses and points follow: what an observation says of the lenses alone
     slope = system.along(every @ np.linalg.inv(inverse))
@@ -292,7 +297,7 @@ def _deviations(inverse: np.ndarray, score: Any) -> tuple[np.ndarray, np.ndarray
     return np.sqrt(np.maximum(np.diag(cov), 0)), np.sqrt(np.maximum(np.diag(inverse), 0))
 
 
-def _inverse(H: np.ndarray) -> np.ndarray:
+def pseudo_inverse(H: np.ndarray) -> np.ndarray:
     """Inverse (q, q) of a normal matrix but for what nothing fixes."""
     import scipy.linalg
 

@@ -206,7 +206,7 @@ def refine(
         require_sound(take_out(model, options.given_focal)[2], options.moving)
         model.update_point_3d_errors()
         refined = replace(refined, precision=_raw_precision(model, free_focal, terms, loss, options.constant))
-    return replace(refined, precision=_honest(refined.precision))
+    return replace(refined, precision=honest(refined.precision))
 
 
 def _bent(lenses: dict[int, LensChoice]) -> bool:
@@ -260,7 +260,7 @@ def model_precision(
     constant: frozenset[int] = frozenset(),
 ) -> Precision:
     """Precision of an adjusted model, as stated to the user."""
-    return _honest(_raw_precision(model, free_focal, radial_terms, loss, constant))
+    return honest(_raw_precision(model, free_focal, radial_terms, loss, constant))
 
 
 def _raw_precision(
@@ -275,7 +275,8 @@ def _raw_precision(
     return precision(views, to_points(model, ids), free_focal, radial_terms, loss, camera, constant)
 
 
-def _honest(raw: Precision) -> Precision:
+def honest(raw: Precision) -> Precision:
+    """The same as stated to the user, with what errors were beyond it."""
     return replace(
         raw,
         focal_relative=FOCAL_INFLATION * raw.focal_relative,

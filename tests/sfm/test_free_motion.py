@@ -72,3 +72,25 @@ def test_what_is_no_free_motion_is_far_off(seed):
     R[18:] = across[18:]
     own, *_ = pieces(R, [range(9), range(18, 27)])
     assert fit_rotation(own).rms > np.deg2rad(1.0)
+
+
+def test_across_a_wide_gap_the_longest_piece_tells_the_motion():
+    """The body turns by 280 degrees while nothing is seen, and its rates do not go straight across."""
+    own, C, _, _ = pieces(tumbling(110), [range(50, 100), range(0, 10)], 0.1)
+    straight, alone = fit_rotation(own), fit_rotation(own[:1])
+    found = fit_rotation(own, robust=True, about=alone.motion)
+    assert found.rms < np.deg2rad(0.15) < straight.rms
+    assert off_deg(C, found.C).max() < 1
+
+
+def test_one_attitude_in_ten_astray_moves_a_robust_fit_little():
+    own, _, _, _ = pieces(tumbling(), [range(54)], 0.1)
+    R = own[0].R.copy()
+    R[::10] = Rotation.from_rotvec([0, 0, 0.1]).as_matrix() @ R[::10]
+    astray = [Piece(own[0].times, R, own[0].t)]
+    right = fit_rotation(own).motion.attitudes(own[0].times)[0]
+    off = [
+        off_deg(right, fit_rotation(astray, robust=robust).motion.attitudes(own[0].times)[0]).max()
+        for robust in (False, True)
+    ]
+    assert off[1] < 0.3 < 1 < off[0]

@@ -1,0 +1,219 @@
+"""A body of repeating cells placed by its free motion: the sides that share next to no points are held together by it.
+
+The attitudes that were found tell the motion (`massprops.sfm.free_motion`), stretches between gaps each by their own axes, since it
+is at gaps that they jump. At the places that the motion predicts all features are matched anew, in images that were not placed
+too, and motion and points are adjusted together (`massprops.sfm.free_adjustment`), three times.
+
+Whether the body moves so is tested: images that follow their own poses must not fit their observations much better. A camera
+that shakes, a thruster, a hand that turns the body are then left to their own poses.
+"""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pycolmap
+
+from massprops.errors import NotPossible
+from massprops.sfm.attempt import FEWEST, ModelInputs
+from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.distinct import unit
+from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, fit_line, tumble_precision
+from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
+from massprops.sfm.guided import Gate, Placed, match_placed, place
+from massprops.sfm.lens import LensChoice
+from massprops.sfm.loops import NEXT, forget, pairs_to_compare
+from massprops.sfm.mapping import retriangulate, verify
+from massprops.sfm.points import SparsePoints
+from massprops.sfm.refine import Refined, RefineOptions, adjust, honest, remove_outliers, robust_loss
+from massprops.sfm.sound import take_out
+from massprops.views import Views
+
+GATES = (Gate(0.022, 0.022), Gate(0.0125, 0.006), Gate(0.0125, 0.006))
+"""As those of `massprops.sfm.loops`: sides that drifted apart come together in the first round, and are matched in the next."""
+
+CUTS = (4.0, 2.0, 1.0)
+"""How near observations must fit as a round's adjustment goes on [px], at least."""
+
+MOST_RMS_DEG = 1.0
+"""As that of `massprops.sfm.joined_pieces`."""
+
+GAP = 1.5
+"""Steps between images from which on the turn across may be anything."""
+
+WORSE = 4.0
+"""How much more the observations may gain by the images' own poses, as the robust loss counts, than independent errors would by so
+many numbers. On a path-traced CubeSat 1.8 (errors of a track are alike); with its clock bent so that the middle of the film is half
+a frame off 3, by 2 frames 9."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """A motion and the time of each image by name."""
+
+    tumble: Tumble
+    clock: Callable[[str], float]
+
+
+def follow_free_motion(
+    model: pycolmap.Reconstruction, given: ModelInputs
+) -> tuple[pycolmap.Reconstruction, Following] | None:
+    """The images placed by one free motion, and that motion; None where the body does not move so, or no such motion is found."""
+    footage, mapping, options = given.footage, given.found.mapping, given.options.refine
+    times = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in footage.frames}
+    clock = times.__getitem__
+    tumble: Tumble | None = None
+    try:
+        for turn, gate in enumerate(GATES):
+            start = _first(model, clock) if tumble is None else _Start(tumble, {})
+            if start is None:
+                return None
+            model = _matched(model, start, gate, replace(given, work=given.work / f"motion{turn}"), clock)
+            tumble = start.tumble
+            for cut in CUTS:
+                loss = remove_outliers(model, options, cut)
+                take_out(model, options.given_focal)
+                tumble = adjust_tumble(model, tumble, clock, loss, not mapping.fixed_intrinsics)
+    except NotPossible:
+        return None
+    if tumble is None or not _free(model, tumble, clock, given):
+        return None
+    return model, Following(tumble, clock)
+
+
+def refine_along(
+    model: pycolmap.Reconstruction, following: Following, options: RefineOptions, free_focal: bool
+) -> Refined:
+    """The last adjustment, in place, by a motion.
+
+    Raises:
+        NotPossible: too little is left.
+    """
+    tumble = following.tumble
+    for _ in range(options.rounds):
+        loss = remove_outliers(model, options)
+        take_out(model, options.given_focal)
+        tumble = adjust_tumble(model, tumble, following.clock, loss, free_focal)
+    model.update_point_3d_errors()
+    found = tumble_precision(model, tumble, following.clock, loss, free_focal)
+    return Refined(honest(found), dict[int, LensChoice]())
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A motion, and how much larger depths are in its frame than in the model, by image."""
+
+    tumble: Tumble
+    scale: dict[str, float]
+
+
+def _first(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> _Start | None:
+    """The motion through a model's own poses, in the axes of its longest stretch; None where there is none."""
+    views, ids = to_views(model)
+    points = to_points(model, ids)
+    middle = np.median(points.xyz, axis=0)
+    time = np.array([clock(n) for n in views.names])
+    order = np.argsort(time)
+    cut = np.flatnonzero(np.diff(time[order]) > GAP * np.median(np.diff(time[order]))) + 1
+    parts = sorted((own for own in np.split(order, cut) if len(own) >= FEWEST), key=lambda own: -len(own))
+    if not parts:
+        return None
+    pieces = [Piece(time[own], views.R[own], views.t[own] + views.R[own] @ middle) for own in parts]
+    # across a gap the rates may be far from straight: the longest stretch tells the motion, and the others about that
+    rotation = fit_rotation(pieces[:1], robust=True)
+    rotation = fit_rotation(pieces, robust=True, about=rotation.motion)
+    if not rotation.rms < np.deg2rad(MOST_RMS_DEG):
+        return None
+    slimness = _radius(points) / float(np.median(pieces[0].t[:, 2]))
+    centres = fit_centres(pieces, rotation, slimness)
+    if not np.all(centres.scale > 0):
+        return None
+    at, scale = [], dict[str, float]()
+    for own, piece, size, C, shift in zip(parts, pieces, centres.scale, rotation.C, centres.shift, strict=True):
+        centre = C.T @ (centres.centre - shift) / size
+        at.append(size * (piece.R @ centre + piece.t))
+        scale |= dict.fromkeys((views.names[i] for i in own), float(size))
+    used = time[np.concatenate(parts)]
+    shifts = np.concatenate(at) - rotation.motion.attitudes(used)[0] @ centres.centre
+    return _Start(fit_line(rotation.motion, used, shifts, slimness), scale)
+
+
+def _radius(points: SparsePoints) -> float:
+    return float(np.quantile(np.linalg.norm(points.xyz - np.median(points.xyz, axis=0), axis=1), 0.9))
+
+
+def _matched(
+    model: pycolmap.Reconstruction, start: _Start, gate: Gate, given: ModelInputs, clock: Callable[[str], float]
+) -> pycolmap.Reconstruction:
+    """The model at the poses of the motion, with tracks from matches where these predict them."""
+    found = given.found
+    views, ids = to_views(model)
+    points = to_points(model, ids)
+    names = [f.name for f in given.footage.frames if f.name in found.features]
+    if start.scale:  # depths of what a stretch did not see are known in the next round
+        names = [n for n in names if n in start.scale]
+    R, t = start.tumble.poses(np.array([clock(n) for n in names]))
+    moved = replace(views.take(np.zeros(len(names), int)), names=tuple(names), R=R, t=t)
+    placed = _depths(views, points, moved, start, given)
+    units = {n: unit(found.features[n][1]) for n in names}
+    row = {n: k for k, n in enumerate(names)}
+    middle = replace(points, xyz=start.tumble.centre[None])
+    matches = {
+        (a, b): match_placed(moved, (row[a], row[b]), (placed[a], placed[b]), (units[a], units[b]), gate)
+        for a, b in pairs_to_compare(moved, middle, given.footage, given.options, NEXT + 1)
+    }
+    with pycolmap.Database.open(found.database) as db:
+        number = {image.name: image.image_id for image in db.read_all_images()}
+    forget(found.database, list(number.values()), set(number.values()))
+    verify(found.database, number, matches, found.mapping)
+    out = pycolmap.Reconstruction()
+    camera_id = model.image(ids[0]).camera_id
+    out.add_camera_with_trivial_rig(model.camera(camera_id))
+    for name, turned, shift in zip(names, R, t, strict=True):
+        places = found.features[name][0][:, :2].astype(float)
+        image = pycolmap.Image(name=name, camera_id=camera_id, image_id=number[name], keypoints=places)
+        out.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(turned), shift))
+    return retriangulate(out, found.database, given.frames, given.work, found.mapping)
+
+
+def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, given: ModelInputs) -> dict[str, Placed]:
+    """Rays and depths of all features of the images of `moved`; those that were not placed borrow from what others saw, and where
+    none saw that side, all of the body's depth is open."""
+    out = {}
+    row = {n: i for i, n in enumerate(views.names)}
+    for k, name in enumerate(moved.names):
+        uv = given.found.features[name][0][:, :2] - 0.5
+        if name in row:
+            own = place(views, points, row[name], uv)
+            out[name] = replace(own, depth=start.scale.get(name, 1.0) * own.depth)
+        else:
+            both = Views.joined([views, moved.take(np.array([k]))])
+            lent = place(both, points, len(views), uv, lent=True)
+            z = float(moved.R[k][2] @ start.tumble.centre + moved.t[k][2])
+            unknown = ~np.isfinite(lent.depth).all(1, keepdims=True)
+            out[name] = replace(lent, depth=np.where(unknown, z + _radius(points) * np.array([-1.0, 1.0]), lent.depth))
+    return out
+
+
+def _free(model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str], float], given: ModelInputs) -> bool:
+    """Whether own poses fit the observations, as far as any fit within some pixels, not much better than the motion."""
+    mapping, free_focal = given.found.mapping, not given.found.mapping.fixed_intrinsics
+    both = [pycolmap.Reconstruction(model), pycolmap.Reconstruction(model)]
+    loss = robust_loss(model, given.options.refine)
+    adjust_tumble(both[0], tumble, clock, loss, free_focal)
+    adjust(both[1], free_focal, False, loss, mapping.threads, 60, mapping.constant)
+    bound, own = (_cost(m, loss) for m in both)
+    poses = 6 * model.num_reg_images()
+    left = 2 * model.compute_num_observations() - 3 * model.num_points3D() - poses
+    return bool(left > 0 and bound / own - 1 < WORSE * (poses - MOTION - LINE) / left)
+
+
+def _cost(model: pycolmap.Reconstruction, loss_px: float) -> float:
+    from massprops.sfm.points import residuals
+
+    views, ids = to_views(model)
+    square = (residuals(views, to_points(model, ids)) ** 2).sum(1)
+    return float(np.log1p(square / loss_px**2).sum())

@@ -1,0 +1,240 @@
+"""Bundle adjustment of a free rigid body before a still camera: its motion takes the place of the images' poses.
+
+Sides of a body may hang together by next to no points: a box whose ends are white, a panel seen edge-on. The images' own
+poses then drift against each other by degrees, and the features, of which each fits, do not say so. But the turning of a
+free body has 11 numbers, and its centre of mass passes on a straight line (9 more, with its place in the body). So these and
+the points are adjusted together (Gauss and Newton with Levenberg's damping, Cauchy loss, points eliminated).
+"""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pycolmap
+
+from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.free_motion import MOST_LOG, FreeRotation
+from massprops.sfm.points import SparsePoints, residuals
+from massprops.sfm.precision import Derivatives, Lens, Precision, System, derivatives, pseudo_inverse
+from massprops.views import Views
+
+STEP = 1e-5
+"""Of the differences by which the motion's derivatives are taken."""
+
+SETTLED = 1e-4
+"""Relative gain of a step below which an adjustment ends."""
+
+MOTION, LINE = 11, 9
+"""Numbers of the turning, and of the centre of mass in the body, its place and its speed."""
+
+
+@dataclass(frozen=True)
+class Tumble:
+    """How a free body moves before the camera.
+
+    Attributes:
+        turning: of the body.
+        centre: (3,) of mass, in the body.
+        place, speed: (3,) of it in the camera at the time `turning.begin`, and its change in a unit of time.
+    """
+
+    turning: FreeRotation
+    centre: np.ndarray
+    place: np.ndarray
+    speed: np.ndarray
+
+    def clock(self, times: np.ndarray) -> np.ndarray:
+        """(n,) since the beginning, in units of time."""
+        return (np.asarray(times, float) - self.turning.begin) / self.turning.unit
+
+    def poses(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Body to camera at times (n,): (n, 3, 3) and (n, 3)."""
+        R = self.turning.attitudes(times)[0]
+        return R, self.place + self.clock(times)[:, None] * self.speed - R @ self.centre
+
+    def changed(self, x: np.ndarray) -> Tumble:
+        """The motion changed by x (20,): of the turning, the centre of mass, its place and its speed."""
+        c, p, v = x[MOTION : MOTION + LINE].reshape(3, 3)
+        return Tumble(self.turning.changed(x[:MOTION]), self.centre + c, self.place + p, self.speed + v)
+
+
+def fit_line(turning: FreeRotation, times: np.ndarray, t: np.ndarray, slimness: float) -> Tumble:
+    """The tumble of given turning whose shifts come nearest to t (n, 3), at times (n,); slimness: as of `fit_centres`."""
+    R = turning.attitudes(times)[0]
+    clock = (times - turning.begin) / turning.unit
+    ones = np.broadcast_to(np.eye(3), R.shape)
+    weight = np.array([1.0, 1.0, slimness])[:, None]
+    A = weight * np.concatenate([-R, ones, clock[:, None, None] * ones], axis=2)
+    x, *_ = np.linalg.lstsq(A.reshape(-1, LINE), (weight[:, 0] * t).ravel(), rcond=None)
+    return Tumble(turning, *x.reshape(3, 3))
+
+
+def adjust_tumble(
+    model: pycolmap.Reconstruction,
+    tumble: Tumble,
+    clock: Callable[[str], float],
+    loss_px: float,
+    free_focal: bool,
+    iterations: int = 20,
+) -> Tumble:
+    """Adjusts a motion and the points that its images see, in place; the images of a single camera get its poses.
+
+    Args:
+        clock: time of an image by its name.
+        loss_px: scale of the Cauchy loss.
+    """
+    views, ids = to_views(model)
+    system = _Adjusted(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, free_focal)
+    found = system.settled(_State(tumble, 0.0, system.points.xyz), iterations)
+    for image_id, R, t in zip(ids, *found.tumble.poses(system.times), strict=True):
+        frame = model.frame(model.image(image_id).frame_id)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(R), t)
+        frame.set_cam_from_world(model.image(image_id).camera_id, pose)
+    for point_id, xyz in zip(system.points.id.tolist(), found.xyz, strict=True):
+        model.point3D(point_id).xyz = xyz
+    for camera in model.cameras.values():
+        camera.params = [
+            p * np.exp(found.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)
+        ]
+    return found.tumble
+
+
+def tumble_precision(
+    model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str], float], loss_px: float, free_focal: bool
+) -> Precision:
+    """Precision of an adjusted motion, with tracks as clusters, as `massprops.sfm.precision` has it.
+
+    Errors of a motion are alike in all images, and whoever reads attitudes takes them for independent. Stated larger by the
+    square root of coordinates over the motion's numbers, they leave such a reader as uncertain of the motion as it is.
+    """
+    views, ids = to_views(model)
+    names = np.array([clock(n) for n in views.names])
+    system = _Adjusted(views, to_points(model, ids), names, loss_px, free_focal)
+    linear = system.linear(_State(tumble, 0.0, system.points.xyz))
+    J, r = linear.columns, linear.residual
+    inverse = pseudo_inverse(J.T @ linear.system.normal @ J)
+    score = linear.system.scores(r, linear.weight) @ J
+    covariance = inverse @ (score.T @ score) @ inverse
+    turns = J[: 6 * len(views)].reshape(len(views), 6, -1)[:, :3]
+    attitude = np.sqrt(np.einsum("nai,ij,naj->n", turns, covariance, turns) / 3)
+    rms = float(np.sqrt(np.mean(r**2)))
+    stated, independent = np.sqrt(np.maximum(np.diag(covariance), 0)), np.sqrt(np.maximum(np.diag(inverse), 0)) * rms
+    focal = (float(stated[-1]), float(independent[-1])) if free_focal else (0.0, 0.0)
+    numbers = {model.image(i).camera_id for i in ids}
+    alike = np.sqrt(max(3 * len(views) / MOTION, 1.0))
+    return Precision(rms, focal[0], 0.0, alike * attitude, focal[1], dict.fromkeys(numbers, focal[0]))
+
+
+@dataclass(frozen=True)
+class _State:
+    """A motion, the logarithm of the focal length's change, and the points (m, 3)."""
+
+    tumble: Tumble
+    focal: float
+    xyz: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """About a state: residuals (k, 2), weights (k,), the system of poses and lens, and the derivatives `columns` (6n + e, q) of these
+    by the numbers of the motion and the focal length; what the points add to a score, (m, 3)."""
+
+    residual: np.ndarray
+    weight: np.ndarray
+    system: System
+    columns: np.ndarray
+    of_points: np.ndarray
+    score: np.ndarray
+
+
+class _Adjusted:
+    """Observations, and what of them a state misses."""
+
+    def __init__(self, views: Views, points: SparsePoints, times: np.ndarray, loss_px: float, free_focal: bool) -> None:
+        self.views, self.points, self.times, self.loss_px, self.free = views, points, times, loss_px, free_focal
+
+    def at(self, state: _State) -> tuple[Views, SparsePoints]:
+        """Views and points as the state has them."""
+        R, t = state.tumble.poses(self.times)
+        K = self.views.K.copy()
+        K[:, [0, 1], [0, 1]] *= np.exp(state.focal)
+        return replace(self.views, R=R, t=t, K=K), replace(self.points, xyz=state.xyz)
+
+    def cost(self, state: _State) -> float:
+        """Sum of the loss [px^2]; infinite where a point is no longer before a camera."""
+        with np.errstate(all="ignore"):
+            square = (residuals(*self.at(state)) ** 2).sum(1)
+            cost = 0.5 * self.loss_px**2 * float(np.log1p(square / self.loss_px**2).sum())
+        return cost if np.isfinite(cost) else np.inf
+
+    def linear(self, state: _State) -> _Linear:
+        """See `_Linear`."""
+        views, points = self.at(state)
+        r = residuals(views, points)
+        weight = 1 / (1 + (r**2).sum(1) / self.loss_px**2)
+        s = derivatives(views, points)
+        lens = Lens([np.stack([s.x * s.radial, s.y * s.radial], 1) * s.f[:, None]] if self.free else [], {}, {})
+        system = System(len(views), points, s, lens, weight)
+        of_points = _by_point(s, points, weight, r)
+        score = np.asarray(system.scores(r, weight).sum(axis=0)).ravel()
+        return _Linear(r, weight, system, self.columns(state.tumble, views.R), of_points, score)
+
+    def columns(self, tumble: Tumble, R: np.ndarray) -> np.ndarray:
+        """(6n + e, 20 + e) derivatives of turns and shifts of the images, R (n, 3, 3), and of the lens."""
+        from scipy.spatial.transform import Rotation
+
+        n, e = len(R), int(self.free)
+        ends = tumble.turning.attitudes(self.times, np.concatenate([STEP * np.eye(MOTION), -STEP * np.eye(MOTION)]))
+        change = np.einsum("mnij,mnlj->mnil", ends[:MOTION], ends[MOTION:]).reshape(-1, 3, 3)
+        turn = Rotation.from_matrix(change).as_rotvec().reshape(MOTION, n, 3) / (2 * STEP)
+        J = np.zeros((n, 6, MOTION + LINE + e))
+        J[:, :3, :MOTION] = turn.transpose(1, 2, 0)
+        J[:, 3:, :MOTION] = -np.cross(turn, R @ tumble.centre).transpose(1, 2, 0)
+        J[:, 3:, MOTION : MOTION + 3] = -R
+        J[:, 3:, MOTION + 3 : MOTION + 6] = np.eye(3)
+        J[:, 3:, MOTION + 6 : MOTION + 9] = tumble.clock(self.times)[:, None, None] * np.eye(3)
+        lens = np.eye(MOTION + LINE + e)[MOTION + LINE :]
+        return np.concatenate([J.reshape(6 * n, -1), lens])
+
+    def settled(self, state: _State, iterations: int) -> _State:
+        """The state from which no step gains."""
+        cost, damping = self.cost(state), 1e-4
+        for _ in range(iterations):
+            at = self.linear(state)
+            J = at.columns
+            H, g = J.T @ at.system.normal @ J, J.T @ at.score
+            unit = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+            before = cost
+            for _ in range(8):
+                scaled = H * unit[:, None] * unit + damping * np.eye(len(H))
+                step = -unit * np.linalg.solve(scaled, unit * g)
+                trial, cost = state, np.inf
+                if _within_reach(step, state.tumble):
+                    moved = at.system.points_follow(J @ step, at.of_points)
+                    focal = state.focal + float(step[-1]) if self.free else 0.0
+                    trial = _State(state.tumble.changed(step), focal, state.xyz + moved)
+                    cost = self.cost(trial)
+                if cost < before:
+                    state, damping = trial, 0.2 * damping
+                    break
+                damping = max(10 * damping, 1e-6)
+            if not cost < before * (1 - SETTLED):
+                break
+        return state
+
+
+def _within_reach(step: np.ndarray, tumble: Tumble) -> bool:
+    """Whether a step leaves the turning one that can be followed: rates that run away take for ever."""
+    turn, rate, inertia = step[:3], step[3:6], step[6:MOTION] + tumble.turning.inertia
+    slow = np.linalg.norm(rate) < 0.5 * np.linalg.norm(tumble.turning.rate)
+    return bool(np.isfinite(step).all() and np.linalg.norm(turn) < 1 and slow and np.abs(inertia).max() < MOST_LOG)
+
+
+def _by_point(s: Derivatives, points: SparsePoints, weight: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """(m, 3) slopes of half the weighed squares by each point."""
+    out = np.zeros((len(points.xyz), 3))
+    np.add.at(out, points.obs_point, np.einsum("k,kia,ki->ka", weight, s.point, r))
+    return out

@@ -1,0 +1,108 @@
+"""Sides of a body that share no point are held together by its free motion, where it has one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import test_mapping
+from scipy.spatial.transform import Rotation
+from test_free_motion import tumbling
+from test_joined_pieces import filmed, pieces
+
+from massprops.dynamics.rigid_body import propagate
+from massprops.sfm.along_motion import follow_free_motion, refine_along
+from massprops.sfm.assembled import STAYS, Part, assemble
+from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.free_adjustment import MOTION, _Adjusted, _State, fit_line
+from massprops.sfm.free_motion import FreeRotation
+from massprops.sfm.points import residuals
+
+
+def apart(folder, R):
+    """Two stretches that share no point, each where its own matching put it, in one model."""
+    given, truth = pieces(folder, R, strange=True)
+    first, second = given.found.models
+    parts = [Part(m, frozenset(m.reg_image_ids()), STAYS) for m in (first, second)]
+    return assemble(parts), given, truth
+
+
+def test_sides_that_share_no_point_come_to_lie_where_they_are(tmp_path):
+    model, given, truth = apart(tmp_path, tumbling())
+    assert test_mapping.attitude_error(to_views(model)[0], truth) > 0.3
+    model, following = follow_free_motion(model, given)
+    refined = refine_along(model, following, given.options.refine, True)
+    views, ids = to_views(model)
+    assert views.names == truth.names
+    assert test_mapping.attitude_error(views, truth) < 0.004
+    assert np.median(np.linalg.norm(residuals(views, to_points(model, ids)), axis=1)) < 0.3
+    assert abs(views.K[0, 0, 0] / truth.K[0, 0, 0] - 1) < 4 * refined.precision.focal_relative
+    # stated for a reader who takes errors for independent: no smaller than the worst that they are
+    assert test_mapping.attitude_error(views, truth) < 3 * refined.precision.attitude.max()
+
+
+def braked():
+    """A body that a torque slows down by a tenth in the first 27 frames."""
+    steps = np.arange(54.0)
+    when = steps - 0.05 * np.minimum(steps, 27) ** 2 / 27
+    w0 = np.deg2rad(7.0) * np.array([0.3, 1.0, -0.25]) / np.linalg.norm([0.3, 1.0, -0.25])
+    q, _ = propagate(np.array([0.5, 0.5, -0.1, 0.7]), w0, np.diag([0.4, 0.9, 1.0]), when)
+    return Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
+
+
+@pytest.mark.parametrize("way", ["turned back", "braked"])
+def test_a_body_that_is_not_free_keeps_its_own_poses(tmp_path, way):
+    R = tumbling()
+    R[18:] = R[18:][::-1]
+    model, given, _ = apart(tmp_path, R if way == "turned back" else braked())
+    assert follow_free_motion(model, given) is None
+
+
+def tumble():
+    turning = FreeRotation(tumbling()[3], np.array([0.05, 0.1, -0.02]), np.array([0.3, -0.2, 0.1, 0.2, -0.4]), 3.0, 2.0)
+    views, points = filmed(list(range(0, 20, 3)), tumbling())
+    found = fit_line(turning, np.arange(0, 20, 3.0), views.t, 0.2)
+    return found, replace(views, R=found.poses(np.arange(0, 20, 3.0))[0]), points
+
+
+def test_derivatives_of_poses_are_those_of_differences():
+    found, views, points = tumble()
+    system = _Adjusted(views, points, np.arange(0, 20, 3.0), 1.0, True)
+    J = system.columns(found, found.poses(system.times)[0])
+    for k, e in enumerate(1e-6 * np.eye(MOTION + 9)):
+        (R, t), (Q, s) = found.changed(e).poses(system.times), found.changed(-e).poses(system.times)
+        turn = Rotation.from_matrix(R @ Q.transpose(0, 2, 1)).as_rotvec() / 2e-6
+        np.testing.assert_allclose(J[:-1, k].reshape(-1, 6), np.column_stack([turn, (t - s) / 2e-6]), atol=1e-4)
+
+
+def test_the_slope_of_the_loss_is_that_of_differences():
+    found, views, points = tumble()
+    system = _Adjusted(views, points, np.arange(0, 20, 3.0), 1e4, True)
+    state = _State(found, 0.0, points.xyz)
+    at = system.linear(state)
+    # what the points add is eliminated with them
+    step = np.linspace(-1, 1, MOTION + 10)
+    xyz = at.system.points_follow(at.columns @ step, 0 * at.of_points)
+    ends = [
+        system.cost(_State(found.changed(s * step), s * float(step[-1]), points.xyz + s * xyz)) for s in (1e-6, -1e-6)
+    ]
+    assert (ends[0] - ends[1]) / 2e-6 == pytest.approx(step @ at.columns.T @ at.score, rel=1e-3)
+
+
+def test_a_step_that_makes_the_body_race_is_not_taken():
+    found, views, points = tumble()
+    system = _Adjusted(views, points, np.arange(0, 20, 3.0), 1.0, True)
+    state = system.settled(_State(found, 0.0, points.xyz), 10)  # far from any motion that fits
+    assert system.cost(state) <= system.cost(_State(found, 0.0, points.xyz))
+    assert np.abs(state.tumble.turning.inertia).max() < 2.5
+
+
+def test_a_motion_is_the_same_before_its_beginning_and_after():
+    found = tumble()[0].turning
+    later = found.attitudes(np.array([9.0, -5.0, 3.0, 4.0]))[0]
+    np.testing.assert_allclose(later[2], found.attitude, atol=1e-12)
+    state = (Rotation.from_matrix(found.attitude).as_quat()[[3, 0, 1, 2]], found.rate)
+    from massprops.sfm.free_motion import _inertia
+
+    q, _ = propagate(*state, _inertia(found.inertia[None])[0], np.array([0.0, 0.5, 3.0]))
+    expected = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
+    np.testing.assert_allclose(later[[3, 0]], expected[1:], atol=1e-5)
