@@ -14,7 +14,7 @@ from massprops.core.progress import Progress, silent
 from massprops.core.text import counted
 from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
-from massprops.sfm.along_motion import Following, follow_free_motion, refine_along
+from massprops.sfm.along_motion import follow_free_motion, refine_along
 from massprops.sfm.attempt import (
     ENOUGH,
     Attempt,
@@ -151,17 +151,17 @@ def reconstruct(
                 f"the film fell into pieces that share too few features, the largest of {before} images: they were joined by the "
                 "body's free motion and by the surface that two pieces show"
             )
-    following = None
     if found.repeats and footage.moving_pictures and footage.motion == "tumbling" and len(footage.cameras) == 1:
         along = follow_free_motion(model, given)
         model, following = along or (model, None)
+        options = replace(options, refine=replace(options.refine, following=following))
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
         if not found.repeats:
             model = join_models(model, _apart(model, found.models), given)
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
     mapped = pycolmap.Reconstruction(model)
-    result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress, following)
+    result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
     result = _with_shutter(_corrected(result, mapped, given, sizes, warnings))
     against = contradictions(model, found.database)
     more = against.said({f.name: f.source_name for f in footage.frames})
@@ -322,7 +322,6 @@ def finish(
     sizes: tuple[tuple[int, int], ...],
     warnings: list[str],
     progress: Progress = silent,
-    following: Following | None = None,
 ) -> SfmResult:
     """The last adjustment of a mapped model, and what is said of it.
 
@@ -330,7 +329,6 @@ def finish(
         model: is changed.
         sizes: (images, points) of every model found, this one's first.
         warnings: so far.
-        following: the free motion by which all images are placed, if they are.
 
     Raises:
         NotPossible: the model fixes no shape; the message names what of the footage is the cause.
@@ -339,16 +337,16 @@ def finish(
     free, masked, used = not mapping.fixed_intrinsics, mapping.masked, len(footage.frames)
     settings = refine_options(options, footage, mapping)
     test = free and may_distort(footage)
-    if following is None:
+    if settings.following is None:
         refined = refine(model, settings, free, test, options.threads, masked, options.seed)
     else:
-        refined = refine_along(model, following, settings, free)
+        refined = refine_along(model, settings.following, settings, free)
     accuracy = refined.precision
     if free and not mapping.constant:
         warnings += flat_remarks(to_points(model, to_views(model)[1]), accuracy.focal_relative)
     how = Settings(settings, free, refined.radial_terms, options.seed, options.threads)
     shutter, seen = Shutter("unknown"), None
-    if following is None:
+    if settings.following is None:
         accuracy, shutter, seen = _on_surface(model, footage, accuracy, how, masked, progress)
     cameras = _solved(footage, model, accuracy, refined)
     model = upright(model, footage)

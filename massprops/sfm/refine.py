@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pycolmap
@@ -19,6 +20,9 @@ from massprops.sfm.lens import LensChoice, choose_lenses, set_models
 from massprops.sfm.points import residuals
 from massprops.sfm.precision import Precision, precision
 from massprops.sfm.sound import require_sound, take_out
+
+if TYPE_CHECKING:
+    from massprops.sfm.along_motion import Following
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ class RefineOptions:
         constant: numbers of cameras whose focal length was given.
         given_focal: a focal length was given, which may be any.
         moving: what has to move, for a message.
+        following: the free motion that all images were found to follow, and are held to.
     """
 
     rounds: int = 2
@@ -64,6 +69,7 @@ class RefineOptions:
     constant: frozenset[int] = frozenset()
     given_focal: bool = False
     moving: str = "the camera moves around the object"
+    following: Following | None = None
 
 
 FOCAL_INFLATION = 2.0
