@@ -8,6 +8,9 @@ import numpy as np
 
 from massprops.documents.fields import Array, Number, Text, document
 
+LARGEST_SIGMA = 1e6
+"""Of an inertia, relative: of a body of which next to nothing was seen."""
+
 
 @document()
 class BodyFile:
@@ -28,4 +31,6 @@ class BodyFile:
     mass_kg: Annotated[float, Number("mass", "kg", above=0, high=1e30)] | None = None
     centre_of_mass_m: Annotated[np.ndarray, Array("centre of mass in body axes", "m", (3,), -1e12, 1e12)] | None = None
     source: Annotated[str, Text("where the numbers come from")] | None = None
-    inertia_sigma: Annotated[float, Number("relative 1-sigma of the inertia", "", low=0, high=1e6)] | None = None
+    inertia_sigma: Annotated[float, Number("relative 1-sigma of the inertia", "", low=0, high=LARGEST_SIGMA)] | None = (
+        None
+    )

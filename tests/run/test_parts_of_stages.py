@@ -14,6 +14,7 @@ import trimesh
 from test_masks import run_of
 
 from massprops.core.parts import Parts
+from massprops.run import drawn_silhouettes
 from massprops.run.job import Job
 from massprops.run.stages import silhouettes
 from massprops.sfm import features
@@ -61,11 +62,11 @@ def placed(tmp_path: Path) -> tuple[Path, int]:
 
 def test_silhouettes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run, count = placed(tmp_path)
-    refine = silhouettes.refine
+    refine = drawn_silhouettes.refine
     results = []
     for out, place, most in (("whole", None, 99), ("killed", "parts", 3), ("again", "parts", 99)):
         calls: list[int] = []
-        monkeypatch.setattr(silhouettes, "refine", counting(refine, calls, most))
+        monkeypatch.setattr(drawn_silhouettes, "refine", counting(refine, calls, most))
         job = Job(run=run, options=Any, out=tmp_path / out, parts=Parts(place and tmp_path / place))  # type: ignore[arg-type]
         (tmp_path / out).mkdir()
         try:

@@ -15,7 +15,7 @@ from massprops.sfm.left_out_images import (
     take_out_contradicted,
     take_out_unmatched,
 )
-from massprops.sfm.loops import _forget
+from massprops.sfm.loops import forget
 from massprops.sfm.match_parts import taken
 
 
@@ -85,10 +85,10 @@ def test_matches_with_images_that_are_not_placed_are_kept(solved, tmp_path):
             return {pycolmap.pair_id_to_image_pair(p) for p in db.read_all_matches()[0]}
 
     before = pairs()
-    _forget(database, ids[:-1], {ids[0]})
+    forget(database, ids[:-1], {ids[0]})
     gone = {p for p in before if ids[0] in p and ids[-1] not in p}
     assert pairs() == before - gone and len(gone) == len(ids) - 2
-    _forget(database, ids[:-1], set(ids))
+    forget(database, ids[:-1], set(ids))
     assert pairs() == {p for p in before if ids[-1] in p} != set()
 
 
@@ -101,7 +101,7 @@ def test_pairs_that_were_compared_in_vain_can_be_matched_anew(solved, tmp_path):
         db.delete_matches(a, b)
         db.write_matches(a, b, np.zeros((0, 2), np.uint32))
         assert pycolmap.image_pair_to_pair_id(a, b) not in db.read_all_matches()[0]
-    _forget(database, [a, b], {a})
+    forget(database, [a, b], {a})
     with pycolmap.Database.open(database) as db:
         db.write_matches(a, b, np.array([[0, 1]], np.uint32))
         assert db.exists_matches(a, b)

@@ -200,7 +200,8 @@ def _sequence(job: Job, new: Path, factor: float) -> bool:
 
 
 def _relative_sigma(document: dict[str, Any]) -> float | None:
-    """One sigma of the moments, relative, from their 90 % intervals; None when there are none."""
+    """One sigma of the moments, relative, from their 90 % intervals, at most the largest that a sequence states; None when there
+    are none."""
     bounds = document.get("interval_90", {}).get("principal_moments")
     if not bounds:
         return None
@@ -208,4 +209,6 @@ def _relative_sigma(document: dict[str, Any]) -> float | None:
         (high - low) / (2 * 1.645 * value)
         for (low, high), value in zip(bounds, document["principal_moments"], strict=True)
     ]
-    return float(np.mean(halves))
+    from massprops.documents.body import LARGEST_SIGMA
+
+    return min(float(np.mean(halves)), LARGEST_SIGMA)
