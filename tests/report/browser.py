@@ -108,7 +108,7 @@ def fits(page: Path, folder: Path) -> list[dict[str, Any]]:
         'const p = document.createElement("pre"); p.id = "probe"; '
         "p.textContent = JSON.stringify(all); document.body.appendChild(p); });</script>"
     )
-    out, console, _ = browse(frame, folder, "--dump-dom", "--virtual-time-budget=60000", size="2600,900")
+    out, console, _ = browse(frame, folder, "--dump-dom", "--virtual-time-budget=10000", size="2600,900")
     assert console == ""
     return sorted(answer(out), key=lambda found: found["width"])
 
