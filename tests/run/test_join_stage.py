@@ -156,7 +156,7 @@ def test_a_silhouette_that_lacks_what_another_placement_measured_is_drawn_again(
     monkeypatch.setattr(join, "learned_paint", lambda folders: None)
     monkeypatch.setattr(join, "undistorted_frame", lambda job, views, i: image[int(views.names[i][5])])
     monkeypatch.setattr(join, "_masks", lambda job, views: [known[int(n[5])].astype(np.uint8) for n in views.names])
-    job: Any = SimpleNamespace(work=lambda stage: tmp_path, out=tmp_path)
+    job: Any = SimpleNamespace(work=lambda stage: tmp_path, out=tmp_path, progress=lambda *_: None)
     one, two = here.take(np.array([0, 1])), here.take(np.array([2]))
     placements = [{"method": "measured"}] * 2
     found = join._redrawn(job, placements, [(one, np.eye(3), np.zeros(3), 0), (two, np.eye(3), np.zeros(3), 1)])

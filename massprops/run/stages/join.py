@@ -149,6 +149,7 @@ def _redrawn(
     points = np.concatenate([s.own for s in shown])
     points = points[:: max(1, len(points) // TESTED)]
     redrawn: list[str] = []
+    done, total = 0, sum(len(part[0]) for part in parts)
     for n, (views, *_) in enumerate(parts):
         whole = shown[n]
         for other in shown[:n] + shown[n + 1 :]:
@@ -160,6 +161,8 @@ def _redrawn(
             if missed[0] > missed[1] + HOLDS_MORE:
                 write_image(job.out / "masks" / f"{name}.png", stored(mask, views, i))
                 redrawn.append(name)
+            done += 1
+            job.progress(done, total, "silhouettes again")
     return redrawn
 
 
