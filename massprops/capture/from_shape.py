@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.capture.colours import BINS, colour_cells
+from massprops.capture.unknown_pixels import project
 from massprops.core.robust import mad_sigma
 
 BAND = 0.03
@@ -273,11 +274,13 @@ def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
     prior[known.hidden & ~drawn] = HIDDEN
     cells = colour_cells(image)
     across, down = _edges(image)
-    own, other = surely, away
-    surely = surely & (_log_odds(cells, own, other) > -OTHERS)
+    odds = _log_odds(cells, surely, away)
+    surely = surely & (odds > -OTHERS)
     found = drawn
-    for _ in range(ROUNDS):
-        weight = prior + COLOUR * _log_odds(cells, own, other)
+    for k in range(ROUNDS):
+        if k:
+            odds = _log_odds(cells, found, ~found)
+        weight = prior + COLOUR * odds
         if known.evidence is not None:
             weight = weight + known.evidence
         weight[surely], weight[away] = 50.0, -50.0
@@ -288,7 +291,6 @@ def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
         graph.add_grid_tedges(nodes, np.maximum(weight, 0), np.maximum(-weight, 0))
         graph.maxflow()
         found = ~graph.get_grid_segments(nodes)
-        own, other = found, ~found
     return found
 
 
@@ -333,6 +335,20 @@ def _held(found: np.ndarray, surely: np.ndarray) -> np.ndarray:
     small[0] = False
     out: np.ndarray = kept | small[piece]
     return out
+
+
+def share_covered(
+    mask: np.ndarray, margin_px: int, points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray
+) -> float | None:
+    """Share of the points (n, 3) in an undistorted view that fall on a mask (h, w) bool or within a margin of it; None of no point."""
+    import cv2
+
+    side = 2 * margin_px + 1
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    uv, depth = project(points, K, R, t)
+    at = np.rint(uv[depth > 1e-9]).astype(int)
+    at = at[(at >= 0).all(1) & (at < mask.shape[::-1]).all(1)]
+    return float(near[at[:, 1], at[:, 0]].mean()) if len(at) else None
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

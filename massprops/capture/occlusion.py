@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massprops.capture.support import axes
+from massprops.capture.unknown_pixels import project
 from massprops.core.robust import MAD_TO_SIGMA
 from massprops.dense.region import Region
 from massprops.surface.cloud import Cloud
@@ -112,10 +113,8 @@ def sampled(views: Views, image: Callable[[int], np.ndarray], xyz: np.ndarray) -
 
 def _pixels(views: Views, i: int, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(m, 2) pixels of points in view i, and (m,) bool whether they lie before the camera."""
-    camera = xyz @ views.R[i].T + views.t[i]
-    ahead = camera[:, 2] > 1e-9
-    safe = np.where(ahead, camera[:, 2], 1.0)[:, None]
-    return camera[:, :2] / safe @ views.K[i, :2, :2].T + views.K[i, :2, 2], ahead
+    uv, depth = project(xyz, views.K[i], views.R[i], views.t[i])
+    return uv, depth > 1e-9
 
 
 def visibility(colour: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -397,22 +396,17 @@ def held_share(views: Views, vertices: np.ndarray, faces: np.ndarray, xyz: np.nd
 
     What stereo measured of an object is part of it: a hull that leaves it out is the hull of a part.
     """
-    import cv2
-
+    from massprops.capture.from_shape import share_covered
     from massprops.geometry.rasterise import silhouette
 
     shares = []
     for i in range(len(views)):
         w, h = (int(x) for x in views.size[i])
-        drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], (w, h)).astype(np.uint8)
-        side = 2 * int(np.ceil(CELL * min(h, w) / 480)) + 1
-        near = cv2.dilate(drawn, np.ones((side, side), np.uint8)) > 0
-        pixel, ahead = _pixels(views, i, xyz)
-        at = np.rint(pixel[ahead]).astype(int)
-        at = at[(at >= 0).all(1) & (at < [w, h]).all(1)]
-        if len(at):
-            shares.append(float(near[at[:, 1], at[:, 0]].mean()))
-    return float(np.median(shares)) if shares else 0.0
+        camera = views.K[i], views.R[i], views.t[i]
+        margin = int(np.ceil(CELL * min(h, w) / 480))
+        shares.append(share_covered(silhouette(vertices, faces, *camera, (w, h)), margin, xyz, *camera))
+    known = [share for share in shares if share is not None]
+    return float(np.median(known)) if known else 0.0
 
 
 def settled(label: np.ndarray, agreement: np.ndarray) -> np.ndarray:

@@ -8,7 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from massprops.capture.before import hidden_share
-from massprops.capture.from_shape import Paint, Trimap, far_from, refine, shows_points, to_stored, trimap, unsure
+from massprops.capture.from_shape import (
+    Paint,
+    Trimap,
+    far_from,
+    refine,
+    share_covered,
+    shows_points,
+    to_stored,
+    trimap,
+    unsure,
+)
+from massprops.capture.unknown_pixels import project
 from massprops.views import Views
 
 DRAWN = "drawn from the shape, refined by the images"
@@ -100,21 +111,19 @@ def drawn_silhouette(
         image: (h, w, 3) uint8 of that view.
         evidence: (h, w) of `Trimap`, where all images tell what is before the support.
     """
-    from massprops.capture.unknown_pixels import project
     from massprops.geometry.rasterise import rasterise
 
     K, R, t = views.K[i], views.R[i], views.t[i]
     size = image.shape[1], image.shape[0]
     depth, _ = rasterise(shown.vertices, shown.faces, K, R, t, size)
-    camera = shown.other @ R.T + t
-    ahead = camera[:, 2] > 0
-    camera = camera[ahead]
-    uv = camera[:, :2] / camera[:, 2:] @ K[:2, :2].T + K[:2, 2]
+    uv, z = project(shown.other, K, R, t)
+    ahead = z > 0
+    uv, z = uv[ahead], z[ahead]
     at, deep = project(shown.own, K, R, t)
     far = far_from(depth)
     colours = np.concatenate([shown.other_colour[ahead], shown.own_colour])
     seen = shows_points(image, np.concatenate([uv, at]), colours, far)
-    known = trimap(depth, uv, camera[:, 2], seen[: len(uv)])
+    known = trimap(depth, uv, z, seen[: len(uv)])
     if shown.measured is not None:
         # what the votes of all images put to the shape is a hull, and no point of it is sure
         sure = np.isfinite(rasterise(shown.vertices, shown.measured, K, R, t, size)[0])
@@ -136,13 +145,5 @@ def stored(mask: np.ndarray, views: Views, i: int) -> np.ndarray:
 
 def outside(views: Views, i: int, mask: np.ndarray, points: np.ndarray) -> float:
     """Share of the object's points (n, 3) that view i sees beside a silhouette (h, w) uint8."""
-    import cv2
-
-    from massprops.capture.unknown_pixels import project
-
-    side = 2 * MARGIN_PX + 1
-    near = cv2.dilate((mask > 0).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
-    uv, depth = project(points, views.K[i], views.R[i], views.t[i])
-    at = np.rint(uv).astype(int)
-    seen = (depth > 0) & (at >= 0).all(1) & (at < mask.shape[::-1]).all(1)
-    return float(np.mean(~near[at[seen, 1], at[seen, 0]])) if seen.any() else 0.0
+    covered = share_covered(mask > 0, MARGIN_PX, points, views.K[i], views.R[i], views.t[i])
+    return 0.0 if covered is None else 1.0 - covered
