@@ -193,8 +193,7 @@ def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np
         timestamp_ns: (n,) when each was taken, not positive where nobody knows.
     """
     n = len(shared)
-    angle = np.degrees(np.arccos(np.clip(direction @ direction.T, -1, 1)))
-    like = (angle < LIKE_DEG) & ~np.eye(n, dtype=bool)
+    _, like = _pairs_of_like_direction(direction)
     cuts = [i + 1 for i in _long_pauses(timestamp_ns, 0, n - 1) or []]
     label, first = np.zeros(n, int), 0
     for cut, end in pairwise([*cuts, n]):
@@ -205,9 +204,21 @@ def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np
         if own * pairs >= LEAST_SHARED * LEAST_PAIRS and _mean_shared(shared, like, before, after) < FEW * own:
             label[after] += 1
             first = cut
-    count = np.bincount(label)
-    order = np.argsort(-count, kind="stable")
-    return np.asarray(np.argsort(order, kind="stable")[label])
+    return _largest_first(label)
+
+
+def _largest_first(label: np.ndarray) -> np.ndarray:
+    """Labels (n,) numbered by how many images they have, the most first, of as many the lower."""
+    _, index, count = np.unique(label, return_inverse=True, return_counts=True)
+    place = np.empty(len(count), int)
+    place[np.argsort(-count, kind="stable")] = np.arange(len(count))
+    return place[index]
+
+
+def _pairs_of_like_direction(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angle (n, n) between directions of view (n, 3) [deg], and (n, n) bool, two images from like directions."""
+    angle = np.degrees(np.arccos(np.clip(direction @ direction.T, -1, 1)))
+    return angle, (angle < LIKE_DEG) & ~np.eye(len(direction), dtype=bool)
 
 
 def _mean_shared(shared: np.ndarray, like: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
@@ -221,16 +232,14 @@ def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
     n = len(shared)
     if n < 8:
         return None
-    angle = np.degrees(np.arccos(np.clip(direction @ direction.T, -1, 1)))
-    apart = ~np.eye(n, dtype=bool)
-    like = (angle < LIKE_DEG) & apart
+    angle, like = _pairs_of_like_direction(direction)
     # of two placements half of the like pairs and more share nothing: what shares something is within one
     some = shared[like & (shared > 0)]
     usual = float(np.median(some)) if len(some) else 0.0
     if usual < 3:
         return None
     affinity = np.minimum(shared, usual) - np.where(like, 0.5 * usual, 0.0)
-    affinity[~apart] = 0.0
+    np.fill_diagonal(affinity, 0.0)
     # where one placement shows many features and another few, the leading eigenvector sees the first alone: weighed equally
     # all images have their part in it
     weight = np.sqrt(np.abs(affinity).sum(1))
@@ -328,9 +337,7 @@ def given_placements(footage: dict[str, Any], names: Sequence[str]) -> Placement
     if not of:
         return None
     own = np.array([of[name] for name in names], int)
-    order = sorted(np.unique(own), key=lambda k: (-int((own == k).sum()), int(k)))
-    place = {int(k): i for i, k in enumerate(order)}
-    return Placements(np.array([place[int(k)] for k in own], int), np.zeros((len(own), len(own))))
+    return Placements(_largest_first(own), np.zeros((len(own), len(own))))
 
 
 def find_placements(
