@@ -199,6 +199,13 @@ def _layers(body: Surface, up: np.ndarray) -> _Layers | None:
     return _Layers(grid, cell, height, face, rank, label(free, in_layer)[0])
 
 
+def _kept_layers(body: Surface, up: np.ndarray, cut: dict[bytes, _Layers | None]) -> _Layers | None:
+    """As `_layers`, which `cut` keeps by direction."""
+    if up.tobytes() not in cut:
+        cut[up.tobytes()] = _layers(body, up)
+    return cut[up.tobytes()]
+
+
 def _mouths(
     body: Surface, faces: cKDTree, place: np.ndarray, directions: list[np.ndarray], cut: dict[bytes, _Layers | None]
 ) -> _Mouths | None:
@@ -207,9 +214,7 @@ def _mouths(
     for first in directions:
         up = first
         for _ in range(ROUNDS):
-            if up.tobytes() not in cut:
-                cut[up.tobytes()] = _layers(body, up)
-            layers = cut[up.tobytes()]
+            layers = _kept_layers(body, up, cut)
             found = None if layers is None else _pair(body, faces, place, layers)
             if found is None:
                 break
@@ -247,9 +252,7 @@ def _lids(
     each covers the other, and the body between them is bounded by these two."""
     best = None
     for up in directions:
-        if up.tobytes() not in cut:
-            cut[up.tobytes()] = _layers(body, up)
-        layers = cut[up.tobytes()]
+        layers = _kept_layers(body, up, cut)
         if layers is None:
             continue
         ends = layers.rank % 2 == 1
@@ -271,6 +274,11 @@ def _lid(layers: _Layers, crossings: np.ndarray, side: int) -> _Section:
     free.ravel()[layers.cell[crossings]] = True
     level = (layers.height[crossings] - grid.corner[2]) / grid.step[2]
     layer = int(np.clip(side * np.max(side * level) + side, 0, layers.piece.shape[2] - 1))
+    return _section_at(grid, free, layer)
+
+
+def _section_at(grid: Grid, free: np.ndarray, layer: int) -> _Section:
+    """The free cells (a, b) bool of a layer as a section."""
     cells = np.argwhere(free)
     return _Section(free, layer, grid.world(np.column_stack([cells, np.full(len(cells), layer)])).mean(axis=0))
 
@@ -294,9 +302,7 @@ def _section(body: Surface, faces: cKDTree, layers: _Layers, columns: np.ndarray
         at = layers.grid.world(np.column_stack([rim, np.full(len(rim), k)]))
         rim_measured = float(body.observed[faces.query(at)[1]].mean())
         if rim_measured > share and np.count_nonzero(free) >= SMALLEST:
-            cells = np.argwhere(free)
-            middle = layers.grid.world(np.column_stack([cells, np.full(len(cells), k)])).mean(axis=0)
-            best, share = _Section(free, k, middle), rim_measured
+            best, share = _section_at(layers.grid, free, k), rim_measured
         if share >= MEASURED:
             break
     return best
