@@ -27,16 +27,24 @@ def silhouette_file(work: Path, name: str) -> Path:
     """The silhouette of a stored frame in the folder of all stages: as all placements of the object know it, where that
     is known better."""
     again = work / "join" / "masks" / f"{name}.png"
-    return again if again.is_file() else work / "silhouettes" / "masks" / f"{name}.png"
+    return again if again.is_file() else _first_silhouette(work, name)
 
 
-def undistorted_mask(job: Job, views: Views, i: int) -> np.ndarray:
+def _first_silhouette(work: Path, name: str) -> Path:
+    return work / "silhouettes" / "masks" / f"{name}.png"
+
+
+def undistorted_mask(job: Job, views: Views, i: int, redrawn: bool = True) -> np.ndarray:
     """(h, w) uint8 silhouette of view i without its lens's distortion: 255 object, 0 background, 128 not known.
+
+    Args:
+        redrawn: as all placements know it; else as its own placement does.
 
     Raises:
         OSError: the silhouette is missing or cannot be read.
     """
-    mask = read_image(silhouette_file(job.run / "work", views.names[i]), 0)
+    work, name = job.run / "work", views.names[i]
+    mask = read_image(silhouette_file(work, name) if redrawn else _first_silhouette(work, name), 0)
     return undistort(mask, views.K[i], views.distortion[i], nearest=True)
 
 

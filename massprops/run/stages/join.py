@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.core.files import write_image
-from massprops.core.inputs import read_image
 from massprops.core.text import counted
 from massprops.mass.integrals import centroid
 from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_paint, outside, shown_in, stored
 from massprops.run.job import Job
-from massprops.run.stage_images import undistorted_frame
+from massprops.run.stage_images import undistorted_frame, undistorted_mask
 from massprops.sfm.points import SparsePoints
-from massprops.views import Views, undistort
+from massprops.views import Views
 
 if TYPE_CHECKING:
     from massprops.sfm.across import Side
@@ -262,7 +261,5 @@ def _side(job: Job, views: Views, number: int) -> Side:
 
 
 def _masks(job: Job, views: Views) -> list[np.ndarray]:
-    """Undistorted silhouettes (h, w) uint8 of the views."""
-    first = job.work("silhouettes") / "masks"
-    masks = [read_image(first / f"{name}.png", 0) for name in views.names]
-    return [undistort(m, views.K[i], views.distortion[i], nearest=True) for i, m in enumerate(masks)]
+    """Undistorted silhouettes (h, w) uint8 of the views, as each placement knows them."""
+    return [undistorted_mask(job, views, i, redrawn=False) for i in range(len(views))]
