@@ -12,6 +12,7 @@ import numpy as np
 from massprops.consistency.trust import judged
 from massprops.core.files import write_json, write_whole
 from massprops.core.outputs import Outputs
+from massprops.documents.body import LARGEST_SIGMA
 from massprops.run.job import Job, ReconstructOptions
 from massprops.sfm.model_bytes import write_model
 
@@ -209,6 +210,4 @@ def _relative_sigma(document: dict[str, Any]) -> float | None:
         (high - low) / (2 * 1.645 * value)
         for (low, high), value in zip(bounds, document["principal_moments"], strict=True)
     ]
-    from massprops.documents.body import LARGEST_SIGMA
-
     return min(float(np.mean(halves)), LARGEST_SIGMA)
