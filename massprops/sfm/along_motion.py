@@ -21,7 +21,7 @@ from massprops.errors import NotPossible
 from massprops.sfm.attempt import FEWEST, ModelInputs
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.distinct import unit
-from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, fit_line, tumble_precision
+from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, cauchy_cost, fit_line, tumble_precision
 from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
 from massprops.sfm.guided import Gate, Placed, match_placed, place
 from massprops.sfm.lens import LensChoice
@@ -184,6 +184,7 @@ def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, giv
     none saw that side, all of the body's depth is open."""
     out = {}
     row = {n: i for i, n in enumerate(views.names)}
+    reach = _radius(points) * np.array([-1.0, 1.0])
     for k, name in enumerate(moved.names):
         uv = given.found.features[name][0][:, :2] - 0.5
         if name in row:
@@ -194,7 +195,7 @@ def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, giv
             lent = place(both, points, len(views), uv, lent=True)
             z = float(moved.R[k][2] @ start.tumble.centre + moved.t[k][2])
             unknown = ~np.isfinite(lent.depth).all(1, keepdims=True)
-            out[name] = replace(lent, depth=np.where(unknown, z + _radius(points) * np.array([-1.0, 1.0]), lent.depth))
+            out[name] = replace(lent, depth=np.where(unknown, z + reach, lent.depth))
     return out
 
 
@@ -212,8 +213,5 @@ def _free(model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str],
 
 
 def _cost(model: pycolmap.Reconstruction, loss_px: float) -> float:
-    from massprops.sfm.points import residuals
-
     views, ids = to_views(model)
-    square = (residuals(views, to_points(model, ids)) ** 2).sum(1)
-    return float(np.log1p(square / loss_px**2).sum())
+    return cauchy_cost(views, to_points(model, ids), loss_px)

@@ -18,7 +18,7 @@ import pycolmap
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.free_motion import MOST_LOG, FreeRotation
 from massprops.sfm.points import SparsePoints, residuals
-from massprops.sfm.precision import Derivatives, Lens, Precision, System, derivatives, pseudo_inverse
+from massprops.sfm.precision import Lens, Precision, System, derivatives, pseudo_inverse
 from massprops.views import Views
 
 STEP = 1e-5
@@ -111,8 +111,8 @@ def tumble_precision(
     square root of coordinates over the motion's numbers, they leave such a reader as uncertain of the motion as it is.
     """
     views, ids = to_views(model)
-    names = np.array([clock(n) for n in views.names])
-    system = _Adjusted(views, to_points(model, ids), names, loss_px, free_focal)
+    times = np.array([clock(n) for n in views.names])
+    system = _Adjusted(views, to_points(model, ids), times, loss_px, free_focal)
     linear = system.linear(_State(tumble, 0.0, system.points.xyz))
     J, r = linear.columns, linear.residual
     inverse = pseudo_inverse(J.T @ linear.system.normal @ J)
@@ -126,6 +126,12 @@ def tumble_precision(
     numbers = {model.image(i).camera_id for i in ids}
     alike = np.sqrt(max(3 * len(views) / MOTION, 1.0))
     return Precision(rms, focal[0], 0.0, alike * attitude, focal[1], dict.fromkeys(numbers, focal[0]))
+
+
+def cauchy_cost(views: Views, points: SparsePoints, loss_px: float) -> float:
+    """Sum of the Cauchy loss of all observations [px^2]."""
+    square = (residuals(views, points) ** 2).sum(1)
+    return 0.5 * loss_px**2 * float(np.log1p(square / loss_px**2).sum())
 
 
 @dataclass(frozen=True)
@@ -166,8 +172,7 @@ class _Adjusted:
     def cost(self, state: _State) -> float:
         """Sum of the loss [px^2]; infinite where a point is no longer before a camera."""
         with np.errstate(all="ignore"):
-            square = (residuals(*self.at(state)) ** 2).sum(1)
-            cost = 0.5 * self.loss_px**2 * float(np.log1p(square / self.loss_px**2).sum())
+            cost = cauchy_cost(*self.at(state), self.loss_px)
         return cost if np.isfinite(cost) else np.inf
 
     def linear(self, state: _State) -> _Linear:
@@ -178,7 +183,7 @@ class _Adjusted:
         s = derivatives(views, points)
         lens = Lens([np.stack([s.x * s.radial, s.y * s.radial], 1) * s.f[:, None]] if self.free else [], {}, {})
         system = System(len(views), points, s, lens, weight)
-        of_points = _by_point(s, points, weight, r)
+        of_points = system.slopes_of_points(r, weight)
         score = np.asarray(system.scores(r, weight).sum(axis=0)).ravel()
         return _Linear(r, weight, system, self.columns(state.tumble, views.R), of_points, score)
 
@@ -231,10 +236,3 @@ def _within_reach(step: np.ndarray, tumble: Tumble) -> bool:
     turn, rate, inertia = step[:3], step[3:6], step[6:MOTION] + tumble.turning.inertia
     slow = np.linalg.norm(rate) < 0.5 * np.linalg.norm(tumble.turning.rate)
     return bool(np.isfinite(step).all() and np.linalg.norm(turn) < 1 and slow and np.abs(inertia).max() < MOST_LOG)
-
-
-def _by_point(s: Derivatives, points: SparsePoints, weight: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """(m, 3) slopes of half the weighed squares by each point."""
-    out = np.zeros((len(points.xyz), 3))
-    np.add.at(out, points.obs_point, np.einsum("k,kia,ki->ka", weight, s.point, r))
-    return out

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -121,27 +122,18 @@ def fit_rotation(pieces: Sequence[Piece], robust: bool = False, about: FreeRotat
     motion = _Motion(pieces, about)
     first, reach = motion.start(), motion.reach()
     around = np.where(np.arange(len(first)) < 6, first, 0.0)
-    found = least_squares(
+    fitted = partial(
+        least_squares,
         lambda x: motion.residuals(x[None])[0],
-        first,
-        motion.slope,
-        (around - reach, around + reach),
+        jac=motion.slope,
+        bounds=(around - reach, around + reach),
         x_scale=reach,
         max_nfev=60,
         ftol=1e-8,
     )
+    found = fitted(first)
     if robust:
-        found = least_squares(
-            lambda x: motion.residuals(x[None])[0],
-            found.x,
-            motion.slope,
-            (around - reach, around + reach),
-            x_scale=reach,
-            max_nfev=60,
-            ftol=1e-8,
-            loss="soft_l1",
-            f_scale=OUTLYING_RAD,
-        )
+        found = fitted(found.x, loss="soft_l1", f_scale=OUTLYING_RAD)
     count = 3 * sum(len(p.times) for p in pieces)
     off = found.fun[:count]
     if robust:
@@ -154,9 +146,9 @@ def fit_rotation(pieces: Sequence[Piece], robust: bool = False, about: FreeRotat
         own = _turn_of(k)
         C.append(Turn.from_rotvec(found.x[own]).as_matrix() @ motion.C[k])
         sigma.append(float(np.sqrt(np.linalg.eigvalsh(covariance[own, own])[-1])))
-    turned = Turn.from_rotvec(found.x[:3]).as_matrix() @ motion.P0
-    followed = FreeRotation(turned, found.x[3:6], found.x[6:11], motion.begin, motion.unit)
-    return Rotation(np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0], followed)
+    return Rotation(
+        np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0], motion.guess.changed(found.x[:11])
+    )
 
 
 def _turn_of(k: int) -> slice:
@@ -169,14 +161,15 @@ class _Motion:
 
     def __init__(self, pieces: Sequence[Piece], about: FreeRotation | None = None) -> None:
         self.pieces = pieces
-        times = np.unique(np.concatenate([p.times for p in pieces]))
-        self.begin, self.unit = float(times[0]), float(np.median(np.diff(times)))
-        self.clock = (times - times[0]) / self.unit
-        self.at = [np.searchsorted(times, p.times) for p in pieces]
+        self.times = np.unique(np.concatenate([p.times for p in pieces]))
+        begin, unit = float(self.times[0]), float(np.median(np.diff(self.times)))
+        self.at = [np.searchsorted(self.times, p.times) for p in pieces]
         if about is None:
-            self.P0, self.w0, self.C = _begin(pieces, self.clock, self.at)
+            P0, self.w0, self.C = _begin(pieces, (self.times - begin) / unit, self.at)
         else:
-            self.P0, self.w0, self.C = _begin_about(pieces, about, times[0] + 0.01 * self.unit * np.arange(2))
+            P0, self.w0, self.C = _begin_about(pieces, about, begin + 0.01 * unit * np.arange(2))
+        # rate and inertia are all in the parameters
+        self.guess = FreeRotation(P0, np.zeros(3), np.zeros(5), begin, unit)
         self.inertia = np.zeros(5) if about is None else about.inertia
 
     def start(self) -> np.ndarray:
@@ -194,10 +187,7 @@ class _Motion:
         from scipy.spatial.transform import Rotation as Turn
 
         m = len(x)
-        turn = Turn.from_rotvec(x[:, :3]) * Turn.from_matrix(self.P0)
-        q0 = turn.as_quat()[:, [3, 0, 1, 2]]
-        q, _ = propagate(q0, x[:, 3:6], _inertia(x[:, 6:11]), self.clock, largest_turn=STEP_RAD)
-        P = Turn.from_quat(q.reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix().reshape(len(self.clock), m, 3, 3)
+        P = self.guess.attitudes(self.times, x[:, :11]).transpose(1, 0, 2, 3)
         out = []
         for k, piece in enumerate(self.pieces):
             turned = np.tile(np.eye(3), (m, 1, 1)) if k == 0 else Turn.from_rotvec(x[:, _turn_of(k)]).as_matrix()

@@ -245,10 +245,15 @@ class System:
         p, k, m = self._point, len(self._point), self._Vinv.shape[0] // 3
         track = sp.csr_matrix((np.ones(2 * k), (np.repeat(p, 2), np.arange(2 * k))), (m, 2 * k))
         S = (track @ sp.diags((r * weight[:, None]).ravel()) @ self._A).tocsr()
-        b = np.zeros((m, 3))
-        np.add.at(b, p, np.einsum("k,kia,ki->ka", weight, self.derivatives.point, r))
+        b = self.slopes_of_points(r, weight)
         back = sp.bsr_matrix((b[:, None, :], np.arange(m), np.arange(m + 1)), (m, 3 * m))
         return S - back @ self._Vinv @ self._C.T
+
+    def slopes_of_points(self, r: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(m, 3) slopes of half the weighed squares of residuals (k, 2) by each point."""
+        out = np.zeros((self._Vinv.shape[0] // 3, 3))
+        np.add.at(out, self._point, np.einsum("k,kia,ki->ka", weight, self.derivatives.point, r))
+        return out
 
     def points_follow(self, step: np.ndarray, of_points: np.ndarray) -> np.ndarray:
         """(m, 3) steps of the points to one (q,) of poses and lenses, with their own slopes of_points (m, 3)."""
