@@ -116,12 +116,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class Found:
-    """The object, and the readings between which nothing decides, the one that is used first; none where one fits. `moulded`:
+    """The object, and the readings between which nothing decides, the one that is used first; none where one fits. `narrow_ledge`:
     a narrow ledge of its own colour runs all about it, and is taken for a part of it."""
 
     split: OnSupport
     readings: list[Reading] = field(default_factory=list)
-    moulded: bool = False
+    narrow_ledge: bool = False
 
 
 def find_object(
@@ -164,10 +164,10 @@ def find_object(
     if keep_support:
         return Found(first)
     top = stand_top(scene, first.member, plane, seed) if plane is not None else plate
-    moulded = top is not None and top.alike and top.narrow and not pointed
-    if top is not None and not moulded:
+    narrow_ledge = top is not None and top.alike and top.narrow and not pointed
+    if top is not None and not narrow_ledge:
         return _with_stand(scene, first, top, pointed)
-    return Found(first, [] if pointed else _rivals(scene, first, piece, weight), moulded)
+    return Found(first, [] if pointed else _rivals(scene, first, piece, weight), narrow_ledge)
 
 
 def _bears(scene: Scene, plane: np.ndarray) -> bool:

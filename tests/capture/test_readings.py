@@ -202,10 +202,10 @@ def test_a_plate_with_a_handle_of_its_own_colour_is_one_thing_and_the_handle_is_
 def test_a_narrow_ledge_of_its_own_colour_is_a_moulding_and_of_another_colour_a_stand() -> None:
     points = on_stand(BLUE, half=0.12)
     sole = find_object(points)
-    assert sole.moulded and sole.readings == [] and share(sole, points, BLUE) > 0.7
+    assert sole.narrow_ledge and sole.readings == [] and share(sole, points, BLUE) > 0.7
     stand = find_object(on_stand(RED, half=0.12))
-    assert not stand.moulded and len(stand.readings) == 2
-    assert not find_object(on_stand(BLUE)).moulded
+    assert not stand.narrow_ledge and len(stand.readings) == 2
+    assert not find_object(on_stand(BLUE)).narrow_ledge
 
 
 def test_a_plate_that_was_turned_over_with_its_handle_is_one_thing() -> None:

@@ -286,7 +286,7 @@ def _placement(
     turning = _turns(json.loads((job.work("capture") / "footage.json").read_text()))
     object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support, turning)
     found = object_.split
-    if object_.moulded:
+    if object_.narrow_ledge:
         job.warn(
             "a narrow flat ledge of the object's own colour runs all about it and is taken for a part of it: if it is a stand, "
             "give --object X,Y with a pixel above the ledge"
