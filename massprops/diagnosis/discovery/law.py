@@ -117,8 +117,8 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
             columns = tuple(c for c in columns if c != out)
         sure = np.array([chance[c] for c in columns])
         law = _refit(record, tuple(terms[c] for c in columns), sure, base, unknown)
-        near = {k: v - models[0].score for k, v in distinct(models, alike).items() if not set(columns) <= k}
-        rivals = [(tuple(terms[c] for c in sorted(k)), v) for k, v in near.items() if v > -criteria.ALIKE]
+        behind = {k: v - models[0].score for k, v in distinct(models, alike).items() if not set(columns) <= k}
+        rivals = [(tuple(terms[c] for c in sorted(k)), v) for k, v in behind.items() if v > -criteria.ALIKE]
         return replace(law, rivals=tuple(rivals))
     return None
 

@@ -248,8 +248,8 @@ def told_apart(groups: list[Group], torques: np.ndarray) -> tuple[list[Group], n
             continue
         first, there = kept[key]
         minus = "" if np.array_equal(own, there) else "-"
-        both = zip(first.terms, group.terms, strict=True)
-        terms = tuple(replace(t, same=(*t.same, minus + other.label)) for t, other in both)
+        both = zip(first.terms, (minus + t.label for t in group.terms), strict=True)
+        terms = tuple(t if o in (t.label, *t.same) else replace(t, same=(*t.same, o)) for t, o in both)
         kept[key] = replace(first, terms=terms), there
     return [group for group, _ in kept.values()], np.concatenate([x for _, x in kept.values()], axis=2)
 
