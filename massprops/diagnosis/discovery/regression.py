@@ -5,13 +5,13 @@ criterion with the noise marginalised (Kass and Wasserman 1995: the evidence und
 for each group they pick: all kinds of groups are equally likely, so are the groups of a kind and the subsets of a group's
 terms. A beam of models grows group by group; needless terms leave, and groups are exchanged for others.
 The probability of a term is the share of the models' evidence that holds it (Hoeting et al. 1999), and no more than how
-often parts of the record, drawn in blocks of time, choose it among those models (after Meinshausen and Buhlmann 2010; a
-search anew in each part misses models that are likelier there than the one it ends at).
+often parts of the record, drawn in blocks of time, choose it (Meinshausen and Buhlmann 2010). The search in a part begins
+with the models of the whole: by itself it misses some that are likelier than the one it ends at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -120,11 +120,18 @@ def _reduced(r: Regression, use: np.ndarray) -> _Reduced:
     return _Reduced(rest, float(r.rows[use].sum()), r.noise_rows)
 
 
-def search(r: Regression, beam: int = BEAM, most: int = MOST_GROUPS) -> list[Found]:
-    """Models by their score, the best first, needless terms pruned; the empty model is among them."""
-    own = _reduced(r, np.ones(len(r.rows), bool))
+def search(
+    r: Regression, use: np.ndarray | None = None, known: Iterable[Found] = (), beam: int = BEAM, most: int = MOST_GROUPS
+) -> list[Found]:
+    """Models by their score, the best first, needless terms pruned; the empty model is among them.
+
+    Args:
+        use: the blocks of the record that count, a bool each; known: models to begin with beside those that grow.
+    """
+    own = _reduced(r, np.ones(len(r.rows), bool) if use is None else use)
     empty = Found((), own.score(())[0])
     seen: dict[tuple[int, ...], Found] = {(): empty}
+    _keep(seen, [replace(m, score=_score(own, r, m.columns, m.groups)) for m in known if np.isfinite(m.score)])
     level = [empty]
     for _ in range(most):
         grown: dict[tuple[int, ...], Found] = {}
@@ -155,7 +162,12 @@ def search(r: Regression, beam: int = BEAM, most: int = MOST_GROUPS) -> list[Fou
 def _whole(own: _Reduced, r: Regression, groups: tuple[int, ...]) -> Found:
     """The model of all terms of some groups."""
     columns = tuple(c for k in groups for c in r.groups[k])
-    return Found(columns, own.score(columns)[0] - float(r.prices[list(groups)].sum()), groups)
+    return Found(columns, _score(own, r, columns, groups), groups)
+
+
+def _score(own: _Reduced, r: Regression, columns: tuple[int, ...], groups: tuple[int, ...]) -> float:
+    """Log evidence of a model less what its groups cost."""
+    return own.score(columns)[0] - float(r.prices[list(groups)].sum())
 
 
 def _keep(seen: dict[tuple[int, ...], Found], models: list[Found]) -> None:
@@ -191,8 +203,7 @@ def _pruned(own: _Reduced, r: Regression, model: Found) -> Found:
     columns, groups = list(model.columns), model.groups
 
     def value(c: list[int]) -> float:
-        left = [g for g in groups if set(r.groups[g]) & set(c)]
-        return own.score(tuple(c))[0] - float(r.prices[left].sum())
+        return _score(own, r, tuple(c), tuple(g for g in groups if set(r.groups[g]) & set(c)))
 
     score = value(columns)
     while len(columns) > 1:
@@ -241,14 +252,6 @@ def idle(r: Regression, columns: tuple[int, ...], chance: dict[int, float]) -> i
     return least if lost < criteria.BEATS_NOTHING else None
 
 
-def _again(r: Regression, models: list[Found], use: np.ndarray) -> list[Found]:
-    """Models by their score in some blocks (a bool each) of the record."""
-    own = _reduced(r, use)
-    possible = [m for m in models if np.isfinite(m.score)]
-    scored = [replace(m, score=own.score(m.columns)[0] - float(r.prices[list(m.groups)].sum())) for m in possible]
-    return sorted(scored, key=lambda m: -m.score)
-
-
 def probabilities(r: Regression, models: list[Found], alike: dict[int, int] | None = None) -> dict[int, float]:
     """The probability of each column: its share of the evidence, bounded by how often parts of the record choose it.
 
@@ -269,7 +272,7 @@ def probabilities(r: Regression, models: list[Found], alike: dict[int, int] | No
     for _ in range(DRAWS):
         use = np.zeros(len(r.rows), bool)
         use[rng.permutation(len(r.rows))[: round(KEPT * len(r.rows))]] = True
-        for c in next(iter(distinct(_again(r, models, use), alike))):
+        for c in next(iter(distinct(search(r, use, models, most=len(models[0].groups) + 1), alike))):
             chosen[c] = chosen.get(c, 0) + 1
     # Laplace's rule: so many draws say no more than this
     by_kind = {c: min(p, (chosen.get(c, 0) + 1.0) / (DRAWS + 2.0)) for c, p in share.items()}
