@@ -31,7 +31,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from massprops.diagnosis.motion_path import MotionPath
-from massprops.dynamics.quaternion import skew
+from massprops.geometry.vectors import skew
 
 INERTIA = 5
 """Columns of the inertia: the ways one of trace 3 can change."""

@@ -121,12 +121,3 @@ def angle_between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Angle [rad] of the rotation from q to p, shapes (..., 4) to (...)."""
     angle: np.ndarray = np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)
     return angle
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with skew(a) b = a x b."""
-    out = np.zeros((*v.shape, 3), v.dtype)
-    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
-    return out

@@ -14,8 +14,9 @@ import numpy as np
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, physical, principal_axes, ratio_derivatives
-from massprops.dynamics.quaternion import rotation_matrix, skew
+from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.rates import LocalFit
+from massprops.geometry.vectors import skew
 
 FEWEST = 6
 LARGEST_COUNT = 60

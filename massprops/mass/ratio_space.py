@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from massprops.geometry.vectors import skew
+
 NORMAL_90 = 1.6448536269514722
 """Half width of a normal 90 % interval in sigmas."""
 FLIPS = np.array([np.diag(s) for s in product((1.0, -1.0), repeat=3) if np.prod(s) > 0])
@@ -66,9 +68,7 @@ def turn_jacobian(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     moments, own = np.linalg.eigh(inertia)
     L = own @ np.diag(np.log(moments)) @ own.T
     columns = []
-    for axis in np.eye(3):
-        x, y, z = axis
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    for cross in skew(np.eye(3)):
         M = axes.T @ (cross @ L - L @ cross) @ axes
         columns.append([M[0, 0] - M[1, 1], M[1, 1] - M[2, 2], M[1, 2], M[0, 2], M[0, 1]])
     return np.array(columns).T

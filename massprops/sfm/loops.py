@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from massprops.geometry import vectors
 from massprops.sfm import pairs as pairing
 from massprops.sfm.attempt import ModelInputs, SfmOptions
 from massprops.sfm.convert import to_points, to_views
@@ -143,9 +144,7 @@ def _facing(
 
 def view_directions(views: Views, points: SparsePoints) -> np.ndarray:
     """(n, 3) unit vectors from the middle of the points to each camera, in the world."""
-    d = views.centres - np.median(points.xyz, axis=0)
-    out: np.ndarray = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)
-    return out
+    return vectors.unit(views.centres - np.median(points.xyz, axis=0))
 
 
 def spread_deg(views: Views, points: SparsePoints) -> float:

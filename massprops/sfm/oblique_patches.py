@@ -13,6 +13,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from massprops.geometry.vectors import unit
 from massprops.sfm.consensus import Candidates
 from massprops.sfm.points import SparsePoints, project_camera
 from massprops.views import Views
@@ -54,7 +55,7 @@ def patch_candidates(views: Views, points: SparsePoints, own: np.ndarray, reach:
     point, view, place = [], [], []
     for p in np.unique(points.obs_point[mine]).tolist():
         seen = points.obs_view[(points.obs_point == p) & mine]
-        sight = _unit(centres - points.xyz[p])
+        sight = unit(centres - points.xyz[p])
         n = normal[p] if sight[seen].mean(0) @ normal[p] > 0 else -normal[p]
         facing = sight @ n
         targets, sources = others[facing[others] > FACING], seen[facing[seen] > FACING]
@@ -86,11 +87,6 @@ def _normals(points: SparsePoints) -> np.ndarray:
     return out
 
 
-def _unit(x: np.ndarray) -> np.ndarray:
-    out: np.ndarray = x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-12)
-    return out
-
-
 def _found(
     views: Views, pair: tuple[int, int], x: np.ndarray, n: np.ndarray, reach: int, images: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray | None:
@@ -98,7 +94,7 @@ def _found(
     nothing there."""
     i, j = pair
     size = float(views.R[i][2] @ x + views.t[i][2]) / views.K[i][0, 0]
-    a = _unit(np.cross(views.R[i][1], n))
+    a = unit(np.cross(views.R[i][1], n))
     axes = size * np.stack([a, np.cross(n, a)])
     patch, there = _drawn(views, i, x, axes, HALF, images[0]), _drawn(views, j, x, axes, HALF + reach, images[1])
     if patch is None or there is None or patch.min() <= 0 or patch.std() < CONTRAST:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.geometry.vectors import unit
+
 Pairs = list[tuple[int, int]]
 
 
@@ -92,8 +94,7 @@ def signatures(descriptors: list[np.ndarray], seed: int, words: int = 48, sample
     some = []
     for d in descriptors:
         take = rng.permutation(len(d))[:sample]
-        x = d[take].astype(np.float32)
-        some.append(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9))
+        some.append(unit(d[take].astype(np.float32)))
     pool = np.concatenate([x[:60] for x in some]) if some else np.zeros((0, 128), np.float32)
     if len(pool) < words:
         return np.zeros((len(descriptors), words * 128), np.float32)
@@ -110,5 +111,4 @@ def signatures(descriptors: list[np.ndarray], seed: int, words: int = 48, sample
             np.add.at(out[i], nearest, x - centres[nearest])
     out = out.reshape(len(some), -1)
     out = np.sign(out) * np.sqrt(np.abs(out))
-    found: np.ndarray = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
-    return found
+    return unit(out)

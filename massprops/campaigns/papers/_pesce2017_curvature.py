@@ -14,7 +14,7 @@ import numpy as np
 from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS
 from massprops.campaigns.papers._pesce2017_observation import NEAREST
 from massprops.campaigns.papers._pesce2017_state import Layout, State, cross
-from massprops.dynamics.quaternion import skew
+from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 LEVI_CIVITA = np.array(

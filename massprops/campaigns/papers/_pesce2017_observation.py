@@ -12,7 +12,7 @@ import numpy as np
 
 from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS, components
 from massprops.campaigns.papers._pesce2017_state import Layout, State, cross, xi
-from massprops.dynamics.quaternion import skew
+from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 NEAREST = 1e-3

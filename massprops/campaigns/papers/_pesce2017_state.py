@@ -26,8 +26,8 @@ from massprops.dynamics.quaternion import (
     rotate,
     rotation_matrix,
     rotation_vector,
-    skew,
 )
+from massprops.geometry.vectors import skew
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from massprops.campaigns.papers._pesce2017_curvature import cross_covariance
 from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS, components
 from massprops.campaigns.papers._pesce2017_state import Layout, State, additive_columns, cross, xi
 from massprops.dynamics.orbit import position_velocity
-from massprops.dynamics.quaternion import rotation_matrix, skew
+from massprops.dynamics.quaternion import rotation_matrix
+from massprops.geometry.vectors import skew
 
 LARGEST_TURN = 0.12
 """Rotation [rad] per integration step: 1e-7 rad a step, far under what any epoch measures."""

@@ -23,13 +23,13 @@ from massprops.dynamics.quaternion import (
     multiply,
     rotate,
     rotation_matrix,
-    skew,
 )
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import MasspropsError
 from massprops.estimators.methods import momentum_ls
 from massprops.estimators.momentum import momentum_inertia, plain_inertia
 from massprops.estimators.result import Prior
+from massprops.geometry.vectors import skew
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate

@@ -6,28 +6,23 @@ import base64
 
 import numpy as np
 
+from massprops.geometry import vectors
 from massprops.report.data import RunData
 from massprops.report.html import number, swatch, text
 
 TITLE, ORDER = "Camera path and coverage", 4
 SEEN_WITHIN = 35.0
+"""[deg]."""
+POINTS = 4000
+"""On the sphere, where what is seen is counted."""
 SEEN, BARELY, UNSEEN = (0.05, 0.35, 0.52), (0.66, 0.85, 0.90), (0.93, 0.55, 0.40)
 WIDE, HIGH = 640, 320
 
 
-def coverage(directions: np.ndarray, within_deg: float = SEEN_WITHIN, count: int = 4000) -> float:
-    """Share of the sphere of directions that lies within an angle of a view.
-
-    Args:
-        directions: (n, 3) unit vectors from the object to the cameras.
-        within_deg: [deg].
-        count: points on the sphere, spread evenly.
-    """
-    i = np.arange(count) + 0.5
-    z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
-    ring = np.sqrt(1 - z**2)
-    sphere = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
-    return float(((sphere @ directions.T).max(axis=1) > np.cos(np.radians(within_deg))).mean())
+def coverage(directions: np.ndarray) -> float:
+    """Share of the sphere of directions that lies within `SEEN_WITHIN` of a view; directions: (n, 3) unit vectors from the
+    object to the cameras."""
+    return float(((vectors.sphere(POINTS) @ directions.T).max(axis=1) > np.cos(np.radians(SEEN_WITHIN))).mean())
 
 
 def render(data: RunData) -> str:
@@ -37,8 +32,7 @@ def render(data: RunData) -> str:
         return ""
     middle = data.centre if data.centre is not None else np.median(centres, axis=0)
     offset = centres - middle
-    distance = np.linalg.norm(offset, axis=1)
-    direction = offset / np.where(distance > 0, distance, 1.0)[:, None]
+    distance, direction = np.linalg.norm(offset, axis=1), vectors.unit(offset)
     tumbling = data.facts["footage"].get("motion") == "tumbling"
     whose = "The camera, seen from the turning object" if tumbling else "The camera around the object"
     unit = data.length_unit if data.document else "units of the reconstruction"
