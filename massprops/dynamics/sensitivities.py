@@ -25,6 +25,7 @@ from massprops.dynamics.rotation import (
     start_state,
     state_derivative,
 )
+from massprops.dynamics.runge_kutta import transition
 from massprops.effects import GIVEN, places_of
 
 LARGEST_TURN = 0.4
@@ -68,7 +69,7 @@ def sensitivities(
     F = _slopes_of_slopes(
         begin, np.stack([from_y, 0.5 * (from_y + to_y), to_y], axis=1), six, moves, active, flat_p, environment
     )
-    M = _over_steps(F, h)
+    M = transition(F[:, [0, 1, 1, 2]], h)
     S = _at_start(q0, w0, flat_six, moves, active, flat_p, fixed, ny)
     jumps = dict(path.steps.jumps)
     from_S, to_S = np.empty((len(h), ny, m)), np.empty((len(h), ny, m))
@@ -148,25 +149,6 @@ def _slopes_of_slopes(
     for j in sorted(_of_effects(active, tuple(active.hooks)) - _fixed(active)):
         put(ny + 6 + d + j, stage, flat_six, stepped(p, j))
     return F
-
-
-def _over_steps(F: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Transition (steps, ny, ny + m) over steps h (steps,), from the derivatives at start, middle and end, by the
-    Runge-Kutta method of fourth order."""
-    ny = F.shape[2]
-    hh = h[:, None, None]
-    eye = np.eye(ny, F.shape[3])
-
-    def carried(stage_F: np.ndarray, sofar: np.ndarray) -> np.ndarray:
-        out: np.ndarray = stage_F[..., :ny] @ sofar
-        out[..., ny:] += stage_F[..., ny:]
-        return out
-
-    K1 = F[:, 0]
-    K2 = carried(F[:, 1], eye + 0.5 * hh * K1)
-    K3 = carried(F[:, 1], eye + 0.5 * hh * K2)
-    K4 = carried(F[:, 2], eye + hh * K3)
-    return np.asarray(eye + hh / 6.0 * (K1 + 2 * (K2 + K3) + K4))
 
 
 def _at_start(

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.dynamics import runge_kutta
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
 from massprops.dynamics.kernels import differential_gravity, euler_acceleration, quaternion_rate, to_body
@@ -127,12 +128,7 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     h = c["step_s"] / inner
     for t in times[:-1]:
         for i in range(inner):
-            u = float(t + i * h)
-            k1 = slope(u, y)
-            k2 = slope(u + h / 2, y + h / 2 * k1)
-            k3 = slope(u + h / 2, y + h / 2 * k2)
-            k4 = slope(u + h, y + h * k3)
-            y = y + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+            y = runge_kutta.step(slope, float(t + i * h), y, h)
             y[:4] = normalise(y[:4])
         out.append(y)
     path = np.array(out)
