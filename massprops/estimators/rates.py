@@ -17,6 +17,7 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
     rotation_vector,
 )
+from massprops.estimators import free_path
 
 SIZES = (5, 7, 9, 11, 13, 17, 21, 25, 31, 41, 51, 65, 81, 101)
 LARGEST_SWEEP = 2.0
@@ -238,7 +239,7 @@ def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     from massprops.core.compiling import compiled
 
     six = np.array(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], float)
-    free_windows = compiled("free_windows", "massprops.dynamics.kernels", "massprops.dynamics.free_path")
+    free_windows = compiled("free_windows", *free_path.COMPILED)
     return np.asarray(free_windows(np.ascontiguousarray(tau), np.ascontiguousarray(w, float), six, LARGEST_STEP))
 
 
