@@ -19,7 +19,7 @@ from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
 from massprops.report.curves import component_style, method_style
 from massprops.report.data import read_json
 from massprops.report.html import number, table, text
-from massprops.report.page import document as page
+from massprops.report.page import of_sections
 from massprops.report.plot import plot
 from massprops.sequence.truth import Truth
 
@@ -110,10 +110,8 @@ def render(
     ran = {e.name for e in outcome.estimates}
     listed += [(e["name"], _earlier(e)) for e in content["estimators"] if e["name"] not in ran]
     shut = "".join(f"<details><summary>{text(name)}</summary>{inner}</details>" for name, inner in listed)
-    body = f'<section id="summary"><h2>Estimators</h2>{first}</section>'
-    body += f'<section id="methods"><h2>One by one</h2>{shut}</section>'
-    links = '<a href="#summary">Estimators</a><a href="#methods">One by one</a>'
-    return page("massprops · estimates", body, links, content["source"])
+    parts = (("summary", "Estimators", first), ("methods", "One by one", shut))
+    return of_sections("massprops · estimates", parts, content["source"])
 
 
 def _side_by_side(outcome: Outcome, found: dict[str, Errors | None]) -> str:
