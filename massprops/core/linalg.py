@@ -29,6 +29,14 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
     return found
 
 
+def normalised_square(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """e^T P^-1 e (...) of errors e (..., k) of any units and covariances P (..., k, k)."""
+    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-200))
+    e = error / scale
+    solved = np.linalg.solve(covariance / (scale[..., :, None] * scale[..., None, :]), e[..., None])[..., 0]
+    return np.asarray(np.sum(e * solved, axis=-1))
+
+
 def at_least(covariance: np.ndarray, floor: np.ndarray) -> np.ndarray:
     """`covariance` (p, p), of any units, widened in the directions in which the symmetric `floor` (p, p) is wider."""
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

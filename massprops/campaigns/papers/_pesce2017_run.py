@@ -20,11 +20,12 @@ from massprops.campaigns.papers._pesce2017_transition import (
     transition,
 )
 from massprops.campaigns.papers._pesce2017_update import Observe, Rule, Updated, update
+from massprops.campaigns.papers._seeds import stereo_pair
+from massprops.core.linalg import normalised_square
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import lvlh_axes, lvlh_rate, position_velocity
 from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_matrix, multiply, normalise, rotate
 from massprops.dynamics.rigid_body import angular_acceleration, propagate
-from massprops.sensing.pinhole import Pinhole
 from massprops.sensing.stereo import triangulate
 from massprops.sequence.data import Orbit
 
@@ -46,11 +47,7 @@ class Setup:
             o["true_anomaly_rad"],
             _perifocal_in_lvlh(o["true_anomaly_rad"]),
         )
-        plain = np.array([1.0, 1.0, 0.0, 0.0])
-        self.cameras = (
-            Pinhole(plain, CAMERA_ROWS, np.zeros(3)),
-            Pinhole(plain, CAMERA_ROWS, np.array([c["baseline_m"], 0.0, 0.0])),
-        )
+        self.cameras = stereo_pair(1.0, c["baseline_m"], CAMERA_ROWS)
         self.frames = [_camera_frame(self.orbit, t) for t in self.times]
         self.frame_q = np.stack([from_rotation_matrix(C) for C, _ in self.frames])
         moments = np.array(c["moments"])
@@ -361,8 +358,8 @@ def rows_of(passage: Passage, seeds: list[int]) -> list[dict[str, Any]]:
         truth = setup.truth(step, passage.features)
         every.append(errors(setup, step, state, truth))
         e = difference(layout, truth, state)
-        nees.append(_normalised(e, P))
-        nees_k.append(_normalised(e[:, layout.k], P[:, layout.k, layout.k]))
+        nees.append(normalised_square(e, P))
+        nees_k.append(normalised_square(e[:, layout.k], P[:, layout.k, layout.k]))
     # time last: a sum along the first axis is taken in another order for one run than for several
     history, times = np.ascontiguousarray(np.stack(every, axis=-1)), setup.times[1:]
     mean = history[..., times >= c["average_from_s"]].mean(axis=-1)
@@ -384,13 +381,3 @@ def rows_of(passage: Passage, seeds: list[int]) -> list[dict[str, Any]]:
             row["error"] = "non-finite"
         rows.append(row)
     return rows
-
-
-def _normalised(e: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """e^T P^-1 e (B,), scaled first."""
-    scale = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 1e-200))
-    e = e / scale
-    nees: np.ndarray = np.sum(
-        e * np.linalg.solve(P / (scale[:, :, None] * scale[:, None, :]), e[..., None])[..., 0], axis=-1
-    )
-    return nees

@@ -22,6 +22,7 @@ from massprops.campaigns.papers._hu2024_frames import (
     growing_inertia,
     local_rates,
 )
+from massprops.campaigns.papers._seeds import stereo_pair
 from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
@@ -132,8 +133,7 @@ def _environment(c: dict[str, Any]) -> Environment:
 
 
 def _cameras(c: dict[str, Any]) -> tuple[Pinhole, Pinhole]:
-    lens = np.array([FOCAL, FOCAL, 0.0, 0.0])
-    return Pinhole(lens, np.eye(3), np.zeros(3)), Pinhole(lens, np.eye(3), np.array([c["baseline_m"], 0.0, 0.0]))
+    return stereo_pair(FOCAL, c["baseline_m"])
 
 
 def _measured(
@@ -234,7 +234,7 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
     turn = SYMMETRIES[np.random.default_rng([SEED, seed, len(SYMMETRIES)]).integers(1, len(SYMMETRIES))]
     for level in c["levels_rad"]:
         uv, f = _measured(c, truth, level, seed)
-        problem = _problem(c, truth["times"], uv, FOCAL * level)
+        problem = Problem.of_tracks(truth["times"], _cameras(c), uv, FOCAL * level, _environment(c))
         try:
             start = first_guess(problem, Prior(), until_s=c["start_s"])
             found = {
@@ -262,16 +262,6 @@ def _unique(truth: dict[str, np.ndarray], start: Any) -> int:
     R = rotation_matrix(mean_quaternion(turns))
     axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, sign_rule(start.inertia))[1]
     return int(np.argmax(np.einsum("sij,ij->s", SYMMETRIES, R.T @ axes)))
-
-
-def _problem(c: dict[str, Any], times: np.ndarray, uv: np.ndarray, sigma_px: float) -> Problem:
-    n, m = len(times), uv.shape[2]
-    none = np.full((n, 4), np.nan)
-    stamp = np.round(times * 1e9).astype(np.int64)
-    return Problem(
-        stamp, times, _cameras(c), uv, np.full(2, sigma_px), np.arange(m), none[:, 0], np.nan, none[:, :3], np.nan,
-        none, none[:, 0], None, _environment(c),
-    )  # fmt: skip
 
 
 def followed(c: dict[str, Any], problem: Problem, start: Any, turn: np.ndarray | None = None) -> Run:

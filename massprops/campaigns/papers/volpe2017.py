@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._seeds import each_seed, percentiles
+from massprops.core.linalg import normalised_square
 from massprops.dynamics import runge_kutta
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
@@ -79,13 +81,7 @@ def configuration(case: str) -> dict[str, Any]:
 def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
     """One row per seed."""
     truth = _truth(configuration)
-    rows = []
-    for seed in seeds:
-        try:
-            rows.append({"seed": seed, **_run(configuration, truth, seed)})
-        except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
-            rows.append({"seed": seed, "error": f"{type(error).__name__}: {error}"})
-    return rows
+    return each_seed(lambda seed: _run(configuration, truth, seed), seeds)
 
 
 def _environment(c: dict[str, Any]) -> Environment:
@@ -289,15 +285,9 @@ def _scores(
         ]
     )
     for name, part in PARTS.items():
-        row[f"nees {name}"] = _square(error[part], block[part, part])
-    row["nees k"] = _square(k - k_true, k_cov)
+        row[f"nees {name}"] = normalised_square(error[part], block[part, part])
+    row["nees k"] = normalised_square(k - k_true, k_cov)
     return {name: float(value) for name, value in row.items()}
-
-
-def _square(e: np.ndarray, P: np.ndarray) -> float:
-    """e^T P^-1 e, scaled first."""
-    scale = np.sqrt(np.diag(P))
-    return float(e / scale @ np.linalg.solve(P / np.outer(scale, scale), e / scale))
 
 
 def _axes_error(tensor: np.ndarray) -> float:
@@ -335,25 +325,9 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         start = np.array([r[f"{key} start"] for r in good])
         end = np.array([r[f"{key} end"] for r in good])
         gain = np.sqrt(np.mean(start**2)) / np.sqrt(np.mean(end**2))
-        out.append(
-            [
-                text,
-                paper,
-                f"{np.median(start):.3g}",
-                *(f"{np.percentile(end, p):.3g}" for p in (50, 90, 100)),
-                f"{gain:.3g}",
-            ]
-        )
-    attitude = np.array([r["attitude end"] for r in good])
-    out.append(
-        [
-            "attitude [deg]",
-            "known at the start",
-            "0",
-            *(f"{np.percentile(attitude, p):.3g}" for p in (50, 90, 100)),
-            "-",
-        ]
-    )
+        out.append([text, paper, f"{np.median(start):.3g}", *percentiles(end), f"{gain:.3g}"])
+    attitude = percentiles([r["attitude end"] for r in good])
+    out.append(["attitude [deg]", "known at the start", "0", *attitude, "-"])
     notes = [f"{len(rows)} runs, {len(rows) - len(good)} failed", *(__doc__ or "").split("\n\n")[1:]]
     for name, part in {**PARTS, "k": slice(0, 2)}.items():
         values = np.array([r[f"nees {name}"] for r in good])

@@ -1,0 +1,35 @@
+"""What the runs of a paper share: a row for each seed, a stereo pair, percentiles for people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from massprops.errors import MasspropsError
+from massprops.sensing.pinhole import Pinhole
+
+Row = dict[str, Any]
+
+
+def each_seed(run: Callable[[int], Row], seeds: Sequence[int]) -> list[Row]:
+    """One row per seed; that of a run that failed says why in `error`."""
+    rows = []
+    for seed in seeds:
+        try:
+            rows.append({"seed": seed, **run(seed)})
+        except (MasspropsError, np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
+            rows.append({"seed": seed, "error": f"{type(error).__name__}: {error}"})
+    return rows
+
+
+def stereo_pair(focal: float, baseline: float, R: np.ndarray | None = None) -> tuple[Pinhole, Pinhole]:
+    """Two cameras of this focal length [px or rad], the second `baseline` [m] along x; R (3, 3): as of `Pinhole`."""
+    lens, R = np.array([focal, focal, 0.0, 0.0]), np.eye(3) if R is None else R
+    return Pinhole(lens, R, np.zeros(3)), Pinhole(lens, R, np.array([baseline, 0.0, 0.0]))
+
+
+def percentiles(values: Any, which: Sequence[float] = (50, 90, 100)) -> list[str]:
+    """Percentiles of (n,) numbers with three digits."""
+    return [f"{np.percentile(values, p):.3g}" for p in which]
