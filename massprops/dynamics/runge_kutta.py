@@ -14,7 +14,7 @@ def step(slope: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarr
     k2 = slope(t + h / 2, y + h / 2 * k1)
     k3 = slope(t + h / 2, y + h / 2 * k2)
     k4 = slope(t + h, y + h * k3)
-    return np.asarray(y + h / 6 * (k1 + 2 * (k2 + k3) + k4))
+    return np.asarray(y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
 
 
 def record(
