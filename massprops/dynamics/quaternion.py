@@ -8,19 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.kernels import product
+
 
 def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Product p q: first q, then p. Shapes (..., 4)."""
     p, q = np.asarray(p), np.asarray(q)
-    pw, px, py, pz = (p[..., i] for i in range(4))
-    qw, qx, qy, qz = (q[..., i] for i in range(4))
-    return _filled(
-        (4,),
-        pw * qw - px * qx - py * qy - pz * qz,
-        pw * qx + px * qw + py * qz - pz * qy,
-        pw * qy - px * qz + py * qw + pz * qx,
-        pw * qz + px * qy - py * qx + pz * qw,
-    )
+    return _filled((4,), *product(*(p[..., i] for i in range(4)), *(q[..., i] for i in range(4))))
 
 
 def _filled(shape: tuple[int, ...], *parts: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.events import STEP, stepped, struck_slopes
 from massprops.dynamics.kernels import INSIDE, quaternion_rate
+from massprops.dynamics.quaternion import conjugate, multiply
 from massprops.dynamics.rotation import (
     ActiveEffects,
     Steps,
@@ -228,15 +229,6 @@ def _of_effects(active: ActiveEffects, names: tuple[str, ...]) -> set[int]:
     return {i for n in names for _, place, _ in active.hooks[n] for i in range(place.start, place.stop)}
 
 
-def _small_turn(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """Body-axes turn (n, 3, ...) of a change dq (n, 4, ...): 2 vec(q* dq)."""
-    w, x, y, z = (q[:, i].reshape(-1, *([1] * (dq.ndim - 2))) for i in range(4))
-    a, b, c, e = (dq[:, i] for i in range(4))
-    return 2.0 * np.stack(
-        [w * b - x * a - y * e + z * c, w * c - y * a - z * b + x * e, w * e - z * a - x * c + y * b], axis=1
-    )
-
-
 def _outputs(
     times: np.ndarray,
     at: np.ndarray,
@@ -249,7 +241,9 @@ def _outputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     d = len(moves)
     norm = np.linalg.norm(at[:, :4], axis=1)
-    turn = _small_turn(at[:, :4] / norm[:, None], S[:, :4] / norm[:, None, None])
+    # the turn of a change dq is 2 vec(q* dq)
+    back = conjugate(at[:, :4] / norm[:, None])[:, None]
+    turn = 2.0 * np.swapaxes(multiply(back, np.swapaxes(S[:, :4] / norm[:, None, None], 1, 2))[..., 1:], 1, 2)
     t = times + INSIDE
     y = [at[:, i] for i in range(at.shape[1])]
 

@@ -16,6 +16,8 @@ from functools import cache
 
 import numpy as np
 
+from massprops.geometry.vectors import sphere
+
 BODIES = 900
 """Drawn: nine for each unknown of twenty faces."""
 DIRECTIONS = 150
@@ -32,14 +34,6 @@ RIDGE = 1e-4
 
 LEAST_PART = 1e-6
 """Of the largest variance of the unknowns: what has less is no body's."""
-
-
-def sphere(count: int) -> np.ndarray:
-    """(count, 3) directions that cover the sphere evenly, by Fibonacci's spiral."""
-    k = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
-    across = np.sqrt(1.0 - z**2)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
 
 
 @cache

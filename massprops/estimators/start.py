@@ -14,7 +14,6 @@ from massprops.estimators import rates
 from massprops.estimators.geometry import bodymodel, centre
 from massprops.estimators.geometry.onecamera import straight_path
 from massprops.estimators.momentum import Momentum, momentum_inertia
-from massprops.estimators.result import Prior
 from massprops.model.problem import Problem
 from massprops.sensing.stereo import triangulate
 
@@ -77,7 +76,7 @@ class Poses:
     sigma: np.ndarray
 
 
-def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) -> Start:
+def first_guess(problem: Problem, until_s: float | None = None) -> Start:
     """Attitude, rates, path, features and inertia from the measurements up to `until_s` seconds.
 
     In order of preference: attitude0 with the features that it places; two cameras; body rates alone.

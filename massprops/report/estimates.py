@@ -14,7 +14,6 @@ from massprops.errors import InputError
 from massprops.estimators.documents import document, history_csv
 from massprops.estimators.outcome import Outcome
 from massprops.estimators.result import Estimate
-from massprops.model.problem import Problem
 from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
 from massprops.report.curves import component_style, method_style
 from massprops.report.data import read_json
@@ -106,7 +105,7 @@ def render(
 ) -> str:
     """The page as text."""
     first = _summary(outcome, content, truth) + _side_by_side(outcome, found)
-    listed = [(e.name, _method(e, outcome.problem, found.get(e.name))) for e in outcome.estimates]
+    listed = [(e.name, _method(e, found.get(e.name))) for e in outcome.estimates]
     ran = {e.name for e in outcome.estimates}
     listed += [(e["name"], _earlier(e)) for e in content["estimators"] if e["name"] not in ran]
     shut = "".join(f"<details><summary>{text(name)}</summary>{inner}</details>" for name, inner in listed)
@@ -258,7 +257,7 @@ def _with_sigma(value: float | None, sigma: float | None) -> str:
     return "–" if value is None else number(value, 5) + (f" ± {number(sigma, 2)}" if sigma is not None else "")
 
 
-def _method(e: Estimate, problem: Problem, error: Errors | None) -> str:
+def _method(e: Estimate, error: Errors | None) -> str:
     """Plots of one estimator: errors with 3-sigma bounds where truth exists, else states with theirs."""
     parts = [f'<div class="warning">{text(line)}</div>' for line in e.warnings]
     if e.because or e.reason:

@@ -78,12 +78,6 @@ def as_read(mask: np.ndarray, shifts: Path, name: str) -> np.ndarray:
     return warped(mask, where, nearest=True)
 
 
-def shutter_map(views: Views, points: SparsePoints, motion: Motion, readout: Readout, i: int) -> np.ndarray:
-    """Where the pixels of view i, as a global shutter would see them, lie in its image: (h, w, 2) float32 [px]; arguments as
-    `grid_shifts`."""
-    return _places(grid_shifts(views, points, motion, readout, i), GRID, views.size[i])
-
-
 def grid_shifts(views: Views, points: SparsePoints, motion: Motion, readout: Readout, i: int) -> np.ndarray:
     """What the shutter moved the pixels of view i by, at every `GRID`-th of them: (gh, gw, 2) float32 [px].
 

@@ -46,7 +46,7 @@ def blank_problem(
     return replace(blank, sigma_range=1.0, sigma_rate=1.0)
 
 
-def visible(s: TrackScenario, problem: Problem, at: Predicted, rng: np.random.Generator) -> Measurements:
+def visible(s: TrackScenario, problem: Problem, at: Predicted) -> Measurements:
     """Which features are seen when: those that face the camera, and stay inside the picture.
 
     Raises:

@@ -96,6 +96,8 @@ def test_camera_frame_is_the_one_that_the_simulator_uses() -> None:
     environment = Environment("lvlh", orbit(0.2))
     theirs = EnvironmentModel(environment)
     for t in (0.0, 40.0, 3000.0):
-        np.testing.assert_allclose(_camera_frame(environment.orbit, t)[0].T, theirs.chaser_turn(np.array([t]))[0], atol=1e-11)
+        np.testing.assert_allclose(
+            _camera_frame(environment.orbit, t)[0].T, theirs.chaser_turn(np.array([t]))[0], atol=1e-11
+        )
         there = position_velocity(orbit(0.2), np.asarray(t))[0]
         np.testing.assert_allclose(there, np.array(theirs.position(t)), rtol=1e-12)

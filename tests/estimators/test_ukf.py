@@ -58,7 +58,7 @@ def problem(t: np.ndarray, uv: np.ndarray, **known: np.ndarray) -> Problem:
 
 
 def run(given: Problem):  # type: ignore[no-untyped-def]
-    return ukf.estimate(given, Prior(), first_guess(given, Prior()))
+    return ukf.estimate(given, Prior(), first_guess(given))
 
 
 def filter_case(additive: bool, moving: bool, flow: bool, gate: float, n: int = 25, gaps: bool = True):  # type: ignore[no-untyped-def]

@@ -58,7 +58,7 @@ def predict(
             result depends on which others are with it.
     """
     ahead, F = transition(layout, state, t0, t1, orbit, largest_rate)
-    bend, places = _second_order(layout, F, P), _second_order_places(layout, state, ahead, F, P)
+    bend, places = _second_order(layout, F, P), _second_order_places(layout, ahead, F, P)
     P = F @ P @ np.swapaxes(F, -1, -2) + _process_noise(layout, ahead, t1 - t0, noise)
     P[:, layout.u, layout.u] += COHERENCE * bend
     for at, block in zip([layout.r, *layout.points], np.moveaxis(places, 1, 0), strict=True):
@@ -150,7 +150,7 @@ def _second_order(layout: Layout, F: np.ndarray, P: np.ndarray) -> np.ndarray:
     return cross_covariance(A, B, C)
 
 
-def _second_order_places(layout: Layout, state: State, ahead: State, F: np.ndarray, P: np.ndarray) -> np.ndarray:
+def _second_order_places(layout: Layout, ahead: State, F: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Covariances (B, 1 + m, 3, 3) of the second order of where the centre of mass and the features come to: the error
     of the turn over the step times that of the place."""
     theta = layout.theta

@@ -236,7 +236,7 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
         uv, f = _measured(c, truth, level, seed)
         problem = Problem.of_tracks(truth["times"], _cameras(c), uv, FOCAL * level, _environment(c))
         try:
-            start = first_guess(problem, Prior(), until_s=c["start_s"])
+            start = first_guess(problem, until_s=c["start_s"])
             found = {
                 "with": followed(c, problem, start),
                 "without": followed(c, problem, start, turn),

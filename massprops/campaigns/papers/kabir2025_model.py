@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from massprops.core.linalg import normalised_square
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.dynamics.kernels import euler_acceleration, quaternion_rate
 from massprops.dynamics.quaternion import angle_between, multiply, normalise, rotate
 from massprops.estimators.filters import Measurements, Noise, Run, Settings, State, filter_epochs
@@ -112,7 +113,7 @@ def begin(configuration: dict[str, Any], z: np.ndarray) -> tuple[State, int]:
 
     until = float(configuration["start_s"])
     problem = as_problem(configuration, z[: int(until) + 1])
-    start = first_guess(problem, Prior(), until_s=until)
+    start = first_guess(problem, until_s=until)
     ready = in_principal_axes(setup(problem, Prior(), start, most=len(configuration["features_m"])))
     full = ready.state
     at, rows = np.arange(8, 14), np.r_[0:8, 14 : len(full.P)]
@@ -185,7 +186,7 @@ def errors(configuration: dict[str, Any], run: Run, q: np.ndarray, w: np.ndarray
     turn = TURNS[np.argmin([angle_between(multiply(run.q[anchor], s), q[anchor]) for s in TURNS])]
     back = rotate(turn * np.array([1.0, -1, -1, -1]), np.eye(3)).T  # estimated principal axes to true ones
     moments = np.array(configuration["moments"])
-    k = np.log(moments[:2] / moments[1:])
+    k = ratios_of_moments(moments)
     estimated = multiply(run.q, turn)
     from massprops.dynamics.quaternion import conjugate, rotation_vector
 

@@ -35,7 +35,7 @@ def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
     if until >= given.times[-1]:
         return given
     try:
-        early = first_guess(problem, prior, until_s=until)
+        early = first_guess(problem, until_s=until)
     except NotPossible:
         return given
     usable = early.inertia is not None and np.isfinite(early.w).all() and early.body_frame == given.body_frame

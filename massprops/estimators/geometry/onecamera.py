@@ -36,7 +36,7 @@ def straight_path(
         return None
     chosen = enough[np.argsort(-seen[:, enough].sum(axis=0), kind="stable")[:MOST_FEATURES]]
     for moving in (True, False):
-        done = _solve(problem, rows, q, tau, uv, chosen, moving)
+        done = _solve(problem, q, tau, uv, chosen, moving)
         if done is not None:
             break
     else:
@@ -56,7 +56,6 @@ def straight_path(
 
 def _solve(
     problem: Problem,
-    rows: np.ndarray,
     q: np.ndarray,
     tau: np.ndarray,
     uv: np.ndarray,

@@ -18,6 +18,7 @@ from massprops.documents.fields import as_written, read
 from massprops.documents.filter import FORMAT, FilterFile
 from massprops.documents.loading import load_json
 from massprops.documents.scale_json import ScaleStageFile
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.errors import InputError
 from massprops.exchange.body import CONVENTION, Body
 from massprops.mass.ratio_space import covariance_of_intervals
@@ -58,7 +59,7 @@ def filter_content(body: Body) -> dict[str, Any]:
     inertia = body.inertia / np.trace(body.inertia)
     axes = np.array(document["principal_axes"], float)
     moments = np.diag(axes.T @ inertia @ axes)
-    k1, k2 = float(np.log(moments[0] / moments[1])), float(np.log(moments[1] / moments[2]))
+    k1, k2 = ratios_of_moments(moments).tolist()
     spread = covariance_of_intervals(document, axes)
     if spread is None:
         k_cov, axes_cov = np.eye(2) * ASSUMED_SIGMA**2, np.eye(3) * ASSUMED_SIGMA**2
