@@ -10,8 +10,8 @@ import numpy as np
 
 from massprops.capture.images import printable
 from massprops.report.html import data_uri, swatch, text
-from massprops.report.outline import outlined
 from massprops.report.page import of_sections
+from massprops.report.thumbnail import thumbnail
 
 WIDTH, LEAST_WIDTH = 480, 200
 """Of a picture [px]; where there are many, they are smaller, so that the page stays light."""
@@ -96,7 +96,7 @@ def _summary(sheet: Sheet) -> str:
 
 def _figure(s: Silhouette, width: int, pictures: Pictures) -> str:
     name = printable(s.name)
-    picture = data_uri(outlined(*pictures(s.stored), width))
+    picture = data_uri(thumbnail(*pictures(s.stored), width))
     if s.left_out:
         verdict, kind = f"left out: {s.left_out}", " class=lost"
     elif s.iou is None:
