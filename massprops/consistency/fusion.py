@@ -28,9 +28,7 @@ import numpy as np
 
 from massprops.consistency.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.consistency.replicates import read_replicates
-from massprops.documents.fields import read
-from massprops.documents.loading import load_json
-from massprops.documents.scale_json import ScaleStageFile
+from massprops.documents.scale_json import has_scale, read_scale
 from massprops.mass.integrals import central_inertia
 from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
 from massprops.mass.ratio_space import chi_square, p_value
@@ -76,10 +74,9 @@ class Draws:
 
 def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
     """The mesh's replicates in final units, the scale drawn as the mass stage draws it; None when the run keeps none."""
-    path = run / "work" / "scale" / "scale.json"
-    if not path.is_file():
+    if not has_scale(run):
         return None
-    scale = read(ScaleStageFile, load_json(path), str(path))
+    scale = read_scale(run)
     found = read_replicates(run)
     if found is None:
         return None

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from massprops.documents.arrays import open_arrays
-from massprops.documents.fields import as_written, read
+from massprops.documents.fields import as_written
 from massprops.documents.filter import FORMAT, FilterFile
-from massprops.documents.loading import load_json
-from massprops.documents.scale_json import ScaleStageFile
+from massprops.documents.scale_json import read_scale
 from massprops.dynamics.inertia import ratios_of_moments
 from massprops.errors import InputError
 from massprops.exchange.body import CONVENTION, Body
@@ -147,19 +146,9 @@ def sparse_points(run: Path) -> tuple[np.ndarray, np.ndarray] | None:
     """Numbers (m,) and places (m, 3) of the run's sparse points, in the mesh's axes and units; None without any."""
     try:
         with open_arrays(run / "work" / "sfm" / "points.npz") as z:
-            return z["id"], z["xyz"] * sfm_factor(run)
+            return z["id"], z["xyz"] * read_scale(run).factor
     except (OSError, ValueError, KeyError, InputError):
         return _colmap_points(run / "sparse")
-
-
-def sfm_factor(run: Path) -> float:
-    """Final length units per unit of the run's structure from motion.
-
-    Raises:
-        InputError: the run has no scale stage, or a damaged one.
-    """
-    path = run / "work" / "scale" / "scale.json"
-    return read(ScaleStageFile, load_json(path), str(path)).factor
 
 
 def _colmap_points(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
@@ -187,7 +176,7 @@ def _distance(run: Path, body: Body) -> float:
     from massprops.views import Views
 
     try:
-        centres = sfm_factor(run) * Views.load(run / "work" / "sfm" / "views.npz").centres
+        centres = read_scale(run).factor * Views.load(run / "work" / "sfm" / "views.npz").centres
     except (OSError, ValueError, KeyError, InputError):
         return 3.0 * float(np.linalg.norm(np.ptp(np.asarray(body.mesh.vertices), axis=0)))
     return float(np.median(np.linalg.norm(centres - body.center_of_mass, axis=1)))
