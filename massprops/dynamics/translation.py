@@ -64,6 +64,8 @@ def _fall(
     times: np.ndarray, r0: np.ndarray, v0: np.ndarray, environment: EnvironmentModel
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Differential gravity by Runge-Kutta, with the transition matrix (n, 6, 6)."""
+    from scipy.interpolate import CubicHermiteSpline
+
     o = environment.orbit
     assert o is not None
     longest = STEP_OF_ORBIT * float(np.sqrt((o.semi_major_axis_m * (1 - o.eccentricity)) ** 3 / o.mu_m3_s2))
@@ -91,16 +93,6 @@ def _fall(
     for k in range(len(size)):
         Phi[k + 1] = M[k] @ Phi[k]
     every = np.concatenate([states[:, :, None], Phi], axis=2)
-    r, v = _between(grid_times, every[:, :3], every[:, 3:], times)
+    path = CubicHermiteSpline(grid_times, every[:, :3], every[:, 3:])  # it bends little within a step
+    r, v = path(times), path(times, 1)
     return r[:, :, 0], v[:, :, 0], np.concatenate([r[:, :, 1:], v[:, :, 1:]], axis=1)
-
-
-def _between(grid: np.ndarray, r: np.ndarray, v: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cubic Hermite interpolation of places with their velocities: the path bends little within a step."""
-    k = np.clip(np.searchsorted(grid, times, side="right") - 1, 0, len(grid) - 2)
-    h = (grid[k + 1] - grid[k])[:, None, None]
-    x = ((times - grid[k])[:, None, None]) / h
-    a, b, c, d = r[k], h * v[k], r[k + 1], h * v[k + 1]
-    place = a + x * (b + x * (3 * (c - a) - 2 * b - d + x * (2 * (a - c) + b + d)))
-    speed = (b + x * (2 * (3 * (c - a) - 2 * b - d) + 3 * x * (2 * (a - c) + b + d))) / h
-    return place, speed
