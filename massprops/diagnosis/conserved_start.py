@@ -42,11 +42,11 @@ class Start:
     history: np.ndarray | None = None
 
 
-def physical_inertia(inertia: np.ndarray, least: float = LEAST_MOMENT) -> np.ndarray:
+def physical_inertia(inertia: np.ndarray) -> np.ndarray:
     """The nearest inertia of trace 3 that a body can have."""
     from massprops.dynamics.inertia import physical
 
-    return np.asarray(3.0 * physical(inertia / np.trace(inertia), least))
+    return np.asarray(3.0 * physical(inertia / np.trace(inertia), LEAST_MOMENT))
 
 
 def conserved(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) -> Start:

@@ -48,10 +48,10 @@ def inertia_of(shape: np.ndarray) -> np.ndarray:
     return np.asarray(1.5 * np.eye(3) - (vector * P / np.sum(np.exp(value - value.max()))) @ vector.T)
 
 
-def shape_of(inertia: np.ndarray, least: float = 0.002) -> np.ndarray:
-    """(5,) logarithm of the second moments of an inertia (3, 3), none of them below a share `least` of their sum."""
+def shape_of(inertia: np.ndarray) -> np.ndarray:
+    """(5,) logarithm of the second moments of an inertia (3, 3), none of them below .002 of their sum."""
     value, vector = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
-    log = np.log(np.maximum(value / np.sum(np.maximum(value, 0.0)), least))
+    log = np.log(np.maximum(value / np.sum(np.maximum(value, 0.0)), 0.002))
     return np.asarray(np.einsum("aij,ij->a", DIRECTIONS, (vector * (log - log.mean())) @ vector.T))
 
 

@@ -79,13 +79,13 @@ def torque_of(
     return np.asarray(-np.cross(along @ centres, sun) - outward @ np.cross(centres, normals))
 
 
-def likely_unknowns(columns: Callable[[np.ndarray], np.ndarray], seed: int = 0) -> np.ndarray:
+def likely_unknowns(columns: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """(k, j) matrix B: unknowns B z with j independent z of one size are as likely as those of the bodies drawn.
 
     Args:
         columns: torque (n, 3, k) of a unit of each unknown, for directions of the Sun (n, 3), body axes.
     """
-    rng, sun = np.random.default_rng(seed), sphere(DIRECTIONS)
+    rng, sun = np.random.default_rng(0), sphere(DIRECTIONS)
     torques = []
     for _ in range(BODIES):
         normals, areas, centres = drawn_body(rng)

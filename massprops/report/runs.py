@@ -86,12 +86,12 @@ class _Run:
             found = (interval.get("principal_moments") or [None] * 3)[int(quantity[1]) - 1]
         return found
 
-    def with_interval(self, quantity: str, digits: int = 4) -> str:
+    def with_interval(self, quantity: str) -> str:
         value, bounds = self.value(quantity), self.bounds(quantity)
         if value is None:
             return "–"
         half = "" if not bounds or None in bounds else f" ± {number(0.5 * (bounds[1] - bounds[0]), 2)}"
-        return number(value, digits) + half
+        return number(value, 4) + half
 
     @property
     def unit(self) -> str:
