@@ -45,8 +45,7 @@ def free_rotation_residuals(times: np.ndarray, q: np.ndarray, sigma: np.ndarray,
         q0, w0 = multiply(q0, from_rotation_vector(change[:3])), w0 + scale * change[3:]
         if reach == 1.0 and np.abs(change).max() < 1e-9:
             break
-    out: np.ndarray = residual(np.zeros((1, 3)), w0[None])[0]
-    return out
+    return residual(np.zeros((1, 3)), w0[None])[0]
 
 
 def _speed(times: np.ndarray, q: np.ndarray) -> float:

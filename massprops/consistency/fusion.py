@@ -125,8 +125,7 @@ def inertia_from(x: np.ndarray, axes: np.ndarray) -> np.ndarray:
     a, b, c, f, e, d = (x[..., 4 + i] for i in range(6))
     L = np.stack([np.stack([a, d, e], -1), np.stack([d, b, f], -1), np.stack([e, f, c], -1)], -2)
     values, vectors = np.linalg.eigh(L)
-    out: np.ndarray = np.einsum("ai,...ij,...j,...kj,bk->...ab", axes, vectors, np.exp(values), vectors, axes)
-    return out
+    return np.einsum("ai,...ij,...j,...kj,bk->...ab", axes, vectors, np.exp(values), vectors, axes)
 
 
 @dataclass(frozen=True)
@@ -209,8 +208,7 @@ def _weights(tried: list[_Linear], shape_prior: tuple[float, float]) -> np.ndarr
     """(p,) probability of each pair of factors."""
     log_weight = np.array([t.log_weight + _log_prior(t.shape, shape_prior) for t in tried])
     weight = np.exp(log_weight - log_weight.max())
-    out: np.ndarray = weight / weight.sum()
-    return out
+    return weight / weight.sum()
 
 
 def averaged(draws: Draws, motion: Measured) -> tuple[np.ndarray, np.ndarray]:

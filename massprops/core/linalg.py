@@ -25,8 +25,7 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
     if poor.any():
         done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
     done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
-    found: np.ndarray = 0.5 * (done + np.swapaxes(done, -1, -2)) / both
-    return found
+    return 0.5 * (done + np.swapaxes(done, -1, -2)) / both
 
 
 def normalised_square(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:

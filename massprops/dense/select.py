@@ -55,8 +55,7 @@ def shared_points(n: int, obs_view: np.ndarray, obs_point: np.ndarray) -> np.nda
 
 def seen_points(sparse: Sparse, i: int) -> np.ndarray:
     """(k, 3) sparse points that view i saw."""
-    out: np.ndarray = sparse.xyz[sparse.obs_point[sparse.obs_view == i]]
-    return out
+    return sparse.xyz[sparse.obs_point[sparse.obs_view == i]]
 
 
 def select_views(views: Views, sparse: Sparse, most: int = 0) -> Selection:

@@ -87,8 +87,7 @@ def conserved_by_both(
 def _without(whole: np.ndarray, kept: np.ndarray, out: np.ndarray) -> np.ndarray:
     """Inner products of the columns `kept`, once those of `out` have taken what they can (Schur's complement)."""
     across = whole[np.ix_(kept, out)]
-    left: np.ndarray = whole[np.ix_(kept, kept)] - across @ np.linalg.solve(whole[np.ix_(out, out)], across.T)
-    return left
+    return whole[np.ix_(kept, kept)] - across @ np.linalg.solve(whole[np.ix_(out, out)], across.T)
 
 
 def start_of(value: float, six: np.ndarray) -> Start:

@@ -27,14 +27,12 @@ def _filled(shape: tuple[int, ...], *parts: np.ndarray) -> np.ndarray:
 
 def conjugate(q: np.ndarray) -> np.ndarray:
     """The inverse of a unit quaternion (..., 4)."""
-    inverse: np.ndarray = np.asarray(q) * np.array([1.0, -1.0, -1.0, -1.0])
-    return inverse
+    return np.asarray(q) * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def normalise(q: np.ndarray) -> np.ndarray:
     """Unit quaternion of the same direction (..., 4)."""
-    unit: np.ndarray = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return unit
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
 def rotation_matrix(q: np.ndarray) -> np.ndarray:
@@ -113,5 +111,4 @@ def mean_quaternion(q: np.ndarray, weight: np.ndarray | None = None) -> np.ndarr
 
 def angle_between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Angle [rad] of the rotation from q to p, shapes (..., 4) to (...)."""
-    angle: np.ndarray = np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)
-    return angle
+    return np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)

@@ -79,5 +79,4 @@ def angular_momentum(q: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.nd
 
 def kinetic_energy(w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Rotational energy (...): constant without torque or dissipation."""
-    energy: np.ndarray = 0.5 * np.einsum("...i,...ij,...j->...", w, inertia, w)
-    return energy
+    return 0.5 * np.einsum("...i,...ij,...j->...", w, inertia, w)

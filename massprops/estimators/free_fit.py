@@ -140,8 +140,7 @@ def _residuals(times: np.ndarray, values: np.ndarray, guesses: list[Guess]) -> n
     """(guess, n, 3): measured minus motion."""
     states = np.array(free_paths(times, guesses))
     if values.shape[1] == 3:
-        found: np.ndarray = values - states[:, :, 4:]
-        return found
+        return values - states[:, :, 4:]
     return rotation_vector(multiply(conjugate(states[:, :, :4]), values))
 
 

@@ -58,8 +58,7 @@ def plain_inertia(q: np.ndarray, w: np.ndarray) -> np.ndarray:
     base = np.einsum("nij,nj->ni", R, w) / 3.0
     J, base = J - J.mean(axis=0), base - base.mean(axis=0)
     x = np.linalg.lstsq(J.reshape(-1, 5), -base.reshape(-1), rcond=None)[0]
-    found: np.ndarray = np.eye(3) / 3.0 + np.einsum("a,aij->ij", x, DIRECTIONS)
-    return found
+    return np.eye(3) / 3.0 + np.einsum("a,aij->ij", x, DIRECTIONS)
 
 
 def momentum_inertia(
@@ -307,5 +306,4 @@ def ratio_covariance(inertia: np.ndarray, covariance: np.ndarray) -> tuple[np.nd
 
 def _by_direction(w: np.ndarray) -> np.ndarray:
     """(n, 3, 5): I w is w / 3 plus this times the coordinates."""
-    found: np.ndarray = np.einsum("aij,nj->nia", DIRECTIONS, w)
-    return found
+    return np.einsum("aij,nj->nia", DIRECTIONS, w)

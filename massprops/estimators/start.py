@@ -260,8 +260,7 @@ def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:
     longest = span * max(tilt, 1e-9) ** 2 / max(total, 1e-300)
     shortest = 2 * np.pi / speed
     count = max(1, int(np.floor(span / max(4.0 * longest, shortest))))
-    found: np.ndarray = np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
-    return found
+    return np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
 
 
 def within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:

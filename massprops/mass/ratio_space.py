@@ -35,8 +35,7 @@ def log_components(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
 def inertia_of(k: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(3, 3) of trace 1 with ratios k (2,) and principal axes as columns (3, 3), moments ascending."""
     moments = np.exp([k[0] + k[1], k[1], 0.0])
-    out: np.ndarray = axes @ np.diag(moments / moments.sum()) @ axes.T
-    return out
+    return axes @ np.diag(moments / moments.sum()) @ axes.T
 
 
 def covariance(
@@ -80,15 +79,13 @@ def turn_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     right = [m * np.array([1.0, 1.0, np.sign(np.linalg.det(m))]) for m in (a, b)]
     turns = rotation_vector(from_rotation_matrix(np.swapaxes(right[1], 0, 1) @ right[0] @ FLIPS))
-    best: np.ndarray = turns[np.argmin(np.linalg.norm(turns, axis=1))]
-    return best
+    return turns[np.argmin(np.linalg.norm(turns, axis=1))]
 
 
 def covariance_of_replicates(inertias: np.ndarray, inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(5, 5) second moment of replicates (r, 3, 3) about the estimate, which need not lie in their middle."""
     apart = log_components(inertias, axes) - log_components(inertia, axes)
-    out: np.ndarray = apart.T @ apart / len(apart)
-    return out
+    return apart.T @ apart / len(apart)
 
 
 def covariance_of_intervals(document: dict[str, Any], axes: np.ndarray) -> np.ndarray | None:

@@ -348,8 +348,7 @@ def _bounded(
     room = 1.0 * (high - low) + 1e-300
 
     def cut(y: np.ndarray) -> np.ndarray:
-        clipped: np.ndarray = np.clip(y, low - room, high + room)
-        return clipped
+        return np.clip(y, low - room, high + room)
 
     series = [(names[j], times[keep], cut(values[keep, j])) for j in columns]
     bands = []

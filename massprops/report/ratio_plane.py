@@ -98,8 +98,7 @@ def _outline(entry: dict[str, Any], k: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(covariance)
     turn = np.linspace(0.0, 2.0 * np.pi, 73)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
-    out: np.ndarray = k + NINETY * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    return out
+    return k + NINETY * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
 
 
 def _finite(value: Any) -> float:

@@ -68,15 +68,13 @@ class Axes:
         """Pixels from the left edge."""
         left, right, _, _ = self.margin
         low, high = self.x
-        pixel: np.ndarray = left + (np.asarray(value, float) - low) / (high - low) * (self.size[0] - left - right)
-        return pixel
+        return left + (np.asarray(value, float) - low) / (high - low) * (self.size[0] - left - right)
 
     def down(self, value: np.ndarray | float) -> np.ndarray:
         """Pixels from the top edge."""
         _, _, top, bottom = self.margin
         low, high = self.y
-        pixel: np.ndarray = top + (high - np.asarray(value, float)) / (high - low) * (self.size[1] - top - bottom)
-        return pixel
+        return top + (high - np.asarray(value, float)) / (high - low) * (self.size[1] - top - bottom)
 
     def points(self, x: np.ndarray, y: np.ndarray) -> str:
         """The `points` of a line or polygon."""

@@ -60,8 +60,7 @@ def rotation_of(x: np.ndarray) -> np.ndarray:
     a = np.where(small, 1 - square / 6, np.sin(angle) / angle)
     b = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / np.where(small, 1.0, square))
     K = skew(x)
-    matrix: np.ndarray = np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
-    return matrix
+    return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
 
 
 def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:

@@ -95,5 +95,4 @@ def _second(cosine: np.ndarray) -> np.ndarray:
 
 def angles(cosine: np.ndarray) -> np.ndarray:
     """Angles [rad] of cosines."""
-    out: np.ndarray = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return out
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -138,8 +138,7 @@ def distances(model: pycolmap.Reconstruction, held: HeldOut) -> np.ndarray:
     views, ids = to_views(model)
     v, xyz = held.placed(model, ids)
     uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], xyz)
-    out: np.ndarray = np.linalg.norm(uv - held.uv, axis=1)
-    return out
+    return np.linalg.norm(uv - held.uv, axis=1)
 
 
 def loss(distance: np.ndarray, scale: float) -> np.ndarray:

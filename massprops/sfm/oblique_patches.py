@@ -83,8 +83,7 @@ def _normals(points: SparsePoints) -> np.ndarray:
         return np.full((len(points.xyz), 3), np.nan)
     _, near = cKDTree(points.xyz).query(points.xyz, k=NEIGHBOURS + 1)
     x = points.xyz[near] - points.xyz[near].mean(1, keepdims=True)
-    out: np.ndarray = np.linalg.eigh(np.einsum("nki,nkj->nij", x, x))[1][:, :, 0]
-    return out
+    return np.linalg.eigh(np.einsum("nki,nkj->nij", x, x))[1][:, :, 0]
 
 
 def _found(
@@ -109,8 +108,7 @@ def _found(
     finer = [_vertex(likeness[row, column - 1 : column + 2]), _vertex(likeness[row - 1 : row + 2, column])]
     at = x + (shift + finer) @ axes
     c = at @ views.R[j].T + views.t[j]
-    out: np.ndarray = project_camera(views.K[j][None], views.distortion[j][None], c[None])[0]
-    return out
+    return project_camera(views.K[j][None], views.distortion[j][None], c[None])[0]
 
 
 def _vertex(y: np.ndarray) -> float:
@@ -128,5 +126,4 @@ def _drawn(views: Views, i: int, x: np.ndarray, axes: np.ndarray, half: int, ima
         return None
     uv = project_camera(views.K[i][None], views.distortion[i][None], c).astype(np.float32)
     u, v = uv.T.reshape(2, len(g), len(g))
-    out: np.ndarray = cv2.remap(image, u.copy(), v.copy(), cv2.INTER_LINEAR)
-    return out
+    return cv2.remap(image, u.copy(), v.copy(), cv2.INTER_LINEAR)

@@ -135,5 +135,4 @@ def residuals(views: Views, points: SparsePoints) -> np.ndarray:
     """(k, 2) projected minus observed [px]."""
     v = points.obs_view
     uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], points.xyz[points.obs_point])
-    out: np.ndarray = uv - points.obs_uv
-    return out
+    return uv - points.obs_uv

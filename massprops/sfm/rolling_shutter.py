@@ -284,5 +284,4 @@ def _held_distances(model: pycolmap.Reconstruction, held: HeldOut, seen: Seen, r
     """(k,) errors of the observations held out when their rows were exposed [px]."""
     view, xyz = held.placed(model, seen.ids)
     uv = moved_on(seen.views, seen.motion, view, xyz, readout.delays(held.uv, seen.views.size[view]))
-    far: np.ndarray = np.linalg.norm(uv - held.uv, axis=1)
-    return far
+    return np.linalg.norm(uv - held.uv, axis=1)

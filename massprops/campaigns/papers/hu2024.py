@@ -150,8 +150,7 @@ def _measured(
 
 
 def _hidden(c: dict[str, Any], times: np.ndarray) -> np.ndarray:
-    hidden: np.ndarray = np.any([(times > a) & (times < b) for a, b in c["occlusions_s"]], axis=0)
-    return hidden
+    return np.any([(times > a) & (times < b) for a, b in c["occlusions_s"]], axis=0)
 
 
 def _frames(c: dict[str, Any], truth: dict[str, np.ndarray], level: float, seeds: list[int]) -> list[dict[str, Any]]:

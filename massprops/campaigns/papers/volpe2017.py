@@ -241,8 +241,7 @@ def _inertia_spread(tensor: np.ndarray, sigma: float) -> np.ndarray:
             e[i, j] = e[j, i] = 1e-5
             columns.append((cholesky_parameters(tensor + e) - base) / 1e-5 * sigma)
     J = np.stack(columns, axis=-1)
-    covariance: np.ndarray = J @ J.T
-    return covariance
+    return J @ J.T
 
 
 def _scores(

@@ -69,8 +69,7 @@ def informative(problem: Problem, setup: Setup) -> np.ndarray:
     if setup.points:
         return np.asarray((problem.seen.any(axis=1)).sum(axis=1) >= FEWEST_SEEN)
     measured = problem.attitude if setup.sensors[0] else problem.rates
-    found: np.ndarray = np.isfinite(measured[:, 0])
-    return found
+    return np.isfinite(measured[:, 0])
 
 
 def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:

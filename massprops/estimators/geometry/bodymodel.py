@@ -274,8 +274,7 @@ def _median_place(R: np.ndarray, arm: np.ndarray, information: np.ndarray) -> tu
 
 def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
     fit, given = good.sum(axis=1), use.sum(axis=1)
-    found: np.ndarray = (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
-    return found
+    return (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
 
 
 def _with_body(q: np.ndarray, vague: np.ndarray, covariance: np.ndarray, use: np.ndarray) -> np.ndarray:

@@ -107,5 +107,4 @@ def _solve(
 
 def _depth(R: np.ndarray, points: np.ndarray, path: np.ndarray, tau: np.ndarray) -> np.ndarray:
     moved = path[2] + (tau * path[5] if len(path) == 6 else 0.0)
-    out: np.ndarray = np.einsum("ni,ni->n", R[:, 2], points) + moved
-    return out
+    return np.einsum("ni,ni->n", R[:, 2], points) + moved

@@ -155,8 +155,7 @@ class _Fit:
         weight, _ = line_weights(orders, 1.3 * self.z)
         keep = weight * np.trace(self.chol @ self.chol.T) > 1e-3 * self.noise / n
         keep[0] = True
-        found: np.ndarray = orders[keep]
-        return found
+        return orders[keep]
 
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Eigenvalues (d,), eigenvectors (d, d) of B and weight per column (r,)."""

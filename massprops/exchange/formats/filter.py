@@ -93,8 +93,7 @@ def turn_covariance(products: np.ndarray, k1: float, k2: float) -> np.ndarray:
     cov = products / np.outer(gaps, gaps)
     most = (np.pi / 2) ** 2
     shrink = np.sqrt(np.minimum(1.0, most / np.maximum(np.diag(cov), 1e-300)))
-    out: np.ndarray = cov * np.outer(shrink, shrink) + 1e-12 * np.eye(3)
-    return out
+    return cov * np.outer(shrink, shrink) + 1e-12 * np.eye(3)
 
 
 def _of_footage(body: Body, run: Path) -> dict[str, Any]:
