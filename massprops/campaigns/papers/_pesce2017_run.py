@@ -22,7 +22,6 @@ from massprops.campaigns.papers._pesce2017_transition import (
 from massprops.campaigns.papers._pesce2017_update import Observe, Rule, Updated, update
 from massprops.campaigns.papers._seeds import stereo_pair
 from massprops.core.linalg import normalised_square
-from massprops.dynamics.inertia import ratios_of_moments
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.orbit import lvlh_axes, lvlh_rate, position_velocity
 from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_matrix, multiply, normalise, rotate
@@ -52,7 +51,7 @@ class Setup:
         self.frames = [_camera_frame(self.orbit, t) for t in self.times]
         self.frame_q = np.stack([from_rotation_matrix(C) for C, _ in self.frames])
         moments = np.array(c["moments"])
-        self.k = ratios_of_moments(moments)
+        self.k = np.log(moments[:2] / moments[1:])
         self.a = from_ratios(self.k)
         _, spin = self.frames[0]
         self.q0 = np.array(c["attitude"])

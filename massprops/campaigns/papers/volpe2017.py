@@ -25,7 +25,6 @@ from massprops.core.linalg import normalised_square
 from massprops.dynamics import runge_kutta
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
-from massprops.dynamics.kernels import differential_gravity, euler_acceleration, quaternion_rate, to_body
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -37,6 +36,7 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
     rotation_vector,
 )
+from massprops.estimators.filters.gravity import slope_under_gravity
 from massprops.estimators.ranging.batch_start import RangeMotion, fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
 from massprops.sequence.data import Environment, Orbit
@@ -100,25 +100,15 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     local = np.array([0.0, -b * n_mean, normal * 0.8 * n_mean])
     v = local + np.cross([0.0, 0.0, n_mean], r)
     camera = _pointing(r)
-    inertia = np.diag(c["inertia_kg_m2"])
     # body axes parallel to the camera's at the first epoch, and principal
     y = np.concatenate([camera, np.radians(c["w0_deg_s"]), r, v])
-    six = (*np.diag(inertia), 0.0, 0.0, 0.0)
+    ixx, iyy, izz = c["inertia_kg_m2"]
+    six = (ixx, iyy, izz, 0.0, 0.0, 0.0)
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
-        l = np.array(environment.position(t))
-        place = l + y[7:10]
-        far = np.linalg.norm(place)
-        p = np.array(to_body(*y[:4], *place)) / far
-        torque = 3.0 * MU / far**3 * np.cross(p, inertia @ p)
-        return np.concatenate(
-            [
-                quaternion_rate(*y[:7]),
-                euler_acceleration(six, tuple(y[4:7]), tuple(torque)),
-                y[10:],
-                differential_gravity(MU, *l, *y[7:10]),
-            ]
-        )
+        out = np.empty(13)
+        slope_under_gravity(y, six, np.array(environment.position(t)), MU, out)
+        return out
 
     out, inner = [y], int(np.ceil(c["step_s"] / LONGEST_STEP_S))
     h = c["step_s"] / inner
