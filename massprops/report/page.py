@@ -80,9 +80,9 @@ def page(data: RunData) -> str:
     return of_sections(f"massprops · {data.folder.resolve().name}", parts, str(source or ""))
 
 
-def of_sections(title: str, sections: Iterable[tuple[str, str, str]], subtitle: str = "") -> str:
+def of_sections(title: str, parts: Iterable[tuple[str, str, str]], subtitle: str = "") -> str:
     """A page of sections, each (anchor, heading, HTML), with links to them; those without content are left out."""
-    shown = [part for part in sections if part[2]]
+    shown = [part for part in parts if part[2]]
     body = "".join(f'<section id="{name}"><h2>{text(heading)}</h2>{inner}</section>' for name, heading, inner in shown)
     links = "".join(f'<a href="#{name}">{text(heading)}</a>' for name, heading, _ in shown)
     return document(title, body or "<section><p>This folder holds no results yet.</p></section>", links, subtitle)

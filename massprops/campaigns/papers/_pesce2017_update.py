@@ -39,7 +39,6 @@ class Rule:
     paper: float | None = None
 
 
-EKF = Rule(iterations=1)
 IEKF = Rule()
 
 

@@ -22,7 +22,7 @@ from massprops.campaigns.papers._hu2024_frames import (
     growing_inertia,
     local_rates,
 )
-from massprops.campaigns.papers._seeds import stereo_pair
+from massprops.campaigns.papers._seeds import MU, on_circular_orbit, stereo_pair
 from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
@@ -48,7 +48,6 @@ from massprops.estimators.unique_frame import SignRule, sign_rule, unique_frame
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
-from massprops.sequence.data import Environment, Orbit
 
 PAPER = "hu2024"
 CASES = {
@@ -109,15 +108,14 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     times = np.arange(round(c["duration_s"] * c["rate_hz"]) + 1) / c["rate_hz"]
     inertia = np.diag(c["inertia_kg_m2"])
     q, w = propagate(np.array([1.0, 0, 0, 0]), np.array(c["w0_rad_s"]), inertia, times)
-    environment = _environment(c)
-    place = chaser_path(environment, times).place
+    place = chaser_path(on_circular_orbit(c["orbit_radius_m"]), times).place
     r, v = np.array([0.0, 0.0, c["distance_m"]]), np.array(c["velocity_m_s"])
     out_r, out_v = [r], [v]
-    mu, h = environment.orbit.mu_m3_s2, 1.0 / c["rate_hz"]  # type: ignore[union-attr]
+    h = 1.0 / c["rate_hz"]
     for l0, l1 in zip(place[:-1], place[1:], strict=True):
 
         def pull(x: np.ndarray, l: np.ndarray) -> np.ndarray:
-            return np.array(differential_gravity(mu, *l, *x))
+            return np.array(differential_gravity(MU, *l, *x))
 
         a1 = pull(r, l0)
         a2 = pull(r + h / 2 * v, (l0 + l1) / 2)
@@ -126,10 +124,6 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
         out_r.append(r)
         out_v.append(v)
     return {"times": times, "q": q, "w": w, "r": np.array(out_r), "v": np.array(out_v)}
-
-
-def _environment(c: dict[str, Any]) -> Environment:
-    return Environment("inertial", Orbit(3.986004418e14, c["orbit_radius_m"], 0.0, 0.0))
 
 
 def _cameras(c: dict[str, Any]) -> tuple[Pinhole, Pinhole]:
@@ -233,7 +227,9 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
     turn = SYMMETRIES[np.random.default_rng([SEED, seed, len(SYMMETRIES)]).integers(1, len(SYMMETRIES))]
     for level in c["levels_rad"]:
         uv, f = _measured(c, truth, level, seed)
-        problem = Problem.of_tracks(truth["times"], _cameras(c), uv, FOCAL * level, _environment(c))
+        problem = Problem.of_tracks(
+            truth["times"], _cameras(c), uv, FOCAL * level, on_circular_orbit(c["orbit_radius_m"])
+        )
         try:
             start = first_guess(problem, until_s=c["start_s"])
             found = {

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.campaigns.papers._seeds import each_seed, percentiles
+from massprops.campaigns.papers._seeds import MU, each_seed, on_circular_orbit, percentiles
 from massprops.core.linalg import normalised_square
 from massprops.dynamics import runge_kutta
 from massprops.dynamics.environment import EnvironmentModel
@@ -39,7 +39,6 @@ from massprops.dynamics.quaternion import (
 from massprops.estimators.filters.gravity import slope_under_gravity
 from massprops.estimators.ranging.batch_start import RangeMotion, fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
-from massprops.sequence.data import Environment, Orbit
 
 PAPER = "volpe2017"
 CASES = {
@@ -51,7 +50,6 @@ CHUNK = 10
 SEED = 2017
 LONGEST_STEP_S = 1.25
 """Of the truth's integration: 0.03 rad of turning, 1e-9 rad of error."""
-MU = 3.986004418e14
 
 
 def configuration(case: str) -> dict[str, Any]:
@@ -84,16 +82,12 @@ def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]
     return each_seed(lambda seed: _run(configuration, truth, seed), seeds)
 
 
-def _environment(c: dict[str, Any]) -> Environment:
-    return Environment("inertial", Orbit(MU, c["orbit_radius_m"], 0.0, 0.0))
-
-
 def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     """Motion over one orbit by small Runge-Kutta steps; inertial axes: chaser's radial, along-track, normal at first."""
     n_mean = np.sqrt(MU / c["orbit_radius_m"] ** 3)
     count = int(np.floor(2 * np.pi / n_mean / c["step_s"]))
     times = np.arange(count + 1) * c["step_s"]
-    environment = EnvironmentModel(_environment(c))
+    environment = EnvironmentModel(on_circular_orbit(c["orbit_radius_m"]))
     a, b, normal = c["relative_orbit_m"]
     # a closed relative orbit in the local frame: x = a cos, y = -2 a sin (b gives its amplitude), z = normal sin
     r = np.array([a, 0.0, normal * 0.6])
@@ -158,7 +152,16 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     ranges = np.linalg.norm(truth["r"], axis=1) + c["sigma_range_m"] * rng.standard_normal(len(C))
     start = _start(c, truth, uv[0], rng)
     lens = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0])
-    data = RangeData(truth["times"], lens, uv, sigma_px, ranges, c["sigma_range_m"], _environment(c), truth["camera"])
+    data = RangeData(
+        truth["times"],
+        lens,
+        uv,
+        sigma_px,
+        ranges,
+        c["sigma_range_m"],
+        on_circular_orbit(c["orbit_radius_m"]),
+        truth["camera"],
+    )
     begin, at = start, 0
     if c["batch_windows"]:
         *windows, n = c["batch_windows"]
