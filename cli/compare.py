@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from massprops import compare
+from massprops.core.text import table
 from massprops_cli.options import Force, argument, defaults, option
 from massprops_cli.terminal import say, warn
 
@@ -59,30 +60,27 @@ TITLES = {"mesh": "from the mesh", "fused": "from mesh and motion together"}
 def _quantities(rows: list[dict[str, Any]], title: str) -> list[str]:
     from massprops.exchange.compare import quantity_label
 
-    lines = [f"  {'quantity':<18}{'CAD':>13}{'ours':>13}{'error':>13}  {'unit':<8}{'90 % interval':<24}contains CAD"]
-    lines.insert(0, f"{title}:")
+    listed = []
     for row in rows:
         bounds, holds = row["interval_90"], {True: "yes", False: "NO", None: ""}[row["holds"]]
         between = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
         angle = row["unit"] == "deg"  # between two axes: neither side has a number of its own
-        numbers = f"{'':>26}" if angle else f"{row['cad']:>13.6g}{row['ours']:>13.6g}"
+        numbers = ("", "") if angle else (f"{row['cad']:.6g}", f"{row['ours']:.6g}")
         unit = "" if angle else row["unit"].replace("1", "")
-        lines.append(
-            f"  {quantity_label(row['quantity']):<18}{numbers}{row['error_text']:>13}  {unit:<8}{between:<24}{holds}".rstrip()
-        )
-    lines.append(
-        "  (errors of the centre of mass are in % of the greatest length, of I_xy, I_xz, I_yz in % of the mean moment)"
-    )
-    return lines
+        listed.append((quantity_label(row["quantity"]), *numbers, row["error_text"], unit, between, holds))
+    head = ("quantity", "CAD", "ours", "error", "unit", "90 % interval", "contains CAD")
+    note = "(errors of the centre of mass are in % of the greatest length, of I_xy, I_xz, I_yz in % of the mean moment)"
+    return [f"{title}:", *table(head, listed, left=(0, 4, 5, 6)), f"  {note}"]
 
 
 def _distances(document: dict[str, Any]) -> list[str]:
     d = document["distances"]
-    lines = [f"  {'surface distance [mm]':<24}{'ours to CAD':>13}{'':>11}{'CAD to ours':>13}   (% of the length)"]
     names = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
+    rows = []
     for key, name in names.items():
-        cells = "".join(f"{1000 * d[s][key]:>13.4g}{100 * d[s][key] / d['length']:>9.3f} %" for s in ("ours", "cad"))
-        lines.append(f"  {name:<24}{cells}")
+        both = (d[side][key] for side in ("ours", "cad"))
+        rows.append([name, *(text for v in both for text in (f"{1000 * v:.4g}", f"{100 * v / d['length']:.3f} %"))])
+    lines = table(("surface distance [mm]", "ours to CAD", "of length", "CAD to ours", "of length"), rows)
     lines.append(f"  greatest length of the CAD {d['length']:.6g} m; a positive distance means that ours lies outside")
     lines.append(f"  scale {'fitted' if document['free_scale'] else 'kept'}: {document['scale']:.6g}")
     return lines

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from massprops import crosscheck
+from massprops.core.text import table, with_sigma
 from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, warn
 
@@ -68,25 +69,20 @@ def _verdict(document: dict[str, Any]) -> str:
 def crosscheck_table(document: dict[str, Any]) -> str:
     """Mesh, estimators and verdict for the terminal."""
 
-    def value(entry: dict[str, Any], key: str) -> str:
-        if entry.get(key) is None:
-            return "-"
-        sigma = entry.get(f"sigma_{key}")
-        return f"{entry[key]:.4f}" + (f" ±{sigma:.1g}" if sigma is not None else "")
+    def named(name: str, entry: dict[str, Any]) -> list[str]:
+        return [name, *(with_sigma(entry.get(k), entry.get(f"sigma_{k}"), ".4f") for k in ("k1", "k2"))]
 
-    lines = [f"  {'':<20}{'k1':>17}{'k2':>17}{'axes differ [deg]':>20}{'p':>9}{'us/step':>9}"]
-    mesh = document["mesh"]
-    lines.append(f"  {'mesh':<20}{value(mesh, 'k1'):>17}{value(mesh, 'k2'):>17}")
+    rows: list[list[str] | str] = [named("mesh", document["mesh"])]
     for e in document["estimators"]:
         angle, sigma = e["axis_misalignment_deg"], e["sigma_axis_deg"]
         axes = "-" if angle is None else f"{angle:.2f}" + (f" ±{sigma:.2g}" if sigma is not None else "")
         p = "-" if e["p_value"] is None else f"{e['p_value']:.2g}"
         cpu = "-" if e["cpu_us_per_step"] is None else f"{e['cpu_us_per_step']:.0f}"
-        lines.append(f"  {e['name']:<20}{value(e, 'k1'):>17}{value(e, 'k2'):>17}{axes:>20}{p:>9}{cpu:>9}")
+        rows.append([*named(e["name"], e), axes, p, cpu])
         if e["reason"]:
-            lines.append(f"  {'':<20}{e['reason']}")
-    for s in document["skipped"]:
-        lines.append(f"  {s['name']:<20}skipped: {s['reason']}")
+            rows.append(e["reason"])
+    lines = table(("", "k1", "k2", "axes differ [deg]", "p", "us/step"), rows)
+    lines += [f"  {s['name']} skipped: {s['reason']}" for s in document["skipped"]]
     for name, p in document["tests"].items():
         lines.append(f"  test of {name}: p = {p:.2g}")
     lines.append(_verdict(document))

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from massprops import diagnose
+from massprops.core.text import table
 from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
 from massprops_cli.terminal import say, warn
 
@@ -134,11 +135,11 @@ def diagnosis_table(document: dict[str, Any]) -> str:
     if "law" in document:
         rows += _law_rows(document["law"])
     gap = document["gap"]
-    rows.append(f"  {'residual / noise':<20}{'before':>10}{'after':>10}")
+    left = []
     for part in ("fitted", "held_out"):
-        before, after = (gap[part][k] for k in ("before", "after"))
-        shown = [f"{v:10.3f}" if v is not None and v == v else f"{'–':>10}" for v in (before, after)]
-        rows.append(f"  {part.replace('_', ' '):<20}{shown[0]}{shown[1]}")
+        both = (gap[part][k] for k in ("before", "after"))
+        left.append([part.replace("_", " "), *(f"{v:.3f}" if v is not None and v == v else "–" for v in both)])
+    rows += table(("residual / noise", "before", "after"), left)
     # where nothing is missing, what stands out most is chance
     for place in document["where"][:3] if document["verdict"] != "none" else ():
         a, b = place["interval_s"]
@@ -209,15 +210,17 @@ def _design(scenario: str, out: Path | None, effects: list[Path], force: bool, j
 def design_table(document: dict[str, Any]) -> str:
     """Effects with the sizes from which they show, what each is taken for, and what would help."""
     rows = [
-        f"  {document['epochs']} epochs over {document['seconds']:.4g} s, {document['measured']} ± {document['sigma']:.2g}",
-        f"  {'effect':<26}{'visible from':>12}  {'unit':<14}told apart from all others at this multiple, except from",
+        f"  {document['epochs']} epochs over {document['seconds']:.4g} s, {document['measured']} ± {document['sigma']:.2g}"
     ]
+    listed = []
     for e in document["effects"]:
         shows = "never" if e["shows_from"] is None else f"{e['shows_from']:.2g}"
         apart = document["told_apart"][e["name"]]
         near = [n for n, f in apart.items() if f is None or f > document["apart_up_to"]]
         rest = max((f for n, f in apart.items() if n not in near), default=1.0)
-        rows.append(f"  {e['name']:<26}{shows:>12}  {e['unit']:<14}{rest:.1f}  {', '.join(near) or '-'}")
+        listed.append([e["name"], shows, e["unit"], f"{rest:.1f}  {', '.join(near) or '-'}"])
+    told = "told apart from all others at this multiple, except from"
+    rows += table(("effect", "visible from", "unit", told), listed, left=(0, 2, 3))
     for h in document["would_help"]:
         if h["tells_apart"]:
             pairs = ", ".join(" from ".join(p) for p in h["tells_apart"][:6])

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from massprops import estimate
+from massprops.core.text import table, with_sigma
 from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, tell, warn
 
@@ -74,29 +75,20 @@ def command(
 
 def estimate_table(document: dict[str, Any]) -> str:
     """One line an estimator, for the terminal."""
-
-    def value(entry: dict[str, Any], key: str) -> str:
-        if entry[key] is None:
-            return "-"
-        sigma = entry[f"sigma_{key}"]
-        return f"{entry[key]:.5f}" + (f" ±{sigma:.1g}" if sigma is not None else "")
-
     yes = {True: "yes", False: "no"}
-    lines = [
-        f"  {'method':<20}{'k1':>19}{'k2':>19}{'rate [deg/s]':>14}  converged  observable  reliable{'us/step':>10}"
-    ]
+    rows: list[list[str] | str] = []
     for e in document["estimators"]:
         rate = f"{DEGREES * e['rate']['speed_rad_s']:.4f}" if e["rate"] else "-"
         cpu = f"{e['cpu_us_per_step']:.0f}" if e["cpu_us_per_step"] is not None else "-"
-        lines.append(
-            f"  {e['name']:<20}{value(e, 'k1'):>19}{value(e, 'k2'):>19}{rate:>14}  {yes[e['converged']]:<11}"
-            f"{yes[e['observable']]:<12}{yes[bool(e.get('reliable'))]:<8}{cpu:>10}"
-        )
+        said = [yes[bool(e.get(k))] for k in ("converged", "observable", "reliable")]
+        ratios = [with_sigma(e[k], e[f"sigma_{k}"]) for k in ("k1", "k2")]
+        rows.append([e["name"], *ratios, rate, *said, cpu])
         why = e.get("because") or e["reason"]
         if why:
-            lines.append(f"  {'':<20}{why}")
-    for s in document["skipped"]:
-        lines.append(f"  {s['name']:<20}skipped: {s['reason']}")
+            rows.append(why)
+    head = ("method", "k1", "k2", "rate [deg/s]", "converged", "observable", "reliable", "us/step")
+    lines = table(head, rows, left=(0, 4, 5, 6))
+    lines += [f"  {s['name']} skipped: {s['reason']}" for s in document["skipped"]]
     prior = document["prior"]
     if prior is not None:
         p = f", p = {prior['p_value']:.2g}" if prior["p_value"] is not None else ""
@@ -119,8 +111,8 @@ def _against_truth(found: dict[str, dict[str, float | None]]) -> list[str]:
     """One line a method; nothing where there is no truth."""
     if not found:
         return []
-    lines = [f"  {'error against the truth':<24}" + "".join(f"{title:>16}" for _, title, _ in ERRORS)]
-    for name, error in found.items():
-        shown = ("-" if (v := error.get(key)) is None else f"{factor * v:.3g}" for key, _, factor in ERRORS)
-        lines.append(f"  {name:<24}" + "".join(f"{cell:>16}" for cell in shown))
-    return lines
+    rows = [
+        [name, *("-" if (v := error.get(key)) is None else f"{factor * v:.3g}" for key, _, factor in ERRORS)]
+        for name, error in found.items()
+    ]
+    return table(("error against the truth", *(title for _, title, _ in ERRORS)), rows)

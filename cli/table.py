@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from massprops.core.text import table
 from massprops.mass.document import METRES_FROM
 from massprops.mass.recommended import as_recommended
 
@@ -15,16 +16,15 @@ def mass_table(document: dict[str, Any]) -> str:
     length = "m" if metric else "unit"
     interval = document.get("interval_90", {})
 
-    def line(name: str, value: float, bounds: Any, unit: str) -> str:
-        between = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
-        return f"  {name:<22}{value:>14.6g}  {between:<28}{unit}"
+    def line(name: str, value: float, bounds: Any, unit: str) -> list[str]:
+        return [name, f"{value:.6g}", f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else "", unit]
 
     trust = document.get("confidence") or {}
-    rows = [f"confidence {trust['level']}: {'; '.join(trust['because'])}"] if trust else []
+    above = [f"confidence {trust['level']}: {'; '.join(trust['because'])}"] if trust else []
     block = document.get("recommended") or {}
     if block.get("source") == "fused":
-        rows.append(f"values {block['because']}")
-    rows.append(f"  {'':<22}{'value':>14}  {'90 % interval':<28}unit")
+        above.append(f"values {block['because']}")
+    rows = []
     rows.append(line("volume", document["volume"], interval.get("volume"), f"{length}^3"))
     if metric:  # without a length neither mass nor moments mean anything
         rows.append(line("mass", document["mass"], interval.get("mass"), "kg"))
@@ -37,18 +37,17 @@ def mass_table(document: dict[str, Any]) -> str:
     for k, meaning in (("k1", "ln(I1/I2)"), ("k2", "ln(I2/I3)")):
         rows.append(line(f"{k} = {meaning}", document["inertia_ratios"][k], interval.get(k), ""))
     surface, scale = document["surface"], document["scale"]
-    rows.append(f"  measured surface      {100 * (surface.get('observed_fraction') or 0):13.1f} %")
+    rows.append(["measured surface", f"{100 * (surface.get('observed_fraction') or 0):.1f} %"])
     if surface.get("inferred_fraction"):
-        rows.append(f"  closed at the support {100 * surface['inferred_fraction']:13.1f} %")
+        rows.append(["closed at the support", f"{100 * surface['inferred_fraction']:.1f} %"])
     assumed = "  (assumed: water; give --density)" if document.get("density_assumed") else ""
     if metric:
-        rows.append(f"  density               {document['density']:14.6g}  {'':<28}kg/m^3{assumed}")
-    if metric:
+        rows.append(["density", f"{document['density']:.6g}", "", f"kg/m^3{assumed}"])
         sigma = scale.get("relative_sigma") or 0.0
         error = f"1-sigma error {100 * sigma:.2g} %" if sigma else "taken as exact; --scale-sigma widens the intervals"
-        rows.append(f"  metres from {METRES_FROM.get(scale['source'], scale['source'])}: {error}")
+        below = f"metres from {METRES_FROM.get(scale['source'], scale['source'])}: {error}"
     else:
-        rows.append(
-            "  no length given: values in model units (1 unit = the object's greatest length); only ratios are meaningful"
+        below = (
+            "no length given: values in model units (1 unit = the object's greatest length); only ratios are meaningful"
         )
-    return "\n".join(rows)
+    return "\n".join([*above, *table(("", "value", "90 % interval", "unit"), rows, left=(0, 2, 3)), f"  {below}"])

@@ -56,8 +56,7 @@ class Views:
     @property
     def centres(self) -> np.ndarray:
         """(n, 3) camera centres in the world."""
-        centres: np.ndarray = -np.einsum("nij,ni->nj", self.R, self.t)
-        return centres
+        return -np.einsum("nij,ni->nj", self.R, self.t)
 
     def take(self, index: np.ndarray) -> Views:
         """The views at `index` (integers or a mask)."""

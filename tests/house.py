@@ -37,7 +37,6 @@ WIDE = {
     "massprops/dynamics/sensitivities.py:_at_start",
     "massprops/dynamics/sensitivities.py:_across",
     "massprops/dynamics/sensitivities.py:_outputs",
-    "massprops/campaigns/papers/_pesce2017_curvature.py:image_curvature",
     "massprops/campaigns/papers/_pesce2017_state.py:covariance_of",
     "massprops/campaigns/papers/_pesce2017_transition.py:predict",
     "massprops/campaigns/papers/_pesce2017_update.py:update",
@@ -65,8 +64,7 @@ REPEATED_LINES = 6
 
 UNUSED = {
     "format_commands": "typer calls it",
-    "free_path": "compiled by its name",
-    "trajectories": "the same",
+    "trajectories": "compiled by its name",
     "sensor_type": "a key that other programs write, read and left",
     "comment": "the same",
     "camera_model": "the same",

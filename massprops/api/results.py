@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from massprops.core.shown import Shown, number
+from massprops.core.displayed import Displayed, number
 from massprops.errors import InputError
 from massprops.mass.measured import Measured
 
@@ -36,7 +36,7 @@ class Kept:
         return {"folder": str(self.folder)} if self.spare is None else {}
 
 
-class _Reported(Shown):
+class _Reported(Displayed):
     """A result whose page is written when it is first asked for, where no folder was given."""
 
     folder: Path | None
@@ -196,7 +196,7 @@ class Diagnosis(_Reported):
 
 
 @dataclass(frozen=True, repr=False)
-class Campaign(Shown):
+class Campaign(Displayed):
     """Many runs.
 
     Attributes:
@@ -246,7 +246,7 @@ class Campaign(Shown):
 
 
 @dataclass(frozen=True, repr=False)
-class Simulation(Shown, os.PathLike[str]):
+class Simulation(Displayed, os.PathLike[str]):
     """A sequence with known truth; the other functions accept it instead of a folder.
 
     Attributes:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from massprops.report.axes import Axes
-from massprops.report.html import round_marks, text
+from massprops.report.html import round_marks
+from massprops.report.svg import Axes, dot, drawing, legend, line, words
 
-HEIGHT, MARGIN = 240, (68, 12, 10, 20)
+SIZE, MARGIN = (640, 240), (68, 12, 10, 20)
 MOST_DOTS = 60
 
 
-def box_plot(named: list[tuple[str, np.ndarray]], title: str, width: int = 640) -> str:
+def box_plot(named: list[tuple[str, np.ndarray]], title: str) -> str:
     """One box per series of (n,) numbers.
 
     The axis is logarithmic when all numbers are positive and reach over more than a factor of 30. Numbers outside the
@@ -31,23 +31,16 @@ def box_plot(named: list[tuple[str, np.ndarray]], title: str, width: int = 640) 
 
     low, high = float(scaled(every).min()), float(scaled(every).max())
     pad = 0.05 * (high - low) or 0.5 * abs(high) or 0.5
-    axes = Axes((0.0, len(named)), (low - pad, high + pad), (width, HEIGHT), MARGIN)
-    step = (width - MARGIN[0] - MARGIN[1]) / len(named)
+    axes = Axes((0.0, len(named)), (low - pad, high + pad), SIZE, MARGIN)
+    step = (SIZE[0] - MARGIN[0] - MARGIN[1]) / len(named)
     names_below = len(named) <= 8 and all(len(name) * 7 < step for name, _ in named)
-    parts = [f'<svg class="plot" viewBox="0 0 {width} {HEIGHT}" role="img" aria-label="box plot of {text(title)}">']
-    parts.append(axes.rows(_ticks(*axes.y, log), lambda tick: _shown(10.0**tick if log else tick)))
+    parts = [axes.rows(_ticks(*axes.y, log), lambda tick: _shown(10.0**tick if log else tick))]
     for k, (name, values) in enumerate(named):
         x = float(axes.right(k + 0.5))
         parts.append(_box(x, min(26.0, 0.3 * step), values, lambda v: axes.down(scaled(v)), k))
-        shown = name if names_below else str(k + 1)
-        parts.append(f'<text x="{x:.1f}" y="{HEIGHT - 5}" text-anchor="middle">{text(shown)}</text>')
-    parts.append("</svg>")
-    if not names_below:
-        listed = "".join(
-            f'<span class="key s{k % 6}">{k + 1}: {text(name)}</span>' for k, (name, _) in enumerate(named)
-        )
-        parts.append(f'<div class="legend">{listed}</div>')
-    return "".join(parts)
+        parts.append(words(x, SIZE[1] - 5, name if names_below else str(k + 1)))
+    listed = [] if names_below else [(f"{k + 1}: {name}", f"s{k % 6}") for k, (name, _) in enumerate(named)]
+    return drawing(parts, SIZE, f"box plot of {title}", "plot") + legend(listed)
 
 
 def _box(x: float, half: float, values: np.ndarray, py: Callable[[float], Any], k: int) -> str:
@@ -55,17 +48,14 @@ def _box(x: float, half: float, values: np.ndarray, py: Callable[[float], Any], 
     style = f'class="s{k % 6}" fill="none" stroke-width="1.4"'
     lines = [
         f'<rect {style} x="{x - half:.1f}" y="{p75:.1f}" width="{2 * half:.1f}" height="{max(p25 - p75, 0.8):.1f}"/>',
-        f'<line {style} x1="{x - half:.1f}" x2="{x + half:.1f}" y1="{p50:.1f}" y2="{p50:.1f}"/>',
+        line(x - half, p50, x + half, p50, style),
     ]
     for inner, outer in ((p25, p5), (p75, p95)):
-        lines.append(f'<line {style} x1="{x:.1f}" x2="{x:.1f}" y1="{inner:.1f}" y2="{outer:.1f}"/>')
-        lines.append(
-            f'<line {style} x1="{x - half / 2:.1f}" x2="{x + half / 2:.1f}" y1="{outer:.1f}" y2="{outer:.1f}"/>'
-        )
+        lines += [line(x, inner, x, outer, style), line(x - half / 2, outer, x + half / 2, outer, style)]
     bounds = np.percentile(values, (5, 95))
     below, above = values[values < bounds[0]], values[values > bounds[1]]
     for value in (*below[: MOST_DOTS // 2], *above[::-1][: MOST_DOTS // 2]):
-        lines.append(f'<circle {style} cx="{x:.1f}" cy="{float(py(value)):.1f}" r="1.8"/>')
+        lines.append(dot(x, float(py(value)), 1.8, style))
     return "".join(lines)
 
 

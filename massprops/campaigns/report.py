@@ -14,7 +14,7 @@ from massprops.campaigns.table import PERCENTILES, Point, columns_of, cost
 from massprops.campaigns.text import cell_text
 from massprops.core.files import write_whole
 from massprops.report.html import number, table, text
-from massprops.report.page import document as page
+from massprops.report.page import of_sections
 
 MOST_POINTS, MOST_COLUMNS, MOST_FAILURES = 60, 24, 100
 
@@ -29,10 +29,8 @@ def write_report(folder: Path, plan: Plan, points: list[Point], result: dict[str
         ("cost", "Cost", _cost(points, store)),
         ("configuration", "Configuration", f"<pre>{text(json.dumps(result['configuration'], indent=2))}</pre>"),
     ]
-    body = "".join(f'<section id="{i}"><h2>{t}</h2>{b}</section>' for i, t, b in sections if b)
-    links = "".join(f'<a href="#{i}">{t}</a>' for i, t, b in sections if b)
     path = folder / "report.html"
-    write_whole(path, page(f"massprops · campaign {plan.name}", body, links, plan.where))
+    write_whole(path, of_sections(f"massprops · campaign {plan.name}", sections, plan.where))
     return path
 
 

@@ -49,8 +49,7 @@ class Point:
         found = [r.data.get(column) for r in self.rows if r.error is None]
         numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
         array: np.ndarray = np.array(numbers, float)
-        finite: np.ndarray = array[np.isfinite(array)]
-        return finite
+        return array[np.isfinite(array)]
 
 
 def _short(value: Any) -> str:

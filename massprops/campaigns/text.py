@@ -6,13 +6,14 @@ import textwrap
 from typing import Any
 
 from massprops.campaigns.table import PERCENTILES
+from massprops.core.text import table
 
 MOST_POINTS, WIDTH = 60, 120
 
 
 def text_of(document: dict[str, Any]) -> str:
     """The tables of a campaign: its kind's own, then percentiles of every column, then what failed."""
-    parts = [own_table(table) for table in document["tables"]]
+    parts = [own_table(own) for own in document["tables"]]
     if not parts:
         parts = [_percentiles(document)]
     if document["failures"]:
@@ -21,11 +22,11 @@ def text_of(document: dict[str, Any]) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def own_table(table: dict[str, Any]) -> str:
+def own_table(own: dict[str, Any]) -> str:
     """`title`, `columns`, `rows`, `notes` as text."""
-    rows = [[cell_text(c) for c in row] for row in table["rows"]]
-    lines = [str(table["title"]), *folded([str(c) for c in table["columns"]], rows)]
-    for note in table.get("notes", ()):
+    rows = [[cell_text(c) for c in row] for row in own["rows"]]
+    lines = [str(own["title"]), *folded([str(c) for c in own["columns"]], rows)]
+    for note in own.get("notes", ()):
         lines += textwrap.wrap(str(note), WIDTH, initial_indent="  ", subsequent_indent="    ")
     return "\n".join(lines)
 
@@ -39,18 +40,8 @@ def cell_text(cell: Any) -> str:
     return str(cell)
 
 
-def aligned(head: list[str], rows: list[list[str]]) -> list[str]:
-    """Columns in line, the first to the left, the others to the right."""
-    rows = [row + [""] * (len(head) - len(row)) for row in rows]
-    wide = [max(len(line[k]) for line in [head, *rows]) for k in range(len(head))]
-    return [
-        "  " + "  ".join(c.ljust(w) if k == 0 else c.rjust(w) for k, (c, w) in enumerate(zip(line, wide, strict=False)))
-        for line in [head, *rows]
-    ]
-
-
 def folded(head: list[str], rows: list[list[str]]) -> list[str]:
-    """`aligned`, in several blocks under one another where it is wider than a terminal; each begins with the first column."""
+    """A table, in several blocks under one another where it is wider than a terminal; each begins with the first column."""
     rows = [row + [""] * (len(head) - len(row)) for row in rows]
     wide = [2 + max(len(line[k]) for line in [head, *rows]) for k in range(len(head))]
     blocks: list[list[int]] = [[0]]
@@ -60,7 +51,7 @@ def folded(head: list[str], rows: list[list[str]]) -> list[str]:
         blocks[-1].append(k)
     lines = []
     for block in blocks:
-        lines += ([""] if lines else []) + aligned([head[k] for k in block], [[row[k] for k in block] for row in rows])
+        lines += ([""] if lines else []) + table([head[k] for k in block], [[row[k] for k in block] for row in rows])
     return lines
 
 
@@ -74,7 +65,7 @@ def _percentiles(document: dict[str, Any]) -> str:
             s = point["columns"][name]
             cells = [s["mean"], *(s[f"p{p}"] for p in PERCENTILES)]
             rows.append([label(point["parameters"]), str(s["n"]), str(point["failed"]), *map(cell_text, cells)])
-        blocks.append("\n".join([name, *aligned(head, rows)]))
+        blocks.append("\n".join([name, *table(head, rows)]))
     if len(document["points"]) > MOST_POINTS:
         blocks.append(f"the first {MOST_POINTS} of {len(document['points'])} points; all are in table.json")
     return "\n\n".join(blocks)

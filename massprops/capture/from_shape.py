@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.capture.colours import BINS, colour_cells
-from massprops.capture.unknown_pixels import project
 from massprops.core.robust import mad_sigma
+from massprops.geometry.rasterise import project
 
 BAND = 0.03
 """Band about the drawn outline that the image decides, in equivalent diameters of the silhouette. On two rendered

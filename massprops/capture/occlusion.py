@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massprops.capture.support import axes
-from massprops.capture.unknown_pixels import project
 from massprops.core.robust import MAD_TO_SIGMA
 from massprops.dense.region import Region
+from massprops.geometry.rasterise import project
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
@@ -231,9 +231,7 @@ def voxels(views: Views, maps: Occlusion, plane: np.ndarray, region: Region, cou
     shown, hidden = (np.zeros((len(views), *shape), bool) for _ in range(2))
     cell = np.full((len(views), *shape), -1, np.int32)
     for i in range(len(views)):
-        camera = points @ views.R[i].T + views.t[i]
-        z = camera[:, 2]
-        uv = camera[:, :2] / np.where(z > 1e-9, z, 1.0)[:, None] @ views.K[i, :2, :2].T + views.K[i, :2, 2]
+        uv, z = project(points, views.K[i], views.R[i], views.t[i])
         h, w = maps.state[i].shape
         at = np.floor(uv / maps.cell[i]).astype(np.int64)
         there = np.flatnonzero((z > 1e-9) & (at >= 0).all(1) & (at < [w, h]).all(1))

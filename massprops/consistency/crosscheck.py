@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from massprops.consistency.trust import enter_verdict
+from massprops.core.displayed import Displayed, number
 from massprops.core.files import json_text
 from massprops.core.linalg import at_least
 from massprops.core.outputs import Outputs, claim, deliver, verify
 from massprops.core.progress import Progress, silent
-from massprops.core.shown import Shown, number
 from massprops.errors import InputError, NotPossible
 
 STILL = "the object is still: nothing moves, so nothing shows its inertia"
@@ -27,7 +27,7 @@ MOST_POINTS = 300
 
 
 @dataclass(frozen=True, repr=False)
-class CrossCheck(Shown):
+class CrossCheck(Displayed):
     """The document of `crosscheck.json` with the estimates behind it.
 
     Attributes:

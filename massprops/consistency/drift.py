@@ -20,7 +20,7 @@ WAVES = 3
 """Half waves over the record of which a drift is made: slower than the turn of the body itself, and none that neighbours show."""
 
 
-def centre_drift(views: Views, stamp_ns: np.ndarray, pixels: float, mesh: MeshSide, seed: int = 0) -> np.ndarray:
+def centre_drift(views: Views, stamp_ns: np.ndarray, pixels: float, mesh: MeshSide) -> np.ndarray:
     """(3, 3) covariance of the point that the body turns about, in the mesh's axes and units, where outlines show a drift.
 
     An outline half the body's length away from its middle moves so far by a turn about the line of sight; and by a shift across
@@ -29,7 +29,6 @@ def centre_drift(views: Views, stamp_ns: np.ndarray, pixels: float, mesh: MeshSi
     Args:
         views: n images of cam0 in the order of time; stamp_ns: (n,).
         pixels: 1-sigma of the drift [px].
-        seed: of the draws.
     """
     away = float(np.median(views.t[:, 2])) * mesh.factor
     share = pixels * away / (0.5 * mesh.length * float(np.median(views.K[:, 0, 0])))
@@ -38,7 +37,7 @@ def centre_drift(views: Views, stamp_ns: np.ndarray, pixels: float, mesh: MeshSi
     here = centre_of_motion(stamp_ns, views.R, t, mesh.length)
     if here is None:
         return np.zeros((3, 3))
-    rng, moved = np.random.default_rng(seed), [np.zeros(3)]
+    rng, moved = np.random.default_rng(0), [np.zeros(3)]
     for _ in range(DRAWS):
         turned = rotation_matrix(multiply(from_rotation_vector(share * slow(times, rng)), q))
         found = centre_of_motion(stamp_ns, turned, t + shift * slow(times, rng), mesh.length)

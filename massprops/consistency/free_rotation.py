@@ -10,9 +10,7 @@ from massprops.dynamics.rigid_body import propagate
 STEP = 1e-6
 
 
-def free_rotation_residuals(
-    times: np.ndarray, q: np.ndarray, sigma: np.ndarray, inertia: np.ndarray, rounds: int = 12
-) -> np.ndarray:
+def free_rotation_residuals(times: np.ndarray, q: np.ndarray, sigma: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """(n, 3) turns [rad], body axes, from the best free rotation with this inertia to the attitudes.
 
     Gauss-Newton over the first attitude and rate; nothing else is free.
@@ -33,7 +31,7 @@ def free_rotation_residuals(
         return rotation_vector(multiply(conjugate(np.swapaxes(path, 0, 1)), q[None]))
 
     # the span grows, so that a start that is a little off cannot lose a whole turn by the end
-    for reach in (*np.linspace(0.15, 0.85, 5), *[1.0] * rounds):
+    for reach in (*np.linspace(0.15, 0.85, 5), *[1.0] * 12):
         use = np.arange(len(times)) < max(8, int(np.ceil(reach * len(times))))
         scale = max(float(np.linalg.norm(w0)), 1e-9)
         turns = np.zeros((7, 3))
@@ -47,8 +45,7 @@ def free_rotation_residuals(
         q0, w0 = multiply(q0, from_rotation_vector(change[:3])), w0 + scale * change[3:]
         if reach == 1.0 and np.abs(change).max() < 1e-9:
             break
-    out: np.ndarray = residual(np.zeros((1, 3)), w0[None])[0]
-    return out
+    return residual(np.zeros((1, 3)), w0[None])[0]
 
 
 def _speed(times: np.ndarray, q: np.ndarray) -> float:

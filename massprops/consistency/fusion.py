@@ -28,9 +28,7 @@ import numpy as np
 
 from massprops.consistency.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.consistency.replicates import read_replicates
-from massprops.documents.fields import read
-from massprops.documents.loading import load_json
-from massprops.documents.scale_json import ScaleStageFile
+from massprops.documents.scale_json import has_scale, read_scale
 from massprops.mass.integrals import central_inertia
 from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
 from massprops.mass.ratio_space import chi_square, p_value
@@ -76,10 +74,9 @@ class Draws:
 
 def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
     """The mesh's replicates in final units, the scale drawn as the mass stage draws it; None when the run keeps none."""
-    path = run / "work" / "scale" / "scale.json"
-    if not path.is_file():
+    if not has_scale(run):
         return None
-    scale = read(ScaleStageFile, load_json(path), str(path))
+    scale = read_scale(run)
     found = read_replicates(run)
     if found is None:
         return None
@@ -128,8 +125,7 @@ def inertia_from(x: np.ndarray, axes: np.ndarray) -> np.ndarray:
     a, b, c, f, e, d = (x[..., 4 + i] for i in range(6))
     L = np.stack([np.stack([a, d, e], -1), np.stack([d, b, f], -1), np.stack([e, f, c], -1)], -2)
     values, vectors = np.linalg.eigh(L)
-    out: np.ndarray = np.einsum("ai,...ij,...j,...kj,bk->...ab", axes, vectors, np.exp(values), vectors, axes)
-    return out
+    return np.einsum("ai,...ij,...j,...kj,bk->...ab", axes, vectors, np.exp(values), vectors, axes)
 
 
 @dataclass(frozen=True)
@@ -212,8 +208,7 @@ def _weights(tried: list[_Linear], shape_prior: tuple[float, float]) -> np.ndarr
     """(p,) probability of each pair of factors."""
     log_weight = np.array([t.log_weight + _log_prior(t.shape, shape_prior) for t in tried])
     weight = np.exp(log_weight - log_weight.max())
-    out: np.ndarray = weight / weight.sum()
-    return out
+    return weight / weight.sum()
 
 
 def averaged(draws: Draws, motion: Measured) -> tuple[np.ndarray, np.ndarray]:

@@ -33,11 +33,11 @@ class Replicate:
     t: np.ndarray
 
 
-def regions(xyz: np.ndarray, count: np.ndarray, most: int = REGIONS) -> np.ndarray:
+def regions(xyz: np.ndarray, count: np.ndarray) -> np.ndarray:
     """(m,) the region of each point (m, 3), numbered from 0: the heaviest is halved across its longest side until there
-    are `most`; count: (m,) observations of each point."""
+    are `REGIONS`; count: (m,) observations of each point."""
     label = np.zeros(len(xyz), int)
-    for new in range(1, most):
+    for new in range(1, REGIONS):
         weight = np.bincount(label, count, minlength=new)
         own = np.flatnonzero(label == int(np.argmax(weight)))
         if len(own) < 2:

@@ -65,7 +65,7 @@ def read_mesh_side(run: Path) -> MeshSide:
     Raises:
         InputError: the run has no mass properties, or impossible ones.
     """
-    from massprops.exchange.formats.filter import sfm_factor
+    from massprops.documents.scale_json import read_scale
 
     path = run / "massprops.json"
     if not path.is_file():
@@ -79,7 +79,7 @@ def read_mesh_side(run: Path) -> MeshSide:
     covariance = np.zeros((5, 5)) if stated is None else stated
     centre_covariance = _centre_intervals(document, centre)
     try:
-        factor = sfm_factor(run)
+        factor = read_scale(run).factor
     except (InputError, ValueError):
         factor = 1.0
     found = read_replicates(run)

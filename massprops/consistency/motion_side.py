@@ -63,28 +63,24 @@ def to_mesh_axes(found: Estimate, problem: Problem, frame: Frame, same_footage: 
             # rotations that do not agree average to less than a rotation: two clocks, or two bodies
             if np.linalg.svd(mean, compute_uv=False)[1] > 0.99:
                 return nearest_rotation(mean), "attitude"
-    return _by_features(found, frame)
+    common = _common_features(found, frame)
+    return None if common is None else (common[1], "features")
 
 
-def _by_features(found: Estimate, frame: Frame) -> tuple[np.ndarray, str] | None:
+def _common_features(found: Estimate, frame: Frame) -> tuple[float, np.ndarray] | None:
+    """Scale and rotation (3, 3) from the estimate to the mesh by features of both; None with fewer than four."""
     if found.features is None or frame.features is None or frame.feature_ids is None or found.feature_ids is None:
         return None
     _, a, b = np.intersect1d(found.feature_ids, frame.feature_ids, return_indices=True)
     good = np.isfinite(found.features[a]).all(axis=1)
-    if good.sum() < 4:
-        return None
-    tied = similarity(found.features[a[good]], frame.features[b[good]])
-    return None if tied is None else (tied[1], "features")
+    found_similarity = similarity(found.features[a[good]], frame.features[b[good]]) if good.sum() >= 4 else None
+    return None if found_similarity is None else found_similarity[:2]
 
 
 def scale_against(found: Estimate, frame: Frame) -> float | None:
     """Lengths of the mesh over those of the estimate, from common features; None without any."""
-    if found.features is None or frame.features is None or frame.feature_ids is None or found.feature_ids is None:
-        return None
-    _, a, b = np.intersect1d(found.feature_ids, frame.feature_ids, return_indices=True)
-    good = np.isfinite(found.features[a]).all(axis=1)
-    tied = similarity(found.features[a[good]], frame.features[b[good]]) if good.sum() >= 4 else None
-    return None if tied is None else tied[0]
+    common = _common_features(found, frame)
+    return None if common is None else common[0]
 
 
 def motion_covariance(

@@ -74,8 +74,7 @@ def in_places(xyz: np.ndarray, most: int = PLACES) -> np.ndarray:
     from scipy.cluster.vq import kmeans2
 
     count = max(2, min(most, len(xyz) // 3))
-    label: np.ndarray = kmeans2(xyz / (xyz.std() or 1.0), count, seed=1, minit="++")[1]
-    return label
+    return kmeans2(xyz / (xyz.std() or 1.0), count, seed=1, minit="++")[1]
 
 
 def in_blocks(epoch: np.ndarray, epochs: int, track: np.ndarray) -> np.ndarray:

@@ -75,5 +75,4 @@ def descend(
 
 def damped_step(normal: np.ndarray, downhill: np.ndarray, damping: float) -> np.ndarray:
     """(k,) step of normal equations (k, k), (k,), their diagonal raised by a part of itself (Marquardt)."""
-    out: np.ndarray = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)
-    return out
+    return np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)

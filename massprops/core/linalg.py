@@ -25,8 +25,15 @@ def inverse_of(normal: np.ndarray) -> np.ndarray:
     if poor.any():
         done[poor] = np.linalg.pinv(unit[poor], rcond=1e-12, hermitian=True)
     done[..., np.arange(size.shape[-1]), np.arange(size.shape[-1])] -= idle
-    found: np.ndarray = 0.5 * (done + np.swapaxes(done, -1, -2)) / both
-    return found
+    return 0.5 * (done + np.swapaxes(done, -1, -2)) / both
+
+
+def normalised_square(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """e^T P^-1 e (...) of errors e (..., k) of any units and covariances P (..., k, k)."""
+    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-200))
+    e = error / scale
+    solved = np.linalg.solve(covariance / (scale[..., :, None] * scale[..., None, :]), e[..., None])[..., 0]
+    return np.asarray(np.sum(e * solved, axis=-1))
 
 
 def at_least(covariance: np.ndarray, floor: np.ndarray) -> np.ndarray:

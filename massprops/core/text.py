@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Iterable, Sequence
 
 
 def clean(text: str) -> str:
@@ -28,6 +29,33 @@ def _code(character: str) -> str:
 def counted(number: int, one: str, many: str) -> str:
     """A number with the words that go with it: "1 image was", "2 images were"."""
     return f"{number} {one if number == 1 else many}"
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[str] | str], left: Sequence[int] = (0,), indent: int = 2
+) -> list[str]:
+    """Lines of a table: columns in line, those numbered in `left` to the left and the others to the right.
+
+    A row may lack its last cells; one that is a string stands as it is, below the second column.
+    """
+    listed = [head, *rows]
+    cells = [[*row, *[""] * (len(head) - len(row))] for row in listed if not isinstance(row, str)]
+    wide = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = []
+    for row in listed:
+        if isinstance(row, str):
+            lines.append(" " * (indent + wide[0] + 2) + row)
+            continue
+        padded = [c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, wide, strict=False))]
+        lines.append((" " * indent + "  ".join(padded)).rstrip())
+    return lines
+
+
+def with_sigma(value: float | None, sigma: float | None, form: str = ".5f") -> str:
+    """A value in this form with its 1-sigma, where it has one; `-` for none."""
+    if value is None:
+        return "-"
+    return f"{value:{form}}" + (f" ±{sigma:.1g}" if sigma is not None else "")
 
 
 def clock(seconds: float) -> str:

@@ -497,5 +497,4 @@ def polish(
 def grey_pyramid_half(image: np.ndarray) -> np.ndarray:
     """Half the size by area, (h // 2, w // 2)."""
     h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
-    out: np.ndarray = image[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3), dtype=np.float32)
-    return out
+    return image[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3), dtype=np.float32)

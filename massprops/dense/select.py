@@ -55,18 +55,16 @@ def shared_points(n: int, obs_view: np.ndarray, obs_point: np.ndarray) -> np.nda
 
 def seen_points(sparse: Sparse, i: int) -> np.ndarray:
     """(k, 3) sparse points that view i saw."""
-    out: np.ndarray = sparse.xyz[sparse.obs_point[sparse.obs_view == i]]
-    return out
+    return sparse.xyz[sparse.obs_point[sparse.obs_view == i]]
 
 
-def select_views(views: Views, sparse: Sparse, most: int = 0, stereo_angle: float = NARROW) -> Selection:
+def select_views(views: Views, sparse: Sparse, most: int = 0) -> Selection:
     """References spread over the sphere of directions, each with its best sources.
 
     Args:
         views: registered views.
         sparse: points and which view saw which.
         most: largest number of references, the first `MOST_REFERENCES` of them whole; 0 for the default.
-        stereo_angle: smallest angle between the lines of sight of a pair [deg].
 
     Returns:
         references in the order of their index; views without two usable sources are left out.
@@ -77,7 +75,7 @@ def select_views(views: Views, sparse: Sparse, most: int = 0, stereo_angle: floa
     sight = views.centres - centre
     sight /= np.linalg.norm(sight, axis=1, keepdims=True)
     angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
-    sources = [_sources(i, common[i], angle, stereo_angle) for i in range(n)]
+    sources = [_sources(i, common[i], angle) for i in range(n)]
     able = np.array([len(s) >= 2 for s in sources])
     chosen = _spread(angle, able, most or MOST_REFERENCES + MOST_FURTHER)
     whole = np.isin(np.sort(chosen), chosen[:MOST_REFERENCES])
@@ -95,17 +93,17 @@ def select_views(views: Views, sparse: Sparse, most: int = 0, stereo_angle: floa
     return Selection(reference, whole, tuple(sources[i] for i in reference), depths)
 
 
-def _sources(i: int, common: np.ndarray, angle: np.ndarray, least: float) -> np.ndarray:
+def _sources(i: int, common: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Up to SOURCES views that share points with view i at a useful angle, and lie in different directions from it."""
     a = angle[i]
-    usable = (a >= least) & (a <= WIDE) & (common >= 15)
+    usable = (a >= NARROW) & (a <= WIDE) & (common >= 15)
     usable[i] = False
     if usable.sum() < 2:
-        usable = (a >= 0.4 * least) & (a <= 1.5 * WIDE) & (common >= 8)
+        usable = (a >= 0.4 * NARROW) & (a <= 1.5 * WIDE) & (common >= 8)
         usable[i] = False
     if usable.sum() < 2:
         # placed by what is about the object: of 54 photographs of a printed tin, 11 shared less with any neighbour
-        usable = (a >= least) & (a <= 1.5 * WIDE)
+        usable = (a >= NARROW) & (a <= 1.5 * WIDE)
         usable[i] = False
         common = common + 1.0
     score = np.where(usable, common * np.exp(-(((a - BEST_ANGLE) / 8.0) ** 2)), 0.0)

@@ -42,11 +42,11 @@ class Start:
     history: np.ndarray | None = None
 
 
-def physical_inertia(inertia: np.ndarray, least: float = LEAST_MOMENT) -> np.ndarray:
+def physical_inertia(inertia: np.ndarray) -> np.ndarray:
     """The nearest inertia of trace 3 that a body can have."""
     from massprops.dynamics.inertia import physical
 
-    return np.asarray(3.0 * physical(inertia / np.trace(inertia), least))
+    return np.asarray(3.0 * physical(inertia / np.trace(inertia), LEAST_MOMENT))
 
 
 def conserved(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) -> Start:
@@ -87,8 +87,7 @@ def conserved_by_both(
 def _without(whole: np.ndarray, kept: np.ndarray, out: np.ndarray) -> np.ndarray:
     """Inner products of the columns `kept`, once those of `out` have taken what they can (Schur's complement)."""
     across = whole[np.ix_(kept, out)]
-    left: np.ndarray = whole[np.ix_(kept, kept)] - across @ np.linalg.solve(whole[np.ix_(out, out)], across.T)
-    return left
+    return whole[np.ix_(kept, kept)] - across @ np.linalg.solve(whole[np.ix_(out, out)], across.T)
 
 
 def start_of(value: float, six: np.ndarray) -> Start:

@@ -203,8 +203,7 @@ def _covariance(factor: np.ndarray, sd: np.ndarray) -> np.ndarray:
     from scipy.linalg.lapack import dpotri
 
     half = dpotri(factor, lower=1)[0]
-    covariance: np.ndarray = sd[:, None] * (half + np.tril(half, -1).T) * sd
-    return covariance
+    return sd[:, None] * (half + np.tril(half, -1).T) * sd
 
 
 def _moved_sizes(

@@ -13,8 +13,8 @@ import numpy as np
 
 from massprops.diagnosis.record import Record
 from massprops.documents.tables import ACCELEROMETER
-from massprops.dynamics.quaternion import skew
 from massprops.errors import NotPossible
+from massprops.geometry.vectors import skew
 from massprops.sequence.data import Sequence
 
 HELD = 3.0

@@ -43,8 +43,7 @@ def by_direction(directions: np.ndarray, knots: np.ndarray) -> np.ndarray:
 
     value, vector = np.linalg.eigh(alike(knots))
     kept = value > LEAST_PART * value[-1]
-    shapes: np.ndarray = alike(directions) @ (vector[:, kept] / np.sqrt(value[kept]))
-    return shapes
+    return alike(directions) @ (vector[:, kept] / np.sqrt(value[kept]))
 
 
 def factor(covariance: np.ndarray) -> np.ndarray:

@@ -26,28 +26,16 @@ Units: momenta over the mean moment, trace I = 3, so torques in rad/s^2 and mome
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
 from massprops.diagnosis.motion_path import MotionPath
-from massprops.dynamics.quaternion import skew
+from massprops.dynamics.inertia import DIRECTIONS
+from massprops.geometry.vectors import skew
 
 INERTIA = 5
 """Columns of the inertia: the ways one of trace 3 can change."""
-
-
-@cache
-def traceless() -> np.ndarray:
-    """(5, 3, 3) orthonormal symmetric matrices without trace, not to be written to."""
-    r = np.sqrt(0.5)
-    E = np.zeros((INERTIA, 3, 3))
-    E[0] = np.diag([r, -r, 0.0])
-    E[1] = np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0)
-    for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-        E[2 + k, i, j] = E[2 + k, j, i] = r
-    E.flags.writeable = False
-    return E
 
 
 def inertia_of(shape: np.ndarray) -> np.ndarray:
@@ -55,26 +43,26 @@ def inertia_of(shape: np.ndarray) -> np.ndarray:
 
     I = tr(P) - P with the second moments P = exp(sum shape_k E_k), scaled; zeros are a ball.
     """
-    value, vector = np.linalg.eigh(np.einsum("a,aij->ij", shape, traceless()))
+    value, vector = np.linalg.eigh(np.einsum("a,aij->ij", shape, DIRECTIONS))
     P = 1.5 * np.exp(value - value.max())
     return np.asarray(1.5 * np.eye(3) - (vector * P / np.sum(np.exp(value - value.max()))) @ vector.T)
 
 
-def shape_of(inertia: np.ndarray, least: float = 0.002) -> np.ndarray:
-    """(5,) logarithm of the second moments of an inertia (3, 3), none of them below a share `least` of their sum."""
+def shape_of(inertia: np.ndarray) -> np.ndarray:
+    """(5,) logarithm of the second moments of an inertia (3, 3), none of them below .002 of their sum."""
     value, vector = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
-    log = np.log(np.maximum(value / np.sum(np.maximum(value, 0.0)), least))
-    return np.asarray(np.einsum("aij,ij->a", traceless(), (vector * (log - log.mean())) @ vector.T))
+    log = np.log(np.maximum(value / np.sum(np.maximum(value, 0.0)), 0.002))
+    return np.asarray(np.einsum("aij,ij->a", DIRECTIONS, (vector * (log - log.mean())) @ vector.T))
 
 
 def inertia_slopes(shape: np.ndarray) -> np.ndarray:
     """(5, 3, 3) derivatives of `inertia_of` (Daleckii and Krein's formula for a function of a matrix)."""
-    value, vector = np.linalg.eigh(np.einsum("a,aij->ij", shape, traceless()))
+    value, vector = np.linalg.eigh(np.einsum("a,aij->ij", shape, DIRECTIONS))
     e = np.exp(value - value.max())
     apart = value[:, None] - value
     alike = np.abs(apart) < 1e-7
     ratio = np.where(alike, 0.5 * (e[:, None] + e), (e[:, None] - e) / np.where(alike, 1.0, apart))
-    inside = np.einsum("ji,ajk,kl->ail", vector, traceless(), vector) * ratio
+    inside = np.einsum("ji,ajk,kl->ail", vector, DIRECTIONS, vector) * ratio
     total = e.sum()
     grown = np.einsum("aii->a", inside)
     dP = 1.5 * (inside / total - grown[:, None, None] * np.diag(e) / total**2)

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.diagnosis.page_parts import GAP, assemble, law, not_tried, notes, verdict, wheel
+from massprops.diagnosis.page_parts import GAP, law, not_tried, notes, verdict, wheel
 from massprops.report.html import number, table, text
+from massprops.report.page import of_sections
 from massprops.report.plot import plot
 
 if TYPE_CHECKING:
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 
 def page(d: BalanceDiagnosis) -> str:
     """`report.html`, one file that opens offline."""
-    return assemble(
+    return of_sections(
+        "massprops · diagnosis",
         [
             ("verdict", "Verdict", verdict(d.document)),
             ("law", "A law for the residuals", law(d.document)),
@@ -26,7 +28,7 @@ def page(d: BalanceDiagnosis) -> str:
             ("wheel", "Momentum of the wheel", _wheel(d)),
             ("torque", "Unknown torque", _torque(d)),
             ("notes", "Notes", notes(d.document)),
-        ]
+        ],
     )
 
 

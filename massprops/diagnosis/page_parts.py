@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from massprops.report.html import number, table, text, unit
-from massprops.report.page import document as whole_page
 from massprops.report.plot import plot
 
 KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": "warning"}
@@ -19,13 +17,6 @@ MEANS = {
     "unexplained": "no known effect explains what a free rigid body does not",
 }
 GAP = "Root-mean-square residuals over the stated noise: 1 is as good as can be."
-
-
-def assemble(sections: Sequence[tuple[str, str, str]]) -> str:
-    """One file that opens offline, of (anchor, title, content); those without content are left out."""
-    body = "".join(f'<section id="{i}"><h2>{t}</h2>{b}</section>' for i, t, b in sections if b)
-    links = "".join(f'<a href="#{i}">{t}</a>' for i, t, b in sections if b)
-    return whole_page("massprops · diagnosis", body, links, "")
 
 
 def verdict(doc: dict[str, Any]) -> str:

@@ -131,7 +131,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         tried += _pairs(tried, usable, base, unknowns)
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknowns, tried)
-    if by_sun is not None and named and leaves_to_the_sun(named[0].best, len(tried)):
+    if by_sun is not None and named and has_likelier_sun_torque(named[0].best, len(tried)):
         verdict, named = "unexplained", []
     likeliest = {id(c): _at_likeliest_scale(c) for c in named}
     tried, named = [likeliest.get(id(c), c) for c in tried], [likeliest[id(c)] for c in named]
@@ -267,7 +267,7 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
     return max(fits, key=lambda f: f.evidence, default=None)
 
 
-def leaves_to_the_sun(found: HypothesisFit, tried: int) -> bool:
+def has_likelier_sun_torque(found: HypothesisFit, tried: int) -> bool:
     """Whether effects have a rival that names nothing of the Sun: a torque that depends on its direction in any way, in place of
     those that follow it and beside the others. A second effect may take what the first one cannot be.
 

@@ -28,7 +28,6 @@ def record_of_sequence(sequence: Sequence) -> Record:
 
 def _attitudes_of_tracks(sequence: Sequence) -> AttitudeSeries:
     """Attitudes as each epoch of stereo tracks alone shows them."""
-    from massprops.estimators.result import Prior
     from massprops.estimators.start import first_guess
     from massprops.model.problem import problem_of
 
@@ -38,7 +37,7 @@ def _attitudes_of_tracks(sequence: Sequence) -> AttitudeSeries:
             "tracks of one camera show no motion without attitude0, which 'massprops reconstruct' writes for an object that "
             "tumbles"
         )
-    poses = first_guess(problem, Prior()).poses
+    poses = first_guess(problem).poses
     if poses is None:
         raise NotPossible("the tracks show no attitude: at each epoch both cameras must see three features off a line")
     return AttitudeSeries(problem.stamp_ns[poses.rows], poses.q, np.asarray(poses.sigma))

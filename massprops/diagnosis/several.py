@@ -151,12 +151,12 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
     }
 
 
-def common_ratios(common: CommonInertia, draws: int = 400) -> tuple[list[float], list[float]]:
-    """(k1, k2) of a common inertia and their 1-sigma, by draws from its posterior with a fixed seed."""
+def common_ratios(common: CommonInertia) -> tuple[list[float], list[float]]:
+    """(k1, k2) of a common inertia and their 1-sigma, by 400 draws from its posterior with a fixed seed."""
     from massprops.dynamics.inertia import ratios
 
     rng = np.random.default_rng(0)
-    shapes = rng.multivariate_normal(common.shape, common.covariance, draws)
+    shapes = rng.multivariate_normal(common.shape, common.covariance, 400)
     k = np.array([ratios(inertia_of(s))[0] for s in shapes])
     return [float(v) for v in ratios(common.inertia)[0]], [float(v) for v in k.std(axis=0)]
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
-from massprops.documents.fields import Number, Text, document
+from massprops.documents.fields import Number, Text, document, read
+from massprops.documents.loading import load_json
 
 
 @document(others="ignored")
@@ -24,3 +26,18 @@ class ScaleStageFile:
     def factor(self) -> float:
         """Final length units per unit of the structure from motion."""
         return (self.metres_per_unit or 1.0) * (self.unit_per_sfm or 1.0)
+
+
+def read_scale(run: Path) -> ScaleStageFile:
+    """What a run's scale stage found.
+
+    Raises:
+        InputError: the run has no scale stage, or a damaged one.
+    """
+    path = run / "work" / "scale" / "scale.json"
+    return read(ScaleStageFile, load_json(path), str(path))
+
+
+def has_scale(run: Path) -> bool:
+    """Whether a run got as far as its scale."""
+    return (run / "work" / "scale" / "scale.json").is_file()

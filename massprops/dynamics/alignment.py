@@ -32,8 +32,7 @@ def q_method(body: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarr
     z = np.stack([B[..., 2, 1] - B[..., 1, 2], B[..., 0, 2] - B[..., 2, 0], B[..., 1, 0] - B[..., 0, 1]], axis=-1)
     K[..., 0, 1:] = K[..., 1:, 0] = z
     K[..., 1:, 1:] = B + np.swapaxes(B, -1, -2) - trace[..., None, None] * np.eye(3)
-    q: np.ndarray = np.linalg.eigh(K)[1][..., :, 3]
-    return q
+    return np.linalg.eigh(K)[1][..., :, 3]
 
 
 def horn(body: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,20 +24,21 @@ def calling(function: Callable[..., Any], **names: Callable[..., Any]) -> Callab
     return FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
 
 
-def _bind(function: Callable[..., Any], **names: Callable[..., Any]) -> Callable[..., Any]:
+def bind(function: Callable[..., Any], **names: Callable[..., Any]) -> Callable[..., Any]:
+    """`calling`, compiled."""
     bound: Callable[..., Any] = numba.njit(calling(function, **names), error_model="numpy")
     return bound
 
 
-euler_acceleration = _bind(
+euler_acceleration = bind(
     kernels.euler_acceleration,
     cross=cross,
     symmetric_times=symmetric_times,
     symmetric_solve=symmetric_solve,
 )
-to_body = _bind(kernels.to_body, cross=cross)
-to_reference = _bind(kernels.to_reference, cross=cross)
-turned = _bind(kernels.turned, product=numba.njit(kernels.product))
+to_body = bind(kernels.to_body, cross=cross)
+to_reference = bind(kernels.to_reference, cross=cross)
+turned = bind(kernels.turned, product=numba.njit(kernels.product))
 unit = numba.njit(kernels.unit)
 
 

@@ -91,8 +91,7 @@ class EnvironmentModel:
             return np.stack([x, np.cross(z, x), z], axis=-2)
 
         # cam0 keeps its orientation against the orbital frame: C(t) = L(0)^T L(t)
-        C: np.ndarray = frame(first).T @ frame(r)
-        return C
+        return frame(first).T @ frame(r)
 
 
 def eccentric_anomaly(mean: Any, eccentricity: float) -> Any:

@@ -33,8 +33,7 @@ def true_anomaly(orbit: Orbit, times: np.ndarray) -> np.ndarray:
     E0 = 2 * np.arctan2(half * np.sin(orbit.true_anomaly_rad / 2), np.cos(orbit.true_anomaly_rad / 2))
     motion = np.sqrt(orbit.mu_m3_s2 / orbit.semi_major_axis_m**3)
     E = eccentric_anomaly(E0 - e * np.sin(E0) + motion * np.asarray(times, float), e)
-    true_anomaly: np.ndarray = 2 * np.arctan2(np.sin(E / 2) / half, np.cos(E / 2))
-    return true_anomaly
+    return 2 * np.arctan2(np.sin(E / 2) / half, np.cos(E / 2))
 
 
 def position_velocity(orbit: Orbit, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

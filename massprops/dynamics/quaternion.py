@@ -8,19 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.dynamics.kernels import product
+
 
 def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Product p q: first q, then p. Shapes (..., 4)."""
     p, q = np.asarray(p), np.asarray(q)
-    pw, px, py, pz = (p[..., i] for i in range(4))
-    qw, qx, qy, qz = (q[..., i] for i in range(4))
-    return _filled(
-        (4,),
-        pw * qw - px * qx - py * qy - pz * qz,
-        pw * qx + px * qw + py * qz - pz * qy,
-        pw * qy - px * qz + py * qw + pz * qx,
-        pw * qz + px * qy - py * qx + pz * qw,
-    )
+    return _filled((4,), *product(*(p[..., i] for i in range(4)), *(q[..., i] for i in range(4))))
 
 
 def _filled(shape: tuple[int, ...], *parts: np.ndarray) -> np.ndarray:
@@ -33,14 +27,12 @@ def _filled(shape: tuple[int, ...], *parts: np.ndarray) -> np.ndarray:
 
 def conjugate(q: np.ndarray) -> np.ndarray:
     """The inverse of a unit quaternion (..., 4)."""
-    inverse: np.ndarray = np.asarray(q) * np.array([1.0, -1.0, -1.0, -1.0])
-    return inverse
+    return np.asarray(q) * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def normalise(q: np.ndarray) -> np.ndarray:
     """Unit quaternion of the same direction (..., 4)."""
-    unit: np.ndarray = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return unit
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
 def rotation_matrix(q: np.ndarray) -> np.ndarray:
@@ -119,14 +111,4 @@ def mean_quaternion(q: np.ndarray, weight: np.ndarray | None = None) -> np.ndarr
 
 def angle_between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Angle [rad] of the rotation from q to p, shapes (..., 4) to (...)."""
-    angle: np.ndarray = np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)
-    return angle
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with skew(a) b = a x b."""
-    out = np.zeros((*v.shape, 3), v.dtype)
-    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
-    return out
+    return np.linalg.norm(rotation_vector(multiply(p, conjugate(q))), axis=-1)

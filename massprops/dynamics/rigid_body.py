@@ -6,14 +6,10 @@ inertia (only its ratios matter without torque, and torque is in that same unit 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from massprops.dynamics.quaternion import multiply, normalise
-
-Torque = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
-"""`torque(t, q, w)`: body torque (..., 3) at time t [s], attitude (..., 4), angular velocity (..., 3)."""
+from massprops.dynamics.quaternion import multiply, normalise, rotate
+from massprops.dynamics.runge_kutta import step
 
 LARGEST_TURN = 0.05
 """Rotation [rad] per integration step; with the fourth-order step below, 1e-9 rad a revolution."""
@@ -37,10 +33,9 @@ def propagate(
     w0: np.ndarray,
     inertia: np.ndarray,
     times: np.ndarray,
-    torque: Torque | None = None,
     largest_turn: float = LARGEST_TURN,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude and angular velocity at given times, from the state at the first of them.
+    """Attitude and angular velocity of a free body at given times, from the state at the first of them.
 
     Fourth-order Runge-Kutta with equal steps between two times, each small enough that the body turns by no more
     than `largest_turn`. The result does not depend on which other times are asked for beyond rounding of that order.
@@ -50,48 +45,38 @@ def propagate(
         w0: (..., 3) angular velocity at times[0], body axes [rad/s].
         inertia: (..., 3, 3) about the centre of mass, body axes.
         times: (n,) [s], in order.
-        torque: body torque; none for free motion.
         largest_turn: [rad].
 
     Returns:
         q (n, ..., 4) unit quaternions, w (n, ..., 3) [rad/s].
     """
-    q, w = np.array(q0), np.array(w0)
     inverse = np.linalg.inv(inertia)
 
-    def slope(t: float, q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        push = -np.cross(w, np.einsum("...ij,...j->...i", inertia, w))
-        if torque is not None:
-            push = push + torque(t, q, w)
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        w = y[..., 4:]
         spin = np.concatenate([np.zeros_like(w[..., :1]), w], axis=-1)
-        return 0.5 * multiply(q, spin), np.einsum("...ij,...j->...i", inverse, push)
+        w_dot = np.einsum("...ij,...j->...i", inverse, -np.cross(w, np.einsum("...ij,...j->...i", inertia, w)))
+        return np.concatenate([0.5 * multiply(y[..., :4], spin), w_dot], axis=-1)
 
-    out_q, out_w = [q], [w]
+    y = np.concatenate([q0, w0], axis=-1)
+    out = [y]
     for start, end in zip(times[:-1], times[1:], strict=True):
-        speed = float(np.max(np.linalg.norm(np.real(w), axis=-1)))
+        speed = float(np.max(np.linalg.norm(np.real(y[..., 4:]), axis=-1)))
         steps = max(1, int(np.ceil(speed * abs(end - start) / largest_turn)))
         h = (end - start) / steps
         for k in range(steps):
-            t = start + k * h
-            q1, w1 = slope(t, q, w)
-            q2, w2 = slope(t + h / 2, q + h / 2 * q1, w + h / 2 * w1)
-            q3, w3 = slope(t + h / 2, q + h / 2 * q2, w + h / 2 * w2)
-            q4, w4 = slope(t + h, q + h * q3, w + h * w3)
-            q = normalise(q + h / 6 * (q1 + 2 * q2 + 2 * q3 + q4))
-            w = w + h / 6 * (w1 + 2 * w2 + 2 * w3 + w4)
-        out_q.append(q)
-        out_w.append(w)
-    return np.stack(out_q), np.stack(out_w)
+            y = step(slope, start + k * h, y, h)
+            y[..., :4] = normalise(y[..., :4])
+        out.append(y)
+    path = np.stack(out)
+    return path[..., :4], path[..., 4:]
 
 
 def angular_momentum(q: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Angular momentum (..., 3) in the reference frame: constant without torque."""
-    from massprops.dynamics.quaternion import rotate
-
     return rotate(q, np.einsum("...ij,...j->...i", inertia, w))
 
 
 def kinetic_energy(w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Rotational energy (...): constant without torque or dissipation."""
-    energy: np.ndarray = 0.5 * np.einsum("...i,...ij,...j->...", w, inertia, w)
-    return energy
+    return 0.5 * np.einsum("...i,...ij,...j->...", w, inertia, w)

@@ -18,6 +18,7 @@ import numpy as np
 from massprops.dynamics.environment import EnvironmentModel, EnvironmentState
 from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import INSIDE, cross, quaternion_rate, symmetric_solve, symmetric_times
+from massprops.dynamics.runge_kutta import record
 from massprops.effects import is_users, places_of
 
 LARGEST_TURN = 0.08
@@ -267,12 +268,10 @@ def _integrated_plainly(
     environment: EnvironmentModel,
 ) -> np.ndarray:
     """`integrate` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
-    y, out = y0, [y0]
-    for t, h in zip(start.tolist(), size.tolist(), strict=True):
-        stages: list[list[Any]] = []
-        for at, reach in ((INSIDE * h, 0.0), (0.5 * h, 0.5 * h), (0.5 * h, 0.5 * h), (h - INSIDE * h, h)):
-            z = [a + reach * b for a, b in zip(y, stages[-1], strict=True)] if stages else y
-            stages.append(state_derivative(t + at, z, six, active, p, environment.state(t + at, active.orbiting)))
-        y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *stages, strict=True)]
-        out.append(y)
-    return np.array(out)
+    times = (start[:, None] + np.stack([INSIDE * size, 0.5 * size, 0.5 * size, size - INSIDE * size], axis=1)).tolist()
+
+    def slope(k: int, stage: int, y: list[Any]) -> list[Any]:
+        t = times[k][stage]
+        return state_derivative(t, y, six, active, p, environment.state(t, active.orbiting))
+
+    return record(slope, y0, size)[0]

@@ -15,6 +15,7 @@ import numpy as np
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.events import STEP, stepped, struck_slopes
 from massprops.dynamics.kernels import INSIDE, quaternion_rate
+from massprops.dynamics.quaternion import conjugate, multiply
 from massprops.dynamics.rotation import (
     ActiveEffects,
     Steps,
@@ -25,6 +26,7 @@ from massprops.dynamics.rotation import (
     start_state,
     state_derivative,
 )
+from massprops.dynamics.runge_kutta import transition
 from massprops.effects import GIVEN, places_of
 
 LARGEST_TURN = 0.4
@@ -68,7 +70,7 @@ def sensitivities(
     F = _slopes_of_slopes(
         begin, np.stack([from_y, 0.5 * (from_y + to_y), to_y], axis=1), six, moves, active, flat_p, environment
     )
-    M = _over_steps(F, h)
+    M = transition(F[:, [0, 1, 1, 2]], h)
     S = _at_start(q0, w0, flat_six, moves, active, flat_p, fixed, ny)
     jumps = dict(path.steps.jumps)
     from_S, to_S = np.empty((len(h), ny, m)), np.empty((len(h), ny, m))
@@ -150,25 +152,6 @@ def _slopes_of_slopes(
     return F
 
 
-def _over_steps(F: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Transition (steps, ny, ny + m) over steps h (steps,), from the derivatives at start, middle and end, by the
-    Runge-Kutta method of fourth order."""
-    ny = F.shape[2]
-    hh = h[:, None, None]
-    eye = np.eye(ny, F.shape[3])
-
-    def carried(stage_F: np.ndarray, sofar: np.ndarray) -> np.ndarray:
-        out: np.ndarray = stage_F[..., :ny] @ sofar
-        out[..., ny:] += stage_F[..., ny:]
-        return out
-
-    K1 = F[:, 0]
-    K2 = carried(F[:, 1], eye + 0.5 * hh * K1)
-    K3 = carried(F[:, 1], eye + 0.5 * hh * K2)
-    K4 = carried(F[:, 2], eye + hh * K3)
-    return np.asarray(eye + hh / 6.0 * (K1 + 2 * (K2 + K3) + K4))
-
-
 def _at_start(
     q0: np.ndarray,
     w0: np.ndarray,
@@ -246,15 +229,6 @@ def _of_effects(active: ActiveEffects, names: tuple[str, ...]) -> set[int]:
     return {i for n in names for _, place, _ in active.hooks[n] for i in range(place.start, place.stop)}
 
 
-def _small_turn(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """Body-axes turn (n, 3, ...) of a change dq (n, 4, ...): 2 vec(q* dq)."""
-    w, x, y, z = (q[:, i].reshape(-1, *([1] * (dq.ndim - 2))) for i in range(4))
-    a, b, c, e = (dq[:, i] for i in range(4))
-    return 2.0 * np.stack(
-        [w * b - x * a - y * e + z * c, w * c - y * a - z * b + x * e, w * e - z * a - x * c + y * b], axis=1
-    )
-
-
 def _outputs(
     times: np.ndarray,
     at: np.ndarray,
@@ -267,7 +241,9 @@ def _outputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     d = len(moves)
     norm = np.linalg.norm(at[:, :4], axis=1)
-    turn = _small_turn(at[:, :4] / norm[:, None], S[:, :4] / norm[:, None, None])
+    # the turn of a change dq is 2 vec(q* dq)
+    back = conjugate(at[:, :4] / norm[:, None])[:, None]
+    turn = 2.0 * np.swapaxes(multiply(back, np.swapaxes(S[:, :4] / norm[:, None, None], 1, 2))[..., 1:], 1, 2)
     t = times + INSIDE
     y = [at[:, i] for i in range(at.shape[1])]
 

@@ -16,6 +16,8 @@ from functools import cache
 
 import numpy as np
 
+from massprops.geometry.vectors import sphere
+
 BODIES = 900
 """Drawn: nine for each unknown of twenty faces."""
 DIRECTIONS = 150
@@ -32,14 +34,6 @@ RIDGE = 1e-4
 
 LEAST_PART = 1e-6
 """Of the largest variance of the unknowns: what has less is no body's."""
-
-
-def sphere(count: int) -> np.ndarray:
-    """(count, 3) directions that cover the sphere evenly, by Fibonacci's spiral."""
-    k = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
-    across = np.sqrt(1.0 - z**2)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
 
 
 @cache
@@ -85,13 +79,13 @@ def torque_of(
     return np.asarray(-np.cross(along @ centres, sun) - outward @ np.cross(centres, normals))
 
 
-def likely_unknowns(columns: Callable[[np.ndarray], np.ndarray], seed: int = 0) -> np.ndarray:
+def likely_unknowns(columns: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """(k, j) matrix B: unknowns B z with j independent z of one size are as likely as those of the bodies drawn.
 
     Args:
         columns: torque (n, 3, k) of a unit of each unknown, for directions of the Sun (n, 3), body axes.
     """
-    rng, sun = np.random.default_rng(seed), sphere(DIRECTIONS)
+    rng, sun = np.random.default_rng(0), sphere(DIRECTIONS)
     torques = []
     for _ in range(BODIES):
         normals, areas, centres = drawn_body(rng)

@@ -9,6 +9,7 @@ import numpy as np
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.rotation import ActiveEffects
+from massprops.dynamics.runge_kutta import record, transition
 
 STEP_OF_ORBIT = 0.02
 """Longest step over the orbit's radian time sqrt(a^3 / mu)."""
@@ -63,6 +64,8 @@ def _fall(
     times: np.ndarray, r0: np.ndarray, v0: np.ndarray, environment: EnvironmentModel
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Differential gravity by Runge-Kutta, with the transition matrix (n, 6, 6)."""
+    from scipy.interpolate import CubicHermiteSpline
+
     o = environment.orbit
     assert o is not None
     longest = STEP_OF_ORBIT * float(np.sqrt((o.semi_major_axis_m * (1 - o.eccentricity)) ** 3 / o.mu_m3_s2))
@@ -70,25 +73,12 @@ def _fall(
     grid_times = np.linspace(times[0], times[-1], count + 1)
     start, size = grid_times[:-1], np.diff(grid_times)
     leader = [np.stack(environment.position(start + c * size), axis=-1).tolist() for c in (0.0, 0.5, 1.0)]
-    y = [*(float(x) for x in r0), *(float(x) for x in v0)]
-    stages = np.empty((len(size), 4, 6))
-    states = np.empty((len(size) + 1, 6))
-    states[0] = y
 
-    def slope(l: list[Any], y: list[Any]) -> list[Any]:
+    def slope(k: int, stage: int, y: list[Any]) -> list[Any]:
+        l = leader[(stage + 1) // 2][k]
         return [y[3], y[4], y[5], *differential_gravity(environment.mu, l[0], l[1], l[2], y[0], y[1], y[2])]
 
-    for k, h in enumerate(size.tolist()):
-        f1 = slope(leader[0][k], y)
-        y2 = [a + 0.5 * h * b for a, b in zip(y, f1, strict=True)]
-        f2 = slope(leader[1][k], y2)
-        y3 = [a + 0.5 * h * b for a, b in zip(y, f2, strict=True)]
-        f3 = slope(leader[1][k], y3)
-        y4 = [a + h * b for a, b in zip(y, f3, strict=True)]
-        f4 = slope(leader[2][k], y4)
-        stages[k] = y, y2, y3, y4
-        y = [a + h / 6 * (b + 2 * (c + d) + e) for a, b, c, d, e in zip(y, f1, f2, f3, f4, strict=True)]
-        states[k + 1] = y
+    states, stages = record(slope, [*map(float, r0), *map(float, v0)], size)
     A = np.zeros((len(size), 4, 6, 6))
     A[..., :3, 3:] = np.eye(3)
     pulls = np.stack([np.array(leader[0]), np.array(leader[1]), np.array(leader[1]), np.array(leader[2])], axis=1)
@@ -97,27 +87,12 @@ def _fall(
         moved = [stages[..., i] + (1e-20j if i == j else 0) for i in range(3)]
         pull = differential_gravity(environment.mu, *(pulls[..., i] for i in range(3)), *moved)
         A[..., 3:, j] = np.stack([np.imag(x) for x in pull], axis=-1) / 1e-20
-    h = size[:, None, None]
-    K1 = A[:, 0]
-    K2 = A[:, 1] @ (np.eye(6) + 0.5 * h * K1)
-    K3 = A[:, 2] @ (np.eye(6) + 0.5 * h * K2)
-    K4 = A[:, 3] @ (np.eye(6) + h * K3)
-    M = np.eye(6) + h / 6 * (K1 + 2 * (K2 + K3) + K4)
+    M = transition(A, size)
     Phi = np.empty((len(size) + 1, 6, 6))
     Phi[0] = np.eye(6)
     for k in range(len(size)):
         Phi[k + 1] = M[k] @ Phi[k]
     every = np.concatenate([states[:, :, None], Phi], axis=2)
-    r, v = _between(grid_times, every[:, :3], every[:, 3:], times)
+    path = CubicHermiteSpline(grid_times, every[:, :3], every[:, 3:])  # it bends little within a step
+    r, v = path(times), path(times, 1)
     return r[:, :, 0], v[:, :, 0], np.concatenate([r[:, :, 1:], v[:, :, 1:]], axis=1)
-
-
-def _between(grid: np.ndarray, r: np.ndarray, v: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cubic Hermite interpolation of places with their velocities: the path bends little within a step."""
-    k = np.clip(np.searchsorted(grid, times, side="right") - 1, 0, len(grid) - 2)
-    h = (grid[k + 1] - grid[k])[:, None, None]
-    x = ((times - grid[k])[:, None, None]) / h
-    a, b, c, d = r[k], h * v[k], r[k + 1], h * v[k + 1]
-    place = a + x * (b + x * (3 * (c - a) - 2 * b - d + x * (2 * (a - c) + b + d)))
-    speed = (b + x * (2 * (3 * (c - a) - 2 * b - d) + 3 * x * (2 * (a - c) + b + d))) / h
-    return place, speed

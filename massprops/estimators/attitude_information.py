@@ -20,7 +20,7 @@ LARGEST_SIGMA_AXES = 0.5
 
 
 @dataclass(frozen=True)
-class Shown:
+class Displayed:
     """What attitudes would tell. sigma_k (2,); sigma_axes (3,) [rad] about the principal axes; reason: '' if enough."""
 
     sigma_k: np.ndarray
@@ -28,7 +28,7 @@ class Shown:
     reason: str
 
 
-def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarray, inertia: np.ndarray) -> Shown:
+def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarray, inertia: np.ndarray) -> Displayed:
     """The Cramer-Rao limit of ratios and axes for torque-free motion seen through its attitude.
 
     Args:
@@ -47,7 +47,7 @@ def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarr
     moments, axes = principal_axes(inertia)
     spread = [np.einsum("ai,ij,aj->a", J, covariance, J) for J in ratio_derivatives(moments, axes, DIRECTIONS)]
     sigma_k, sigma_axes = (np.sqrt(np.maximum(square, 0.0)) for square in spread)
-    return Shown(sigma_k, sigma_axes, hidden_by(sigma_k, float(sigma_axes.max()), w0, axes))
+    return Displayed(sigma_k, sigma_axes, hidden_by(sigma_k, float(sigma_axes.max()), w0, axes))
 
 
 def hidden_by(

@@ -9,7 +9,7 @@ import numpy as np
 from massprops.estimators.outcome import Outcome
 from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem
-from massprops.sequence.table import table_text
+from massprops.sequence.table import stamped_table
 
 
 def document(outcome: Outcome, source: str = "") -> dict[str, Any]:
@@ -97,7 +97,4 @@ def history_csv(found: Estimate, problem: Problem) -> str:
             header.append(title)
             parts.append(np.asarray(values, float))
     table = np.hstack(parts) if parts else np.zeros((n, 0))
-    rows = [
-        ",".join([str(t), *(f"{v:.12g}" for v in row)]) for t, row in zip(stamps.tolist(), table.tolist(), strict=True)
-    ]
-    return table_text(",".join(header), rows)
+    return stamped_table(",".join(header), stamps, table, 12)

@@ -193,10 +193,10 @@ class _Bench:
         from massprops.estimators.start import first_guess
 
         try:
-            whole = first_guess(self.problem, Prior())
+            whole = first_guess(self.problem)
             self.problem, line = believed(self.problem, whole)
             if line:
-                whole = first_guess(self.problem, Prior())
+                whole = first_guess(self.problem)
                 whole = replace(whole, warnings=(*whole.warnings, line))
         except NotPossible as stop:
             return _NoStart(str(stop))

@@ -23,6 +23,7 @@ from massprops.dynamics.quaternion import (
     normalise,
     rotation_vector,
 )
+from massprops.estimators import free_path
 from massprops.model.problem import Problem
 
 FEWEST = 8
@@ -127,7 +128,7 @@ def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gues
 
 def free_paths(times: np.ndarray, guesses: list[Guess]) -> list[np.ndarray]:
     """States (n, 7), attitude and body rates, of free motion at times (n,) from each guess at the first of them."""
-    run = compiled("free_path", "massprops.dynamics.kernels", "massprops.dynamics.free_path")
+    run = compiled("free_path", *free_path.COMPILED)
     out = []
     for q, w, I in guesses:
         six = np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
@@ -139,8 +140,7 @@ def _residuals(times: np.ndarray, values: np.ndarray, guesses: list[Guess]) -> n
     """(guess, n, 3): measured minus motion."""
     states = np.array(free_paths(times, guesses))
     if values.shape[1] == 3:
-        found: np.ndarray = values - states[:, :, 4:]
-        return found
+        return values - states[:, :, 4:]
     return rotation_vector(multiply(conjugate(states[:, :, :4]), values))
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, physical, principal_axes, ratio_derivatives
-from massprops.dynamics.quaternion import rotation_matrix, skew
+from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.rates import LocalFit
+from massprops.geometry.vectors import skew
 
 FEWEST = 6
 LARGEST_COUNT = 60
@@ -57,8 +58,7 @@ def plain_inertia(q: np.ndarray, w: np.ndarray) -> np.ndarray:
     base = np.einsum("nij,nj->ni", R, w) / 3.0
     J, base = J - J.mean(axis=0), base - base.mean(axis=0)
     x = np.linalg.lstsq(J.reshape(-1, 5), -base.reshape(-1), rcond=None)[0]
-    found: np.ndarray = np.eye(3) / 3.0 + np.einsum("a,aij->ij", x, DIRECTIONS)
-    return found
+    return np.eye(3) / 3.0 + np.einsum("a,aij->ij", x, DIRECTIONS)
 
 
 def momentum_inertia(
@@ -306,5 +306,4 @@ def ratio_covariance(inertia: np.ndarray, covariance: np.ndarray) -> tuple[np.nd
 
 def _by_direction(w: np.ndarray) -> np.ndarray:
     """(n, 3, 5): I w is w / 3 plus this times the coordinates."""
-    found: np.ndarray = np.einsum("aij,nj->nia", DIRECTIONS, w)
-    return found
+    return np.einsum("aij,nj->nia", DIRECTIONS, w)

@@ -161,8 +161,7 @@ def _inertia(path: Path, document: FilterFile) -> np.ndarray | None:
             f"{path}: inertia gives k1 = {found[0]:.4f}, k2 = {found[1]:.4f}, but inertia_ratios says "
             f"{k[0]:.4f}, {k[1]:.4f}: correct one of them"
         )
-    whole: np.ndarray = inertia / np.trace(inertia)
-    return whole
+    return inertia / np.trace(inertia)
 
 
 def _covariance(path: Path, key: str, matrix: np.ndarray | None) -> np.ndarray | None:
@@ -236,8 +235,7 @@ def judge(given: FilterPrior, reference: Estimate | None, start: Any, problem: P
 def _inflated(estimate: Estimate) -> np.ndarray:
     """Covariance of k; residuals that are larger than their noise widen it."""
     assert estimate.k_covariance is not None
-    widened: np.ndarray = estimate.k_covariance * max(1.0, estimate.innovation or 1.0)
-    return widened
+    return estimate.k_covariance * max(1.0, estimate.innovation or 1.0)
 
 
 def into_frame(given: FilterPrior, start: Any, reference: Estimate | None, problem: Problem) -> tuple[Prior, str]:

@@ -17,6 +17,7 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
     rotation_vector,
 )
+from massprops.estimators import free_path
 
 SIZES = (5, 7, 9, 11, 13, 17, 21, 25, 31, 41, 51, 65, 81, 101)
 LARGEST_SWEEP = 2.0
@@ -81,7 +82,7 @@ def from_attitude(
     def fit(rows: np.ndarray, size: int, wanted: bool = False) -> tuple[np.ndarray, ...]:
         return _attitude_fit(times, q, information, rows, size, use, near, wanted)
 
-    size = _best_size(times, lambda rows, L: fit(rows, L)[2:4], n, _sweep(q))
+    size = _best_size(lambda rows, L: fit(rows, L)[2:4], n, _sweep(q))
     for _ in range(3):
         every = np.arange(n)
         c, spread, square, freedom, own, influence = fit(every, size, True)
@@ -117,7 +118,7 @@ def from_rates(times: np.ndarray, w: np.ndarray, sigma: float) -> LocalFit:
     n = len(times)
     use = np.ones(n, bool)
     turned = float(np.sum(np.linalg.norm(w, axis=1)[:-1] * np.diff(times))) / max(n - 1, 1)
-    size = _best_size(times, lambda rows, L: _rate_fit(times, w, sigma, rows, L, use)[2:4], n, turned)
+    size = _best_size(lambda rows, L: _rate_fit(times, w, sigma, rows, L, use)[2:4], n, turned)
     for _ in range(3):
         c, spread, square, freedom, own = _rate_fit(times, w, sigma, np.arange(n), size, use)
         scale = _scale(square, freedom)
@@ -145,7 +146,7 @@ def _sweep(q: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(rotation_vector(multiply(conjugate(q[:-1]), q[1:])), axis=1)))
 
 
-def _best_size(times: np.ndarray, fit: Callable[..., Any], n: int, sweep: float) -> int:
+def _best_size(fit: Callable[..., Any], n: int, sweep: float) -> int:
     rows = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(int))
     best, least = min(n, SIZES[0]), np.inf
     for size in SIZES:
@@ -238,7 +239,7 @@ def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     from massprops.core.compiling import compiled
 
     six = np.array(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], float)
-    free_windows = compiled("free_windows", "massprops.dynamics.kernels", "massprops.dynamics.free_path")
+    free_windows = compiled("free_windows", *free_path.COMPILED)
     return np.asarray(free_windows(np.ascontiguousarray(tau), np.ascontiguousarray(w, float), six, LARGEST_STEP))
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from massprops.core.shown import Shown, number
+from massprops.core.displayed import Displayed, number
 
 NORMAL_90 = 1.6449
 """Standard deviations of a 90 % interval of a normal distribution."""
@@ -38,7 +38,7 @@ class Prior:
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate(Shown):
+class Estimate(Displayed):
     """Motion and inertia ratios from one estimator; n epochs, m features.
 
     Attributes:

@@ -14,7 +14,6 @@ from massprops.estimators import rates
 from massprops.estimators.geometry import bodymodel, centre
 from massprops.estimators.geometry.onecamera import straight_path
 from massprops.estimators.momentum import Momentum, momentum_inertia
-from massprops.estimators.result import Prior
 from massprops.model.problem import Problem
 from massprops.sensing.stereo import triangulate
 
@@ -77,7 +76,7 @@ class Poses:
     sigma: np.ndarray
 
 
-def first_guess(problem: Problem, prior: Prior, until_s: float | None = None) -> Start:
+def first_guess(problem: Problem, until_s: float | None = None) -> Start:
     """Attitude, rates, path, features and inertia from the measurements up to `until_s` seconds.
 
     In order of preference: attitude0 with the features that it places; two cameras; body rates alone.
@@ -261,8 +260,7 @@ def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:
     longest = span * max(tilt, 1e-9) ** 2 / max(total, 1e-300)
     shortest = 2 * np.pi / speed
     count = max(1, int(np.floor(span / max(4.0 * longest, shortest))))
-    found: np.ndarray = np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
-    return found
+    return np.minimum(((times - times[0]) / span * count).astype(int), count - 1)
 
 
 def within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:

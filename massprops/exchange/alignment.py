@@ -38,13 +38,11 @@ class Similarity:
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 3) in the target's frame."""
-        moved: np.ndarray = self.scale * points @ self.R.T + self.t
-        return moved
+        return self.scale * points @ self.R.T + self.t
 
     def back(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the target's frame in the source's."""
-        moved: np.ndarray = (points - self.t) @ self.R / self.scale
-        return moved
+        return (points - self.t) @ self.R / self.scale
 
     @property
     def matrix(self) -> np.ndarray:

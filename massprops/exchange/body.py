@@ -51,6 +51,11 @@ class Body:
     files: tuple[Path, ...] = ()
 
     @property
+    def elements(self) -> dict[str, float]:
+        """`ixx`, `ixy`, `ixz`, `iyy`, `iyz` and `izz` of the inertia [kg m^2]."""
+        return {f"i{'xyz'[i]}{'xyz'[j]}": float(self.inertia[i, j]) for i in range(3) for j in range(i, 3)}
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader of an export must know: conventions, the source of the values, and assumptions."""
         block = self.document.get("recommended") or {}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.documents.scale_json import ScaleStageFile
+from massprops.documents.scale_json import has_scale, read_scale
 from massprops.errors import InputError
 from massprops.exchange.body import Body
 from massprops.sfm.footage import frames_folder
@@ -35,8 +35,6 @@ def read_cameras(body: Body, to: str) -> Cameras:
     Raises:
         InputError: a bare mesh, or a run without cameras.
     """
-    from massprops.documents.fields import read
-    from massprops.documents.loading import load_json
 
     if body.run is None:
         raise InputError(f"--to {to}: needs the cameras of a run: give a run folder in place of a mesh")
@@ -45,8 +43,7 @@ def read_cameras(body: Body, to: str) -> Cameras:
         views = Views.load(work / "sfm" / "views.npz")
     except (OSError, ValueError, KeyError):
         raise InputError(f"{body.run}: no cameras in work/sfm, which --to {to} needs: make the run again") from None
-    path = work / "scale" / "scale.json"
-    factor = read(ScaleStageFile, load_json(path), str(path)).factor if path.is_file() else 1.0
+    factor = read_scale(body.run).factor if has_scale(body.run) else 1.0
     try:
         points: SparsePoints | None = SparsePoints.load(work / "sfm" / "points.npz")
     except (OSError, ValueError, KeyError):

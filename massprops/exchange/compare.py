@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.core.shown import Shown, number
+from massprops.core.displayed import Displayed, number
 from massprops.exchange.mesh_files import in_metres, read_solid
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ LEAST_MEASURED = 0.2
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Shown):
+class Comparison(Displayed):
     """A body against its CAD, in the CAD's axes and metres.
 
     Attributes:

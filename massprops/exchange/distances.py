@@ -21,8 +21,7 @@ def surface_samples(mesh: trimesh.Trimesh, count: int, seed: int, faces: np.ndar
     pick = np.minimum(np.searchsorted(total, rng.random(count) * total[-1], side="right"), len(total) - 1)
     a, b = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
     p: np.ndarray = triangles[pick]
-    points: np.ndarray = (1 - a) * p[:, 0] + a * (1 - b) * p[:, 1] + a * b * p[:, 2]
-    return points
+    return (1 - a) * p[:, 0] + a * (1 - b) * p[:, 1] + a * b * p[:, 2]
 
 
 class Surface:

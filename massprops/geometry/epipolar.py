@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.geometry.vectors import skew
+
 
 def sampson(F: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(k,) distance of matches from a fundamental matrix to first order (eq. 11.9) [px].
@@ -22,6 +24,5 @@ def fundamental(
 ) -> np.ndarray:
     """(3, 3) fundamental matrix of two posed views: intrinsics (3, 3), and poses (3, 3), (3,) from world to camera."""
     turn = R[1] @ R[0].T
-    x, y, z = t[1] - turn @ t[0]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = skew(t[1] - turn @ t[0])
     return np.asarray(np.linalg.inv(K[1]).T @ cross @ turn @ np.linalg.inv(K[0]))

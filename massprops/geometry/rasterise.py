@@ -6,6 +6,15 @@ import numpy as np
 from numba import njit
 
 
+def project(points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) and depths (n,) of world points (n, 3) in one undistorted pinhole view."""
+    camera = points @ R.T + t
+    depth = camera[:, 2]
+    safe = np.where(depth > 1e-9, depth, 1.0)
+    uv = (camera[:, :2] / safe[:, None]) @ K[:2, :2].T + K[:2, 2]
+    return uv, depth
+
+
 def rasterise(
     vertices: np.ndarray, faces: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -22,10 +31,7 @@ def rasterise(
     Returns:
         depth (h, w) float64, infinite where nothing is; face (h, w) int32, -1 where nothing is.
     """
-    camera = vertices @ R.T + t
-    z = camera[:, 2]
-    safe = np.where(z > 1e-12, z, 1.0)
-    uv = camera[:, :2] / safe[:, None] @ K[:2, :2].T + K[:2, 2]
+    uv, z = project(vertices, K, R, t)
     depth = np.full((size[1], size[0]), np.inf)
     face = np.full((size[1], size[0]), -1, np.int32)
     _fill(np.ascontiguousarray(uv), np.ascontiguousarray(z), np.ascontiguousarray(faces, np.int64), depth, face)
@@ -44,7 +50,7 @@ def _fill(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, depth: np.ndarray, f
     h, w = depth.shape
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        if z[a] <= 1e-12 or z[b] <= 1e-12 or z[c] <= 1e-12:
+        if z[a] <= 1e-9 or z[b] <= 1e-9 or z[c] <= 1e-9:
             continue
         ax, ay, bx, by, cx, cy = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1], uv[c, 0], uv[c, 1]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)

@@ -42,8 +42,7 @@ def mesh_integrals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(3,) centre of mass of a closed mesh at constant density; arguments as of `mesh_integrals`."""
     row = mesh_integrals(vertices, faces)
-    middle: np.ndarray = row[1:4] / row[0]
-    return middle
+    return row[1:4] / row[0]
 
 
 def shift_integrals(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -62,17 +61,13 @@ def scale_integrals(rows: np.ndarray, factor: np.ndarray | float) -> np.ndarray:
     """Integrals of the same bodies with every length times `factor` (scalar or one a row): powers 3, 4 and 5."""
     factor = np.asarray(factor, float)
     powers = np.array([3.0] + [4.0] * 3 + [5.0] * 6)
-    scaled: np.ndarray = np.asarray(rows, float) * factor[..., None] ** powers
-    return scaled
+    return np.asarray(rows, float) * factor[..., None] ** powers
 
 
 def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(f,) areas of the triangles of vertices (v, 3) and faces (f, 3)."""
     corners = np.asarray(vertices, float)[faces]
-    out: np.ndarray = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    return out
+    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 def offset_response(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -151,5 +151,4 @@ def valid_bodies(rows: np.ndarray) -> np.ndarray:
     moments = np.full((len(rows), 3), np.nan)
     moments[out] = np.linalg.eigvalsh(central_inertia(rows[out], 1.0)[2])
     with np.errstate(invalid="ignore"):
-        possible: np.ndarray = out & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] >= moments[:, 2])
-        return possible
+        return out & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] >= moments[:, 2])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from massprops.core.shown import Shown, number
+from massprops.core.displayed import Displayed, number
 from massprops.mass.recommended import as_recommended
 
 if TYPE_CHECKING:
     import numpy as np
 
 
-class Measured(Shown):
+class Measured(Displayed):
     """The values of a `massprops.json` as attributes. Where the document recommends values, these are given.
 
     Lengths are in metres and masses in kilograms when `metric` is True, else in model units.

@@ -79,14 +79,12 @@ def _nearest_in_plane(normal: np.ndarray) -> np.ndarray:
     """The mesh axis nearest to the plane, projected into it; unit length."""
     axis = int(np.argmin(np.round(np.abs(normal), 9)))
     inside = np.eye(3)[axis] - normal[axis] * normal
-    unit: np.ndarray = inside / np.linalg.norm(inside)
-    return unit
+    return inside / np.linalg.norm(inside)
 
 
 def _positive(axis: np.ndarray) -> np.ndarray:
     """The same line with its largest component positive; rounding makes near ties go to the first."""
-    positive: np.ndarray = axis * np.sign(axis[int(np.argmax(np.round(np.abs(axis), 9)))])
-    return positive
+    return axis * np.sign(axis[int(np.argmax(np.round(np.abs(axis), 9)))])
 
 
 def inertia_ratios(moments: np.ndarray) -> np.ndarray:

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from massprops.geometry.vectors import skew
+
 NORMAL_90 = 1.6448536269514722
 """Half width of a normal 90 % interval in sigmas."""
 FLIPS = np.array([np.diag(s) for s in product((1.0, -1.0), repeat=3) if np.prod(s) > 0])
@@ -33,8 +35,7 @@ def log_components(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
 def inertia_of(k: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(3, 3) of trace 1 with ratios k (2,) and principal axes as columns (3, 3), moments ascending."""
     moments = np.exp([k[0] + k[1], k[1], 0.0])
-    out: np.ndarray = axes @ np.diag(moments / moments.sum()) @ axes.T
-    return out
+    return axes @ np.diag(moments / moments.sum()) @ axes.T
 
 
 def covariance(
@@ -66,9 +67,7 @@ def turn_jacobian(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     moments, own = np.linalg.eigh(inertia)
     L = own @ np.diag(np.log(moments)) @ own.T
     columns = []
-    for axis in np.eye(3):
-        x, y, z = axis
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    for cross in skew(np.eye(3)):
         M = axes.T @ (cross @ L - L @ cross) @ axes
         columns.append([M[0, 0] - M[1, 1], M[1, 1] - M[2, 2], M[1, 2], M[0, 2], M[0, 1]])
     return np.array(columns).T
@@ -80,15 +79,13 @@ def turn_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     right = [m * np.array([1.0, 1.0, np.sign(np.linalg.det(m))]) for m in (a, b)]
     turns = rotation_vector(from_rotation_matrix(np.swapaxes(right[1], 0, 1) @ right[0] @ FLIPS))
-    best: np.ndarray = turns[np.argmin(np.linalg.norm(turns, axis=1))]
-    return best
+    return turns[np.argmin(np.linalg.norm(turns, axis=1))]
 
 
 def covariance_of_replicates(inertias: np.ndarray, inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(5, 5) second moment of replicates (r, 3, 3) about the estimate, which need not lie in their middle."""
     apart = log_components(inertias, axes) - log_components(inertia, axes)
-    out: np.ndarray = apart.T @ apart / len(apart)
-    return out
+    return apart.T @ apart / len(apart)
 
 
 def covariance_of_intervals(document: dict[str, Any], axes: np.ndarray) -> np.ndarray | None:

@@ -63,6 +63,23 @@ class Problem:
     rate_memory: int = 1
     alike: float = 1.0
 
+    @staticmethod
+    def of_tracks(
+        times: np.ndarray,
+        cameras: tuple[Pinhole, ...],
+        uv: np.ndarray,
+        sigma_px: float,
+        environment: Environment | None = None,
+    ) -> Problem:
+        """What cameras see of features, uv (n, c, m, 2), at times (n,) [s], and nothing else."""
+        n, c, m = uv.shape[:3]
+        stamp, none = np.round(times * 1e9).astype(np.int64), np.full(n, np.nan)
+        vector, quaternion = np.full((n, 3), np.nan), np.full((n, 4), np.nan)
+        return Problem(
+            stamp, times, cameras, uv, np.full(c, sigma_px), np.arange(m), none, np.nan, vector, np.nan, quaternion, none,
+            environment=environment or Environment(),
+        )  # fmt: skip
+
     def of_epochs(self, change: Callable[[np.ndarray], np.ndarray]) -> Problem:
         """The problem with what it has for each epoch (n, ...) changed: some epochs of it, or more."""
         names = ("stamp_ns", "times", "uv", "range_m", "rates", "attitude", "sigma_attitude")

@@ -14,12 +14,11 @@ from massprops.errors import InputError
 from massprops.estimators.documents import document, history_csv
 from massprops.estimators.outcome import Outcome
 from massprops.estimators.result import Estimate
-from massprops.model.problem import Problem
 from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
 from massprops.report.curves import component_style, method_style
 from massprops.report.data import read_json
 from massprops.report.html import number, table, text
-from massprops.report.page import document as page
+from massprops.report.page import of_sections
 from massprops.report.plot import plot
 from massprops.sequence.truth import Truth
 
@@ -106,14 +105,12 @@ def render(
 ) -> str:
     """The page as text."""
     first = _summary(outcome, content, truth) + _side_by_side(outcome, found)
-    listed = [(e.name, _method(e, outcome.problem, found.get(e.name))) for e in outcome.estimates]
+    listed = [(e.name, _method(e, found.get(e.name))) for e in outcome.estimates]
     ran = {e.name for e in outcome.estimates}
     listed += [(e["name"], _earlier(e)) for e in content["estimators"] if e["name"] not in ran]
     shut = "".join(f"<details><summary>{text(name)}</summary>{inner}</details>" for name, inner in listed)
-    body = f'<section id="summary"><h2>Estimators</h2>{first}</section>'
-    body += f'<section id="methods"><h2>One by one</h2>{shut}</section>'
-    links = '<a href="#summary">Estimators</a><a href="#methods">One by one</a>'
-    return page("massprops · estimates", body, links, content["source"])
+    parts = (("summary", "Estimators", first), ("methods", "One by one", shut))
+    return of_sections("massprops · estimates", parts, content["source"])
 
 
 def _side_by_side(outcome: Outcome, found: dict[str, Errors | None]) -> str:
@@ -260,7 +257,7 @@ def _with_sigma(value: float | None, sigma: float | None) -> str:
     return "–" if value is None else number(value, 5) + (f" ± {number(sigma, 2)}" if sigma is not None else "")
 
 
-def _method(e: Estimate, problem: Problem, error: Errors | None) -> str:
+def _method(e: Estimate, error: Errors | None) -> str:
     """Plots of one estimator: errors with 3-sigma bounds where truth exists, else states with theirs."""
     parts = [f'<div class="warning">{text(line)}</div>' for line in e.warnings]
     if e.because or e.reason:
@@ -351,8 +348,7 @@ def _bounded(
     room = 1.0 * (high - low) + 1e-300
 
     def cut(y: np.ndarray) -> np.ndarray:
-        clipped: np.ndarray = np.clip(y, low - room, high + room)
-        return clipped
+        return np.clip(y, low - room, high + room)
 
     series = [(names[j], times[keep], cut(values[keep, j])) for j in columns]
     bands = []

@@ -91,12 +91,12 @@ def swatch(colour: str, name: str) -> str:
     return f'<span class="key-item"><span class="swatch" style="background:{text(colour)}"></span>{text(name)}</span>'
 
 
-def data_uri(image: np.ndarray, quality: int = 72) -> str:
-    """An (h, w, 3) BGR image as a JPEG data address."""
+def data_uri(image: np.ndarray, kind: str = "jpeg", quality: int = 72) -> str:
+    """An (h, w, 3 or 4) BGR image as a data address, of a JPEG of this quality or a PNG."""
     import cv2
 
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode() if done else ""
+    done, data = cv2.imencode(f".{kind}", image, [cv2.IMWRITE_JPEG_QUALITY, quality] if kind == "jpeg" else [])
+    return f"data:image/{kind};base64," + base64.b64encode(data.tobytes()).decode() if done else ""
 
 
 def packed(array: np.ndarray) -> str:

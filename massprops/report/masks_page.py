@@ -10,8 +10,8 @@ import numpy as np
 
 from massprops.capture.images import printable
 from massprops.report.html import data_uri, swatch, text
-from massprops.report.outline import outlined
-from massprops.report.page import document
+from massprops.report.page import of_sections
+from massprops.report.thumbnail import thumbnail
 
 WIDTH, LEAST_WIDTH = 480, 200
 """Of a picture [px]; where there are many, they are smaller, so that the page stays light."""
@@ -67,11 +67,12 @@ def masks_page(run: str, sheet: Sheet, pictures: Pictures) -> str:
     figures = "".join(_figure(s, width, pictures) for s in shown)
     grid = f'<div class="sheet wide">{figures}</div>'
     keys = swatch("#6edc60", "silhouette") + swatch("#e63c28", "unclear")
-    parts = [f"<section><h2>Silhouettes</h2>{_summary(sheet)}<p class='soft keys'>{keys}</p>{grid}</section>"]
-    if sheet.refused:
-        rows = "".join(f"<li>{text(printable(n))}: {text(why)}</li>" for n, why in sheet.refused)
-        parts.append(f"<section><h2>Images that could not be read</h2><ul>{rows}</ul></section>")
-    return document(f"massprops · silhouettes of {run}", "".join(parts), "", str(sheet.folder))
+    rows = "".join(f"<li>{text(printable(n))}: {text(why)}</li>" for n, why in sheet.refused)
+    parts = (
+        ("silhouettes", "Silhouettes", f"{_summary(sheet)}<p class='soft keys'>{keys}</p>{grid}"),
+        ("refused", "Images that could not be read", f"<ul>{rows}</ul>" if rows else ""),
+    )
+    return of_sections(f"massprops · silhouettes of {run}", parts, str(sheet.folder))
 
 
 def _summary(sheet: Sheet) -> str:
@@ -95,7 +96,7 @@ def _summary(sheet: Sheet) -> str:
 
 def _figure(s: Silhouette, width: int, pictures: Pictures) -> str:
     name = printable(s.name)
-    picture = data_uri(outlined(*pictures(s.stored), width))
+    picture = data_uri(thumbnail(*pictures(s.stored), width))
     if s.left_out:
         verdict, kind = f"left out: {s.left_out}", " class=lost"
     elif s.iou is None:

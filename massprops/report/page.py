@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import pkgutil
+from collections.abc import Iterable
 from dataclasses import replace
 from importlib import import_module
 from importlib.resources import files
@@ -66,7 +67,7 @@ def publish_report(
 
 def page(data: RunData) -> str:
     """The whole page as text."""
-    parts, links = [], []
+    parts = []
     for module in all_sections():
         name = module.__name__.rsplit(".", 1)[-1]
         try:
@@ -74,14 +75,17 @@ def page(data: RunData) -> str:
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             # files of a run that stopped, or that were edited by hand, must not cost the user the rest of the page
             body = f'<div class="warning">{UNREADABLE} ({text(type(error).__name__)}: {text(error)})</div>'
-        if not body:
-            continue
-        parts.append(f'<section id="{name}"><h2>{text(module.TITLE)}</h2>{body}</section>')
-        links.append(f'<a href="#{name}">{text(module.TITLE)}</a>')
-    if not parts:
-        parts.append("<section><p>This folder holds no results yet.</p></section>")
+        parts.append((name, module.TITLE, body))
     source = (data.manifest.get("inputs") or {}).get("source")
-    return document(f"massprops · {data.folder.resolve().name}", "".join(parts), "".join(links), str(source or ""))
+    return of_sections(f"massprops · {data.folder.resolve().name}", parts, str(source or ""))
+
+
+def of_sections(title: str, parts: Iterable[tuple[str, str, str]], subtitle: str = "") -> str:
+    """A page of sections, each (anchor, heading, HTML), with links to them; those without content are left out."""
+    shown = [part for part in parts if part[2]]
+    body = "".join(f'<section id="{name}"><h2>{text(heading)}</h2>{inner}</section>' for name, heading, inner in shown)
+    links = "".join(f'<a href="#{name}">{text(heading)}</a>' for name, heading, _ in shown)
+    return document(title, body or "<section><p>This folder holds no results yet.</p></section>", links, subtitle)
 
 
 def script_source(code: str) -> str:

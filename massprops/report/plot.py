@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprops.report.axes import Axes
 from massprops.report.curves import COLOURS
-from massprops.report.html import round_marks, text
+from massprops.report.html import round_marks
+from massprops.report.svg import Axes, drawing, legend
 
 
 def _pieces(y: np.ndarray) -> list[np.ndarray]:
@@ -43,11 +43,7 @@ def plot(
     y0, y1 = float(ys.min()), float(ys.max())
     x1, pad = (x1 if x1 > x0 else x0 + 1), 0.05 * (y1 - y0) or 0.5 * abs(y0) or 0.5
     axes = Axes((x0, x1), (y0 - pad, y1 + pad), (width, height), (80, 12, 10, 34))
-    parts = [
-        f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="{text(y_label)} over {text(x_label)}">',
-        axes.rows(round_marks(*axes.y)),
-        axes.columns(round_marks(*axes.x)),
-    ]
+    parts = [axes.rows(round_marks(*axes.y)), axes.columns(round_marks(*axes.x))]
     for x, low, high in bands:
         low, high = (np.clip(np.asarray(v, float), *axes.y) for v in (low, high))
         area = f"{axes.points(x, high)} {axes.points(x[::-1], low[::-1])}"
@@ -56,7 +52,6 @@ def plot(
         for piece in _pieces(np.asarray(y, float)):
             points = axes.points(np.asarray(x)[piece], np.asarray(y)[piece])
             parts.append(f'<polyline class="{style}" points="{points}"/>')
+    parts.append(axes.titles(x_label, y_label))
     named = [(name, style) for (name, _, _), style in zip(series, styles, strict=True) if name]
-    legend = "".join(f'<span class="key {style}">{text(name)}</span>' for name, style in named)
-    parts += [axes.titles(x_label, y_label), "</svg>", f'<div class="legend">{legend}</div>' if legend else ""]
-    return "".join(parts)
+    return drawing(parts, (width, height), f"{y_label} over {x_label}", "plot") + legend(named)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from massprops.report.axes import Axes
 from massprops.report.curves import OWN, method_style
 from massprops.report.html import round_marks, text
+from massprops.report.svg import Axes, dot, drawing, legend
 
 NINETY = 2.1460
 """Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
@@ -56,15 +56,19 @@ def ratio_plane(own: dict[str, Any], estimators: list[dict[str, Any]], reference
     note = "Ellipses contain 90 % of the probability. Methods that did not converge are left out." + (
         f" Outside the chart: {text(', '.join(far))}." if far else ""
     )
-    legend = "".join(f'<span class="key {m.style}">{text(m.name)}</span>' for m in near)
     left, right, top, bottom = MARGIN
     box = f'x="{left}" y="{top}" width="{SIZE[0] - left - right}" height="{SIZE[1] - top - bottom}"'
+    parts = (
+        f'<clipPath id="plane"><rect {box}/></clipPath><rect class="pane" {box}/>',
+        axes.columns(round_marks(x0, x1), lines=True),
+        axes.rows(round_marks(y0, y1)),
+        axes.titles("k1", "k2"),
+        f'<g clip-path="url(#plane)">{"".join(drawn[::-1])}</g>',
+    )
     return (
-        f'<svg viewBox="0 0 {SIZE[0]} {SIZE[1]}" role="img" aria-label="k1 and k2 of every method">'
-        f'<clipPath id="plane"><rect {box}/></clipPath><rect class="pane" {box}/>'
-        f"{axes.columns(round_marks(x0, x1), lines=True)}{axes.rows(round_marks(y0, y1))}{axes.titles('k1', 'k2')}"
-        f'<g clip-path="url(#plane)">{"".join(drawn[::-1])}</g></svg>'
-        f'<div class="legend">{legend}</div><p class="soft">{note}</p>'
+        drawing(parts, SIZE, "k1 and k2 of every method")
+        + legend((m.name, m.style) for m in near)
+        + f'<p class="soft">{note}</p>'
     )
 
 
@@ -94,8 +98,7 @@ def _outline(entry: dict[str, Any], k: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(covariance)
     turn = np.linspace(0.0, 2.0 * np.pi, 73)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
-    out: np.ndarray = k + NINETY * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    return out
+    return k + NINETY * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
 
 
 def _finite(value: Any) -> float:
@@ -117,5 +120,6 @@ def _drawn(one: Mark, axes: Axes, thick: bool) -> str:
     points = axes.points(one.outline[:, 0], one.outline[:, 1])
     kind = f"{one.style}{' thick' if thick else ''}"
     ring = f'<polygon class="ring {kind}" points="{points}"/>' if points else ""
-    x, y = axes.right(one.k[0]), axes.down(one.k[1])
-    return f'{ring}<circle class="dot {kind}" cx="{x:.1f}" cy="{y:.1f}" r="{4 if thick else 2.5}"/>'
+    return ring + dot(
+        float(axes.right(one.k[0])), float(axes.down(one.k[1])), 4 if thick else 2.5, f'class="dot {kind}"'
+    )

@@ -14,7 +14,7 @@ from massprops.mass.document import read_document
 from massprops.mass.recommended import as_recommended
 from massprops.report.data import read_json
 from massprops.report.html import Safe, data_uri, number, table, text
-from massprops.report.page import document as page
+from massprops.report.page import of_sections
 
 OWNER, NAME = "view", "runs.html"
 QUANTITIES = ("volume", "mass", "I1", "I2", "I3", "k1", "k2")
@@ -45,10 +45,9 @@ def write_runs(folder: Path, runs: list[Path], force: bool = False) -> Path:
     if not runs:
         raise InputError(f"{folder}: no runs in this folder; give a folder in which 'massprops reconstruct' made runs")
     found = [_Run(path, folder) for path in runs]
-    body = f'<section id="runs"><h2>Runs</h2>{_listed(found)}</section>'
-    if len(found) == 2:
-        body += f'<section id="compared"><h2>Differences</h2>{_compared(*found)}</section>'
-    whole = page(f"massprops · {len(found)} runs", body, subtitle=str(folder.resolve()))
+    apart = _compared(*found) if len(found) == 2 else ""
+    parts = (("runs", "Runs", _listed(found)), ("compared", "Differences", apart))
+    whole = of_sections(f"massprops · {len(found)} runs", parts, str(folder.resolve()))
     deliver(folder, OWNER, {NAME: whole}, hash_of([r.document for r in found]), force=force)
     return folder / NAME
 
@@ -87,12 +86,12 @@ class _Run:
             found = (interval.get("principal_moments") or [None] * 3)[int(quantity[1]) - 1]
         return found
 
-    def with_interval(self, quantity: str, digits: int = 4) -> str:
+    def with_interval(self, quantity: str) -> str:
         value, bounds = self.value(quantity), self.bounds(quantity)
         if value is None:
             return "–"
         half = "" if not bounds or None in bounds else f" ± {number(0.5 * (bounds[1] - bounds[0]), 2)}"
-        return number(value, digits) + half
+        return number(value, 4) + half
 
     @property
     def unit(self) -> str:

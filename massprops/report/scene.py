@@ -115,7 +115,7 @@ def film_of(data: RunData) -> tuple[Frame, ...]:
         stamp = int(data.views.timestamp_ns[i])
         label = f"{stamp / 1e9:.2f} s" if stamp >= 0 else f"image {len(found) + 1}"
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        found.append(Frame(data_uri(small, 60), label, data.views.R[i]))
+        found.append(Frame(data_uri(small, quality=60), label, data.views.R[i]))
     return tuple(found) if len(found) > 1 else ()
 
 

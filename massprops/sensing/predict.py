@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 STEP = 1e-30
@@ -59,15 +60,7 @@ def rotation_of(x: np.ndarray) -> np.ndarray:
     a = np.where(small, 1 - square / 6, np.sin(angle) / angle)
     b = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / np.where(small, 1.0, square))
     K = skew(x)
-    matrix: np.ndarray = np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
-    return matrix
-
-
-def skew(x: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with skew(x) y = x cross y."""
-    zero = np.zeros_like(x[..., 0])
-    rows = [[zero, -x[..., 2], x[..., 1]], [x[..., 2], zero, -x[..., 0]], [-x[..., 1], x[..., 0], zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
 
 
 def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:

@@ -245,3 +245,9 @@ def check_times(path: Path, stamp: np.ndarray, lines: np.ndarray) -> None:
 def table_text(header: str, rows: list[str]) -> str:
     """A `data.csv` with its header line."""
     return header + "\n" + "".join(row + "\n" for row in rows)
+
+
+def stamped_table(header: str, stamp: np.ndarray, values: np.ndarray, digits: int = 17) -> str:
+    """A `data.csv` of rows (n, k) with their timestamps (n,) [ns] first."""
+    listed = zip(stamp.tolist(), values.tolist(), strict=True)
+    return table_text(header, [",".join([str(t), *(f"{v:.{digits}g}" for v in row)]) for t, row in listed])

@@ -14,7 +14,7 @@ from massprops.documents.fields import as_written
 from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile
 from massprops.documents.tables import ATTITUDE, GYROSCOPE, IMAGES, RANGE, STATE, TRACKS
 from massprops.sequence.data import Body, Camera, Environment, Sequence
-from massprops.sequence.table import table_text
+from massprops.sequence.table import stamped_table, table_text
 
 
 def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any] | None = None) -> Path:
@@ -132,10 +132,7 @@ def _truth(folder: Path, truth: dict[str, Any]) -> None:
 
 
 def _numbers(path: Path, header: str, stamp: np.ndarray, values: np.ndarray) -> None:
-    rows = [
-        ",".join([str(t), *(f"{v:.17g}" for v in row)]) for t, row in zip(stamp.tolist(), values.tolist(), strict=True)
-    ]
-    _text(path, table_text(header, rows))
+    _text(path, stamped_table(header, stamp, values))
 
 
 def _document(kind: type, path: Path, content: dict[str, Any]) -> None:

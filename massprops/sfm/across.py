@@ -21,9 +21,11 @@ import numpy as np
 
 from massprops.core.robust import mad_sigma
 from massprops.dynamics.quaternion import nearest_rotation
+from massprops.geometry import vectors
 from massprops.geometry.rasterise import rasterise
 from massprops.sfm.distinct import APART, RATIO, WIDEST, angles, unit
 from massprops.sfm.features import FeatureOptions, extract
+from massprops.surface.refine import smoothed_face_normals
 from massprops.views import Views
 
 FIRST_GATE_PX = 20.0
@@ -113,8 +115,7 @@ class Side:
     @property
     def directions(self) -> np.ndarray:
         """(n, 3) unit, from the object to each camera."""
-        out = self.views.centres - self.middle
-        return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
+        return vectors.unit(self.views.centres - self.middle)
 
     @property
     def pixel(self) -> float:
@@ -173,7 +174,7 @@ def side_of(
         rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], (m.shape[1], m.shape[0]))[0]
         for i, m in enumerate(masks)
     ]
-    return Side(flat, images, masks, vertices, faces, _normals(vertices, faces), depths)
+    return Side(flat, images, masks, vertices, faces, smoothed_face_normals(vertices, faces), depths)
 
 
 def lay(
@@ -267,7 +268,7 @@ class _Both:
     def drawn(self, R: np.ndarray, t: np.ndarray, coarse: bool = False) -> list[tuple[list[_Drawn], list[_Drawn]]]:
         """Features of both from directions from which both can be drawn, the second laid by R, t."""
         out = []
-        for k, toward in enumerate(_sphere(DRAWN)):
+        for k, toward in enumerate(vectors.sphere(DRAWN)):
             if coarse and k % EVERY:
                 continue
             one, other = _nearest(self.first.directions, toward), _nearest(self.second.directions, R.T @ toward)
@@ -365,14 +366,6 @@ class _Camera:
         return turn, np.array([0, 0, self.away]) - turn @ self.middle
 
 
-def _sphere(count: int) -> np.ndarray:
-    """(count, 3) directions spread over the sphere (Fibonacci)."""
-    k = np.arange(count) + 0.5
-    z, a = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
-    r = np.sqrt(1 - z * z)
-    return np.column_stack([r * np.cos(a), r * np.sin(a), z])
-
-
 def _nearest(directions: np.ndarray, toward: np.ndarray) -> np.ndarray:
     """The views that see an object from next to a direction (3,)."""
     cosine = directions @ toward
@@ -423,17 +416,6 @@ def _drawn(side: Side, camera: _Camera, chosen: np.ndarray, turn: np.ndarray, sh
         known = (uv > 0).all(1) & np.isfinite(where).all(1)
         out.append(_Drawn(i, at[known].astype(float), uv[known].astype(float), where[known], unit(data[known])))
     return out
-
-
-def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(f, 3) of the faces, smoothed over their corners: a first shape is rough."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    own = np.cross(b - a, c - a)
-    total = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(total, faces[:, k], own)
-    out = total[faces].sum(axis=1)
-    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300))
 
 
 def _count(drawn: list[tuple[list[_Drawn], list[_Drawn]]], gate: float, shift: np.ndarray) -> int:

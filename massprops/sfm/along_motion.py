@@ -20,6 +20,7 @@ import pycolmap
 from massprops.errors import NotPossible
 from massprops.sfm.attempt import FEWEST, ModelInputs
 from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.database import image_numbers
 from massprops.sfm.distinct import unit
 from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, cauchy_cost, fit_line, tumble_precision
 from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
@@ -165,8 +166,7 @@ def _matched(
         (a, b): match_placed(moved, (row[a], row[b]), (placed[a], placed[b]), (units[a], units[b]), gate)
         for a, b in pairs_to_compare(moved, middle, given.footage, given.options, NEXT + 1)
     }
-    with pycolmap.Database.open(found.database) as db:
-        number = {image.name: image.image_id for image in db.read_all_images()}
+    number = image_numbers(found.database)
     forget(found.database, list(number.values()), set(number.values()))
     verify(found.database, number, matches, found.mapping)
     out = pycolmap.Reconstruction()

@@ -178,8 +178,7 @@ def _log_tail(tried: int, found: int, chance: float) -> float:
 def _turn(x: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
-    out: np.ndarray = Rotation.from_rotvec(x).as_matrix()
-    return out
+    return Rotation.from_rotvec(x).as_matrix()
 
 
 def _linear(
@@ -202,8 +201,7 @@ def _linear(
 
 
 def _agreeing(slope: np.ndarray, off: np.ndarray, x: np.ndarray) -> np.ndarray:
-    out: np.ndarray = np.linalg.norm(off - slope @ x, axis=1) < AGREES_PX
-    return out
+    return np.linalg.norm(off - slope @ x, axis=1) < AGREES_PX
 
 
 def _climb(slope: np.ndarray, off: np.ndarray, spread: Spread, rng: np.random.Generator) -> np.ndarray:

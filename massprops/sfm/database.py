@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -100,3 +101,22 @@ def _rigs(footage: FootageRecord) -> list[pycolmap.Rig]:
     for record, sensor in zip(footage.cameras[1:], sensors[1:], strict=True):
         rig.add_sensor(sensor, pycolmap.Rigid3d(poses[record.id][:3]))
     return [rig]
+
+
+def image_numbers(database: Path) -> dict[str, int]:
+    """COLMAP's number of each image, by name."""
+    with pycolmap.Database.open(database) as db:
+        return {image.name: int(image.image_id) for image in db.read_all_images()}
+
+
+def drop_pairs(database: Path, pairs: Iterable[tuple[int, int]]) -> None:
+    """Takes out the matches of pairs of images.
+
+    Each is asked for: a pair that was compared in vain is in no list of COLMAP's.
+    """
+    with pycolmap.Database.open(database) as db:
+        for a, b in pairs:
+            if db.exists_matches(a, b):
+                db.delete_matches(a, b)
+            if db.exists_two_view_geometry(a, b):
+                db.delete_two_view_geometry(a, b)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.geometry import vectors
+
 APART = 8.0
 """Features nearer than this to each other show the same place [px]."""
 
@@ -59,9 +61,7 @@ def describe(keypoints: np.ndarray, descriptors: np.ndarray) -> Described:
 
 def unit(descriptors: np.ndarray) -> np.ndarray:
     """(k, 128) float32 of length one."""
-    rows = descriptors.astype(np.float32)
-    out: np.ndarray = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
-    return out
+    return vectors.unit(descriptors.astype(np.float32))
 
 
 def repeating(images: list[Described]) -> float:
@@ -95,5 +95,4 @@ def _second(cosine: np.ndarray) -> np.ndarray:
 
 def angles(cosine: np.ndarray) -> np.ndarray:
     """Angles [rad] of cosines."""
-    out: np.ndarray = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return out
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

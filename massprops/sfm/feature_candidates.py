@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from massprops.geometry.vectors import unit
 from massprops.sfm.consensus import Candidates
 from massprops.sfm.distinct import APART, angles
 from massprops.sfm.points import SparsePoints, project
@@ -42,10 +43,10 @@ def feature_candidates(
     others = np.flatnonzero(~own)
     use = np.flatnonzero(own[points.obs_view] & np.isfinite(looks[:, 0]))
     v, p = points.obs_view[use], points.obs_point[use]
-    sight = _unit(points.xyz[p] - views.centres[v])
+    sight = unit(points.xyz[p] - views.centres[v])
     out = []
     for j in others.tolist():
-        cosine = np.einsum("ki,ki->k", sight, _unit(points.xyz[p] - views.centres[j]))
+        cosine = np.einsum("ki,ki->k", sight, unit(points.xyz[p] - views.centres[j]))
         # of a point's observations the one from the most alike direction
         order = np.lexsort((-cosine, p))
         first = order[np.r_[True, np.diff(p[order]) > 0]] if len(order) else order
@@ -70,11 +71,6 @@ def feature_candidates(
     rank = np.arange(len(order)) - np.repeat(begin, np.diff(np.r_[begin, len(order)]))
     kept = np.sort(order[rank < TARGETS])
     return Candidates(point[kept], view[kept], uv[kept])
-
-
-def _unit(x: np.ndarray) -> np.ndarray:
-    out: np.ndarray = x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-12)
-    return out
 
 
 def _alike(

@@ -153,8 +153,7 @@ def with_denoising(footage: FootageRecord, options: FeatureOptions) -> FeatureOp
 def root_sift(descriptors: np.ndarray) -> np.ndarray:
     """Square roots of descriptors (k, 128) of unit sum (Arandjelović and Zisserman 2012), as COLMAP stores them: uint8."""
     d = descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9)
-    out: np.ndarray = np.clip(np.round(512 * np.sqrt(d)), 0, 255).astype(np.uint8)
-    return out
+    return np.clip(np.round(512 * np.sqrt(d)), 0, 255).astype(np.uint8)
 
 
 def extract_all(

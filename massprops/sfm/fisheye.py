@@ -64,5 +64,4 @@ def fisheye(distortion: np.ndarray, reach: float) -> np.ndarray:
     u = np.tan(angle) ** 2
     wanted = np.tan(angle) / angle * (1 + u * (distortion[0] + u * distortion[1])) - 1
     t = angle**2
-    found: np.ndarray = np.linalg.lstsq(np.stack([t, t**2, t**3, t**4], axis=1), wanted, rcond=1e-8)[0]
-    return found
+    return np.linalg.lstsq(np.stack([t, t**2, t**3, t**4], axis=1), wanted, rcond=1e-8)[0]

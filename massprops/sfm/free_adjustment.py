@@ -78,7 +78,6 @@ def adjust_tumble(
     clock: Callable[[str], float],
     loss_px: float,
     free_focal: bool,
-    iterations: int = 20,
 ) -> Tumble:
     """Adjusts a motion and the points that its images see, in place; the images of a single camera get its poses.
 
@@ -88,7 +87,7 @@ def adjust_tumble(
     """
     views, ids = to_views(model)
     system = _Adjusted(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, free_focal)
-    found = system.settled(_State(tumble, 0.0, system.points.xyz), iterations)
+    found = system.settled(_State(tumble, 0.0, system.points.xyz), 20)
     for image_id, R, t in zip(ids, *found.tumble.poses(system.times), strict=True):
         frame = model.frame(model.image(image_id).frame_id)
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(R), t)

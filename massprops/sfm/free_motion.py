@@ -201,8 +201,7 @@ class _Motion:
         """(r, p) derivatives, by differences."""
         step = 1e-5 * np.eye(len(x))
         both = self.residuals(np.concatenate([x + step, x - step]))
-        out: np.ndarray = ((both[: len(x)] - both[len(x) :]) / 2e-5).T
-        return out
+        return ((both[: len(x)] - both[len(x) :]) / 2e-5).T
 
 
 def _begin(
@@ -265,8 +264,7 @@ _BASIS = np.array(
 def _inertia(x: np.ndarray) -> np.ndarray:
     """(m, 3, 3) of determinant 1 from its logarithm (m, 5)."""
     w, v = np.linalg.eigh(np.einsum("mk,kij->mij", x, _BASIS))
-    out: np.ndarray = np.einsum("mik,mk,mjk->mij", v, np.exp(w), v)
-    return out
+    return np.einsum("mik,mk,mjk->mij", v, np.exp(w), v)
 
 
 @dataclass(frozen=True)

@@ -78,12 +78,6 @@ def as_read(mask: np.ndarray, shifts: Path, name: str) -> np.ndarray:
     return warped(mask, where, nearest=True)
 
 
-def shutter_map(views: Views, points: SparsePoints, motion: Motion, readout: Readout, i: int) -> np.ndarray:
-    """Where the pixels of view i, as a global shutter would see them, lie in its image: (h, w, 2) float32 [px]; arguments as
-    `grid_shifts`."""
-    return _places(grid_shifts(views, points, motion, readout, i), GRID, views.size[i])
-
-
 def grid_shifts(views: Views, points: SparsePoints, motion: Motion, readout: Readout, i: int) -> np.ndarray:
     """What the shutter moved the pixels of view i by, at every `GRID`-th of them: (gh, gw, 2) float32 [px].
 
@@ -108,8 +102,7 @@ def _places(coarse: np.ndarray, step: int, size: np.ndarray | tuple[int, ...]) -
     w, h = (int(s) for s in size)
     at = np.stack(np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32)), axis=2)
     fine = cv2.remap(coarse, at[..., 0] / step, at[..., 1] / step, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    out: np.ndarray = at + fine
-    return out
+    return at + fine
 
 
 def warped(image: np.ndarray, where: np.ndarray, nearest: bool = False) -> np.ndarray:
@@ -130,8 +123,7 @@ def _depth_between(uv: np.ndarray, depth: np.ndarray, at: np.ndarray) -> np.ndar
         between = LinearNDInterpolator(uv, depth)(at)
     except QhullError:  # all on a line
         return np.asarray(near)
-    out: np.ndarray = np.where(np.isfinite(between), between, near)
-    return out
+    return np.where(np.isfinite(between), between, near)
 
 
 def _shift_of(views: Views, motion: Motion, readout: Readout, i: int, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
@@ -149,5 +141,4 @@ def _shift_of(views: Views, motion: Motion, readout: Readout, i: int, uv: np.nda
         late = readout.delays(seen, np.tile(views.size[i], (k, 1)))[:, None]
         moved = Rotation.from_rotvec(motion.turn[i] * late).apply(place - centre) + centre + motion.shift[i] * late
         seen = project_camera(*lens, moved)
-    shift: np.ndarray = seen - uv
-    return shift
+    return seen - uv

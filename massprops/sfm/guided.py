@@ -139,18 +139,16 @@ def _best(
     if not len(which):
         return other, which
     angle = angles(np.einsum("kd,kd->k", unit_a[rows[which]], unit_b[other]))
-    which, other = likest(which, other, angle, b.uv, WIDEST, RATIO)
+    which, other = likest(which, other, angle, b.uv)
     return other, rows[which]
 
 
-def likest(
-    which: np.ndarray, other: np.ndarray, angle: np.ndarray, uv: np.ndarray, widest: float, ratio: float
-) -> tuple[np.ndarray, np.ndarray]:
+def likest(which: np.ndarray, other: np.ndarray, angle: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of pairs (k,), what is looked for and a feature that it may be, those (g,) whose feature is the likest by far.
 
     Args:
-        angle: (k,) between their descriptors [rad]; uv: (m, 2) places of all features [px].
-        widest: angle up to which it counts [rad]; ratio: to that of the next best elsewhere.
+        angle: (k,) between their descriptors [rad], which counts up to `WIDEST`, and `RATIO` times that of the next best
+            elsewhere; uv: (m, 2) places of all features [px].
     """
     order = np.lexsort((angle, which))
     which, other, angle = which[order], other[order], angle[order]
@@ -160,7 +158,7 @@ def likest(
     elsewhere = np.linalg.norm(uv[other] - uv[other[begin]][group], axis=1) > APART
     second = np.full(len(begin), np.pi / 2)
     np.minimum.at(second, group[elsewhere], angle[elsewhere])
-    good = (angle[begin] < widest) & (angle[begin] < ratio * second)
+    good = (angle[begin] < WIDEST) & (angle[begin] < RATIO * second)
     return which[begin][good], other[begin][good]
 
 

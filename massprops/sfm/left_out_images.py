@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from massprops.core.parts import Arrays
 from massprops.errors import NotPossible
 from massprops.sfm.attempt import ModelInputs
 from massprops.sfm.convert import take_out_images, to_points, to_views
+from massprops.sfm.database import drop_pairs
 from massprops.sfm.guided import seen_alike
 from massprops.sfm.loops import match_predicted
 from massprops.sfm.mapping import continue_mapping
@@ -61,7 +61,9 @@ def add_left_out_images(model: pycolmap.Reconstruction, given: ModelInputs) -> p
         take_out_unmatched(grown, fresh)
         gone = added - set(grown.reg_image_ids())
         for image_id, pairs in _pairs_of(found.database, gone).items():
-            _restore(found.database, pairs, before[image_id])
+            # made where the image was wrongly placed, they would place it there again
+            drop_pairs(found.database, map(pycolmap.pair_id_to_image_pair, pairs))
+            put_back(found.database, before[image_id])
         if grown.num_reg_images() <= model.num_reg_images():
             break
         model = grown
@@ -73,18 +75,6 @@ def _pairs_of(database: Path, image_ids: set[int]) -> dict[int, list[int]]:
     with pycolmap.Database.open(database) as db:
         pairs = [int(p) for p in db.read_all_matches()[0]] if image_ids else []
     return {i: [p for p in pairs if i in pycolmap.pair_id_to_image_pair(p)] for i in sorted(image_ids)}
-
-
-def _restore(database: Path, pairs: list[int], rows: Arrays) -> None:
-    """Puts back an image's own matches for those of `pairs`: made where it was wrongly placed, they would place it there
-    again."""
-    with pycolmap.Database.open(database) as db:
-        for a, b in map(pycolmap.pair_id_to_image_pair, pairs):
-            if db.exists_matches(a, b):
-                db.delete_matches(a, b)
-            if db.exists_two_view_geometry(a, b):
-                db.delete_two_view_geometry(a, b)
-    put_back(database, rows)
 
 
 def take_out_unmatched(model: pycolmap.Reconstruction, fresh: set[str]) -> None:

@@ -10,7 +10,7 @@ well is no distortion.
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,6 +77,12 @@ class HeldOut:
     point: np.ndarray
     uv: np.ndarray
 
+    def placed(self, model: pycolmap.Reconstruction, ids: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """(k,) which of the images `ids` each is of, and (k, 3) where its point is."""
+        row = {image_id: i for i, image_id in enumerate(ids)}
+        xyz = np.array([model.point3D(p).xyz for p in self.point.tolist()]).reshape(-1, 3)
+        return np.array([row[i] for i in self.image.tolist()], int), xyz
+
 
 def converted(camera: pycolmap.Camera, model: str) -> pycolmap.Camera:
     """The camera under another model of `MODELS`; terms that the model lacks are dropped."""
@@ -130,12 +136,9 @@ def hold_out(model: pycolmap.Reconstruction, seed: int) -> tuple[pycolmap.Recons
 def distances(model: pycolmap.Reconstruction, held: HeldOut) -> np.ndarray:
     """(k,) reprojection errors of the observations set aside [px]."""
     views, ids = to_views(model)
-    row = {image_id: i for i, image_id in enumerate(ids)}
-    v = np.array([row[i] for i in held.image.tolist()], int)
-    xyz = np.array([model.point3D(p).xyz for p in held.point.tolist()]).reshape(-1, 3)
+    v, xyz = held.placed(model, ids)
     uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], xyz)
-    out: np.ndarray = np.linalg.norm(uv - held.uv, axis=1)
-    return out
+    return np.linalg.norm(uv - held.uv, axis=1)
 
 
 def loss(distance: np.ndarray, scale: float) -> np.ndarray:

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from massprops.geometry import vectors
 from massprops.sfm import pairs as pairing
 from massprops.sfm.attempt import ModelInputs, SfmOptions
 from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.database import drop_pairs
 from massprops.sfm.distinct import unit
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.guided import Gate, Placed, joined, match_placed, off_line, place
@@ -90,12 +92,7 @@ def forget(database: Path, ids: list[int], fresh: set[int]) -> None:
     """Takes the matches of images `fresh` with the placed images `ids` out of a database; all others stay."""
     placed = set(ids)
     pairs = {(min(a, b), max(a, b)) for a in fresh & placed for b in placed - {a}}
-    with pycolmap.Database.open(database) as db:
-        for a, b in sorted(pairs):  # each is asked for: a pair that was compared in vain is in no list of COLMAP's
-            if db.exists_matches(a, b):
-                db.delete_matches(a, b)
-            if db.exists_two_view_geometry(a, b):
-                db.delete_two_view_geometry(a, b)
+    drop_pairs(database, sorted(pairs))
 
 
 def _agreeing(
@@ -143,9 +140,7 @@ def _facing(
 
 def view_directions(views: Views, points: SparsePoints) -> np.ndarray:
     """(n, 3) unit vectors from the middle of the points to each camera, in the world."""
-    d = views.centres - np.median(points.xyz, axis=0)
-    out: np.ndarray = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12)
-    return out
+    return vectors.unit(views.centres - np.median(points.xyz, axis=0))
 
 
 def spread_deg(views: Views, points: SparsePoints) -> float:

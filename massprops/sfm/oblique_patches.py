@@ -13,6 +13,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from massprops.geometry.vectors import unit
 from massprops.sfm.consensus import Candidates
 from massprops.sfm.points import SparsePoints, project_camera
 from massprops.views import Views
@@ -54,7 +55,7 @@ def patch_candidates(views: Views, points: SparsePoints, own: np.ndarray, reach:
     point, view, place = [], [], []
     for p in np.unique(points.obs_point[mine]).tolist():
         seen = points.obs_view[(points.obs_point == p) & mine]
-        sight = _unit(centres - points.xyz[p])
+        sight = unit(centres - points.xyz[p])
         n = normal[p] if sight[seen].mean(0) @ normal[p] > 0 else -normal[p]
         facing = sight @ n
         targets, sources = others[facing[others] > FACING], seen[facing[seen] > FACING]
@@ -82,13 +83,7 @@ def _normals(points: SparsePoints) -> np.ndarray:
         return np.full((len(points.xyz), 3), np.nan)
     _, near = cKDTree(points.xyz).query(points.xyz, k=NEIGHBOURS + 1)
     x = points.xyz[near] - points.xyz[near].mean(1, keepdims=True)
-    out: np.ndarray = np.linalg.eigh(np.einsum("nki,nkj->nij", x, x))[1][:, :, 0]
-    return out
-
-
-def _unit(x: np.ndarray) -> np.ndarray:
-    out: np.ndarray = x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-12)
-    return out
+    return np.linalg.eigh(np.einsum("nki,nkj->nij", x, x))[1][:, :, 0]
 
 
 def _found(
@@ -98,7 +93,7 @@ def _found(
     nothing there."""
     i, j = pair
     size = float(views.R[i][2] @ x + views.t[i][2]) / views.K[i][0, 0]
-    a = _unit(np.cross(views.R[i][1], n))
+    a = unit(np.cross(views.R[i][1], n))
     axes = size * np.stack([a, np.cross(n, a)])
     patch, there = _drawn(views, i, x, axes, HALF, images[0]), _drawn(views, j, x, axes, HALF + reach, images[1])
     if patch is None or there is None or patch.min() <= 0 or patch.std() < CONTRAST:
@@ -113,8 +108,7 @@ def _found(
     finer = [_vertex(likeness[row, column - 1 : column + 2]), _vertex(likeness[row - 1 : row + 2, column])]
     at = x + (shift + finer) @ axes
     c = at @ views.R[j].T + views.t[j]
-    out: np.ndarray = project_camera(views.K[j][None], views.distortion[j][None], c[None])[0]
-    return out
+    return project_camera(views.K[j][None], views.distortion[j][None], c[None])[0]
 
 
 def _vertex(y: np.ndarray) -> float:
@@ -132,5 +126,4 @@ def _drawn(views: Views, i: int, x: np.ndarray, axes: np.ndarray, half: int, ima
         return None
     uv = project_camera(views.K[i][None], views.distortion[i][None], c).astype(np.float32)
     u, v = uv.T.reshape(2, len(g), len(g))
-    out: np.ndarray = cv2.remap(image, u.copy(), v.copy(), cv2.INTER_LINEAR)
-    return out
+    return cv2.remap(image, u.copy(), v.copy(), cv2.INTER_LINEAR)

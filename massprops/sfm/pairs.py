@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.geometry.vectors import unit
+
 Pairs = list[tuple[int, int]]
 
 
@@ -29,35 +31,16 @@ def similar(signatures: np.ndarray, most: int, apart: int) -> Pairs:
     Args:
         signatures: (n, d) unit rows.
     """
-    score = signatures @ signatures.T
-    return _best(score, most, apart, -np.inf)
-
-
-def facing(directions: np.ndarray, most: int, apart: int, widest_deg: float) -> Pairs:
-    """Each image with the `most` images that see the body from nearly the same direction.
-
-    Args:
-        directions: (n, 3) unit vectors from the body to the camera, in the body.
-        apart: least distance in the list.
-        widest_deg: largest angle between two directions [degrees].
-    """
-    return _best(directions @ directions.T, most, apart, np.cos(np.deg2rad(widest_deg)))
-
-
-def _best(score: np.ndarray, most: int, apart: int, least: float) -> Pairs:
-    n = len(score)
+    n = len(signatures)
     order = np.arange(n)
-    score = np.where(np.abs(order[:, None] - order[None]) < max(1, apart), -np.inf, score)
-    pairs: set[tuple[int, int]] = set()
-    for i in range(n):
-        for j in np.argsort(-score[i], kind="stable")[:most]:
-            if np.isfinite(score[i, j]) and score[i, j] >= least:
-                pairs.add((min(i, int(j)), max(i, int(j))))
-    return sorted(pairs)
+    far = np.abs(order[:, None] - order) >= max(1, apart)
+    score = np.where(far, signatures @ signatures.T, -np.inf)
+    best = np.argsort(-score, axis=1, kind="stable")[:, :most]
+    return sorted({(min(i, j), max(i, j)) for i in range(n) for j in best[i].tolist() if far[i, j]})
 
 
 def spread_facing(directions: np.ndarray, most: int, apart: int, widest_deg: float) -> Pairs:
-    """As `facing`, but the chosen partners are themselves `apart` places from each other.
+    """Each image with at most `most` that see the body from nearly the same direction, `apart` places from each other.
 
     Neighbours in time look alike and add little to each other; a body that shows the same side again after a full
     turn gives one partner per turn.
@@ -92,8 +75,7 @@ def signatures(descriptors: list[np.ndarray], seed: int, words: int = 48, sample
     some = []
     for d in descriptors:
         take = rng.permutation(len(d))[:sample]
-        x = d[take].astype(np.float32)
-        some.append(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9))
+        some.append(unit(d[take].astype(np.float32)))
     pool = np.concatenate([x[:60] for x in some]) if some else np.zeros((0, 128), np.float32)
     if len(pool) < words:
         return np.zeros((len(descriptors), words * 128), np.float32)
@@ -110,5 +92,4 @@ def signatures(descriptors: list[np.ndarray], seed: int, words: int = 48, sample
             np.add.at(out[i], nearest, x - centres[nearest])
     out = out.reshape(len(some), -1)
     out = np.sign(out) * np.sqrt(np.abs(out))
-    found: np.ndarray = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
-    return found
+    return unit(out)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from massprops.sfm.distinct import RATIO, WIDEST, angles
+from massprops.sfm.distinct import angles
 from massprops.sfm.guided import ALIKE_DEG, cosines, in_frame, likest, within
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
@@ -178,7 +178,7 @@ def _looked_for(
     look = known.look[seen].astype(np.float32)
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-9)
     angle = angles(np.einsum("kd,kd->k", look[which], image.unit[other]))
-    which, other = likest(which, other, angle, image.uv, WIDEST, RATIO)
+    which, other = likest(which, other, angle, image.uv)
     return known.points.obs_point[seen[which]], other, len(seen)
 
 

@@ -57,9 +57,9 @@ class SparsePoints:
         )
 
     @staticmethod
-    def filling(centre: np.ndarray, radius: float, count: int = 200, seed: int = 0) -> SparsePoints:
-        """Points drawn evenly in the ball about `centre` (3,), which no view observed."""
-        rng = np.random.default_rng([seed, 29])
+    def filling(centre: np.ndarray, radius: float) -> SparsePoints:
+        """200 points drawn evenly in the ball about `centre` (3,), which no view observed."""
+        rng, count = np.random.default_rng([0, 29]), 200
         way = rng.standard_normal((count, 3))
         way *= (radius * rng.random(count) ** (1 / 3) / np.linalg.norm(way, axis=1))[:, None]
         none = np.zeros(0, np.int32)
@@ -135,5 +135,4 @@ def residuals(views: Views, points: SparsePoints) -> np.ndarray:
     """(k, 2) projected minus observed [px]."""
     v = points.obs_view
     uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], points.xyz[points.obs_point])
-    out: np.ndarray = uv - points.obs_uv
-    return out
+    return uv - points.obs_uv

@@ -58,8 +58,7 @@ class Adjusted:
 
     def weight(self, residual: np.ndarray) -> np.ndarray:
         """(k,) of the loss, of residuals (k, 2) [px]."""
-        out: np.ndarray = 1 / (1 + (residual**2).sum(1) / self.loss_px**2)
-        return out
+        return 1 / (1 + (residual**2).sum(1) / self.loss_px**2)
 
 
 def further_parameters(
@@ -257,8 +256,7 @@ class System:
 
     def points_follow(self, step: np.ndarray, of_points: np.ndarray) -> np.ndarray:
         """(m, 3) steps of the points to one (q,) of poses and lenses, with their own slopes of_points (m, 3)."""
-        out: np.ndarray = -(self._Vinv @ (of_points.ravel() + self._C.T @ step)).reshape(-1, 3)
-        return out
+        return -(self._Vinv @ (of_points.ravel() + self._C.T @ step)).reshape(-1, 3)
 
     def along(self, directions: np.ndarray) -> np.ndarray:
         """(k, 2, e) derivatives of each observation along directions (q, e), its point following."""
@@ -311,5 +309,4 @@ def pseudo_inverse(H: np.ndarray) -> np.ndarray:
     keep = np.arange(len(values)) >= 7  # rotation, translation and scale of the whole are free
     inverse = (vectors[:, keep] / np.maximum(values[keep], 1e-14)) @ vectors[:, keep].T
     inverse *= scale[:, None] * scale
-    out: np.ndarray = inverse
-    return out
+    return inverse

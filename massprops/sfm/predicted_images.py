@@ -15,6 +15,7 @@ import pycolmap
 
 from massprops.sfm.attempt import Attempt, ModelInputs
 from massprops.sfm.convert import take_out_images, to_points, to_views
+from massprops.sfm.database import drop_pairs, image_numbers
 from massprops.sfm.distinct import unit
 from massprops.sfm.guided import Gate, match_onto, place
 from massprops.sfm.mapping import continue_mapping, verify
@@ -42,8 +43,7 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
     """Adds the images whose poses the motion predicts, a few in each round; returns the model."""
     found, frames = given.found, given.footage.frames
     units = {n: unit(d) for n, (_, d) in found.features.items()}
-    with pycolmap.Database.open(found.database) as db:
-        numbers = {image.name: image.image_id for image in db.read_all_images()}
+    numbers = image_numbers(found.database)
     order = [f.name for f in frames if f.name in found.features]
     clock = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in frames}
     for turn in range(MOST_ROUNDS):
@@ -54,15 +54,12 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
         if not wanted.names:
             break
         matches = _matched(views, points, wanted, order, found, units)
-        with pycolmap.Database.open(found.database) as db:
-            for a, b in matches:
-                if db.exists_matches(numbers[a], numbers[b]):
-                    db.delete_matches(numbers[a], numbers[b])
-                if db.exists_two_view_geometry(numbers[a], numbers[b]):
-                    db.delete_two_view_geometry(numbers[a], numbers[b])
+        drop_pairs(found.database, ((numbers[a], numbers[b]) for a, b in matches))
         verify(found.database, numbers, matches, found.mapping)
         model = continue_mapping(model, found.database, given.frames, given.work / f"grown{turn}", found.mapping)
-        _take_out_astray(model, views, wanted)
+        after, ids = to_views(model)
+        # by cells of another side, say
+        take_out_images(model, np.array(ids, int)[off_prediction(views, wanted, after)].tolist())
         given.progress(model.num_reg_images(), len(order), "following the motion")
         if model.num_reg_images() <= before:
             break
@@ -108,13 +105,7 @@ def predicted(views: Views, points: SparsePoints, order: list[str], clock: dict[
     return replace(chosen, names=tuple(names), R=np.array(R).reshape(-1, 3, 3), t=np.array(t).reshape(-1, 3))
 
 
-def _take_out_astray(model: pycolmap.Reconstruction, before: Views, wanted: Views) -> None:
-    """Takes images out, in place, that were placed elsewhere than where the motion leads: by cells of another side, say."""
-    after, ids = to_views(model)
-    take_out_images(model, np.array(ids, int)[astray(before, wanted, after)].tolist())
-
-
-def astray(before: Views, wanted: Views, after: Views) -> np.ndarray:
+def off_prediction(before: Views, wanted: Views, after: Views) -> np.ndarray:
     """(n,) bool: views of `after`, of `wanted` and not of `before`, that are turned off their prediction by too much.
 
     Args:

@@ -207,11 +207,11 @@ def refine(
     require_sound(take_out(model, options.given_focal)[2], options.moving)
     model.update_point_3d_errors()
     terms = {c: lens.radial_terms for c, lens in lenses.items()}
-    refined = Refined(_raw_precision(model, free_focal, terms, loss, options.constant), lenses)
+    refined = Refined(model_precision(model, free_focal, terms, loss, options.constant), lenses)
     if _drop_loose(model, to_views(model)[1], refined.precision.attitude, options):
         require_sound(take_out(model, options.given_focal)[2], options.moving)
         model.update_point_3d_errors()
-        refined = replace(refined, precision=_raw_precision(model, free_focal, terms, loss, options.constant))
+        refined = replace(refined, precision=model_precision(model, free_focal, terms, loss, options.constant))
     return replace(refined, precision=honest(refined.precision))
 
 
@@ -265,17 +265,7 @@ def model_precision(
     loss: float,
     constant: frozenset[int] = frozenset(),
 ) -> Precision:
-    """Precision of an adjusted model, as stated to the user."""
-    return honest(_raw_precision(model, free_focal, radial_terms, loss, constant))
-
-
-def _raw_precision(
-    model: pycolmap.Reconstruction,
-    free_focal: bool,
-    radial_terms: int | dict[int, int],
-    loss: float,
-    constant: frozenset[int] = frozenset(),
-) -> Precision:
+    """Precision of an adjusted model, by its residuals alone (`honest`)."""
     views, ids = to_views(model)
     camera = np.array([model.image(i).camera_id for i in ids], int)
     return precision(views, to_points(model, ids), free_focal, radial_terms, loss, camera, constant)
@@ -318,7 +308,7 @@ def _shows_distortion(
     """Whether k1 of the camera with most views is significant and visible; tried on a copy."""
     trial = pycolmap.Reconstruction(model)
     adjust(trial, free_focal, True, loss, threads, 15, options.constant)
-    p = _raw_precision(trial, free_focal, 1, loss, options.constant)
+    p = model_precision(trial, free_focal, 1, loss, options.constant)
     views, ids = to_views(trial)
     camera = np.array([trial.image(i).camera_id for i in ids], int)
     points = to_points(trial, ids)

@@ -282,9 +282,6 @@ def _judged(
 
 def _held_distances(model: pycolmap.Reconstruction, held: HeldOut, seen: Seen, readout: Readout) -> np.ndarray:
     """(k,) errors of the observations held out when their rows were exposed [px]."""
-    row = {image_id: i for i, image_id in enumerate(seen.ids)}
-    view = np.array([row[i] for i in held.image.tolist()], int)
-    xyz = np.array([model.point3D(p).xyz for p in held.point.tolist()]).reshape(-1, 3)
+    view, xyz = held.placed(model, seen.ids)
     uv = moved_on(seen.views, seen.motion, view, xyz, readout.delays(held.uv, seen.views.size[view]))
-    far: np.ndarray = np.linalg.norm(uv - held.uv, axis=1)
-    return far
+    return np.linalg.norm(uv - held.uv, axis=1)

@@ -33,8 +33,7 @@ class Readout:
 
     def delays(self, uv: np.ndarray, size: np.ndarray) -> np.ndarray:
         """Time (k,) after the image's own at which the places uv (k, 2) [px] were exposed; size (k, 2) [px]."""
-        late: np.ndarray = self.duration * ((uv[:, self.axis] + 0.5) / size[:, self.axis] - 0.5)
-        return late
+        return self.duration * ((uv[:, self.axis] + 0.5) / size[:, self.axis] - 0.5)
 
 
 @dataclass(frozen=True)
@@ -142,8 +141,7 @@ def row_shifts(views: Views, points: SparsePoints, motion: Motion, readout: Read
     """
     view, xyz = points.obs_view, points.xyz[points.obs_point]
     late = readout.delays(uv, views.size[view])
-    shifts: np.ndarray = moved_on(views, motion, view, xyz, late) - moved_on(views, motion, view, xyz, 0.0 * late)
-    return shifts
+    return moved_on(views, motion, view, xyz, late) - moved_on(views, motion, view, xyz, 0.0 * late)
 
 
 def row_slopes(views: Views, points: SparsePoints, motion: Motion, readout: Readout, uv: np.ndarray) -> np.ndarray:
@@ -152,20 +150,17 @@ def row_slopes(views: Views, points: SparsePoints, motion: Motion, readout: Read
     more, less = (
         row_shifts(views, points, motion, Readout(readout.duration + s, readout.axis), uv) for s in (step, -step)
     )
-    slopes: np.ndarray = (more - less) / (2 * step)
-    return slopes
+    return (more - less) / (2 * step)
 
 
 def _turned(rotation: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Vectors x (k, 3) turned by rotation vectors (k, 3) [rad] (Rodrigues)."""
     from scipy.spatial.transform import Rotation
 
-    out: np.ndarray = Rotation.from_rotvec(rotation).apply(x)
-    return out
+    return Rotation.from_rotvec(rotation).apply(x)
 
 
 def _rotation_vector(R: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
-    out: np.ndarray = Rotation.from_matrix(R).as_rotvec()
-    return out
+    return Rotation.from_matrix(R).as_rotvec()

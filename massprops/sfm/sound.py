@@ -97,15 +97,13 @@ def _focal_inside(views: Views, given: bool) -> np.ndarray:
     side = views.size.max(1, initial=1)[:, None]
     low, high = (0.0, np.inf) if given else (LEAST_FOCAL * side, MOST_FOCAL * side)
     finite = np.isfinite(views.K).all((1, 2)) & np.isfinite(views.distortion).all(1)
-    out: np.ndarray = finite & ((f > low) & (f < high)).all(1)
-    return out
+    return finite & ((f > low) & (f < high)).all(1)
 
 
 def _poses(views: Views) -> np.ndarray:
     """(n,) bool: R is a rotation, t a finite vector."""
     off = np.abs(np.einsum("nij,nkj->nik", views.R, views.R) - np.eye(3)).max((1, 2), initial=0)
-    out: np.ndarray = (off < 1e-3) & (np.linalg.det(np.nan_to_num(views.R)) > 0) & np.isfinite(views.t).all(1)
-    return out
+    return (off < 1e-3) & (np.linalg.det(np.nan_to_num(views.R)) > 0) & np.isfinite(views.t).all(1)
 
 
 def _agrees(views: Views, points: SparsePoints, keep: np.ndarray) -> np.ndarray:
@@ -144,8 +142,7 @@ def _at_infinity(views: Views, points: SparsePoints, keep: np.ndarray, posed: np
     seen = points.xyz[np.unique(points.obs_point[keep])]
     middle = np.median(seen if len(seen) else views.centres[used], axis=0)
     away = np.linalg.norm(views.centres - middle, axis=1)
-    out: np.ndarray = ~(away <= FAR * np.median(away[used]))
-    return out
+    return ~(away <= FAR * np.median(away[used]))
 
 
 def require_sound(found: Sound, moving: str = "the camera moves around the object") -> None:

@@ -42,8 +42,7 @@ class Path:
     @property
     def centre_in_camera(self) -> np.ndarray:
         """(n, 3) whole centre of mass in cam0 [m]; at rest when the body turns freely."""
-        centre: np.ndarray = self.position + rotation_matrix(self.q) @ self.centre
-        return centre
+        return self.position + rotation_matrix(self.q) @ self.centre
 
 
 def distance_for(scenario: Scenario, length: float) -> float:

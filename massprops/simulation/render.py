@@ -62,8 +62,7 @@ def undistorted_radius(seen: np.ndarray, k1: float, k2: float) -> np.ndarray:
         r = 0.5 * (low + high)
         short = r * (1 + k1 * r**2 + k2 * r**4) < seen
         low, high = np.where(short, r, low), np.where(short, high, r)
-    middle: np.ndarray = 0.5 * (low + high)
-    return middle
+    return 0.5 * (low + high)
 
 
 class Renderer:
@@ -112,8 +111,7 @@ class Renderer:
             return np.full((h, w), 2.0 if self.scenario.motion == "tumbling" else 150.0)
         x, y = np.meshgrid(np.arange(w) / w * 4.0, np.arange(h) / w * 4.0)
         flat = Noise(self.scenario.seed + 11, 1.0)(np.column_stack([x.ravel(), y.ravel(), np.zeros(w * h)]))
-        grey: np.ndarray = np.clip(85 + 30 * flat.reshape(h, w), 5, 200)
-        return grey
+        return np.clip(85 + 30 * flat.reshape(h, w), 5, 200)
 
     def window(self, R: np.ndarray, t: np.ndarray) -> tuple[slice, slice]:
         """Rows and columns of rays that can meet the body."""
@@ -193,8 +191,7 @@ class Renderer:
 
     def _normal(self, face: np.ndarray, uv: np.ndarray) -> np.ndarray:
         if not self.scenario.smooth:
-            flat: np.ndarray = self.normals[face]
-            return flat
+            return self.normals[face]
         corner = self.normals[np.asarray(self.mesh.faces)[face]]
         weight = np.column_stack([1 - uv.sum(axis=1), uv])
         n: np.ndarray = np.einsum("nk,nki->ni", weight, corner)

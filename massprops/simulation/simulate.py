@@ -10,6 +10,7 @@ import numpy as np
 
 from massprops.core.files import write_image
 from massprops.core.progress import Progress, silent
+from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError
 from massprops.sequence import Camera, Environment, RangeSeries, Sequence, write_sequence
 from massprops.simulation.folder import new_sequence
@@ -110,7 +111,7 @@ def _scene(scenario: str | Path, changes: dict[str, Any]) -> _Scene:
     path = (tumbling if chosen.motion == "tumbling" else walk_round)(chosen, inertia, length, centre)
     model = None
     if active or model_file is not None:
-        path, model = _under_effects(chosen, path, active, model_file, length, body.mass)
+        path, model = _under_effects(chosen, path, active, model_file, length)
     read = [Path(p) for p in (scenario, chosen.mesh, model_file) if p is not None]
     return _Scene(chosen, active, read, mesh, body, length, path, model)
 
@@ -165,7 +166,7 @@ def _tracks_file(scenario: str | Path) -> dict[str, Any]:
 
 
 def _under_effects(
-    scenario: Scenario, path: Any, active: tuple[str, ...], model_file: Any, length: float, mass: float
+    scenario: Scenario, path: Any, active: tuple[str, ...], model_file: Any, length: float
 ) -> tuple[Any, Any]:
     """The path as effects make it, and the model of them."""
     from dataclasses import replace
@@ -227,7 +228,7 @@ def _ranges(scenario: Scenario, path: Any, rng: np.random.Generator) -> RangeSer
 
 
 def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float) -> dict[str, Any]:
-    motion = np.linalg.eigvalsh(path.inertia)
+    motion = ratios(path.inertia)[0]
     sun = path.sun[0]
     return {
         "timestamp_ns": path.timestamp_ns,
@@ -246,8 +247,8 @@ def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float)
         "k2": body.k2,
         "motion_centre_of_mass_m": path.centre.tolist(),
         "motion_inertia": path.inertia.tolist(),
-        "motion_k1": float(np.log(motion[0] / motion[1])),
-        "motion_k2": float(np.log(motion[1] / motion[2])),
+        "motion_k1": float(motion[0]),
+        "motion_k2": float(motion[1]),
         "greatest_length_m": length,
         "seen_lit_share": seen,
         "sun_body_first_frame": sun.tolist(),

@@ -40,27 +40,13 @@ def blank_problem(
 ) -> Problem:
     """A problem of the scenario's shape without measurements."""
     cameras = cameras_of(s) if cameras is None else cameras
-    environment = Environment() if environment is None else environment
-    n, c = len(times), len(cameras)
-    return Problem(
-        np.round(times * 1e9).astype(np.int64),
-        times,
-        tuple(pinhole_of(cameras[k], cameras[0]) for k in cameras),
-        np.full((n, c, s.features, 2), np.nan),
-        np.full(c, max(s.sigma_px, 1e-6)),
-        np.arange(s.features),
-        np.full(n, np.nan),
-        1.0,
-        np.full((n, 3), np.nan),
-        1.0,
-        np.full((n, 4), np.nan),
-        np.full(n, np.nan),
-        None,
-        environment,
-    )
+    pinholes = tuple(pinhole_of(cameras[k], cameras[0]) for k in cameras)
+    uv = np.full((len(times), len(cameras), s.features, 2), np.nan)
+    blank = Problem.of_tracks(times, pinholes, uv, max(s.sigma_px, 1e-6), environment)
+    return replace(blank, sigma_range=1.0, sigma_rate=1.0)
 
 
-def visible(s: TrackScenario, problem: Problem, at: Predicted, rng: np.random.Generator) -> Measurements:
+def visible(s: TrackScenario, problem: Problem, at: Predicted) -> Measurements:
     """Which features are seen when: those that face the camera, and stay inside the picture.
 
     Raises:

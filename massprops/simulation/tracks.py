@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.environment import EnvironmentModel
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.dynamics.quaternion import (
     from_rotation_matrix,
     from_rotation_vector,
@@ -83,7 +84,7 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
     cameras = cameras_of(s)
     problem = blank_problem(s, times, cameras, given_environment)
     clean = predict(problem, state, environment)
-    seen = visible(s, problem, clean, rng)
+    seen = visible(s, problem, clean)
     sizes, asked = asked_for(s, problem, environment)
     drawn: dict[str, np.ndarray] = {}
     for name, value in sizes.items():
@@ -104,11 +105,11 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
         )
     whole = replace(state, model=model)
     acted = predict(problem, whole, environment)
-    seen = visible(s, problem, acted, np.random.default_rng([s.seed, 12]))
+    seen = visible(s, problem, acted)
     exact = pixels(problem, acted, seen)
     sequence = _measure(s, problem, cameras, acted, seen, exact, given_environment, inertia)
     moved = {"rms": float(np.sqrt(np.mean(np.sum((exact - pixels(problem, clean, seen)) ** 2, axis=1))))}
-    return Simulated(sequence, _truth(s, times, acted, whole, axes, model), model, whole, moved)
+    return Simulated(sequence, _truth(s, times, acted, whole, model), model, whole, moved)
 
 
 def write_tracks(scenario: TrackScenario, out: Any, inputs: Iterable[Path] = (), force: bool = False) -> Path:
@@ -208,9 +209,7 @@ def _measure(
     return Sequence(cameras, tracks, ranges, rates, attitude, body, environment)
 
 
-def _truth(
-    s: TrackScenario, times: np.ndarray, at: Any, state: BatchState, axes: np.ndarray, model: Model
-) -> dict[str, Any]:
+def _truth(s: TrackScenario, times: np.ndarray, at: Any, state: BatchState, model: Model) -> dict[str, Any]:
     whole = inertia_at_start(state.inertia, model.active, model.flat(True))
     moments, principal = np.linalg.eigh(whole)
     cam = camera_turn(at.motion, model.sensed, model.flat(False))
@@ -222,8 +221,7 @@ def _truth(
         "inertia": whole.tolist(),
         "principal_moments": moments.tolist(),
         "principal_axes": principal.tolist(),
-        "k1": float(np.log(moments[0] / moments[1])),
-        "k2": float(np.log(moments[1] / moments[2])),
+        **dict(zip(("k1", "k2"), ratios_of_moments(moments).tolist(), strict=True)),
         "features_m": state.points.tolist(),
         "effects": {
             name: {q.name: float(v) for q, v in zip(m.PARAMETERS, values, strict=True)}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.documents.arrays import open_arrays
+from massprops.geometry.vectors import unit
 from massprops.views import entries
 
 RAYS = 5
@@ -146,7 +147,7 @@ def thin(cloud: Cloud, target: int, seed: int = 0) -> Thinned:
     _, inverse, count = np.unique(code, return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(inverse, cloud.xyz[:, k]) / count for k in range(3)], axis=1)
     normal = np.stack([np.bincount(inverse, cloud.normal[:, k]) for k in range(3)], axis=1)
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    normal = unit(normal)
     sigma = np.bincount(inverse, cloud.sigma) / count
     mean, normal, support = project_to_cloud(cloud, mean, normal, 1.6 * spacing)
     views = _spread_views(cloud, inverse, len(count), seed)

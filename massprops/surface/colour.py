@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprops.geometry.rasterise import rasterise
+from massprops.geometry.rasterise import project, rasterise
 from massprops.surface.refine import vertex_normals
 from massprops.views import Views
 
@@ -39,11 +39,9 @@ def vertex_colours(
         picture = image(i)
         h, w = picture.shape[:2]
         depth, _ = rasterise(vertices, faces, K, R, t, (w, h))
-        camera = vertices @ R.T + t
         sight = views.centres[i] - vertices
         facing = np.einsum("ij,ij->i", normal, sight) / np.maximum(np.linalg.norm(sight, axis=1), 1e-12)
-        z = camera[:, 2]
-        uv = camera[:, :2] / np.where(z > 1e-9, z, 1.0)[:, None] @ K[:2, :2].T + K[:2, 2]
+        uv, z = project(vertices, K, R, t)
         inside = (uv > 0.5).all(1) & (uv[:, 0] < w - 1.5) & (uv[:, 1] < h - 1.5)
         use = np.flatnonzero(inside & (z > 1e-9) & (facing > LEAST_FACING))
         j, k = np.rint(uv[use]).astype(int).T

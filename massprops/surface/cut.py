@@ -68,7 +68,7 @@ def manifold(tetra: Tetrahedra, inside: np.ndarray, never: np.ndarray | None = N
         gone = np.zeros(len(label), bool)
         gone[about[beside[edge]]] = True
         label = label.copy()
-        label[about] = True
+        label[about[_closed(tetra, label, about, edge)]] = True
         label &= ~gone & ~shut
         shut = shut | gone
     return label
@@ -113,6 +113,36 @@ def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> tuple[np.ndarray, np.ndar
             edge.append(place[here])
     none = np.zeros(0, int)
     return np.concatenate([none, *about]), np.concatenate([none, *edge])
+
+
+def _closed(tetra: Tetrahedra, inside: np.ndarray, about: np.ndarray, edge: np.ndarray) -> np.ndarray:
+    """(k,) bool: of the tetrahedra about pinched edges, as of `_pinched`, those outside that close all gaps of an edge but the largest.
+
+    A thin part may meet itself at an edge between two very large tetrahedra: to fill both would draw a web across the sky.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    open_ = np.flatnonzero(~inside[about])
+    t, e = about[open_], edge[open_]
+    count = len(inside)
+    code = e.astype(np.int64) * count + t
+    order = np.argsort(code)
+    links = []
+    for k in range(4):
+        other = tetra.neighbours[t, k]
+        wanted = e * count + other
+        place = np.minimum(np.searchsorted(code[order], wanted), len(code) - 1)
+        there = (other >= 0) & (code[order][place] == wanted)
+        links.append(np.stack([np.flatnonzero(there), order[place[there]]]))
+    i, j = np.concatenate(links, axis=1)
+    gap = connected_components(coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(len(t),) * 2), directed=False)[1]
+    size = np.bincount(gap, tetra.volume[t])
+    largest = np.zeros(int(edge.max()) + 1)
+    np.maximum.at(largest, e, size[gap])
+    out = np.zeros(len(about), bool)
+    out[open_] = size[gap] < largest[e]
+    return out
 
 
 def surface_faces(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:

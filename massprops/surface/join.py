@@ -47,9 +47,29 @@ def joined(
         out: np.ndarray = part == body
         return out
     part = np.where(np.isin(part, few), part, -1)
-    limit = float(np.sort(worth)[-2])
+    sky = costs.outside > 0
+    label = _linked(tetra, costs, part, worth, body, sky)
+    apart = np.setdiff1d(few, part[label])
+    if moving and len(apart):
+        # only what nothing else holds hangs by space that silhouettes show to be empty
+        worth[body] = worth[np.setdiff1d(few, apart)].sum()
+        part = np.where(label, body, np.where(np.isin(part, apart), part, -1))
+        label = _linked(tetra, costs, part, worth, body, np.zeros_like(sky))
+    return label
+
+
+def _linked(
+    tetra: Tetrahedra, costs: Costs, part: np.ndarray, worth: np.ndarray, body: int, shut: np.ndarray
+) -> np.ndarray:
+    """(t,) bool: the body, the parts worth a link to it, and the links.
+
+    Args:
+        part: (t,) number of each tetrahedron's component, -1 outside of all; body: of the one that weighs most.
+        worth: (n,) of `_worth`.
+        shut: (t,) bool, tetrahedra that no link leads through.
+    """
+    limit = float(np.sort(worth[np.unique(part[part >= 0])])[-2])
     facet, sides = _facets(tetra)
-    shut = np.zeros(len(part), bool) if moving else costs.outside > 0
     ends, price, through = _passages(tetra, costs, part >= 0, shut, facet, limit)
     graph = coo_matrix((price, ends.T), shape=(len(sides), len(sides))).tocsr()
     distance, before, owner = _search(graph, part, sides, limit)

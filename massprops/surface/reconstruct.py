@@ -24,6 +24,7 @@ import numpy as np
 
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
+from massprops.geometry.vectors import sphere
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.join import joined
@@ -313,10 +314,7 @@ def _tetrahedra(given: _Given) -> tuple[Tetrahedra, np.ndarray]:
         low, high = np.minimum(low, more.outline.min(0)), np.maximum(high, more.outline.max(0))
         extent = float(np.linalg.norm(high - low))
     middle, radius = 0.5 * (low + high), 0.75 * extent
-    i = np.arange(200) + 0.5
-    z, a = 1 - i / 100, np.pi * (1 + 5**0.5) * i
-    r = np.sqrt(1 - z * z)
-    ball = np.column_stack([r * np.cos(a), r * np.sin(a), z])
+    ball = sphere(200)
     guard = np.concatenate([middle + radius * ball, middle + 2 * radius * ball[::4]])
 
     none = thinned.xyz[:0]

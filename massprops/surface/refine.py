@@ -9,26 +9,37 @@ import numpy as np
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+from massprops.geometry.vectors import unit
 from massprops.surface.cloud import Cloud
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(f, 3) unit normals, zero for triangles without area."""
+    return unit(_area_vectors(vertices, faces))
+
+
+def _area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(f, 3) normals, twice the area long."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    n = np.cross(b - a, c - a)
-    out: np.ndarray = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
-    return out
+    return np.cross(b - a, c - a)
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(v, 3) unit normals, mean of the faces' by area."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    n = np.cross(b - a, c - a)
-    out = np.zeros_like(vertices)
+    return unit(_around_vertices(vertices, faces))
+
+
+def smoothed_face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(f, 3) unit normals, smoothed over the corners: a first shape is rough."""
+    return unit(_around_vertices(vertices, faces)[faces].sum(axis=1))
+
+
+def _around_vertices(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(v, 3) sum of the normals of the faces about each vertex, by area."""
+    n, out = _area_vectors(vertices, faces), np.zeros_like(vertices)
     for i in range(3):
         np.add.at(out, faces[:, i], n)
-    found: np.ndarray = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
-    return found
+    return out
 
 
 def measured_faces(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: float) -> np.ndarray:

@@ -81,10 +81,10 @@ def test_what_a_prior_is_worth_to_the_filters(tmp_path: Path) -> None:
             read_sequence(make_sequence(tmp_path / str(seed), seed, epochs=EPOCHS, k=true, spin=spin, sigma_px=0.3))
         )
         end = float(problem.times[-1])
-        whole = first_guess(problem, Prior())
-        starts = {kind: first_guess(problem, Prior(), until_s=s) for kind, s in WITHOUT.items() if s is not None}
+        whole = first_guess(problem)
+        starts = {kind: first_guess(problem, until_s=s) for kind, s in WITHOUT.items() if s is not None}
         starts["none, 2 turns"] = early_start(problem, Prior(), whole)
-        soon = first_guess(problem, Prior(), until_s=1.0)
+        soon = first_guess(problem, until_s=1.0)
         reference = smoother.estimate(problem, Prior(), whole)
         for kind, start in starts.items():
             for name in FILTERS:

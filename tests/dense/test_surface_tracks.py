@@ -90,7 +90,7 @@ def sphere_model(views: Views, xyz: np.ndarray, view: np.ndarray, point: np.ndar
 def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     from massprops.sfm.convert import to_views
     from massprops.sfm.mapping import quiet
-    from massprops.sfm.refine import RefineOptions, adjust, model_precision
+    from massprops.sfm.refine import RefineOptions, adjust, honest, model_precision
     from massprops.sfm.surface_tracks import PIXELS, with_surface
 
     quiet()
@@ -99,7 +99,7 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     model = sphere_model(views, xyz, view[few], point[few], 0.6)
     options = RefineOptions()
     adjust(model, False, False, 0.5, 1)
-    before = model_precision(model, False, 0, 0.5)
+    before = honest(model_precision(model, False, 0, 0.5))
     was, count = attitude_error(to_views(model)[0], views), model.num_points3D()
     after = with_surface(model, before, lambda i: images[i], options, False, False, PIXELS, 0, 1).precision
     found = to_views(model)[0]
@@ -115,12 +115,12 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
 
 def test_without_texture_the_model_stays():
     from massprops.sfm.convert import to_views
-    from massprops.sfm.refine import RefineOptions, model_precision
+    from massprops.sfm.refine import RefineOptions, honest, model_precision
     from massprops.sfm.surface_tracks import PIXELS, with_surface
 
     views, images, (xyz, view, point) = sphere_views(9, flat=True)
     model = sphere_model(views, xyz, view, point, 0.3)
-    before = model_precision(model, False, 0, 0.5)
+    before = honest(model_precision(model, False, 0, 0.5))
     found = with_surface(model, before, lambda i: images[i], RefineOptions(), False, False, PIXELS, 0, 1)
     assert found.precision is before and found.pieces is None
     np.testing.assert_allclose(to_views(model)[0].R, views.R, atol=1e-12)

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from massprops.diagnosis.page_parts import assemble, law, notes, verdict
+from massprops.diagnosis.page_parts import law, notes, verdict
+from massprops.report.page import of_sections
 
 LAW: dict[str, Any] = {
     "formula": "torque = 8.1e-05 [max(0, s_z) along x]",
@@ -59,7 +60,7 @@ def test_no_law_looked_for_is_no_section_and_none_found_says_so() -> None:
     assert law({}) == ""
     none = {"formula": None, "terms": [], "stated": False, "because": "the record asks for no term"}
     assert "the record asks for no term" in law({"law": none})
-    assert "A law" not in assemble([("law", "A law", law({})), ("x", "Other", "<p>y</p>")])
+    assert "A law" not in of_sections("t", [("law", "A law", law({})), ("x", "Other", "<p>y</p>")])
 
 
 def test_parameters_that_are_not_shown_have_no_number() -> None:

@@ -42,7 +42,7 @@ def test_beside_effects_it_must_be_likelier_by_enough(
 ) -> None:
     asked = _asked(monkeypatch, 100.0 + criteria.BEATS_UNKNOWN + more)
     found = _found("viscous-damping")
-    assert selection.leaves_to_the_sun(found, TRIED) is leaves
+    assert selection.has_likelier_sun_torque(found, TRIED) is leaves
     assert asked == [Hypothesis(terms=found.hypothesis.terms, latent=False, by_sun=True)]
 
 
@@ -52,19 +52,19 @@ def test_in_place_of_sunlight_it_must_be_less_likely_by_enough(
 ) -> None:
     asked = _asked(monkeypatch, 100.0 - criteria.BEATS_UNKNOWN - np.log(1 + TRIED) + more)
     found = _found("viscous-damping", "solar-pressure-on-facets")
-    assert selection.leaves_to_the_sun(found, TRIED) is leaves
+    assert selection.has_likelier_sun_torque(found, TRIED) is leaves
     assert asked == [Hypothesis(terms=found.hypothesis.terms[:1], latent=False, by_sun=True)]
 
 
 def test_a_wheel_stays_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = _asked(monkeypatch, 0.0)
-    assert not selection.leaves_to_the_sun(_found("solar-pressure-on-facets", wheel=True), TRIED)
+    assert not selection.has_likelier_sun_torque(_found("solar-pressure-on-facets", wheel=True), TRIED)
     assert asked == [Hypothesis(latent=False, wheel=True, by_sun=True)]
 
 
 def test_of_sunlight_alone_it_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = _asked(monkeypatch, 1000.0)
-    assert not selection.leaves_to_the_sun(_found("solar-pressure-on-facets"), TRIED) and not asked
+    assert not selection.has_likelier_sun_torque(_found("solar-pressure-on-facets"), TRIED) and not asked
 
 
 def test_a_fit_that_fails_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,4 +73,4 @@ def test_a_fit_that_fails_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(selection, "fit_hypothesis", fit)
     monkeypatch.setattr(selection, "again", lambda found: None)
-    assert not selection.leaves_to_the_sun(_found("viscous-damping"), TRIED)
+    assert not selection.has_likelier_sun_torque(_found("viscous-damping"), TRIED)

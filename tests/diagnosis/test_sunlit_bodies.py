@@ -15,8 +15,9 @@ from massprops.diagnosis.latent_torque import by_direction
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.selection import Candidate, may_be_named, torque_by_sun, within_noise, without_effects
-from massprops.dynamics.sunlit_bodies import drawn_body, likely_unknowns, sphere, torque_of
+from massprops.dynamics.sunlit_bodies import drawn_body, likely_unknowns, torque_of
 from massprops.effects import effects
+from massprops.geometry.vectors import sphere
 
 FACES = "solar-pressure-on-facets"
 

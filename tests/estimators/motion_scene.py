@@ -64,19 +64,5 @@ def scene(
     uv[rng.random(uv.shape[:3]) < missing] = np.nan
     wild = rng.random(uv.shape[:3]) < outliers
     uv[wild] += rng.normal(0.0, 250.0 * sigma_px, (int(wild.sum()), 2))
-    none = np.full(epochs, np.nan)
-    problem = Problem(
-        np.round(times * 1e9).astype(np.int64),
-        times,
-        pinholes,
-        uv,
-        np.full(cameras, sigma_px),
-        np.arange(features),
-        none,
-        np.nan,
-        np.full((epochs, 3), np.nan),
-        np.nan,
-        np.full((epochs, 4), np.nan),
-        none,
-    )
+    problem = Problem.of_tracks(times, pinholes, uv, sigma_px)
     return Scene(problem, q, w, path, np.array(velocity), points, inertia / np.trace(inertia))

@@ -58,10 +58,10 @@ def test_sigmas_hold_where_errors_hang_together(name: str) -> None:
     before, after = [], []
     for seed in range(5):
         s, problem = only_attitude(seed, 0.9)
-        wider, line = believed(problem, first_guess(problem, Prior()))
+        wider, line = believed(problem, first_guess(problem))
         assert "alike" in line and wider.alike > 1.5
         for given, out in ((problem, before), (wider, after)):
-            found = methods()[name].estimate(given, Prior(), first_guess(given, Prior()))
+            found = methods()[name].estimate(given, Prior(), first_guess(given))
             if found.k_covariance is not None:
                 off = np.array([found.k1, found.k2]) - s.k
                 out.append(float(off @ np.linalg.solve(found.k_covariance, off)) / 2)
@@ -71,7 +71,7 @@ def test_sigmas_hold_where_errors_hang_together(name: str) -> None:
 def test_white_errors_are_left_alone() -> None:
     for seed in range(3):
         _, problem = only_attitude(seed, 0.0)
-        same, line = believed(problem, first_guess(problem, Prior()))
+        same, line = believed(problem, first_guess(problem))
         assert same is problem and line == ""
 
 
@@ -79,7 +79,7 @@ def test_axes_of_the_unscented_filter_are_as_sure_as_it_says() -> None:
     squares = []
     for seed in range(6):
         s, problem = only_attitude(seed, 0.0)
-        found = methods()["ukf"].estimate(problem, Prior(), first_guess(problem, Prior()))
+        found = methods()["ukf"].estimate(problem, Prior(), first_guess(problem))
         assert found.converged and found.observable
         true = s.axes * np.sign(np.sum(s.axes * found.principal_axes, axis=0))
         turn = 0.5 * np.cross(found.principal_axes, true, axisa=0, axisb=0, axisc=0).sum(axis=1)

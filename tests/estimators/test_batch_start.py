@@ -11,7 +11,6 @@ from massprops.dynamics.environment import EnvironmentModel
 from massprops.estimators.batch import solve
 from massprops.estimators.batch.solve import MOST_QUICKENED, MOST_TURNED, Search, fit
 from massprops.estimators.batch.start import _first_steady, batch_start
-from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
 from massprops.model.linearise import Predicted, predict
 from massprops.model.measurements import measurements_of
@@ -25,7 +24,7 @@ def guessed() -> tuple[Problem, Start, float]:
     """A tumbling body's record, its first guess, and the true speed at the beginning [rad/s]."""
     made = simulate_tracks(TrackScenario(frames=120, features=8, seed=4, rate_deg=4.0))
     problem = problem_of(made.sequence)
-    return problem, first_guess(problem, Prior()), float(np.linalg.norm(made.state.w0))
+    return problem, first_guess(problem), float(np.linalg.norm(made.state.w0))
 
 
 def test_rates_at_the_ends_that_mean_nothing_do_not_lead_astray(guessed: tuple[Problem, Start, float]) -> None:

@@ -90,7 +90,7 @@ def test_another_choice_of_body_axes_gives_the_same_motion() -> None:
 
 def test_in_principal_axes_an_error_is_what_the_change_of_axes_makes_of_it() -> None:
     problem = stereo(n=120)
-    ready = setup(problem, Prior(), first_guess(problem, Prior()))
+    ready = setup(problem, Prior(), first_guess(problem))
     body = ready.state
     e = 1e-6 * np.random.default_rng(1).normal(size=len(body.P))
     got = in_principal_axes(replace(ready, state=replace(body, P=np.outer(e, e)))).state

@@ -77,7 +77,7 @@ def test_ratio_derivatives():
 @pytest.mark.parametrize("given", [{}, {"outliers": 0.01}])
 def test_ratios_and_metric_position_from_one_camera(given):
     s = scene(1, stereo=False, attitude=True, range_sigma=0.02, **given)
-    found = range_ukf.estimate(s.problem, Prior(), first_guess(s.problem, Prior()))
+    found = range_ukf.estimate(s.problem, Prior(), first_guess(s.problem))
     assert found.converged and found.observable, found.reason
     error = np.array([found.k1, found.k2]) - s.k
     assert (np.abs(error) < 4.5 * found.sigma_k).all()
@@ -94,7 +94,7 @@ def test_without_attitude_it_says_what_to_do():
 
 def test_flat_spin_is_not_observable():
     s = scene(0, stereo=False, attitude=True, range_sigma=0.02, spin=(0.0, 0.1, 0.0))
-    found = range_ukf.estimate(s.problem, Prior(), first_guess(s.problem, Prior()))
+    found = range_ukf.estimate(s.problem, Prior(), first_guess(s.problem))
     assert not (found.converged and found.observable)
 
 

@@ -23,7 +23,7 @@ SENSORS = {
 def _run(**changes):
     made = simulate_tracks(TrackScenario(**{"frames": 200, "features": 10, **changes}))
     problem = problem_of(made.sequence)
-    return made.truth, smoother.estimate(problem, Prior(), first_guess(problem, Prior()))
+    return made.truth, smoother.estimate(problem, Prior(), first_guess(problem))
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -62,7 +62,7 @@ def test_a_symmetric_body_has_no_axes() -> None:
 def test_a_model_with_the_effect_explains_what_free_rotation_does_not() -> None:
     made = simulate_tracks(TrackScenario(frames=200, features=10, seed=2, effects=("viscous-damping:6",)))
     problem = problem_of(made.sequence)
-    start = first_guess(problem, Prior())
+    start = first_guess(problem)
     plain = smoother.estimate(problem, Prior(), start)
     whole = smoother.estimate(problem, Prior(), start, made.model)
     assert plain.innovation > 1.5 and whole.innovation < 1.1

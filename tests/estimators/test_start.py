@@ -20,7 +20,6 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
 )
 from massprops.errors import NotPossible
-from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
@@ -109,7 +108,7 @@ def test_weighted_alignment_has_the_covariance_it_states_and_leaves_outliers_out
 
 def test_stereo_alone():
     made = scene(epochs=300)
-    start = first_guess(made.problem, Prior())
+    start = first_guess(made.problem)
     assert start.body_frame == "own" and start.scaled
     checked(start, made, 2e-3, 2e-3, 0.01, 2e-3)
     np.testing.assert_allclose(start.velocity, made.velocity, atol=1e-4)
@@ -117,7 +116,7 @@ def test_stereo_alone():
 
 def test_stereo_with_features_that_come_and_go():
     made = scene(epochs=300, features=60, seen_for=60)
-    start = first_guess(made.problem, Prior())
+    start = first_guess(made.problem)
     assert len(start.times) > 290
     checked(start, made, 5e-3, 5e-3, 0.03, 5e-3)
 
@@ -126,7 +125,7 @@ def test_stereo_with_gaps_and_outliers():
     made = scene(epochs=300, features=12, missing=0.2, outliers=0.05, seed=4)
     hidden = np.arange(100, 130)
     made.problem.uv[hidden] = np.nan
-    start = first_guess(made.problem, Prior())
+    start = first_guess(made.problem)
     assert not np.isin(start.index, hidden).any()
     assert np.isfinite(start.q).all() and np.isfinite(start.w).all()
     checked(start, made, 2e-3, 2e-3, 0.01, 2e-3)
@@ -134,10 +133,10 @@ def test_stereo_with_gaps_and_outliers():
 
 def test_only_what_was_seen_by_then():
     made = scene(epochs=300)
-    start = first_guess(made.problem, Prior(), until_s=150.0)
+    start = first_guess(made.problem, until_s=150.0)
     assert start.times[-1] == 150.0
     changed = replace(made.problem, uv=np.where(made.problem.times[:, None, None, None] > 150, 0.0, made.problem.uv))
-    again = first_guess(changed, Prior(), until_s=150.0)
+    again = first_guess(changed, until_s=150.0)
     np.testing.assert_array_equal(again.w, start.w)
 
 
@@ -145,7 +144,7 @@ def test_a_stretch_apart_from_the_rest_is_left_out_with_a_warning():
     made = scene(epochs=200, features=10)
     made.problem.uv[:120, :, 5:] = np.nan
     made.problem.uv[120:, :, :5] = np.nan
-    start = first_guess(made.problem, Prior())
+    start = first_guess(made.problem)
     assert start.index is not None and start.index.max() < 120
     assert any("80 epochs" in line for line in start.warnings)
 
@@ -160,7 +159,7 @@ def with_attitude(made: Scene, sigma: float, seed: int = 0) -> Scene:
 def test_one_camera_with_attitude_places_features_up_to_scale():
     near = {"cameras": 1, "focal": 1000.0, "position": (0.3, 0.2, 10.0), "velocity": (-0.001, 0.002, 0.003)}
     made = with_attitude(scene(epochs=150, features=60, step=1.5, sigma_px=0.3, seen_for=60, **near), 1e-3)
-    start = first_guess(made.problem, Prior())
+    start = first_guess(made.problem)
     assert start.body_frame == "attitude0" and not start.scaled
     assert start.position is not None and start.features is not None and start.velocity is not None
     assert any("shows no lengths" in line for line in start.warnings)
@@ -173,14 +172,14 @@ def test_range_gives_the_scale():
     near = {"cameras": 1, "focal": 1000.0, "position": (0.3, 0.2, 10.0), "velocity": (0.0, 0.0, 0.0)}
     made = with_attitude(scene(epochs=150, features=40, step=1.5, sigma_px=0.3, **near), 1e-3)
     ranges = np.linalg.norm(made.position, axis=1) + np.random.default_rng(0).normal(0, 0.01, 150)
-    start = first_guess(replace(made.problem, range_m=ranges, sigma_range=0.01), Prior())
+    start = first_guess(replace(made.problem, range_m=ranges, sigma_range=0.01))
     assert start.scaled
     checked(start, made, 3e-3, 5e-3, 0.03, 0.02)
 
 
 def test_stereo_with_attitude_keeps_its_body_axes():
     made = with_attitude(scene(epochs=200), 1e-3)
-    start = first_guess(made.problem, Prior())
+    start = first_guess(made.problem)
     assert start.body_frame == "attitude0"
     checked(start, made, 3e-3, 3e-3, 0.02, 0.01)
 
@@ -194,7 +193,7 @@ def with_rates_only(made: Scene, sigma: float, seed: int = 0) -> Scene:
 
 def test_rates_alone():
     made = with_rates_only(scene(epochs=600), 1e-3 * 0.058)
-    start = first_guess(made.problem, Prior())
+    start = first_guess(made.problem)
     assert start.position is None and start.features is None
     checked(start, made, 0.02, 2e-3, None, 3e-3)
 
@@ -202,13 +201,13 @@ def test_rates_alone():
 def test_one_camera_alone_says_what_is_missing():
     made = scene(epochs=50, cameras=1)
     with pytest.raises(NotPossible, match="attitude0"):
-        first_guess(made.problem, Prior())
+        first_guess(made.problem)
 
 
 def test_two_features_are_not_enough():
     made = scene(epochs=50, features=2)
     with pytest.raises(NotPossible, match="three features"):
-        first_guess(made.problem, Prior())
+        first_guess(made.problem)
 
 
 def test_features_on_a_line_are_not_enough():
@@ -216,7 +215,7 @@ def test_features_on_a_line_are_not_enough():
     world = made.position[:, None] + rotate(made.q[:, None], np.linspace(-1, 1, 4)[:, None] * np.array([1.0, 0, 0]))
     uv = np.stack([project(camera, world) for camera in made.problem.cameras], axis=1)
     with pytest.raises(NotPossible, match="line"):
-        first_guess(replace(made.problem, uv=uv), Prior())
+        first_guess(replace(made.problem, uv=uv))
 
 
 def test_free_windows_are_free_rotation():

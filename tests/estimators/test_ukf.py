@@ -54,26 +54,11 @@ def stereo(n: int = 240, m: int = 6, seed: int = 0, dt: float = 0.5, velocity: f
 
 
 def problem(t: np.ndarray, uv: np.ndarray, **known: np.ndarray) -> Problem:
-    n, nan = len(t), np.full(len(t), np.nan)
-    given = Problem(
-        (t * 1e9).astype(np.int64),
-        t,
-        RIG,
-        uv,
-        np.full(2, SIGMA),
-        np.arange(uv.shape[2]),
-        nan,
-        np.nan,
-        np.full((n, 3), np.nan),
-        np.nan,
-        np.full((n, 4), np.nan),
-        nan,
-    )
-    return replace(given, **known) if known else given
+    return replace(Problem.of_tracks(t, RIG, uv, SIGMA), **known)
 
 
 def run(given: Problem):  # type: ignore[no-untyped-def]
-    return ukf.estimate(given, Prior(), first_guess(given, Prior()))
+    return ukf.estimate(given, Prior(), first_guess(given))
 
 
 def filter_case(additive: bool, moving: bool, flow: bool, gate: float, n: int = 25, gaps: bool = True):  # type: ignore[no-untyped-def]

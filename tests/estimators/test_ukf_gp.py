@@ -36,7 +36,7 @@ def darkened(given: Problem, keep_epochs: bool) -> Problem:
 
 
 def carried(given: Problem):  # type: ignore[no-untyped-def]
-    return ukf_gp.estimate(given, Prior(), first_guess(given, Prior()))
+    return ukf_gp.estimate(given, Prior(), first_guess(given))
 
 
 def attitudes(n: int = 450) -> tuple[Problem, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,18 +61,11 @@ def scene(
     ranges = np.full(n, np.nan)
     if range_sigma:
         ranges = np.linalg.norm(r, axis=1) + range_sigma * rng.standard_normal(n)
-    problem = Problem(
-        np.round(t * 1e9).astype(np.int64),
-        t,
-        cameras,
-        uv,
-        np.full(len(cameras), 0.3),
-        np.arange(10),
-        ranges,
-        range_sigma or np.nan,
-        np.full((n, 3), np.nan),
-        np.nan,
-        seen_q,
-        sigma_q,
+    problem = replace(
+        Problem.of_tracks(t, cameras, uv, 0.3),
+        range_m=ranges,
+        sigma_range=range_sigma or np.nan,
+        attitude=seen_q,
+        sigma_attitude=sigma_q,
     )
     return Scene(problem, q, w, r, *ratios(inertia))

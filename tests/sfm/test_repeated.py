@@ -125,7 +125,7 @@ def test_motion_predicts_the_images_beside_the_placed_ones():
 def test_an_image_placed_by_another_sides_cells_is_astray():
     from scipy.spatial.transform import Rotation
 
-    from massprops.sfm.predicted_images import astray, predicted
+    from massprops.sfm.predicted_images import off_prediction, predicted
 
     views, points = scene.make(12, 60)
     order, clock = list(views.names), {n: float(i) for i, n in enumerate(views.names)}
@@ -136,7 +136,7 @@ def test_an_image_placed_by_another_sides_cells_is_astray():
     R = views.R @ axes
     R[10] = views.R[10] @ Rotation.from_rotvec([0, np.pi / 2, 0]).as_matrix() @ axes
     assert set(wanted.names) >= {views.names[9], views.names[10]}
-    found = astray(before, wanted, replace(views, R=R))
+    found = off_prediction(before, wanted, replace(views, R=R))
     assert np.flatnonzero(found).tolist() == [10]
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, frame_file, frames_folder, mask_file
-from massprops.sfm.global_images import SHIFTS, as_read, shutter_map, warped, write_global
+from massprops.sfm.global_images import GRID, SHIFTS, _places, as_read, grid_shifts, warped, write_global
 from massprops.sfm.points import SparsePoints, project, residuals
 from massprops.sfm.row_motion import Readout, Seen, motion_of, row_shifts
 from massprops.views import Views
@@ -178,7 +178,7 @@ def test_images_are_warped_to_what_a_global_shutter_sees(tmp_path: Path) -> None
     i = 11
     own = points.obs_view == i
     half = points.observed(points.obs_point % 2 == 0)  # the other half is not known to the map
-    where = shutter_map(views, half, motion, readout, i)
+    where = _places(grid_shifts(views, half, motion, readout, i), GRID, views.size[i])
     test = own & (points.obs_point % 2 == 1)
     at = points.obs_uv[test]
     there = cv2.remap(

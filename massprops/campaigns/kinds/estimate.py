@@ -14,6 +14,7 @@ import numpy as np
 
 from massprops.campaigns.kinds import always
 from massprops.campaigns.nearest import unknown
+from massprops.core.linalg import normalised_square
 from massprops.documents.fields import read
 from massprops.documents.loading import excerpt
 from massprops.dynamics.quaternion import nearest_rotation
@@ -131,7 +132,7 @@ def errors(found: Estimate, truth: dict[str, Any]) -> dict[str, Any]:
         row |= {"k1_error": float(off[0]), "k2_error": float(off[1])}
         if found.k_covariance is not None and found.sigma_k is not None:
             row |= {"sigma_k1": float(found.sigma_k[0]), "sigma_k2": float(found.sigma_k[1])}
-            row["nees_k"] = float(off @ np.linalg.solve(found.k_covariance, off))
+            row["nees_k"] = float(normalised_square(off, found.k_covariance))
     row |= _state_errors(found, truth)
     if found.innovation is not None:
         row["innovation"] = float(found.innovation)

@@ -14,7 +14,7 @@ import numpy as np
 from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS
 from massprops.campaigns.papers._pesce2017_observation import NEAREST
 from massprops.campaigns.papers._pesce2017_state import Layout, State, cross
-from massprops.dynamics.quaternion import skew
+from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 LEVI_CIVITA = np.array(
@@ -48,58 +48,47 @@ def image_curvature(
     cameras: Sequence[Pinhole],
     frame: np.ndarray,
     spin: np.ndarray,
-    flow: bool = False,
-    disparity: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and variance (B, rows) of the second order of `observation.images`, rows in the same order.
 
     Args:
         P: (B, n, n) covariance of the prediction; the rest as in `images`.
     """
-    free = layout.free
-    if layout.additive:
-        x = np.r_[0:9, 13 : layout.size]
-        P = P[:, x[:, None], x]
-    else:
-        x = np.r_[0:9, 12 : free.size]
-        P = P[:, x[:, None], x]
+    x = np.r_[0:9, layout.k.start : layout.size]
+    P = P[:, x[:, None], x]
     B, m = state.X.shape[:2]
     start = 9 + PARAMETERS
     each = start + 3 * np.arange(m)[:, None] + np.arange(3)
     own = P[:, each[:, :, None], each[:, None, :]]
-    joint = own
-    if flow:
-        joint, velocity, turning = _moving(state, P, each, own, spin)
+    joint, velocity, turning = _moving(state, P, each, own, spin)
     means, spreads, depths = [], [], []
     for camera in cameras:
         rows = camera.R @ frame.T
-        both = np.kron(np.eye(2), rows) if flow else rows
+        both = np.kron(np.eye(2), rows)
         S = both @ joint @ both.T
         Y = state.X @ rows.T - camera.R @ camera.t
         C = np.maximum(Y[..., 2], NEAREST)
-        mean, spread = np.zeros((2, B, m, 4 if flow else 2))
+        mean, spread = np.zeros((2, B, m, 4))
         for axis in (0, 1):
             A, focal = Y[..., axis], camera.intrinsics[axis]
             H = np.zeros((B, m, 2, 2))
             H[..., 0, 1], H[..., 1, 1] = -1 / C**2, 2 * A / C**3
             mean[..., axis], spread[..., axis] = _moments(H, S[..., [[axis], [2]], [axis, 2]], focal)
-            if flow:
-                V = velocity @ rows.T
-                pick = np.array([axis, 2, 3 + axis, 5])
-                H = _flow_bend(A, C, V[..., axis], V[..., 2])
-                mean[..., 2 + axis], spread[..., 2 + axis] = _moments(H, S[..., pick[:, None], pick], focal)
-                g = (rows[axis] - (A / C)[..., None] * rows[2]) / C[..., None] * focal
-                spread[..., 2 + axis] += np.einsum("...i,...ij,...j->...", g, turning, g)
+            V = velocity @ rows.T
+            pick = np.array([axis, 2, 3 + axis, 5])
+            H = _flow_bend(A, C, V[..., axis], V[..., 2])
+            mean[..., 2 + axis], spread[..., 2 + axis] = _moments(H, S[..., pick[:, None], pick], focal)
+            g = (rows[axis] - (A / C)[..., None] * rows[2]) / C[..., None] * focal
+            spread[..., 2 + axis] += np.einsum("...i,...ij,...j->...", g, turning, g)
         means.append(mean.reshape(B, -1))
         spreads.append(spread.reshape(B, -1))
         depths.append((C, S[..., 2, 2], camera))
-    if disparity:
-        # u1 - u0 = -(fu b)/C: second derivative -2 fu b / C^3
-        C, var, camera = depths[0]
-        base = (camera.R @ (depths[1][2].t - camera.t))[0] * camera.intrinsics[0]
-        bend = -2 * base / C**3
-        means.append(0.5 * bend * var)
-        spreads.append(0.5 * (bend * var) ** 2)
+    # u1 - u0 = -(fu b)/C: second derivative -2 fu b / C^3
+    C, var, camera = depths[0]
+    base = (camera.R @ (depths[1][2].t - camera.t))[0] * camera.intrinsics[0]
+    bend = -2 * base / C**3
+    means.append(0.5 * bend * var)
+    spreads.append(0.5 * (bend * var) ** 2)
     return np.concatenate(means, axis=1), SHARED * np.concatenate(spreads, axis=1)
 
 

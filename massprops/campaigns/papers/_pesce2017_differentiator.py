@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprops.dynamics.quaternion import skew
+from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 

@@ -69,13 +69,13 @@ def _couplings(k: np.ndarray) -> np.ndarray:
     return np.stack([(1.0 - z) / x, z - x, (x - 1.0) / z], axis=-1)
 
 
-def principal_prior(k: np.ndarray, sigma: np.ndarray, points: int = 61) -> tuple[np.ndarray, np.ndarray]:
+def principal_prior(k: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean (B, 2) and covariance (B, 2, 2) of parameters when k1, k2 are believed normal about k (B, 2) with `sigma` (2,).
 
     Only possible bodies count (|a1|, |a2|, |a3| < 1): moments of what is left of the normal distribution over a grid.
     A belief that no possible body comes near becomes the nearest possible body, as uncertain as can be.
     """
-    line = np.linspace(-4.0, 4.0, points)
+    line = np.linspace(-4.0, 4.0, 61)
     g1, g2 = np.meshgrid(line, line, indexing="ij")
     means, covariances = [], []
     for centre in np.atleast_2d(k):

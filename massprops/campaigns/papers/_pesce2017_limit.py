@@ -38,9 +38,9 @@ def limit(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, np.ndarray]:
         truth, (C, spin) = setup.truth(step, features), setup.frames[step]
         before = setup.truth(step - 1, features)
         t0, t1 = setup.times[step - 1], setup.times[step]
-        _, F = transition(layout, before, t0, t1, setup.surroundings, setup.largest_rate)
+        _, F = transition(layout, before, t0, t1, setup.orbit, setup.largest_rate)
         P, e = F @ P @ np.swapaxes(F, -1, -2), (F @ e[..., None])[..., 0]
-        _, H, _ = images(layout, truth, setup.cameras, C, spin, True, True)
+        _, H = images(layout, truth, setup.cameras, C, spin)
         wide, wrong = sigma, sigma * noise[:, step - 1]
         if c["pseudo"] == "sensor":
             acceleration, doubt = setup.sensed(step, sensor[:, step - 1])

@@ -12,7 +12,7 @@ import numpy as np
 
 from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS, components
 from massprops.campaigns.papers._pesce2017_state import Layout, State, cross, xi
-from massprops.dynamics.quaternion import skew
+from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 NEAREST = 1e-3
@@ -25,69 +25,57 @@ def images(
     cameras: Sequence[Pinhole],
     frame: np.ndarray,
     spin: np.ndarray,
-    flow: bool = False,
-    disparity: bool = False,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image positions, and image velocities with `flow`, of every feature in every camera.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Image positions and velocities of every feature in every camera, and its disparities.
 
     u_dot = (vx - u vy) / y in the paper's axes, v the feature's velocity in the camera's (pesce2017 eq 24-27, mended:
     the whole velocity of the point, depth along the camera's third axis).
 
     Args:
         frame: (3, 3) cam0 axes into inertial axes; spin: (3,) their angular velocity, inertial axes [rad/s].
-        disparity: adds u of the second camera less u of the first (eq 28).
 
     Returns:
-        values (B, c m g + m d) with g = 2 or 4 numbers (u, v, u_dot, v_dot) of each feature, camera by camera, then
-        the disparities; derivatives (B, rows, n); and True (B, rows) where the feature is in front of the camera.
+        values (B, 4 c m + m): u, v, u_dot, v_dot of each feature, camera by camera, then the disparities, u of the second
+        camera less u of the first (eq 28); derivatives (B, rows, n).
     """
     free = layout.free
     B, m = state.X.shape[:2]
-    count = 4 if flow else 2
     cross_x = skew(state.X)
     velocity = state.U[:, None] + cross(state.W[:, None], state.X)
-    values, slopes, fronts = [], [], []
+    values, slopes = [], []
     each = np.arange(m)[:, None]
     for camera in cameras:
         focal, rows = camera.intrinsics[:2], camera.R @ frame.T
-        front, depth, uv, g = _seen_by(camera, rows, state.X)
-        H = np.zeros((B, m, count, free.size))
-        value = np.empty((B, m, count))
+        depth, uv, g = _seen_by(camera, rows, state.X)
+        H = np.zeros((B, m, 4, free.size))
+        value = np.empty((B, m, 4))
         value[..., :2] = uv * focal + camera.intrinsics[2:]
-        by_point = np.empty((B, m, count, 3))
+        by_point = np.empty((B, m, 4, 3))
         by_point[:, :, :2] = g
-        if flow:
-            seen = (velocity - cross(spin, state.X)) @ rows.T
-            moving = (seen[..., :2] - uv * seen[..., 2:]) / depth * focal
-            value[..., 2:] = moving
-            H[:, :, 2:, free.u] = g
-            H[:, :, 2:, free.w] = -g @ cross_x
-            turning = g @ skew(state.W - spin)[:, None]
-            by_point[:, :, 2:] = (
-                turning - g * (seen[..., 2:] / depth)[..., None] - moving[..., None] * rows[2] / depth[..., None]
-            )
+        seen = (velocity - cross(spin, state.X)) @ rows.T
+        moving = (seen[..., :2] - uv * seen[..., 2:]) / depth * focal
+        value[..., 2:] = moving
+        H[:, :, 2:, free.u] = g
+        H[:, :, 2:, free.w] = -g @ cross_x
+        turning = g @ skew(state.W - spin)[:, None]
+        by_point[:, :, 2:] = (
+            turning - g * (seen[..., 2:] / depth)[..., None] - moving[..., None] * rows[2] / depth[..., None]
+        )
         H[:, each, :, free.x.start + 3 * each + np.arange(3)] = np.moveaxis(by_point, (1, 3), (0, 1))
         values.append(value)
         slopes.append(H)
-        fronts.append(np.repeat(front[..., None], count, axis=-1))
-    out = [a.reshape(B, m * count) for a in values]
-    outH = [a.reshape(B, m * count, free.size) for a in slopes]
-    ok = [a.reshape(B, m * count) for a in fronts]
-    if disparity:
-        out.append(values[1][..., 0] - values[0][..., 0])
-        outH.append(slopes[1][:, :, 0] - slopes[0][:, :, 0])
-        ok.append(fronts[1][..., 0] & fronts[0][..., 0])
-    return np.concatenate(out, axis=1), np.concatenate(outH, axis=1), np.concatenate(ok, axis=1)
+    out = [*(a.reshape(B, 4 * m) for a in values), values[1][..., 0] - values[0][..., 0]]
+    outH = [*(a.reshape(B, 4 * m, free.size) for a in slopes), slopes[1][:, :, 0] - slopes[0][:, :, 0]]
+    return np.concatenate(out, axis=1), np.concatenate(outH, axis=1)
 
 
 def _seen_by(camera: Pinhole, rows: np.ndarray, X: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Whether points X (B, m, 3) are in front of a camera, their depth (B, m, 1), normalised image (B, m, 2), and
+    """Depth (B, m, 1) of points X (B, m, 3), normalised image (B, m, 2), and
     d(u, v)/dX, which is d(u_dot, v_dot)/dV too (B, m, 2, 3). rows: (3, 3) inertial axes into the camera's."""
     Y = X @ rows.T - camera.R @ camera.t
-    front = Y[..., 2] > NEAREST
-    depth = np.where(front, Y[..., 2], NEAREST)[..., None]
+    depth = np.maximum(Y[..., 2], NEAREST)[..., None]
     uv = Y[..., :2] / depth
-    return front, depth, uv, (rows[:2] - uv[..., None] * rows[2]) / depth[..., None] * camera.intrinsics[:2, None]
+    return depth, uv, (rows[:2] - uv[..., None] * rows[2]) / depth[..., None] * camera.intrinsics[:2, None]
 
 
 def euler_constraint(layout: Layout, state: State, acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

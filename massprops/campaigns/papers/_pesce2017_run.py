@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from massprops.campaigns.papers._pesce2017_chaser import Surroundings
 from massprops.campaigns.papers._pesce2017_columns import COLUMNS
 from massprops.campaigns.papers._pesce2017_curvature import bends, constraint_curvature, image_curvature
 from massprops.campaigns.papers._pesce2017_differentiator import rates_from_flow, slope
@@ -21,11 +20,12 @@ from massprops.campaigns.papers._pesce2017_transition import (
     transition,
 )
 from massprops.campaigns.papers._pesce2017_update import Observe, Rule, Updated, update
+from massprops.campaigns.papers._seeds import stereo_pair
+from massprops.core.linalg import normalised_square
 from massprops.dynamics.kernels import differential_gravity
-from massprops.dynamics.orbit import position_velocity
+from massprops.dynamics.orbit import lvlh_axes, lvlh_rate, position_velocity
 from massprops.dynamics.quaternion import angle_between, conjugate, from_rotation_matrix, multiply, normalise, rotate
 from massprops.dynamics.rigid_body import angular_acceleration, propagate
-from massprops.sensing.pinhole import Pinhole
 from massprops.sensing.stereo import triangulate
 from massprops.sequence.data import Orbit
 
@@ -40,22 +40,15 @@ class Setup:
         self.c = c
         self.times = np.arange(c["steps"] + 1) * c["step_s"]
         o = c["orbit"]
-        self.surroundings = Surroundings(
-            Orbit(
-                o["mu_m3_s2"],
-                o["semi_major_axis_m"],
-                o["eccentricity"],
-                o["true_anomaly_rad"],
-                _perifocal_in_lvlh(o["true_anomaly_rad"]),
-            ),
-            turning=True,
+        self.orbit = Orbit(
+            o["mu_m3_s2"],
+            o["semi_major_axis_m"],
+            o["eccentricity"],
+            o["true_anomaly_rad"],
+            _perifocal_in_lvlh(o["true_anomaly_rad"]),
         )
-        plain = np.array([1.0, 1.0, 0.0, 0.0])
-        self.cameras = (
-            Pinhole(plain, CAMERA_ROWS, np.zeros(3)),
-            Pinhole(plain, CAMERA_ROWS, np.array([c["baseline_m"], 0.0, 0.0])),
-        )
-        self.frames = [self.surroundings.camera_frame(t) for t in self.times]
+        self.cameras = stereo_pair(1.0, c["baseline_m"], CAMERA_ROWS)
+        self.frames = [_camera_frame(self.orbit, t) for t in self.times]
         self.frame_q = np.stack([from_rotation_matrix(C) for C, _ in self.frames])
         moments = np.array(c["moments"])
         self.k = np.log(moments[:2] / moments[1:])
@@ -75,8 +68,7 @@ class Setup:
         """The target's own Kepler motion, to tight tolerance, less the leader's."""
         from scipy.integrate import solve_ivp
 
-        orbit = self.surroundings.orbit
-        assert orbit is not None
+        orbit = self.orbit
 
         def slope(t: float, y: np.ndarray) -> np.ndarray:
             leader, _ = position_velocity(orbit, np.asarray(t))
@@ -119,6 +111,12 @@ class Passage:
     states: list[State]
     covariances: list[np.ndarray]
     iterations: np.ndarray
+
+
+def _camera_frame(orbit: Orbit, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """C (3, 3), cam0 axes at t into inertial axes (cam0's at the first epoch), and their rate (3,) [rad/s]."""
+    now, first = lvlh_axes(orbit, np.array([t, 0.0]))
+    return now @ first.T, lvlh_rate(orbit, np.asarray(t))[0]
 
 
 def _perifocal_in_lvlh(anomaly: float) -> np.ndarray:
@@ -193,7 +191,7 @@ class _Seen:
     def observe(self, s: State, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and their Jacobian of the runs `which`."""
         layout = self.setup.layout
-        value, H, _ = images(layout, s, self.setup.cameras, self.C, self.spin, True, True)
+        value, H = images(layout, s, self.setup.cameras, self.C, self.spin)
         residual = self.z[which] - value
         if self.acceleration is not None:
             more, jacobian = euler_constraint(layout, s, self.acceleration[which])
@@ -203,7 +201,7 @@ class _Seen:
     def curvature(self, s: State, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and spread that the images' second order adds."""
         layout, cameras = self.setup.layout, self.setup.cameras
-        mean, spread = image_curvature(layout, s, P, cameras, self.C, self.spin, True, True)
+        mean, spread = image_curvature(layout, s, P, cameras, self.C, self.spin)
         more = ((0, 0), (0, self.wide.shape[1] - mean.shape[1]))
         return np.pad(mean, more), np.pad(spread, more)
 
@@ -236,8 +234,7 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
     rates = _Rates(c, setup)
     states, covariances, used = [], [], np.zeros(len(seeds))
     exact = [
-        images(layout, setup.truth(i, features), setup.cameras, *setup.frames[i], True, True)[0]
-        for i in range(1, c["steps"] + 1)
+        images(layout, setup.truth(i, features), setup.cameras, *setup.frames[i])[0] for i in range(1, c["steps"] + 1)
     ]
     measured = [value + sigma * noise[:, i] for i, value in enumerate(exact)]
     windows = c["batch_steps"]
@@ -252,7 +249,7 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
         )
 
         state, P = predict(
-            layout, state, P, setup.times[step - 1], setup.times[step], setup.surroundings, process, setup.largest_rate
+            layout, state, P, setup.times[step - 1], setup.times[step], setup.orbit, process, setup.largest_rate
         )
         # images of the first steps may be in the state already
         known = bool(windows) and step <= windows[-1]
@@ -276,11 +273,11 @@ def _together(
     layout = setup.layout
 
     def ahead(i: int, s: State) -> tuple[State, np.ndarray]:
-        return transition(layout, s, setup.times[i], setup.times[i + 1], setup.surroundings, setup.largest_rate)
+        return transition(layout, s, setup.times[i], setup.times[i + 1], setup.orbit, setup.largest_rate)
 
     def observed(i: int) -> Observe:
         def observe(s: State, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            value, H, _ = images(layout, s, setup.cameras, *setup.frames[i + 1], True, True)
+            value, H = images(layout, s, setup.cameras, *setup.frames[i + 1])
             return measured[i][which] - value, for_layout(layout, s, H)
 
         return observe
@@ -361,8 +358,8 @@ def rows_of(passage: Passage, seeds: list[int]) -> list[dict[str, Any]]:
         truth = setup.truth(step, passage.features)
         every.append(errors(setup, step, state, truth))
         e = difference(layout, truth, state)
-        nees.append(_normalised(e, P))
-        nees_k.append(_normalised(e[:, layout.k], P[:, layout.k, layout.k]))
+        nees.append(normalised_square(e, P))
+        nees_k.append(normalised_square(e[:, layout.k], P[:, layout.k, layout.k]))
     # time last: a sum along the first axis is taken in another order for one run than for several
     history, times = np.ascontiguousarray(np.stack(every, axis=-1)), setup.times[1:]
     mean = history[..., times >= c["average_from_s"]].mean(axis=-1)
@@ -384,13 +381,3 @@ def rows_of(passage: Passage, seeds: list[int]) -> list[dict[str, Any]]:
             row["error"] = "non-finite"
         rows.append(row)
     return rows
-
-
-def _normalised(e: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """e^T P^-1 e (B,), scaled first."""
-    scale = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 1e-200))
-    e = e / scale
-    nees: np.ndarray = np.sum(
-        e * np.linalg.solve(P / (scale[:, :, None] * scale[:, None, :]), e[..., None])[..., 0], axis=-1
-    )
-    return nees

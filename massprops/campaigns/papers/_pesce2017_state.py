@@ -26,8 +26,8 @@ from massprops.dynamics.quaternion import (
     rotate,
     rotation_matrix,
     rotation_vector,
-    skew,
 )
+from massprops.geometry.vectors import skew
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,7 @@ class State:
     @property
     def velocity(self) -> np.ndarray:
         """(B, 3) of the centre of mass [m/s], inertial axes."""
-        found: np.ndarray = self.U + cross(self.W, self.r)
-        return found
+        return self.U + cross(self.W, self.r)
 
     @property
     def body_features(self) -> np.ndarray:

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.campaigns.papers._pesce2017_chaser import Surroundings
 from massprops.campaigns.papers._pesce2017_curvature import cross_covariance
 from massprops.campaigns.papers._pesce2017_inertia import PARAMETERS, components
 from massprops.campaigns.papers._pesce2017_state import Layout, State, additive_columns, cross, xi
 from massprops.dynamics.orbit import position_velocity
-from massprops.dynamics.quaternion import rotation_matrix, skew
+from massprops.dynamics.quaternion import rotation_matrix
+from massprops.geometry.vectors import skew
+from massprops.sequence.data import Orbit
 
 LARGEST_TURN = 0.12
 """Rotation [rad] per integration step: 1e-7 rad a step, far under what any epoch measures."""
@@ -46,7 +47,7 @@ def predict(
     P: np.ndarray,
     t0: float,
     t1: float,
-    surroundings: Surroundings,
+    orbit: Orbit,
     noise: ProcessNoise,
     largest_rate: float,
 ) -> tuple[State, np.ndarray]:
@@ -56,8 +57,8 @@ def predict(
         largest_rate: [rad/s] that sets the number of integration steps; the same for every run, so that no run's
             result depends on which others are with it.
     """
-    ahead, F = transition(layout, state, t0, t1, surroundings, largest_rate)
-    bend, places = _second_order(layout, F, P), _second_order_places(layout, state, ahead, F, P)
+    ahead, F = transition(layout, state, t0, t1, orbit, largest_rate)
+    bend, places = _second_order(layout, F, P), _second_order_places(layout, ahead, F, P)
     P = F @ P @ np.swapaxes(F, -1, -2) + _process_noise(layout, ahead, t1 - t0, noise)
     P[:, layout.u, layout.u] += COHERENCE * bend
     for at, block in zip([layout.r, *layout.points], np.moveaxis(places, 1, 0), strict=True):
@@ -70,7 +71,7 @@ def transition(
     state: State,
     t0: float,
     t1: float,
-    surroundings: Surroundings,
+    orbit: Orbit,
     largest_rate: float,
 ) -> tuple[State, np.ndarray]:
     """State at t1 and the error's transition (B, n, n) from t0."""
@@ -78,7 +79,7 @@ def transition(
     free = layout.free
     steps = max(1, int(np.ceil(largest_rate * abs(dt) / LARGEST_TURN)))
     q1, W1, core = _rotation(free, state, dt, steps)
-    r1, v1, G = _translation(state, t0, dt, surroundings)
+    r1, v1, G = _translation(state, t0, dt, orbit)
     R0, R1 = rotation_matrix(state.q), rotation_matrix(q1)
     turn = R1 @ np.swapaxes(R0, -1, -2)
     lever = np.einsum("bij,bmj->bmi", turn, state.X - state.r[:, None])
@@ -125,17 +126,13 @@ def _rotation(free: Layout, state: State, dt: float, steps: int) -> tuple[np.nda
     return q1, W1, core
 
 
-def _translation(
-    state: State, t0: float, dt: float, surroundings: Surroundings
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _translation(state: State, t0: float, dt: float, orbit: Orbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """r and v after dt, and the gravity gradient (3, 3) [1/s^2] amid."""
     from massprops.campaigns.papers._pesce2017_transition_kernel import moved
 
     r, v = state.r, state.velocity
-    if surroundings.orbit is None:
-        return r + dt * v, v, np.zeros((3, 3))
-    mu = surroundings.orbit.mu_m3_s2
-    leaders = position_velocity(surroundings.orbit, np.array([t0, t0 + dt / 2, t0 + dt]))[0]
+    mu = orbit.mu_m3_s2
+    leaders = position_velocity(orbit, np.array([t0, t0 + dt / 2, t0 + dt]))[0]
     r1, v1 = moved(r, v, leaders, mu, dt)
     far = np.linalg.norm(leaders[1])
     up = leaders[1] / far
@@ -153,7 +150,7 @@ def _second_order(layout: Layout, F: np.ndarray, P: np.ndarray) -> np.ndarray:
     return cross_covariance(A, B, C)
 
 
-def _second_order_places(layout: Layout, state: State, ahead: State, F: np.ndarray, P: np.ndarray) -> np.ndarray:
+def _second_order_places(layout: Layout, ahead: State, F: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Covariances (B, 1 + m, 3, 3) of the second order of where the centre of mass and the features come to: the error
     of the turn over the step times that of the place."""
     theta = layout.theta

@@ -6,21 +6,20 @@ import numba
 import numpy as np
 
 from massprops.dynamics.compiled import (
+    bind,
     differential_gravity,
     euler_acceleration,
     quaternion_rate,
     to_body,
     to_reference,
+    unit,
 )
+from massprops.estimators import free_path
+from massprops.estimators.filters import components
 
 TINY = 1e-150
-
-
-@numba.njit(cache=True)
-def _slope(y: np.ndarray, six: np.ndarray) -> np.ndarray:
-    a, b, c, d = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
-    e, f, g = euler_acceleration((six[0], six[1], six[2], six[3], six[4], six[5]), (y[4], y[5], y[6]), (0j, 0j, 0j))
-    return np.array([a, b, c, d, e, f, g])
+_acceleration = bind(free_path.acceleration, euler_acceleration=euler_acceleration)
+_torque_free = bind(components.torque_free, acceleration=_acceleration, quaternion_rate=quaternion_rate, unit=unit)
 
 
 @numba.njit(cache=True)
@@ -40,7 +39,6 @@ def rotated(
     q1, W1, core = np.empty((B, 4)), np.empty((B, 3)), np.empty((B, 6, count))
     y = np.empty(7, np.complex128)
     start, way = np.empty(7, np.complex128), np.empty((3, 4))
-    h = dt / steps
     for b in range(B):
         for j in range(count):
             for i in range(4):
@@ -55,14 +53,9 @@ def rotated(
                     start[i] += 0.5j * TINY * way[j - 3, i]
             y[:4] = start[:4]
             y[4], y[5], y[6] = to_body(start[0], start[1], start[2], start[3], start[4], start[5], start[6])
-            own = six[b, :, j]
-            for _ in range(steps):
-                s1 = _slope(y, own)
-                s2 = _slope(y + h / 2 * s1, own)
-                s3 = _slope(y + h / 2 * s2, own)
-                s4 = _slope(y + h * s3, own)
-                y += h / 6 * (s1 + 2 * s2 + 2 * s3 + s4)
-                y[:4] /= np.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
+            own = (six[b, 0, j], six[b, 1, j], six[b, 2, j], six[b, 3, j], six[b, 4, j], six[b, 5, j])
+            end = _torque_free((y[4], y[5], y[6]), (y[0], y[1], y[2], y[3]), own, dt, steps)
+            y[4], y[5], y[6], y[0], y[1], y[2], y[3] = end
             x, u, z = to_reference(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
             core[b, 0, j], core[b, 1, j], core[b, 2, j] = x.imag / TINY, u.imag / TINY, z.imag / TINY
             if j == 0:

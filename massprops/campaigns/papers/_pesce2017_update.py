@@ -39,7 +39,6 @@ class Rule:
     paper: float | None = None
 
 
-EKF = Rule(iterations=1)
 IEKF = Rule()
 
 
@@ -69,8 +68,7 @@ def square_root(P: np.ndarray) -> np.ndarray:
         except np.linalg.LinAlgError:
             value, vector = np.linalg.eigh(correlation[b])
             out[b] = vector * np.sqrt(np.maximum(value, JITTER))
-    found: np.ndarray = scale[:, :, None] * out
-    return found
+    return scale[:, :, None] * out
 
 
 def update(
@@ -178,8 +176,6 @@ def _change(before: State, after: State) -> np.ndarray:
 
     def norm(s: State) -> np.ndarray:
         parts = (s.r, s.velocity, s.W, s.q, s.body_features.reshape(len(s.r), -1), s.k)
-        found: np.ndarray = np.sqrt(sum(np.sum(p * p, axis=-1) for p in parts))
-        return found
+        return np.sqrt(sum(np.sum(p * p, axis=-1) for p in parts))
 
-    found: np.ndarray = np.abs(norm(after) - norm(before)) / norm(before)
-    return found
+    return np.abs(norm(after) - norm(before)) / norm(before)

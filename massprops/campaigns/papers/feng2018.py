@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._seeds import each_seed, percentiles, stereo_pair
+from massprops.core.linalg import normalised_square
 from massprops.dynamics.alignment import q_method
 from massprops.dynamics.inertia import physical, ratios
 from massprops.dynamics.quaternion import (
@@ -23,13 +25,12 @@ from massprops.dynamics.quaternion import (
     multiply,
     rotate,
     rotation_matrix,
-    skew,
 )
 from massprops.dynamics.rigid_body import propagate
-from massprops.errors import MasspropsError
 from massprops.estimators.methods import momentum_ls
 from massprops.estimators.momentum import momentum_inertia, plain_inertia
 from massprops.estimators.result import Prior
+from massprops.geometry.vectors import skew
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
@@ -75,14 +76,8 @@ def configuration(case: str) -> dict[str, Any]:
 
 def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
     """One row per seed: errors in per cent, largest and median over the epochs."""
-    rows = []
     truth = _truth(configuration)
-    for seed in seeds:
-        try:
-            rows.append({"seed": seed, **_run(configuration, truth, seed)})
-        except (MasspropsError, np.linalg.LinAlgError) as problem:
-            rows.append({"seed": seed, "error": str(problem)})
-    return rows
+    return each_seed(lambda seed: _run(configuration, truth, seed), seeds)
 
 
 def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -100,26 +95,11 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     rng = np.random.default_rng([SEED, seed])
     half = c["reference_m"] / 2
     features = rng.uniform(-half, half, (c["features"], 3))
-    times, lens = truth["times"], np.array([c["focal_px"], c["focal_px"], 0.0, 0.0])
-    cameras = (Pinhole(lens, np.eye(3), np.zeros(3)), Pinhole(lens, np.eye(3), np.array([-c["baseline_m"], 0.0, 0.0])))
+    times, cameras = truth["times"], stereo_pair(c["focal_px"], -c["baseline_m"])
     points = truth["position"][:, None] + rotate(truth["q"][:, None], features[None])
     clean = np.stack([project(camera, points) for camera in cameras], axis=1)
     uv = clean + rng.normal(0.0, c["sigma_px"], clean.shape)
-    n, none = len(times), np.full(len(times), np.nan)
-    problem = Problem(
-        np.round(times * 1e9).astype(np.int64),
-        times,
-        cameras,
-        uv,
-        np.full(2, c["sigma_px"]),
-        np.arange(c["features"]),
-        none,
-        np.nan,
-        np.full((n, 3), np.nan),
-        np.nan,
-        np.full((n, 4), np.nan),
-        none,
-    )
+    problem = Problem.of_tracks(times, cameras, uv, c["sigma_px"])
     got = momentum_ls.estimate(problem, Prior(), None)
     assert got.q is not None and got.w is not None and got.position is not None and got.velocity is not None
     at = np.searchsorted(times, got.times)
@@ -145,7 +125,7 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
         k = ratios(truth["inertia"])[0]
         error = np.array([got.k1, got.k2]) - k
         row["k1_error"], row["k2_error"] = float(error[0]), float(error[1])
-        row["k_nees"] = float(error @ np.linalg.solve(got.k_covariance, error))
+        row["k_nees"] = float(normalised_square(error, got.k_covariance))
     row["inertia_unweighted"] = _inertia_error(D.T @ plain_inertia(got.q, got.w) @ D, truth["inertia"])
     rates = _image_rates(points, truth, cameras) + rng.normal(0.0, c["sigma_velocity_px_s"], clean.shape)
     row.update(_paper_chain(c, truth, problem, rates))
@@ -280,4 +260,4 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _percentiles(rows: list[dict[str, Any]], key: str | None, which: tuple[int, ...] = (50, 90, 100)) -> list[str]:
     values = [row[key] for row in rows if key is not None and key in row and np.isfinite(row[key])]
-    return [f"{np.percentile(values, p):.3g}" if values else "" for p in which]
+    return percentiles(values, which) if values else [""] * len(which)

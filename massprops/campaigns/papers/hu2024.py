@@ -22,6 +22,7 @@ from massprops.campaigns.papers._hu2024_frames import (
     growing_inertia,
     local_rates,
 )
+from massprops.campaigns.papers._seeds import MU, on_circular_orbit, stereo_pair
 from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
@@ -47,7 +48,6 @@ from massprops.estimators.unique_frame import SignRule, sign_rule, unique_frame
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
-from massprops.sequence.data import Environment, Orbit
 
 PAPER = "hu2024"
 CASES = {
@@ -108,15 +108,14 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     times = np.arange(round(c["duration_s"] * c["rate_hz"]) + 1) / c["rate_hz"]
     inertia = np.diag(c["inertia_kg_m2"])
     q, w = propagate(np.array([1.0, 0, 0, 0]), np.array(c["w0_rad_s"]), inertia, times)
-    environment = _environment(c)
-    place = chaser_path(environment, times).place
+    place = chaser_path(on_circular_orbit(c["orbit_radius_m"]), times).place
     r, v = np.array([0.0, 0.0, c["distance_m"]]), np.array(c["velocity_m_s"])
     out_r, out_v = [r], [v]
-    mu, h = environment.orbit.mu_m3_s2, 1.0 / c["rate_hz"]  # type: ignore[union-attr]
+    h = 1.0 / c["rate_hz"]
     for l0, l1 in zip(place[:-1], place[1:], strict=True):
 
         def pull(x: np.ndarray, l: np.ndarray) -> np.ndarray:
-            return np.array(differential_gravity(mu, *l, *x))
+            return np.array(differential_gravity(MU, *l, *x))
 
         a1 = pull(r, l0)
         a2 = pull(r + h / 2 * v, (l0 + l1) / 2)
@@ -127,13 +126,8 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     return {"times": times, "q": q, "w": w, "r": np.array(out_r), "v": np.array(out_v)}
 
 
-def _environment(c: dict[str, Any]) -> Environment:
-    return Environment("inertial", Orbit(3.986004418e14, c["orbit_radius_m"], 0.0, 0.0))
-
-
 def _cameras(c: dict[str, Any]) -> tuple[Pinhole, Pinhole]:
-    lens = np.array([FOCAL, FOCAL, 0.0, 0.0])
-    return Pinhole(lens, np.eye(3), np.zeros(3)), Pinhole(lens, np.eye(3), np.array([c["baseline_m"], 0.0, 0.0]))
+    return stereo_pair(FOCAL, c["baseline_m"])
 
 
 def _measured(
@@ -150,8 +144,7 @@ def _measured(
 
 
 def _hidden(c: dict[str, Any], times: np.ndarray) -> np.ndarray:
-    hidden: np.ndarray = np.any([(times > a) & (times < b) for a, b in c["occlusions_s"]], axis=0)
-    return hidden
+    return np.any([(times > a) & (times < b) for a, b in c["occlusions_s"]], axis=0)
 
 
 def _frames(c: dict[str, Any], truth: dict[str, np.ndarray], level: float, seeds: list[int]) -> list[dict[str, Any]]:
@@ -234,9 +227,11 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
     turn = SYMMETRIES[np.random.default_rng([SEED, seed, len(SYMMETRIES)]).integers(1, len(SYMMETRIES))]
     for level in c["levels_rad"]:
         uv, f = _measured(c, truth, level, seed)
-        problem = _problem(c, truth["times"], uv, FOCAL * level)
+        problem = Problem.of_tracks(
+            truth["times"], _cameras(c), uv, FOCAL * level, on_circular_orbit(c["orbit_radius_m"])
+        )
         try:
-            start = first_guess(problem, Prior(), until_s=c["start_s"])
+            start = first_guess(problem, until_s=c["start_s"])
             found = {
                 "with": followed(c, problem, start),
                 "without": followed(c, problem, start, turn),
@@ -262,16 +257,6 @@ def _unique(truth: dict[str, np.ndarray], start: Any) -> int:
     R = rotation_matrix(mean_quaternion(turns))
     axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, sign_rule(start.inertia))[1]
     return int(np.argmax(np.einsum("sij,ij->s", SYMMETRIES, R.T @ axes)))
-
-
-def _problem(c: dict[str, Any], times: np.ndarray, uv: np.ndarray, sigma_px: float) -> Problem:
-    n, m = len(times), uv.shape[2]
-    none = np.full((n, 4), np.nan)
-    stamp = np.round(times * 1e9).astype(np.int64)
-    return Problem(
-        stamp, times, _cameras(c), uv, np.full(2, sigma_px), np.arange(m), none[:, 0], np.nan, none[:, :3], np.nan,
-        none, none[:, 0], None, _environment(c),
-    )  # fmt: skip
 
 
 def followed(c: dict[str, Any], problem: Problem, start: Any, turn: np.ndarray | None = None) -> Run:

@@ -14,8 +14,8 @@ import numpy as np
 
 from massprops.campaigns.consistency import consistency
 from massprops.campaigns.papers import kabir2025_model as model
+from massprops.campaigns.papers._seeds import each_seed
 from massprops.campaigns.papers.kabir2025_setup import POLHODE_S, RATES, configuration, three_periods
-from massprops.errors import MasspropsError
 
 PAPER = "kabir2025"
 CASES = {
@@ -49,13 +49,7 @@ PRINTED_FILTER = {
 def runs(setting: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
     """One row per seed."""
     one = {"gp": _gp_run, "polhode": _polhode_run, "occlusion": _occlusion_run}[setting["kind"]]
-    rows = []
-    for seed in seeds:
-        try:
-            rows.append({"seed": seed, **one(setting, seed)})
-        except (MasspropsError, np.linalg.LinAlgError, FloatingPointError) as error:
-            rows.append({"seed": seed, "error": f"{type(error).__name__}: {error}"})
-    return rows
+    return each_seed(lambda seed: one(setting, seed), seeds)
 
 
 def _motion(setting: dict[str, Any], n: int) -> tuple[np.ndarray, np.ndarray]:

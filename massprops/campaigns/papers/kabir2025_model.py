@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.linalg import normalised_square
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.dynamics.kernels import euler_acceleration, quaternion_rate
 from massprops.dynamics.quaternion import angle_between, multiply, normalise, rotate
 from massprops.estimators.filters import Measurements, Noise, Run, Settings, State, filter_epochs
@@ -95,23 +97,8 @@ def prediction_limit(configuration: dict[str, Any], span: int, ahead: int) -> fl
 def as_problem(configuration: dict[str, Any], z: np.ndarray) -> Problem:
     """The image positions alone, as any sequence gives them."""
     n, m = z.shape[:2]
-    t = np.arange(n, dtype=float)
     uv = np.moveaxis(z[:, :, :4].reshape(n, m, 2, 2), 2, 1)
-    nothing = np.full(n, np.nan)
-    return Problem(
-        stamp_ns=(t * 1e9).astype(np.int64),
-        times=t,
-        cameras=cameras(configuration),
-        uv=uv,
-        sigma_px=np.full(2, configuration["sigma_projection"]),
-        features=np.arange(m),
-        range_m=nothing,
-        sigma_range=np.nan,
-        rates=np.full((n, 3), np.nan),
-        sigma_rate=np.nan,
-        attitude=np.full((n, 4), np.nan),
-        sigma_attitude=nothing,
-    )
+    return Problem.of_tracks(np.arange(n, dtype=float), cameras(configuration), uv, configuration["sigma_projection"])
 
 
 def begin(configuration: dict[str, Any], z: np.ndarray) -> tuple[State, int]:
@@ -126,7 +113,7 @@ def begin(configuration: dict[str, Any], z: np.ndarray) -> tuple[State, int]:
 
     until = float(configuration["start_s"])
     problem = as_problem(configuration, z[: int(until) + 1])
-    start = first_guess(problem, Prior(), until_s=until)
+    start = first_guess(problem, until_s=until)
     ready = in_principal_axes(setup(problem, Prior(), start, most=len(configuration["features_m"])))
     full = ready.state
     at, rows = np.arange(8, 14), np.r_[0:8, 14 : len(full.P)]
@@ -199,7 +186,7 @@ def errors(configuration: dict[str, Any], run: Run, q: np.ndarray, w: np.ndarray
     turn = TURNS[np.argmin([angle_between(multiply(run.q[anchor], s), q[anchor]) for s in TURNS])]
     back = rotate(turn * np.array([1.0, -1, -1, -1]), np.eye(3)).T  # estimated principal axes to true ones
     moments = np.array(configuration["moments"])
-    k = np.log(moments[:2] / moments[1:])
+    k = ratios_of_moments(moments)
     estimated = multiply(run.q, turn)
     from massprops.dynamics.quaternion import conjugate, rotation_vector
 
@@ -209,10 +196,7 @@ def errors(configuration: dict[str, Any], run: Run, q: np.ndarray, w: np.ndarray
     error = np.concatenate([dw @ back, da @ back, dk], axis=1)  # in the filter's own axes, as its covariance
     nees = np.full(len(w), np.nan)
     good = np.isfinite(run.block).all(axis=(1, 2)) & np.isfinite(error).all(axis=1)
-    scale = np.sqrt(np.einsum("nii->ni", run.block[good]))
-    unit = error[good] / scale
-    block = run.block[good] / (scale[:, :, None] * scale[:, None, :])
-    nees[good] = np.einsum("ni,ni->n", unit, np.linalg.solve(block, unit[..., None])[..., 0])
+    nees[good] = normalised_square(error[good], run.block[good])
     return {
         "w": np.linalg.norm(dw, axis=1),
         "attitude": np.linalg.norm(da, axis=1),

@@ -29,13 +29,8 @@ def speed() -> dict[str, Any]:
     return {**_filter_speed(), **_process_speed()}
 
 
-def _configuration() -> dict[str, Any]:
-
-    return configuration("occlusion-0.075")
-
-
 def _filter_speed() -> dict[str, Any]:
-    c = _configuration()
+    c = configuration("occlusion-0.075")
     q, w = model.truth(tuple(c["moments"]), tuple(c["w0"]), STEPS)
     z = model.measured(c, q, w, 0)
     start, first = model.begin(c, z)

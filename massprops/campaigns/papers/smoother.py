@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.errors import MasspropsError
+from massprops.campaigns.papers._seeds import each_seed
+from massprops.core.linalg import normalised_square
 
 PAPER = "smoother"
 CASES = {
@@ -48,13 +49,7 @@ def configuration(case: str) -> dict[str, Any]:
 
 def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
     """One row per seed: errors of k1, k2, their bounds and their ratio z, NEES, chi-square over freedom."""
-    rows = []
-    for seed in seeds:
-        try:
-            rows.append({"seed": seed, **_run(configuration, seed)})
-        except (MasspropsError, np.linalg.LinAlgError, FloatingPointError) as error:
-            rows.append({"seed": seed, "error": f"{type(error).__name__}: {error}"})
-    return rows
+    return each_seed(lambda seed: _run(configuration, seed), seeds)
 
 
 def _run(c: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -89,7 +84,7 @@ def _run(c: dict[str, Any], seed: int) -> dict[str, Any]:
     row |= {"error_k1": float(off[0]), "error_k2": float(off[1])}
     row |= {"z_k1": float(off[0] / bound[0]), "z_k2": float(off[1] / bound[1])}
     if found.k_covariance is not None:
-        row["nees"] = float(off @ np.linalg.solve(found.k_covariance, off))
+        row["nees"] = float(normalised_square(off, found.k_covariance))
     return row
 
 

@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._seeds import MU, each_seed, on_circular_orbit, percentiles
+from massprops.core.linalg import normalised_square
+from massprops.dynamics import runge_kutta
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
-from massprops.dynamics.kernels import differential_gravity, euler_acceleration, quaternion_rate, to_body
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -34,9 +36,9 @@ from massprops.dynamics.quaternion import (
     rotation_matrix,
     rotation_vector,
 )
+from massprops.estimators.filters.gravity import slope_under_gravity
 from massprops.estimators.ranging.batch_start import RangeMotion, fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
-from massprops.sequence.data import Environment, Orbit
 
 PAPER = "volpe2017"
 CASES = {
@@ -48,7 +50,6 @@ CHUNK = 10
 SEED = 2017
 LONGEST_STEP_S = 1.25
 """Of the truth's integration: 0.03 rad of turning, 1e-9 rad of error."""
-MU = 3.986004418e14
 
 
 def configuration(case: str) -> dict[str, Any]:
@@ -78,17 +79,7 @@ def configuration(case: str) -> dict[str, Any]:
 def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]]:
     """One row per seed."""
     truth = _truth(configuration)
-    rows = []
-    for seed in seeds:
-        try:
-            rows.append({"seed": seed, **_run(configuration, truth, seed)})
-        except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
-            rows.append({"seed": seed, "error": f"{type(error).__name__}: {error}"})
-    return rows
-
-
-def _environment(c: dict[str, Any]) -> Environment:
-    return Environment("inertial", Orbit(MU, c["orbit_radius_m"], 0.0, 0.0))
+    return each_seed(lambda seed: _run(configuration, truth, seed), seeds)
 
 
 def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -96,43 +87,28 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
     n_mean = np.sqrt(MU / c["orbit_radius_m"] ** 3)
     count = int(np.floor(2 * np.pi / n_mean / c["step_s"]))
     times = np.arange(count + 1) * c["step_s"]
-    environment = EnvironmentModel(_environment(c))
+    environment = EnvironmentModel(on_circular_orbit(c["orbit_radius_m"]))
     a, b, normal = c["relative_orbit_m"]
     # a closed relative orbit in the local frame: x = a cos, y = -2 a sin (b gives its amplitude), z = normal sin
     r = np.array([a, 0.0, normal * 0.6])
     local = np.array([0.0, -b * n_mean, normal * 0.8 * n_mean])
     v = local + np.cross([0.0, 0.0, n_mean], r)
     camera = _pointing(r)
-    inertia = np.diag(c["inertia_kg_m2"])
     # body axes parallel to the camera's at the first epoch, and principal
     y = np.concatenate([camera, np.radians(c["w0_deg_s"]), r, v])
-    six = (*np.diag(inertia), 0.0, 0.0, 0.0)
+    ixx, iyy, izz = c["inertia_kg_m2"]
+    six = (ixx, iyy, izz, 0.0, 0.0, 0.0)
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
-        l = np.array(environment.position(t))
-        place = l + y[7:10]
-        far = np.linalg.norm(place)
-        p = np.array(to_body(*y[:4], *place)) / far
-        torque = 3.0 * MU / far**3 * np.cross(p, inertia @ p)
-        return np.concatenate(
-            [
-                quaternion_rate(*y[:7]),
-                euler_acceleration(six, tuple(y[4:7]), tuple(torque)),
-                y[10:],
-                differential_gravity(MU, *l, *y[7:10]),
-            ]
-        )
+        out = np.empty(13)
+        slope_under_gravity(y, six, np.array(environment.position(t)), MU, out)
+        return out
 
     out, inner = [y], int(np.ceil(c["step_s"] / LONGEST_STEP_S))
     h = c["step_s"] / inner
     for t in times[:-1]:
         for i in range(inner):
-            u = float(t + i * h)
-            k1 = slope(u, y)
-            k2 = slope(u + h / 2, y + h / 2 * k1)
-            k3 = slope(u + h / 2, y + h / 2 * k2)
-            k4 = slope(u + h, y + h * k3)
-            y = y + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+            y = runge_kutta.step(slope, float(t + i * h), y, h)
             y[:4] = normalise(y[:4])
         out.append(y)
     path = np.array(out)
@@ -176,7 +152,16 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     ranges = np.linalg.norm(truth["r"], axis=1) + c["sigma_range_m"] * rng.standard_normal(len(C))
     start = _start(c, truth, uv[0], rng)
     lens = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0])
-    data = RangeData(truth["times"], lens, uv, sigma_px, ranges, c["sigma_range_m"], _environment(c), truth["camera"])
+    data = RangeData(
+        truth["times"],
+        lens,
+        uv,
+        sigma_px,
+        ranges,
+        c["sigma_range_m"],
+        on_circular_orbit(c["orbit_radius_m"]),
+        truth["camera"],
+    )
     begin, at = start, 0
     if c["batch_windows"]:
         *windows, n = c["batch_windows"]
@@ -249,8 +234,7 @@ def _inertia_spread(tensor: np.ndarray, sigma: float) -> np.ndarray:
             e[i, j] = e[j, i] = 1e-5
             columns.append((cholesky_parameters(tensor + e) - base) / 1e-5 * sigma)
     J = np.stack(columns, axis=-1)
-    covariance: np.ndarray = J @ J.T
-    return covariance
+    return J @ J.T
 
 
 def _scores(
@@ -293,15 +277,9 @@ def _scores(
         ]
     )
     for name, part in PARTS.items():
-        row[f"nees {name}"] = _square(error[part], block[part, part])
-    row["nees k"] = _square(k - k_true, k_cov)
+        row[f"nees {name}"] = normalised_square(error[part], block[part, part])
+    row["nees k"] = normalised_square(k - k_true, k_cov)
     return {name: float(value) for name, value in row.items()}
-
-
-def _square(e: np.ndarray, P: np.ndarray) -> float:
-    """e^T P^-1 e, scaled first."""
-    scale = np.sqrt(np.diag(P))
-    return float(e / scale @ np.linalg.solve(P / np.outer(scale, scale), e / scale))
 
 
 def _axes_error(tensor: np.ndarray) -> float:
@@ -339,25 +317,9 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         start = np.array([r[f"{key} start"] for r in good])
         end = np.array([r[f"{key} end"] for r in good])
         gain = np.sqrt(np.mean(start**2)) / np.sqrt(np.mean(end**2))
-        out.append(
-            [
-                text,
-                paper,
-                f"{np.median(start):.3g}",
-                *(f"{np.percentile(end, p):.3g}" for p in (50, 90, 100)),
-                f"{gain:.3g}",
-            ]
-        )
-    attitude = np.array([r["attitude end"] for r in good])
-    out.append(
-        [
-            "attitude [deg]",
-            "known at the start",
-            "0",
-            *(f"{np.percentile(attitude, p):.3g}" for p in (50, 90, 100)),
-            "-",
-        ]
-    )
+        out.append([text, paper, f"{np.median(start):.3g}", *percentiles(end), f"{gain:.3g}"])
+    attitude = percentiles([r["attitude end"] for r in good])
+    out.append(["attitude [deg]", "known at the start", "0", *attitude, "-"])
     notes = [f"{len(rows)} runs, {len(rows) - len(good)} failed", *(__doc__ or "").split("\n\n")[1:]]
     for name, part in {**PARTS, "k": slice(0, 2)}.items():
         values = np.array([r[f"nees {name}"] for r in good])

@@ -56,8 +56,7 @@ class _Residuals:
         if isinstance(given, str):
             self.failed, self.why = self.failed + 1, given
             return None
-        clipped: np.ndarray = np.clip(self._rows(given), -LARGEST, LARGEST)
-        return clipped
+        return np.clip(self._rows(given), -LARGEST, LARGEST)
 
     def _rows(self, given: dict[str, np.ndarray]) -> np.ndarray:
         p, parts, epochs = self.problem, [], []

@@ -254,14 +254,14 @@ def told_apart(groups: list[Group], torques: np.ndarray) -> tuple[list[Group], n
     return [group for group, _ in kept.values()], np.concatenate([x for _, x in kept.values()], axis=2)
 
 
-def own_frequencies(times: np.ndarray, rate: np.ndarray, most: int = 2) -> tuple[float, ...]:
-    """The strongest frequencies [rad/s] of the rates (m, 3) at times (m,), and their halves and doubles."""
+def own_frequencies(times: np.ndarray, rate: np.ndarray) -> tuple[float, ...]:
+    """The two strongest frequencies [rad/s] of the rates (m, 3) at times (m,), and their halves and doubles."""
     span = float(times[-1] - times[0])
     trial = 2 * np.pi / span * np.arange(1.0, min(len(times) / 2, 200.0), 0.25)
     x = rate - rate.mean(axis=0)
     x = x * np.hanning(len(times))[:, None]
     found: list[float] = []
-    for _ in range(most):
+    for _ in range(2):
         wave = np.exp(-1j * trial[:, None] * times)
         power = np.sum(np.abs(wave @ x) ** 2, axis=1)
         for f in found:

@@ -6,7 +6,8 @@ import numpy as np
 
 from massprops.model.linearise import Residuals
 from massprops.model.measurements import Measurements
-from massprops.report.html import number, text
+from massprops.report.html import number
+from massprops.report.svg import GRID, dot, drawing, line, words
 
 SIDE = 190.0
 VIEWS = ((0, 1), (1, 2), (2, 0))
@@ -53,35 +54,25 @@ def body_picture(
     reach = 1.1 * float(np.abs(np.concatenate([points[shown], skin])).max()) or 1.0
     worst = max(float(np.nanmax(rows[0][1][shown])), 1.5)
     width, height = SIDE * len(VIEWS), SIDE * len(rows)
-    parts = [
-        f'<svg class="plot" viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="residuals on the body, three views, '
-        'before and after">'
-    ]
+    parts = []
     for row, (name, rms, z) in enumerate(rows):
         for column, (right, up) in enumerate(VIEWS):
             x0, y0 = SIDE * (column + 0.5), SIDE * (row + 0.5)
             scale = 0.42 * SIDE / reach
             toward = 3 - right - up
-            parts.append(
-                f'<line class="grid" x1="{x0 - 0.46 * SIDE:.1f}" x2="{x0 + 0.46 * SIDE:.1f}" y1="{y0:.1f}" y2="{y0:.1f}"/>'
-                f'<line class="grid" x1="{x0:.1f}" x2="{x0:.1f}" y1="{y0 - 0.46 * SIDE:.1f}" y2="{y0 + 0.46 * SIDE:.1f}"/>'
-                f'<text x="{x0 - 0.46 * SIDE:.1f}" y="{y0 - 0.44 * SIDE:.1f}">{name}: {"xyz"[right]} right, {"xyz"[up]} up</text>'
-            )
-            parts += [
-                f'<circle cx="{x0 + scale * p[right]:.1f}" cy="{y0 - scale * p[up]:.1f}" r="1" fill="#8885"/>'
-                for p in skin
-            ]
+            half, title = 0.46 * SIDE, f"{name}: {'xyz'[right]} right, {'xyz'[up]} up"
+            parts += [line(x0 - half, y0, x0 + half, y0, GRID), line(x0, y0 - half, x0, y0 + half, GRID)]
+            parts.append(words(x0 - half, y0 - 0.44 * SIDE, title, "start"))
+            parts += [dot(x0 + scale * p[right], y0 - scale * p[up], 1, 'fill="#8885"') for p in skin]
             for k in sorted(shown, key=lambda k: points[k, toward]):
                 near = 0.5 + 0.5 * points[k, toward] / reach
                 said = f"feature {numbers[k]}: rms {number(rms[k], 3)} σ, z {number(z[k], 3)}"
-                parts.append(
-                    f'<circle cx="{x0 + scale * points[k, right]:.1f}" cy="{y0 - scale * points[k, up]:.1f}" '
-                    f'r="{4 + 3 * near:.1f}" fill="{colour_of(rms[k], worst)}"><title>{text(said)}</title></circle>'
-                )
-    parts.append("</svg>")
+                x, y, colour = x0 + scale * points[k, right], y0 - scale * points[k, up], colour_of(rms[k], worst)
+                parts.append(dot(x, y, 4 + 3 * near, f'fill="{colour}"', said))
     return (
         f"<p>Features on the body, seen along its axes (larger is nearer). Green: at the noise. Red: {number(worst, 3)} "
-        "times the noise.</p>" + "".join(parts)
+        "times the noise.</p>"
+        + drawing(parts, (width, height), "residuals on the body, three views, before and after", "plot")
     )
 
 

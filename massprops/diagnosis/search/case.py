@@ -12,7 +12,6 @@ from massprops.dynamics.quaternion import conjugate, multiply
 from massprops.errors import NotPossible
 from massprops.estimators.batch.solve import InertiaPrior
 from massprops.estimators.batch.start import BatchStart, batch_start
-from massprops.estimators.result import Prior
 from massprops.estimators.start import Start, first_guess
 from massprops.model.measurements import Measurements, measurements_of
 from massprops.model.problem import Problem
@@ -71,7 +70,7 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
     """
     environment = EnvironmentModel(problem.environment, compiled=True)  # many fits are to come
     warnings = list(problem.warnings)
-    guess = first_guess(replace(problem, sigma_px=doubt * problem.sigma_px), Prior())
+    guess = first_guess(replace(problem, sigma_px=doubt * problem.sigma_px))
     warnings += guess.warnings
     first = batch_start(problem, guess, environment, own_attitudes=own_attitudes)
     warnings += first.notes

@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from massprops.diagnosis.page_parts import GAP, assemble, law, not_tried, notes, verdict, wheel
+from massprops.diagnosis.page_parts import GAP, law, not_tried, notes, verdict, wheel
 from massprops.diagnosis.search.body_picture import body_picture
 from massprops.diagnosis.search.result import Diagnosis
 from massprops.model.linearise import Residuals, residuals
 from massprops.model.measurements import Measurements
 from massprops.report.html import Safe, number, table, text
+from massprops.report.page import of_sections
 from massprops.report.plot import plot
+from massprops.report.svg import dot, drawing, line
 
 BINS = 120
 ARROWS = 14
@@ -20,7 +22,8 @@ ARROWS = 14
 
 def page(d: Diagnosis) -> str:
     """`report.html`, one file that opens offline."""
-    return assemble(
+    return of_sections(
+        "massprops · diagnosis",
         [
             ("verdict", "Verdict", verdict(d.document) + _hidden_mass(d.document)),
             ("law", "A law for the residuals", law(d.document)),
@@ -30,7 +33,7 @@ def page(d: Diagnosis) -> str:
             ("motion", "Momentum and energy", _motion(d)),
             ("torque", "Torque recovered without a model", _torque(d)),
             ("notes", "Notes", notes(d.document)),
-        ]
+        ],
     )
 
 
@@ -159,21 +162,16 @@ def _arrows(d: Diagnosis) -> str:
     width, height = 560.0, 560.0 * float(high[1] - low[1]) / max(float(high[0] - low[0]), 1e-9)
     height = float(np.clip(height, 120, 700))
     side = np.array([width, height]) / ARROWS
-    parts = [
-        f'<svg class="plot" viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="mean residuals on the image plane of cam0">',
-        f'<rect class="pane" width="{width:.0f}" height="{height:.0f}"/>',
-    ]
+    parts = [f'<rect class="pane" width="{width:.0f}" height="{height:.0f}"/>']
     for mean, colour in zip(means, ("#c0392b", "#27ae60"), strict=True):
         for k in np.flatnonzero(count >= 5):
             x, y = (np.array(divmod(int(k), ARROWS)) + 0.5) * side
             dx, dy = mean[k] / longest * 0.9 * side.min()
-            parts.append(
-                f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{x + dx:.1f}" y2="{y + dy:.1f}" stroke="{colour}" stroke-width="2"/><circle cx="{x:.1f}" cy="{y:.1f}" r="1.5" fill="{colour}"/>'
-            )
-    parts.append("</svg>")
+            parts.append(line(x, y, x + dx, y + dy, f'stroke="{colour}" stroke-width="2"'))
+            parts.append(dot(x, y, 1.5, f'fill="{colour}"'))
     return (
         f"<p>Mean residuals on the image of cam0, before (red) and after (green). The longest line is {number(longest, 3)} px.</p>"
-        + "".join(parts)
+        + drawing(parts, (width, height), "mean residuals on the image plane of cam0", "plot")
     )
 
 

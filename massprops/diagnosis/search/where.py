@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.geometry.vectors import unit
 from massprops.model.linearise import Residuals
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
@@ -76,7 +77,7 @@ def _of_tracks(
                 yield _place(f"cam{c}", r.tracks[here], whole, [], region=[float(v) for v in region])
     for j in np.unique(m.seen.feature):
         yield _place("tracks", r.tracks[m.seen.feature == j], whole, [int(problem.features[j])])
-    away = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    away = unit(points)
     for axis, letter in enumerate("xyz"):
         for sign in (1, -1):
             own = sign * away[m.seen.feature, axis] > 0.7

@@ -10,6 +10,7 @@ from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import ratios
 from massprops.estimators.batch.outcome import LARGEST_SIGMA_K
 from massprops.estimators.batch.solve import Fit, InertiaPrior, fit
+from massprops.geometry.vectors import unit
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
 
@@ -55,6 +56,6 @@ def best_of_rivals(
 
 def _turn_in_body(w: np.ndarray) -> float:
     """Largest angle [rad] of the angular velocity in the body from its mean direction."""
-    way = w / np.maximum(np.linalg.norm(w, axis=1, keepdims=True), 1e-300)
+    way = unit(w)
     mean = way.mean(axis=0)
     return float(np.arccos(np.clip(np.min(way @ mean) / max(float(np.linalg.norm(mean)), 1e-300), -1, 1)))

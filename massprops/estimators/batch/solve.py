@@ -75,14 +75,12 @@ class Fit:
     @property
     def scale(self) -> np.ndarray:
         """(f,) root of the information's diagonal, above 0."""
-        root: np.ndarray = np.sqrt(np.maximum(np.diag(self.information), 1e-100))
-        return root
+        return np.sqrt(np.maximum(np.diag(self.information), 1e-100))
 
     @property
     def unit(self) -> np.ndarray:
         """(f, f) the information in units of its scale."""
-        found: np.ndarray = self.information / self.scale[:, None] / self.scale
-        return found
+        return self.information / self.scale[:, None] / self.scale
 
     @property
     def freedom(self) -> int:

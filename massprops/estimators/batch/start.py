@@ -51,13 +51,12 @@ def batch_start(
     problem: Problem,
     start: Start,
     environment: EnvironmentModel,
-    inertia: np.ndarray | None = None,
     own_attitudes: bool = False,
 ) -> BatchStart:
     """A first state for the whole record.
 
     Args:
-        start: the first guess; inertia: (3, 3) in body axes to begin with in place of the guess's.
+        start: the first guess.
         own_attitudes: attitude0 is a sensor of its own, so that the tracks of one camera count beside it.
 
     Raises:
@@ -66,8 +65,7 @@ def batch_start(
     notes: list[str] = []
     frame = start.body_frame
     q, w = multiply(chaser_path(problem.environment, start.times).q, start.q), start.w
-    moments = inertia if inertia is not None else start.inertia
-    moments = np.eye(3) if moments is None or not np.isfinite(moments).all() else moments
+    moments = np.eye(3) if start.inertia is None or not np.isfinite(start.inertia).all() else start.inertia
     features = start.features
     tracks = problem.has_tracks and start.position is not None and features is not None
     if frame == "own" and problem.has_rates and problem.has_tracks:

@@ -35,7 +35,7 @@ def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
     if until >= given.times[-1]:
         return given
     try:
-        early = first_guess(problem, prior, until_s=until)
+        early = first_guess(problem, until_s=until)
     except NotPossible:
         return given
     usable = early.inertia is not None and np.isfinite(early.w).all() and early.body_frame == given.body_frame
@@ -64,8 +64,7 @@ def inertia_covariance(numbers: np.ndarray, k_sigma: np.ndarray, axes_sigma: np.
     principal axes about themselves (3,) [rad]."""
     back = np.linalg.inv(np.concatenate(cholesky_ratio_derivatives(numbers)))
     spread = np.concatenate([np.broadcast_to(k_sigma, 2), np.broadcast_to(axes_sigma, 3)]) ** 2
-    covariance: np.ndarray = (back * spread) @ back.T
-    return covariance
+    return (back * spread) @ back.T
 
 
 def longest(placed: np.ndarray, count: np.ndarray, most: int, least: int = 1) -> np.ndarray:

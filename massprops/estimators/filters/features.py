@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.quaternion import rotation_matrix, skew
+from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.filters.setup import MOST_FEATURES, Setup, measurements
 from massprops.estimators.filters.state import Measurements, Run, Settings, State, filter_epochs
+from massprops.geometry.vectors import skew
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import at_depth
 from massprops.sensing.stereo import triangulate

@@ -34,13 +34,7 @@ class Foresight:
     process: QuasiPeriodicProcess
 
 
-def foresee(
-    t: np.ndarray,
-    y: np.ndarray,
-    ahead: np.ndarray,
-    frequencies: np.ndarray | None = None,
-    noise_sigma: float | None = None,
-) -> Foresight:
+def foresee(t: np.ndarray, y: np.ndarray, ahead: np.ndarray, frequencies: np.ndarray | None = None) -> Foresight:
     """Learns y(t) and foresees it at `ahead`.
 
     The process's errors at neighbouring epochs are nearly the same: all of them come from its few learnt amplitudes
@@ -50,14 +44,13 @@ def foresee(
     Args:
         t: (n,) [s]; y: (n, d), rows with NaN are left out. ahead: (k,) [s].
         frequencies: (2,) start [Hz], e.g. those of another feature of the same body; by default from the spectrum.
-        noise_sigma: of y, to start from.
 
     Raises:
         NotPossible: too few samples, or no period in them.
     """
     there = np.isfinite(y).all(axis=1)
     t, y = t[there][-MOST_SAMPLES:], y[there][-MOST_SAMPLES:]
-    process = fit_process(t, y, frequencies=frequencies, noise_sigma=noise_sigma)
+    process = fit_process(t, y, frequencies)
     d = y.shape[1]
     _, _, learnt = process.predict(t)
     own = float(np.einsum("nii->ni", learnt)[:, :d].sum() / d / max(process.noise_sigma, 1e-300) ** 2)
@@ -67,9 +60,7 @@ def foresee(
     return Foresight(value, rate, variance, covariance, process.noise_sigma, shares, process)
 
 
-def foresee_features(
-    t: np.ndarray, outputs: list[np.ndarray], ahead: np.ndarray, noise_sigma: float | None = None
-) -> list[Foresight | None]:
+def foresee_features(t: np.ndarray, outputs: list[np.ndarray], ahead: np.ndarray) -> list[Foresight | None]:
     """One process per feature of one body, the later ones begun at the frequencies found so far.
 
     A feature that the shared frequencies do not explain to the noise found for the others is learnt on its own
@@ -89,7 +80,7 @@ def foresee_features(
         while starts:
             start = starts.pop(0)
             with suppress(NotPossible, np.linalg.LinAlgError):
-                trials.append(foresee(t, y, ahead, start, noise_sigma))
+                trials.append(foresee(t, y, ahead, start))
             poor = not trials or (best is not None and trials[-1].noise > 1.5 * best.noise)
             if start is not None and poor and len(trials) < 2:
                 starts.append(None)
@@ -104,7 +95,7 @@ def foresee_features(
     for i, one in enumerate(found):
         if one is not None and best is not None and one is not best and one.noise > 1.5 * best.noise:
             try:
-                again = foresee(t, outputs[i], ahead, best.process.f, noise_sigma)
+                again = foresee(t, outputs[i], ahead, best.process.f)
             except (NotPossible, np.linalg.LinAlgError):
                 continue
             if again.process.log_likelihood > one.process.log_likelihood:

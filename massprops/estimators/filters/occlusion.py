@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
-from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix, skew
+from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix
 from massprops.estimators.filters.features import Passage
 from massprops.estimators.filters.foresight import foresee_features
 from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Measurements
 from massprops.estimators.geometry.stereo_path import linear_path, path_transition
+from massprops.geometry.vectors import skew
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import project
 
@@ -68,8 +69,7 @@ def informative(problem: Problem, setup: Setup) -> np.ndarray:
     if setup.points:
         return np.asarray((problem.seen.any(axis=1)).sum(axis=1) >= FEWEST_SEEN)
     measured = problem.attitude if setup.sensors[0] else problem.rates
-    found: np.ndarray = np.isfinite(measured[:, 0])
-    return found
+    return np.isfinite(measured[:, 0])
 
 
 def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:

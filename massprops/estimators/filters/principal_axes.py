@@ -14,9 +14,10 @@ from massprops.dynamics.inertia import (
     ratio_derivatives,
     ratios_of_moments,
 )
-from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, skew
+from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply
 from massprops.estimators.filters.begin import WIDEST_K
 from massprops.estimators.filters.setup import Setup
+from massprops.geometry.vectors import skew
 
 
 def in_principal_axes(

@@ -217,8 +217,7 @@ def _limited(P: np.ndarray, widest: np.ndarray) -> np.ndarray:
     n = len(widest)
     gain = P[:, -n:] @ np.linalg.inv(P[-n:, -n:] + widest)
     less = P - gain @ P[-n:]
-    found: np.ndarray = 0.5 * (less + less.T)
-    return found
+    return 0.5 * (less + less.T)
 
 
 def _rotation_variances(covariance: np.ndarray, problem: Problem, start: Any) -> np.ndarray:

@@ -51,21 +51,20 @@ class BodyMotion:
     shared: np.ndarray
 
 
-def body_motion(points: np.ndarray, covariance: np.ndarray, seed: int = 0) -> BodyMotion | None:
+def body_motion(points: np.ndarray, covariance: np.ndarray) -> BodyMotion | None:
     """Pose at every epoch and the body's points, None when no epoch shows three points off a line.
 
     Where the record falls apart into stretches that share no three points, the longest is taken.
 
     Args:
         points: (n, m, 3) measured in the camera's frame, NaN where not; covariance: (n, m, 3, 3) [m^2].
-        seed: of the random triples that find the pose among outliers.
     """
     seen = np.isfinite(points).all(axis=-1)
     best: BodyMotion | None = None
     left = spread_out(points, seen)
     while left.any() and (best is None or left.sum() > best.used.sum()):
         start = int(np.argmax(left))
-        growth = _Growth(points, covariance, seen, start, seed)
+        growth = _Growth(points, covariance, seen, start)
         growth.spread()
         growth.polish()
         motion = growth.motion()
@@ -82,9 +81,9 @@ class _Growth:
     Attributes: as of `BodyMotion`, with shift for origin, body (m, 3) for points; vague: (m, 3, 3) covariance of body.
     """
 
-    def __init__(self, points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: int, seed: int) -> None:
+    def __init__(self, points: np.ndarray, covariance: np.ndarray, seen: np.ndarray, start: int) -> None:
         n, m = seen.shape
-        self.rng = np.random.default_rng(seed)
+        self.rng = np.random.default_rng(0)  # of the random triples that find the pose among outliers
         self.seen, self.stated = seen, covariance
         self.information = np.zeros_like(covariance)
         self.information[seen] = inverse_of(covariance[seen])
@@ -275,8 +274,7 @@ def _median_place(R: np.ndarray, arm: np.ndarray, information: np.ndarray) -> tu
 
 def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
     fit, given = good.sum(axis=1), use.sum(axis=1)
-    found: np.ndarray = (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
-    return found
+    return (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
 
 
 def _with_body(q: np.ndarray, vague: np.ndarray, covariance: np.ndarray, use: np.ndarray) -> np.ndarray:

@@ -29,9 +29,7 @@ class Centre:
     degree: int
 
 
-def centre_of_mass(
-    times: np.ndarray, q: np.ndarray, origin: np.ndarray, covariance: np.ndarray, highest: int = HIGHEST_DEGREE
-) -> Centre:
+def centre_of_mass(times: np.ndarray, q: np.ndarray, origin: np.ndarray, covariance: np.ndarray) -> Centre:
     """The point fixed in the body whose path is a polynomial of the lowest degree that explains the data.
 
     Without force it is a straight line (feng2018 eq 17-20 over the whole record); on an orbit it bends slowly, which
@@ -48,7 +46,7 @@ def centre_of_mass(
     weight = inverse_of(covariance)
     use = np.ones(n, bool)
     best: tuple[float, int, np.ndarray, np.ndarray] | None = None
-    for degree in range(1, min(highest, max(1, n - 2)) + 1):
+    for degree in range(1, min(HIGHEST_DEGREE, max(1, n - 2)) + 1):
         x, inverse, each = _fit(R, tau, origin, weight * use[:, None, None], degree)
         if degree == 1:
             use = each < 25.0 * max(float(np.median(each)) / 2.366, 1e-12)

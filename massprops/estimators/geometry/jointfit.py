@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.core.linalg import inverse_of
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix, skew
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise, rotation_matrix
+from massprops.geometry.vectors import skew
 
 LARGEST_TURN = 0.3
 

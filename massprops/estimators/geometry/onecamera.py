@@ -36,7 +36,7 @@ def straight_path(
         return None
     chosen = enough[np.argsort(-seen[:, enough].sum(axis=0), kind="stable")[:MOST_FEATURES]]
     for moving in (True, False):
-        done = _solve(problem, rows, q, tau, uv, chosen, moving)
+        done = _solve(problem, q, tau, uv, chosen, moving)
         if done is not None:
             break
     else:
@@ -56,7 +56,6 @@ def straight_path(
 
 def _solve(
     problem: Problem,
-    rows: np.ndarray,
     q: np.ndarray,
     tau: np.ndarray,
     uv: np.ndarray,
@@ -108,5 +107,4 @@ def _solve(
 
 def _depth(R: np.ndarray, points: np.ndarray, path: np.ndarray, tau: np.ndarray) -> np.ndarray:
     moved = path[2] + (tau * path[5] if len(path) == 6 else 0.0)
-    out: np.ndarray = np.einsum("ni,ni->n", R[:, 2], points) + moved
-    return out
+    return np.einsum("ni,ni->n", R[:, 2], points) + moved

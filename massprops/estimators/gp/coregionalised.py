@@ -105,8 +105,6 @@ def fit_process(
     t: np.ndarray,
     y: np.ndarray,
     frequencies: np.ndarray | None = None,
-    restarts: int = 3,
-    noise_sigma: float | None = None,
 ) -> QuasiPeriodicProcess:
     """Trains the process.
 
@@ -114,8 +112,6 @@ def fit_process(
         t: (n,) times [s], increasing; gaps are allowed.
         y: (n, d) measurements.
         frequencies: (2,) start [Hz]; by default from the spectrum (`periods.candidate_pairs`).
-        restarts: pairs of frequencies tried.
-        noise_sigma: known noise [units of y] to start from.
 
     Raises:
         NotPossible: fewer than 30 samples, or values that are not finite, or no variation.
@@ -130,11 +126,10 @@ def fit_process(
         raise NotPossible("Gaussian process: the measurements do not vary, so there is no period to learn; use 'ukf'")
     t0 = float(t[0])
     s, v = t - t0, (y - mean) / spread
-    starts = [np.asarray(frequencies, float)] if frequencies is not None else candidate_pairs(s, v, keep=restarts)
+    starts = [np.asarray(frequencies, float)] if frequencies is not None else candidate_pairs(s, v)
     if not starts:
         raise NotPossible("Gaussian process: no period stands out; give a longer record, or use 'ukf'")
-    noise = (noise_sigma / spread) ** 2 if noise_sigma else None
-    trials = [_train(s, v, _start(s, v, f, noise), lattice(3), iterations=20) for f in starts]
+    trials = [_train(s, v, _start(s, v, f), lattice(3), iterations=20) for f in starts]
     fit = min(trials, key=lambda trial: trial.nll)
     for iterations in (25, 25, 15):
         fit = _train(s, v, fit, fit.worthwhile_lines(len(t)), iterations)
@@ -154,14 +149,13 @@ class _Fit:
     noise: float
     nll: float = np.inf
 
-    def worthwhile_lines(self, n: int, order: int = 14) -> np.ndarray:
+    def worthwhile_lines(self, n: int) -> np.ndarray:
         """Lines whose expected power is not far below the noise left in one fitted amplitude, with some margin."""
-        orders = lattice(order)
+        orders = lattice(14)
         weight, _ = line_weights(orders, 1.3 * self.z)
         keep = weight * np.trace(self.chol @ self.chol.T) > 1e-3 * self.noise / n
         keep[0] = True
-        found: np.ndarray = orders[keep]
-        return found
+        return orders[keep]
 
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Eigenvalues (d,), eigenvectors (d, d) of B and weight per column (r,)."""
@@ -201,11 +195,11 @@ class _Fit:
         )
 
 
-def _start(t: np.ndarray, y: np.ndarray, f: np.ndarray, noise: float | None) -> _Fit:
+def _start(t: np.ndarray, y: np.ndarray, f: np.ndarray) -> _Fit:
     """Hyperparameters to begin with: the outputs' own covariance and length scales of middling smoothness."""
     d = y.shape[1]
     B = np.cov(y.T).reshape(d, d) + 1e-6 * np.eye(d)
-    return _Fit(t, y, f, lattice(0), np.linalg.cholesky(B), np.array([0.5, 0.5]), noise or 1e-4)
+    return _Fit(t, y, f, lattice(0), np.linalg.cholesky(B), np.array([0.5, 0.5]), 1e-4)
 
 
 def _train(t: np.ndarray, y: np.ndarray, start: _Fit, orders: np.ndarray, iterations: int) -> _Fit:

@@ -17,18 +17,19 @@ from massprops.estimators.gp.kernel import feature_slopes, features, lattice
 
 PAD = 8
 """Zero padding of the transform: a peak is located to a small part of a bin."""
+LINES, TRIAL_ORDER = 10, 2
+"""Lines sought in a spectrum, and order of the lattice with which pairs of frequencies are tried."""
 
 
-def spectral_lines(t: np.ndarray, y: np.ndarray, count: int = 10) -> tuple[np.ndarray, np.ndarray]:
-    """Strongest lines common to all outputs, strongest first.
+def spectral_lines(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The `LINES` strongest lines common to all outputs, strongest first.
 
     Args:
         t: (n,) times [s], in order; gaps are allowed.
         y: (n, d) measurements.
-        count: lines sought.
 
     Returns:
-        frequencies (count,) [Hz] and their rms amplitudes (count,).
+        frequencies (LINES,) [Hz] and their rms amplitudes (LINES,).
     """
     span = t[-1] - t[0]
     step = float(np.median(np.diff(t)))
@@ -36,7 +37,7 @@ def spectral_lines(t: np.ndarray, y: np.ndarray, count: int = 10) -> tuple[np.nd
     size = 1 << int(np.ceil(np.log2((grid[-1] + 1) * PAD)))
     residual = y - y.mean(axis=0)
     found: list[float] = []
-    for _ in range(count):
+    for _ in range(LINES):
         series = np.zeros((grid[-1] + 1, y.shape[1]))
         series[grid] = residual
         power = np.sum(np.abs(np.fft.rfft(series, size, axis=0)) ** 2, axis=1)
@@ -55,14 +56,13 @@ def spectral_lines(t: np.ndarray, y: np.ndarray, count: int = 10) -> tuple[np.nd
     return np.array(found)[order], amplitude[order]
 
 
-def candidate_pairs(t: np.ndarray, y: np.ndarray, keep: int = 3, order: int = 2) -> list[np.ndarray]:
+def candidate_pairs(t: np.ndarray, y: np.ndarray, keep: int = 3) -> list[np.ndarray]:
     """Pairs of fundamental frequencies, best first by the Bayesian information criterion of a small lattice.
 
     Args:
         t: (n,) times [s].
         y: (n, d) measurements.
         keep: pairs returned.
-        order: order of the trial lattice.
 
     Returns:
         list of (2,) frequencies [Hz].
@@ -79,7 +79,7 @@ def candidate_pairs(t: np.ndarray, y: np.ndarray, keep: int = 3, order: int = 2)
         if all(abs(f - g) > 0.15 / span for g in unique):
             unique.append(f)
     trials = []
-    orders = lattice(order)
+    orders = lattice(TRIAL_ORDER)
     thin = slice(None, None, max(1, len(t) // 400))
     for f in combinations(sorted(unique[:14]), 2):
         phi = features(t[thin], orders, np.array(f))
@@ -97,11 +97,9 @@ def candidate_pairs(t: np.ndarray, y: np.ndarray, keep: int = 3, order: int = 2)
     return out[:keep]
 
 
-def _refine_pair(
-    t: np.ndarray, y: np.ndarray, f: np.ndarray, orders: np.ndarray, steps: int = 6
-) -> tuple[float, np.ndarray]:
+def _refine_pair(t: np.ndarray, y: np.ndarray, f: np.ndarray, orders: np.ndarray) -> tuple[float, np.ndarray]:
     best, best_f, width = np.inf, f, 0.3 / (t[-1] - t[0])
-    for _ in range(steps):
+    for _ in range(6):
         left, move, _ = frequency_step(t, y, orders, f, np.full(2 * len(orders) - 1, 1e-6 * len(t)))
         if left < best:
             best, best_f = left, f
@@ -158,11 +156,11 @@ def _basis(t: np.ndarray, lines: np.ndarray) -> np.ndarray:
     return np.concatenate([np.ones((len(t), 1)), np.cos(phase), np.sin(phase)], axis=1)
 
 
-def _sharpen(t: np.ndarray, y: np.ndarray, lines: np.ndarray, steps: int = 3) -> np.ndarray:
+def _sharpen(t: np.ndarray, y: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """Gauss-Newton on all lines' frequencies together, amplitudes projected out."""
     limit = 0.3 / (t[-1] - t[0])
     start = lines
-    for _ in range(steps):
+    for _ in range(3):
         basis = _basis(t, lines)
         c = np.linalg.lstsq(basis, y, rcond=None)[0]
         e = y - basis @ c

@@ -29,7 +29,7 @@ WORST_SQUARE = 4.0
 def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
     """Motion, and inertia up to scale; the prior is not used, so that the answer stands alone."""
     if start is None or start.index is None or start.times[-1] < _last(problem):
-        start = first_guess(problem, prior)
+        start = first_guess(problem)
     begun = time.process_time()
     found = start.momentum
     sigma = np.sqrt(np.maximum(np.einsum("nii->ni", start.covariance), 0.0))

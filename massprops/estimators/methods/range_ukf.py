@@ -27,7 +27,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     from massprops.estimators.filters.outcome import estimate_of
     from massprops.estimators.ranging.passage import passage_of, start_of
 
-    ready, passage, fit = passage_of(problem, prior, start_of(problem, prior, start))
+    ready, passage, fit = passage_of(problem, prior, start_of(problem, start))
     found = estimate_of(NAME, problem, ready, passage)
     unfit = unfit_of(fit)
     if unfit and not found.reason:

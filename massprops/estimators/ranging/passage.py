@@ -42,7 +42,7 @@ ACCELERATION_NOISE = 1e-8
 """Unmodelled acceleration [m/s^2 sqrt(s)]."""
 
 
-def start_of(problem: Problem, prior: Prior, start: Any) -> Any:
+def start_of(problem: Problem, start: Any) -> Any:
     """The start, with features placed, in the body axes of attitude0.
 
     Raises:
@@ -52,7 +52,7 @@ def start_of(problem: Problem, prior: Prior, start: Any) -> Any:
 
     if not problem.has_attitude:
         raise NotPossible("attitude0 is missing, which 'massprops reconstruct' writes for an object that tumbles")
-    return start if getattr(start, "features", None) is not None else first_guess(problem, prior)
+    return start if getattr(start, "features", None) is not None else first_guess(problem)
 
 
 def passage_of(problem: Problem, prior: Prior, start: Any) -> tuple[Setup, Passage, BatchFit]:
@@ -82,7 +82,7 @@ def passage_of(problem: Problem, prior: Prior, start: Any) -> tuple[Setup, Passa
     )
     n = _window(times, start)
     windows = tuple(k for k in (6, 9, 14, 21, 32, 48, 72, 108, 162, 243) if k < n)
-    begun, k_sigma = _begin(problem, prior, start, chosen, data.camera)
+    begun, k_sigma = _begin(prior, start, chosen, data.camera)
     fit = fit_first(begun, data.part(slice(n)), windows)
     rest = data.part(slice(n - 1, None))
     # nothing is measured at the filter's first epoch: the fit has used it
@@ -131,9 +131,7 @@ def _window(times: np.ndarray, start: Any) -> int:
     return int(min(max(n, 12), MOST_BATCH, max(int(SHARE * len(times)), 6), len(times)))
 
 
-def _begin(
-    problem: Problem, prior: Prior, start: Any, chosen: np.ndarray, camera: np.ndarray
-) -> tuple[RangeStart, np.ndarray]:
+def _begin(prior: Prior, start: Any, chosen: np.ndarray, camera: np.ndarray) -> tuple[RangeStart, np.ndarray]:
     """A guess and how wide it is, wide enough that the batch fit is led by the measurements; and the 1-sigma of k1, k2."""
     f = start.features[chosen]
     size = float(np.sqrt(np.mean(np.sum(f * f, axis=1))))

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from massprops.documents.arrays import open_arrays
-from massprops.documents.fields import as_written, read
+from massprops.documents.fields import as_written
 from massprops.documents.filter import FORMAT, FilterFile
-from massprops.documents.loading import load_json
-from massprops.documents.scale_json import ScaleStageFile
+from massprops.documents.scale_json import read_scale
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.errors import InputError
 from massprops.exchange.body import CONVENTION, Body
 from massprops.mass.ratio_space import covariance_of_intervals
@@ -58,7 +58,7 @@ def filter_content(body: Body) -> dict[str, Any]:
     inertia = body.inertia / np.trace(body.inertia)
     axes = np.array(document["principal_axes"], float)
     moments = np.diag(axes.T @ inertia @ axes)
-    k1, k2 = float(np.log(moments[0] / moments[1])), float(np.log(moments[1] / moments[2]))
+    k1, k2 = ratios_of_moments(moments).tolist()
     spread = covariance_of_intervals(document, axes)
     if spread is None:
         k_cov, axes_cov = np.eye(2) * ASSUMED_SIGMA**2, np.eye(3) * ASSUMED_SIGMA**2
@@ -93,8 +93,7 @@ def turn_covariance(products: np.ndarray, k1: float, k2: float) -> np.ndarray:
     cov = products / np.outer(gaps, gaps)
     most = (np.pi / 2) ** 2
     shrink = np.sqrt(np.minimum(1.0, most / np.maximum(np.diag(cov), 1e-300)))
-    out: np.ndarray = cov * np.outer(shrink, shrink) + 1e-12 * np.eye(3)
-    return out
+    return cov * np.outer(shrink, shrink) + 1e-12 * np.eye(3)
 
 
 def _of_footage(body: Body, run: Path) -> dict[str, Any]:
@@ -146,19 +145,9 @@ def sparse_points(run: Path) -> tuple[np.ndarray, np.ndarray] | None:
     """Numbers (m,) and places (m, 3) of the run's sparse points, in the mesh's axes and units; None without any."""
     try:
         with open_arrays(run / "work" / "sfm" / "points.npz") as z:
-            return z["id"], z["xyz"] * sfm_factor(run)
+            return z["id"], z["xyz"] * read_scale(run).factor
     except (OSError, ValueError, KeyError, InputError):
         return _colmap_points(run / "sparse")
-
-
-def sfm_factor(run: Path) -> float:
-    """Final length units per unit of the run's structure from motion.
-
-    Raises:
-        InputError: the run has no scale stage, or a damaged one.
-    """
-    path = run / "work" / "scale" / "scale.json"
-    return read(ScaleStageFile, load_json(path), str(path)).factor
 
 
 def _colmap_points(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
@@ -186,7 +175,7 @@ def _distance(run: Path, body: Body) -> float:
     from massprops.views import Views
 
     try:
-        centres = sfm_factor(run) * Views.load(run / "work" / "sfm" / "views.npz").centres
+        centres = read_scale(run).factor * Views.load(run / "work" / "sfm" / "views.npz").centres
     except (OSError, ValueError, KeyError, InputError):
         return 3.0 * float(np.linalg.norm(np.ptp(np.asarray(body.mesh.vertices), axis=0)))
     return float(np.median(np.linalg.norm(centres - body.center_of_mass, axis=1)))

@@ -20,9 +20,7 @@ MESHES = True
 def render(body: Body, meshes: Mapping[str, str]) -> str:
     """The model as text."""
     x, y, z = (f"{v:.17g}" for v in body.center_of_mass)
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    values = [body.inertia[i, j] for i in range(3) for j in range(i, 3)]
-    inertia = "".join(f"          <{n}>{v:.17g}</{n}>\n" for n, v in zip(names, values, strict=True))
+    inertia = "".join(f"          <{n}>{v:.17g}</{n}>\n" for n, v in body.elements.items())
     shapes = "".join(
         f'      <{tag} name="{tag}">\n        <geometry><mesh><uri>{escape(meshes[tag])}</uri></mesh></geometry>\n      </{tag}>\n'
         for tag in ("visual", "collision")

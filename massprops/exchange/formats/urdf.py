@@ -21,9 +21,7 @@ QUOTE = {'"': "&quot;"}
 def render(body: Body, meshes: Mapping[str, str]) -> str:
     """The robot description as text."""
     x, y, z = (f"{v:.17g}" for v in body.center_of_mass)
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    values = [body.inertia[i, j] for i in range(3) for j in range(i, 3)]
-    inertia = " ".join(f'{n}="{v:.17g}"' for n, v in zip(names, values, strict=True))
+    inertia = " ".join(f'{n}="{v:.17g}"' for n, v in body.elements.items())
     shapes = "".join(
         f'    <{tag}>\n      <geometry><mesh filename="{escape(meshes[tag], QUOTE)}"/></geometry>\n    </{tag}>\n'
         for tag in ("visual", "collision")

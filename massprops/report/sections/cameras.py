@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import base64
-
 import numpy as np
 
+from massprops.geometry import vectors
 from massprops.report.data import RunData
-from massprops.report.html import number, swatch, text
+from massprops.report.html import data_uri, number, swatch, text
+from massprops.report.svg import curve, dot, drawing, words
 
 TITLE, ORDER = "Camera path and coverage", 4
 SEEN_WITHIN = 35.0
+"""[deg]."""
+POINTS = 4000
+"""On the sphere, where what is seen is counted."""
 SEEN, BARELY, UNSEEN = (0.05, 0.35, 0.52), (0.66, 0.85, 0.90), (0.93, 0.55, 0.40)
 WIDE, HIGH = 640, 320
 
 
-def coverage(directions: np.ndarray, within_deg: float = SEEN_WITHIN, count: int = 4000) -> float:
-    """Share of the sphere of directions that lies within an angle of a view.
-
-    Args:
-        directions: (n, 3) unit vectors from the object to the cameras.
-        within_deg: [deg].
-        count: points on the sphere, spread evenly.
-    """
-    i = np.arange(count) + 0.5
-    z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
-    ring = np.sqrt(1 - z**2)
-    sphere = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
-    return float(((sphere @ directions.T).max(axis=1) > np.cos(np.radians(within_deg))).mean())
+def coverage(directions: np.ndarray) -> float:
+    """Share of the sphere of directions that lies within `SEEN_WITHIN` of a view; directions: (n, 3) unit vectors from the
+    object to the cameras."""
+    return float(((vectors.sphere(POINTS) @ directions.T).max(axis=1) > np.cos(np.radians(SEEN_WITHIN))).mean())
 
 
 def render(data: RunData) -> str:
@@ -37,8 +31,7 @@ def render(data: RunData) -> str:
         return ""
     middle = data.centre if data.centre is not None else np.median(centres, axis=0)
     offset = centres - middle
-    distance = np.linalg.norm(offset, axis=1)
-    direction = offset / np.where(distance > 0, distance, 1.0)[:, None]
+    distance, direction = np.linalg.norm(offset, axis=1), vectors.unit(offset)
     tumbling = data.facts["footage"].get("motion") == "tumbling"
     whose = "The camera, seen from the turning object" if tumbling else "The camera around the object"
     unit = data.length_unit if data.document else "units of the reconstruction"
@@ -58,7 +51,7 @@ def _path(offset: np.ndarray, data: RunData, middle: np.ndarray) -> str:
     some = np.zeros((0, 3))
     if data.shape is not None:
         some = data.shape.vertices[:: max(1, len(data.shape.vertices) // 900)] - middle
-    parts = [f'<svg viewBox="0 0 {WIDE} 236" role="img" aria-label="camera path from three sides">']
+    parts = []
     for k, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         cx = 106 + 214 * k
 
@@ -67,16 +60,15 @@ def _path(offset: np.ndarray, data: RunData, middle: np.ndarray) -> str:
 
         parts.append(f'<rect class="pane" x="{cx - 104}" y="2" width="208" height="208" rx="6"/>')
         parts.append('<g fill="currentColor" opacity="0.4">')
-        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="0.7"/>' for x, y in at(some)]
+        parts += [dot(x, y, 0.7, "") for x, y in at(some)]
         places = at(offset)
-        line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-        parts.append(f'</g><polyline class="s5" opacity="0.6" points="{line}"/>')
+        parts.append("</g>" + curve(places, 'class="s5" opacity="0.6"'))
         for i, (x, y) in enumerate(places):
             t = i / max(1, len(places) - 1)
             colour = f"rgb({38 + 191 * t:.0f},{115:.0f},{217 - 178 * t:.0f})"
-            parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}"/>')
-        parts.append(f'<text x="{cx}" y="226" text-anchor="middle">{"xyz"[a]} to the right, {"xyz"[b]} up</text>')
-    return "".join(parts) + "</svg>"
+            parts.append(dot(x, y, 2.2, f'fill="{colour}"'))
+        parts.append(words(cx, 226, f"{'xyz'[a]} to the right, {'xyz'[b]} up"))
+    return drawing(parts, (WIDE, 236), "camera path from three sides")
 
 
 def mollweide(direction: np.ndarray) -> np.ndarray:
@@ -101,8 +93,6 @@ def _from_mollweide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _map(direction: np.ndarray) -> str:
-    import cv2
-
     x, y = np.meshgrid((np.arange(WIDE) + 0.5) / WIDE * 4 - 2, 1 - (np.arange(HIGH) + 0.5) / HIGH * 2)
     inside = (x / 2) ** 2 + y**2 <= 1
     unit = _from_mollweide(x[inside], y[inside])
@@ -112,11 +102,7 @@ def _map(direction: np.ndarray) -> str:
     image = np.zeros((HIGH, WIDE, 4), np.uint8)
     rgb = np.where(nearest[:, None] <= SEEN_WITHIN, seen, np.array(UNSEEN))
     image[inside] = np.concatenate([255 * rgb[:, ::-1], np.full((len(rgb), 1), 255)], axis=1)
-    png = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
-    parts = [
-        f'<svg viewBox="-8 -14 {WIDE + 16} {HIGH + 28}" role="img" aria-label="map of the directions seen">',
-        f'<image width="{WIDE}" height="{HIGH}" href="data:image/png;base64,{png}"/>',
-    ]
+    parts = [f'<image width="{WIDE}" height="{HIGH}" href="{data_uri(image, "png")}"/>']
 
     def points(unit: np.ndarray) -> np.ndarray:
         return (mollweide(unit) * [1, -1] + [2, 1]) * [WIDE / 4, HIGH / 2]
@@ -124,15 +110,13 @@ def _map(direction: np.ndarray) -> str:
     arc = np.radians(np.linspace(-90, 90, 37))
     for longitude in np.radians([-179.99, -120, -60, 0, 60, 120, 179.99]):
         line = np.column_stack([np.cos(arc) * np.cos(longitude), np.cos(arc) * np.sin(longitude), np.sin(arc)])
-        parts.append(f'<polyline class="graticule" points="{" ".join(f"{a:.1f},{b:.1f}" for a, b in points(line))}"/>')
+        parts.append(curve(points(line), 'class="graticule"'))
     for latitude in np.radians([-60, -30, 0, 30, 60]):
         ends = np.array([[-np.cos(latitude), s * 1e-9, np.sin(latitude)] for s in (-1, 1)])
-        (x0, y0), (x1, _) = points(ends)
-        parts.append(f'<polyline class="graticule" points="{x0:.1f},{y0:.1f} {x1:.1f},{y0:.1f}"/>')
-    parts += [f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.6" class="view"/>' for a, b in points(direction)]
+        parts.append(curve(points(ends), 'class="graticule"'))
+    parts += [dot(a, b, 2.6, 'class="view"') for a, b in points(direction)]
     for name, axis in (("+x", (1, 0, 0)), ("+y", (0, 1, 0)), ("−y", (0, -1, 0)), ("+z", (0, 0, 1)), ("−z", (0, 0, -1))):
         (a, b) = points(np.array([axis], float))[0]
         shift = {"+z": -4, "−z": 13}.get(name, 4)
-        kind = "pole" if name[1] == "z" else "axis"
-        parts.append(f'<text class="{kind}" x="{a:.0f}" y="{b + shift:.0f}" text-anchor="middle">{name}</text>')
-    return "".join(parts) + "</svg>"
+        parts.append(words(a, b + shift, name, style=f'class="{"pole" if name[1] == "z" else "axis"}"'))
+    return drawing(parts, (WIDE, HIGH), "map of the directions seen", rim=(8, 14))

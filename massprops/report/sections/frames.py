@@ -7,7 +7,7 @@ import numpy as np
 from massprops.capture.images import printable
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, swatch, text
-from massprops.report.outline import outlined
+from massprops.report.thumbnail import thumbnail
 from massprops.sfm.footage import frame_file
 
 TITLE, ORDER = "Frames and silhouettes", 3
@@ -70,5 +70,5 @@ def _thumbnail(data: RunData, name: str) -> np.ndarray | None:
         path = folder / f"{name}.png"
         mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
         if mask is not None:
-            return outlined(image, mask, WIDTH)
-    return outlined(image, None, WIDTH)
+            return thumbnail(image, mask, WIDTH)
+    return thumbnail(image, None, WIDTH)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from massprops.mass.recommended import as_recommended
 from massprops.report.data import RunData
 from massprops.report.html import Safe, between, number, table, text
+from massprops.report.svg import GRID, drawing, line
 
 TITLE, ORDER = "Mass properties", 2
 
@@ -76,18 +77,18 @@ def _interval(bounds: Sequence[float] | None) -> str:
     return f"{between(bounds)}" if bounds else ""
 
 
-def bar(value: float, bounds: Sequence[float] | None, reach: float = 0.10) -> str:
+def bar(value: float, bounds: Sequence[float] | None) -> str:
     """The interval drawn about the value, on a ruler of ±10 %, with the relative ends as its title."""
     if not bounds or not value:
         return ""
     low, high = (100 * (b / value - 1) for b in sorted(bounds, key=lambda b: b / value))
-    at = [60 + 56 * max(-1.0, min(1.0, v / (100 * reach))) for v in (low, high)]
-    return (
-        f'<svg class="bar" viewBox="0 0 120 14" role="img" aria-label="{low:+.1f} to {high:+.1f} %">'
-        f"<title>{low:+.2f} % to {high:+.2f} %, on a ruler of ±10 %</title>"
-        '<line class="grid" x1="4" x2="116" y1="7" y2="7"/><line class="grid" x1="4" x2="4" y1="3" y2="11"/>'
-        '<line class="grid" x1="116" x2="116" y1="3" y2="11"/>'
-        f'<rect class="fill" x="{at[0]:.1f}" width="{max(1.5, at[1] - at[0]):.1f}" y="4" height="6" rx="2"/>'
-        '<line class="mark" x1="60" x2="60" y1="1" y2="13"/></svg>'
-        + f'<span class="soft rel">{low:+.1f} / {high:+.1f} %</span>'.replace("-", "−")
+    at = [60 + 56 * max(-1.0, min(1.0, v / 10)) for v in (low, high)]
+    ruler = line(4, 7, 116, 7, GRID) + line(4, 3, 4, 11, GRID) + line(116, 3, 116, 11, GRID)
+    parts = (
+        f"<title>{low:+.2f} % to {high:+.2f} %, on a ruler of ±10 %</title>{ruler}",
+        f'<rect class="fill" x="{at[0]:.1f}" width="{max(1.5, at[1] - at[0]):.1f}" y="4" height="6" rx="2"/>',
+        line(60, 1, 60, 13, 'class="mark"'),
     )
+    return drawing(
+        parts, (120, 14), f"{low:+.1f} to {high:+.1f} %", "bar"
+    ) + f'<span class="soft rel">{low:+.1f} / {high:+.1f} %</span>'.replace("-", "−")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-
 import numpy as np
 
 from massprops.report.data import RunData
-from massprops.report.html import number, swatch
+from massprops.report.html import data_uri, number, swatch
 from massprops.report.plot import plot
+from massprops.report.svg import dot, drawing, line
 
 TITLE, ORDER = "Images and calibration", 4.5
 CELLS = (12, 9)
@@ -64,22 +63,19 @@ def _over_sensor(data: RunData, left: np.ndarray) -> str:
         return ""
     longest = float(np.linalg.norm(mean[good], axis=1).max()) or 1.0
     w, h = 480, round(480 * float(views.size[0, 1]) / float(views.size[0, 0]))
-    parts = [f'<svg viewBox="-2 -2 {w + 4} {h + 4}" role="img" aria-label="mean residual over the sensor">']
-    parts.append(f'<rect class="pane" width="{w}" height="{h}" rx="4"/>')
+    parts = [f'<rect class="pane" width="{w}" height="{h}" rx="4"/>']
     for k in np.flatnonzero(good):
         x, y = (k % CELLS[0] + 0.5) * w / CELLS[0], (k // CELLS[0] + 0.5) * h / CELLS[1]
         dx, dy = mean[k] / longest * 0.8 * w / CELLS[0]
-        parts.append(f'<line class="arrow" x1="{x:.1f}" y1="{y:.1f}" x2="{x + dx:.1f}" y2="{y + dy:.1f}"/>')
-        parts.append(f'<circle class="foot" cx="{x:.1f}" cy="{y:.1f}" r="1.8"/>')
-    return "".join(parts) + (
-        f'</svg><p class="soft">The longest arrow is {number(longest, 2)} px. If neighbouring arrows turn or point '
+        parts += [line(x, y, x + dx, y + dy, 'class="arrow"'), dot(x, y, 1.8, 'class="foot"')]
+    return drawing(parts, (w, h), "mean residual over the sensor", rim=(2, 2)) + (
+        f'<p class="soft">The longest arrow is {number(longest, 2)} px. If neighbouring arrows turn or point '
         "outward together, the lens model is wrong. Arrows without order are noise.</p>"
     )
 
 
 def _overlap(data: RunData) -> str:
     """A picture of how many points two images share."""
-    import cv2
     from scipy.sparse import csr_matrix
 
     points, n = data.points, len(data.views)
@@ -93,11 +89,10 @@ def _overlap(data: RunData) -> str:
     rgb = np.where(shared[..., None] > 0, (1 - share) * (low - 40) + share * high, low)
     step = max(1, 360 // n)
     image = np.kron(rgb[:, :, ::-1], np.ones((step, step, 1))).astype(np.uint8)
-    png = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
     alone = int((shared.max(axis=1) < LEAST).sum())
     keys = swatch("#ecf0f3", "none") + swatch("#14688c", f"{int(most)} points")
     return (
-        f'<img class="matrix" alt="points that two images have in common" src="data:image/png;base64,{png}">'
+        f'<img class="matrix" alt="points that two images have in common" src="{data_uri(image, "png")}">'
         f'<p class="soft keys">{keys}</p><p class="soft">Image by image, first to last, to the right and down. '
         f"{alone} of {n} images share fewer than {LEAST} points with any other.</p>"
     )

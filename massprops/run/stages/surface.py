@@ -12,7 +12,7 @@ from massprops.errors import NotPossible
 from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
-from massprops.run.stage_images import silhouette_file, undistorted_frame
+from massprops.run.stage_images import undistorted_frame, undistorted_mask
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
@@ -88,7 +88,7 @@ def run(job: Job) -> dict[str, Any]:
     cloud, table = _without_support(Cloud.load(job.work("dense") / "points.npz"), place)
     # what turns on a support is no free body: other things may stand there
     free = footage["motion"] == "tumbling" and place["support_plane"] is None
-    masks = _masks(job, views)
+    masks = [undistorted_mask(job, views, i) for i in range(len(views))]
     grey = _grey(job, views) if free and _before_black_sky(footage) else []
     if grey and len(cloud):
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
@@ -303,22 +303,6 @@ def _filled(surface: Surface) -> float:
     """Share of the surface that was neither measured nor closed at the support."""
     area = face_areas(surface.vertices, surface.faces)
     return float(area[~surface.observed & ~surface.inferred].sum() / area.sum())
-
-
-def _masks(job: Job, views: Views) -> list[np.ndarray]:
-    """Undistorted silhouettes (h, w) of all views."""
-    import cv2
-
-    from massprops.views import undistort
-
-    masks = []
-    for i, name in enumerate(views.names):
-        path = silhouette_file(job.run / "work", name)
-        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        if mask is None:
-            raise NotPossible(f"surface: silhouette {path.name} is missing; run the silhouettes again")
-        masks.append(undistort(mask, views.K[i], views.distortion[i], nearest=True))
-    return masks
 
 
 def _before_black_sky(footage: dict[str, Any]) -> bool:

@@ -6,7 +6,7 @@ import html
 from typing import Any
 
 
-class Shown:
+class Displayed:
     """Gives a class a short `repr` and a table in notebooks, both made from its `facts`."""
 
     def facts(self) -> dict[str, str]:

@@ -9,7 +9,7 @@ SPECK = 12
 """Area [px] of outlines that are noise at the size of a thumbnail."""
 
 
-def outlined(image: np.ndarray, mask: np.ndarray | None, width: int) -> np.ndarray:
+def thumbnail(image: np.ndarray, mask: np.ndarray | None, width: int) -> np.ndarray:
     """A thumbnail of an image, the object outlined, doubt tinted.
 
     Args:

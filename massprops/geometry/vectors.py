@@ -1,0 +1,27 @@
+"""Vectors of space: their cross product as a matrix, their directions, directions spread evenly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) with skew(a) b = a x b; real or complex."""
+    out = np.zeros((*v.shape, 3), v.dtype)
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    """Vectors (..., k) of length one in the directions of v (..., k); zero stays zero."""
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-30))
+
+
+def sphere(count: int) -> np.ndarray:
+    """(count, 3) directions spread evenly over the sphere (Fibonacci's spiral)."""
+    i = np.arange(count) + 0.5
+    z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
+    ring = np.sqrt(1 - z**2)
+    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
