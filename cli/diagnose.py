@@ -165,9 +165,11 @@ def _law_rows(law: dict[str, Any]) -> list[str]:
         return [f"  law       none: {law['because']}"]
     rows = [f"  law       {law['formula']}" + ("" if law["stated"] else f"  (uncertain: {law['because']})")]
     for t in law["terms"]:
+        same = f" (the same in this record: {', '.join(t['same_here'])})" if t["same_here"] else ""
         rows.append(
-            f"    {t['coefficient']:>12.4g} ± {t['sigma']:<9.2g} {t['unit']:<10} {t['term']}, probability {t['probability']:.2f}"
+            f"    {t['coefficient']:>12.4g} ± {t['sigma']:<9.2g} {t['unit']:<10} {t['term']}{same}, probability {t['probability']:.2f}"
         )
+    rows += [f"    nearly as likely ({r['log_evidence']:+.1f}): {' + '.join(r['terms'])}" for r in law["rivals"][:3]]
     held = law["held_out"]
     if held["after"] is not None:
         rows.append(

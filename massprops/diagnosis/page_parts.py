@@ -75,7 +75,7 @@ def law(doc: dict[str, Any]) -> str:
     head = f"{said}<p><code>{text(found['formula'])}</code></p>"
     terms = [
         (
-            t["term"],
+            " = ".join((t["term"], *t["same_here"])),
             f"{number(t['coefficient'], 4)} ± {number(t['sigma'], 2)}",
             unit(t["unit"]),
             number(t["probability"], 3),
@@ -88,8 +88,17 @@ def law(doc: dict[str, Any]) -> str:
     return (
         head
         + table(terms, ("torque over the mean moment", "coefficient ± 1σ", "unit", "probability"), numeric=(1, 3))
+        + _rivals(found["rivals"])
         + table(gap, ("residual over the noise", "without it", "with it"))
         + f"<p>{text(found['effect'])} contains the law as an effect, {text(found['model'])} its parameters.</p>"
+    )
+
+
+def _rivals(rivals: list[dict[str, Any]]) -> str:
+    """Terms in place of a law's that explain the record nearly as well."""
+    rows = [(" + ".join(r["terms"]), number(r["log_evidence"], 2)) for r in rivals]
+    return (
+        table(rows, ("nearly as likely in its place", "log evidence over the likeliest"), numeric=(1,)) if rows else ""
     )
 
 

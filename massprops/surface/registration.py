@@ -155,11 +155,21 @@ class Registration:
         Shape decides against the paint only where it is much clearer, and by more than the silhouettes are wrong.
         """
         against = self.rival_colour - self.colour
-        by_shape = any(
-            self.rival_px > n * (worse(self.outside_px) + self.own_px) and against < n * SURE * self.colour_noise
-            for n in (1, 2)
-        )
+        by_shape = any(self._alone(n) and against < n * SURE * self.colour_noise for n in (1, 2))
         return self.fits and (self.painted or by_shape)
+
+    @property
+    def unpainted(self) -> bool:
+        """Whether the shape alone says so, much more clearly than anything else, and the paint says nothing of any turn.
+
+        Of a body of one colour what looks like paint is its relief, which the lamp shows otherwise once the body is turned.
+        """
+        largest = max(abs(self.colour), abs(self.rival_colour))
+        return self.fits and self._alone(2) and largest < SURE * self.colour_noise
+
+    def _alone(self, times: float) -> bool:
+        """Whether every other answer is as many times worse, silhouettes' own errors counted."""
+        return self.rival_px > times * (worse(self.outside_px) + self.own_px)
 
 
 def worse(outside_px: float) -> float:

@@ -9,8 +9,8 @@ import pytest
 
 from massprops.diagnosis.discovery.effect_source import effect_of, source_of
 from massprops.diagnosis.discovery.law import discover
-from massprops.diagnosis.discovery.library import columns_of, library, own_frequencies
-from massprops.diagnosis.discovery.regression import probabilities, regression_of, search
+from massprops.diagnosis.discovery.library import columns_of, library, own_frequencies, told_apart
+from massprops.diagnosis.discovery.regression import Found, Regression, distinct, probabilities, regression_of, search
 from massprops.diagnosis.discovery.sequence_law import files_of_law
 from massprops.diagnosis.motion_path import MotionPath, path_from_rates
 from massprops.diagnosis.selection import without_effects
@@ -80,6 +80,54 @@ def test_the_regression_finds_the_columns_that_act() -> None:
         fixed, np.full(5, 10.0), columns, y, 100.0, groups, (False,) * 4 + (True,) + (False,) * 5, tuple(range(10))
     )
     assert 13 not in search(held)[0].columns, "a coefficient that must not be negative is"
+
+
+def test_terms_that_are_equal_along_a_path_are_one(path: MotionPath) -> None:
+    above = EnvironmentState(tuple(np.zeros((3, len(path.t)))), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 4e14)
+    turning = path_from_rates(path.t, np.tile([0.0, 0.0, 0.3], (len(path.t), 1)) + 0.02 * np.sin(path.t)[:, None])
+    groups = library({"sun direction"}, 20.0, (0.5,), (3.0,), 0.1)
+    terms = [term for group in groups for term in group.terms]
+    kept, torques = told_apart(groups, columns_of(terms, turning, turning.w, above))
+    own = {term.label: term for group in kept for term in group.terms}
+    assert torques.shape[2] == len(own) < len(terms)
+    assert own["max(0, s_z) along x"].same == ("s_z along x",) and "s_z along x" not in own
+    assert "s_z s_z along y" in own["max(0, s_z)^2 along y"].same
+    assert "max(0, -s_z) along x" not in own, "no light falls on that face"
+    assert own["s_x along y"].same == () and "max(0, s_x) along y" in own, "that face turns in and out of the light"
+    below = EnvironmentState(above.position, (0.0, 0.0, -1.0), above.field, above.mu)
+    kept, _ = told_apart(groups, columns_of(terms, turning, turning.w, below))
+    own = {term.label: term for group in kept for term in group.terms}
+    assert own["max(0, -s_z) along x"].same == ("-s_z along x",)
+
+
+def _two_alike(rng: np.random.Generator) -> Regression:
+    """Rows that one of two columns moves which differ by little, with one of its own that both models need."""
+    first, own = rng.normal(size=(2, 600))
+    near = first + 0.05 * rng.normal(size=600)
+    y = 2.0 * first + own + rng.normal(size=600)
+    columns, groups = np.stack([first, near, own], axis=1), ((0,), (1,), (2,))
+    return regression_of(rng.normal(size=(600, 2)), np.ones(2), columns, y, 100.0, groups, (False,) * 3, (0, 0, 1))
+
+
+def test_a_term_at_two_moments_counts_once() -> None:
+    models = [Found((0, 2), 0.0), Found((1, 2), -0.1), Found((2, 3), -0.5), Found((2,), -9.0)]
+    assert distinct(models, {0: 0, 1: 0}) == {frozenset({0, 2}): 0.0, frozenset({2, 3}): -0.5, frozenset({2}): -9.0}
+    r = _two_alike(np.random.default_rng(1))
+    found = search(r)
+    apart, alike = probabilities(r, found), probabilities(r, found, {0: 0, 1: 0})
+    assert apart[0] + apart[1] < 1.01 and alike[0] == alike[1] > 0.9 and apart[2] > 0.9
+
+
+def test_two_terms_that_hold_each_other_up_leave_together() -> None:
+    rng = np.random.default_rng(2)
+    first, second, between = np.linalg.qr(rng.normal(size=(600, 3)))[0].T * np.sqrt(600.0)
+    noise = rng.normal(size=600)
+    # the difference of two terms is worth 5 in log evidence, either alone nothing, and each costs 3.2
+    noise += between * (np.sqrt(10.0 / 600) - between @ noise / 600)
+    columns = np.stack([first, second, second + 0.01 * between], axis=1)
+    nothing = np.zeros((600, 1))
+    r = regression_of(nothing, np.ones(1), columns, first + noise, 1e6, ((0, 1, 2),), (False,), (0,))
+    assert search(r)[0].columns == (0,)
 
 
 def test_the_bodys_own_frequencies() -> None:

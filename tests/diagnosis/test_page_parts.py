@@ -14,8 +14,16 @@ LAW: dict[str, Any] = {
     "stated": True,
     "because": None,
     "terms": [
-        {"term": "max(0, s_z) along x", "coefficient": 8.1e-5, "sigma": 2e-6, "unit": "rad s^-2", "probability": 0.97}
+        {
+            "term": "max(0, s_z) along x",
+            "coefficient": 8.1e-5,
+            "sigma": 2e-6,
+            "unit": "rad s^-2",
+            "probability": 0.97,
+            "same_here": ["s_z along x"],
+        }
     ],
+    "rivals": [{"terms": ["max(0, s_z) w_x along x", "s_y along y"], "log_evidence": -2.5}],
     "fitted": {"before": 7.25, "after": 1.02},
     "held_out": {"before": 8.5, "after": None},
     "effect": "law.py",
@@ -25,7 +33,17 @@ LAW: dict[str, Any] = {
 
 def test_a_law_is_on_the_page_with_its_terms_and_its_figures() -> None:
     shown = law({"law": LAW})
-    for part in ("8.1e-05 [max(0, s_z) along x]", "0.97", "7.25", "1.02", "law.py", "law.yaml", "rad s⁻²"):
+    for part in (
+        "8.1e-05 [max(0, s_z) along x]",
+        "0.97",
+        "7.25",
+        "1.02",
+        "law.py",
+        "law.yaml",
+        "rad s⁻²",
+        "= s_z along x",
+        "w_x along x + s_y",
+    ):
         assert part in shown
     assert 'class="done"' in shown and "Not stated" not in shown
 

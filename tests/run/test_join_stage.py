@@ -66,6 +66,14 @@ def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothi
     assert "another object" in _reason(registered(outside_px=5.0))
 
 
+def test_shape_that_is_far_clearer_than_all_else_joins_a_body_without_paint() -> None:
+    """As of a plain rock: 0.7 px to 4.8 px, and colours that correlate nowhere."""
+    assert registered(own_px=0.3, rival_px=4.8).unpainted
+    assert not registered(own_px=0.3, rival_px=2.0).unpainted, "another turn is as good as silhouettes can tell"
+    assert not registered(own_px=0.3, rival_px=4.8, colour=0.45).unpainted, "its paint says something"
+    assert not registered(own_px=0.3, rival_px=4.8, rival_colour=0.2).unpainted, "or says something of another turn"
+
+
 def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there are none, shape decides and is trusted less."""
     over = np.diag([1.0, -1, -1])
@@ -93,6 +101,8 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     assert np.allclose(np.sqrt(np.diag(said["joint"]["covariance"])), 0.01)
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: True)
     assert "look alike" in _laid(job, pair, pair)[0]["reason"]
+    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: registered(rival_px=4.8))
+    assert "reason" not in _laid(job, pair, pair)[0], "features of light and shade have no say"
 
 
 def test_moving_views_with_their_world_changes_no_image() -> None:

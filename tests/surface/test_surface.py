@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 from synthetic_dense import boxes, cameras, observe, sphere_directions
 
 from massprops.errors import NotPossible
@@ -219,6 +220,20 @@ def test_border_of_any_labels_is_closed(seed):
     mesh = trimesh.Trimesh(tetra.points, surface_faces(tetra, label), process=False)
     mesh.remove_unreferenced_vertices()
     assert mesh.is_volume and mesh.volume == pytest.approx(tetra.volume[label].sum())
+
+
+def test_a_pinched_edge_is_closed_on_its_narrow_side_alone():
+    """Two parts meet at an edge, 50 degrees apart on one side and 230 on the other."""
+    angle = np.deg2rad([0, 40, 90, 130, 180, 230, 280, 320])
+    ring = 2.0 * np.column_stack([np.cos(angle), np.sin(angle), 0.01 * np.arange(8)])
+    far = 30.0 * np.concatenate([np.eye(3), -np.eye(3)]) @ Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix()
+    tetra = tetrahedralise(np.concatenate([[[0, 0, -0.5], [0, 0, 0.5]], ring, far]))
+    about = {tuple(c[2:]): t for t, c in enumerate(np.sort(tetra.corners, axis=1).tolist()) if c[:2] == [0, 1]}
+    assert len(about) == 8, "one tetrahedron for each step of the ring"
+    label = np.zeros(len(tetra.corners), bool)
+    label[[about[2, 3], about[4, 5]]] = True
+    closed = manifold(tetra, label)
+    assert np.flatnonzero(closed).tolist() == sorted([about[2, 3], about[3, 4], about[4, 5]])
 
 
 @pytest.mark.parametrize("seed", range(4))

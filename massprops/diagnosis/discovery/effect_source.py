@@ -29,7 +29,8 @@ def source_of(terms: tuple[LibraryTerm, ...], sizes: list[float]) -> str:
         "PARAMETERS = (",
     ]
     for name, term, value in zip(names, terms, sizes, strict=True):
-        lines.append(f'    Parameter("{name}", "{term.unit}", {max(abs(value), 1e-12):.3g}),  # {term.label}')
+        label = " or ".join((term.label, *term.same))
+        lines.append(f'    Parameter("{name}", "{term.unit}", {max(abs(value), 1e-12):.3g}),  # {label}')
     lines += [")", f"NEEDS = {needs!r}", "", ""]
     if any(f"{helper}(" in text for helper in ("lit", "size", "begun")):
         lines += [HELPERS.rstrip(), "", ""]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -11,8 +11,24 @@ import numpy as np
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.discovery.effect_source import effect_of, source_of
-from massprops.diagnosis.discovery.library import STEPS, Group, LibraryTerm, columns_of, library, own_frequencies
-from massprops.diagnosis.discovery.regression import Found, Regression, idle, probabilities, regression_of, search
+from massprops.diagnosis.discovery.library import (
+    STEPS,
+    Group,
+    LibraryTerm,
+    columns_of,
+    library,
+    own_frequencies,
+    told_apart,
+)
+from massprops.diagnosis.discovery.regression import (
+    Found,
+    Regression,
+    distinct,
+    idle,
+    probabilities,
+    regression_of,
+    search,
+)
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.held_out import fitted_rms, held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
@@ -34,11 +50,14 @@ class Law:
 
     Attributes:
         terms: of the torque, with their probability (k,); effect: as an effect file holds it; source: that file.
+        rivals: terms that lack one of the law's and explain the record nearly as well, with their log evidence over that of
+            the likeliest.
         alone: the joint refit of the whole record; with_latent: the same together with a latent torque; base, unknown: without it.
     """
 
     terms: tuple[LibraryTerm, ...]
     probability: np.ndarray
+    rivals: tuple[tuple[tuple[LibraryTerm, ...], float], ...]
     effect: ModuleType
     source: str
     alone: HypothesisFit
@@ -78,9 +97,9 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
     steps = tuple(float(record.times[0] + grid * k) for k in range(1, STEPS))
     at = unknown
     for last in (False,) * ROUNDS + (True,):
-        groups = _library(record, steps)
+        groups, torques = _library(at, steps)
         terms = [term for group in groups for term in group.terms]
-        r = _regression(at, groups, terms)
+        r = _regression(at, groups, torques)
         models = search(r)
         columns = models[0].columns
         if not columns:
@@ -92,30 +111,35 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
             near = [float(s + grid * d) for s in used for d in np.linspace(-1.0, 1.0, NEAR)]
             steps, grid = tuple(sorted({*steps, *near})), 0.5 * grid
             continue
-        chance = probabilities(r, models, _alike(terms, columns, record.path.span / STEPS))
+        alike = _alike(terms, columns, record.path.span / STEPS)
+        chance = probabilities(r, models, alike)
         while (out := idle(r, columns, chance)) is not None:
             columns = tuple(c for c in columns if c != out)
         sure = np.array([chance[c] for c in columns])
-        return _refit(record, tuple(terms[c] for c in columns), sure, base, unknown)
+        law = _refit(record, tuple(terms[c] for c in columns), sure, base, unknown)
+        behind = {k: v - models[0].score for k, v in distinct(models, alike).items() if not set(columns) <= k}
+        rivals = [(tuple(terms[c] for c in sorted(k)), v) for k, v in behind.items() if v > -criteria.ALIKE]
+        return replace(law, rivals=tuple(rivals))
     return None
 
 
-def _library(record: Record, steps: tuple[float, ...]) -> list[Group]:
-    """Every group of terms for what is known of a record."""
+def _library(at: HypothesisFit, steps: tuple[float, ...]) -> tuple[list[Group], np.ndarray]:
+    """The groups of terms for what is known of a record that differ along the path of a fit, and their torques (n, 3, k)."""
+    record = at.record
     known = set() if record.environment is None else set(record.environment.known)
     frequencies = own_frequencies(record.times, record.path.w[record.rows.at])
-    return library(known, record.path.span, frequencies, steps, float(np.median(np.diff(record.times))))
+    every = library(known, record.path.span, frequencies, steps, float(np.median(np.diff(record.times))))
+    terms = [term for group in every for term in group.terms]
+    return told_apart(every, columns_of(terms, record.path, at.rate, record.environment_state))
 
 
-def _regression(at: HypothesisFit, groups: list[Group], terms: list[LibraryTerm]) -> Regression:
-    """The rows of a record about one fit, with every term's columns."""
+def _regression(at: HypothesisFit, groups: list[Group], torques: np.ndarray) -> Regression:
+    """The rows of a record about one fit, with the columns of every term's torque (n, 3, k)."""
     record = at.record
     balance = Balance(
         path=record.path, shape=at.shape, momentum=at.rate @ at.inertia, rate=at.rate, rows=record.rows
     )  # fmt: skip
-    columns = balance.columns(
-        torque_forcing(record.path, columns_of(terms, record.path, at.rate, record.environment_state))
-    )
+    columns = balance.columns(torque_forcing(record.path, torques))
     noise = at.row_noise
     plain = [b for b in at.blocks if b.name in ("base", "gyroscope")]
     fixed = np.concatenate([b.columns for b in plain], axis=1) / noise[:, None]
@@ -140,7 +164,7 @@ def _refit(
     values = alone.values[effect.NAME]
     source = source_of(terms, [float(v) for v in values])
     return Law(
-        terms=terms, probability=probability, effect=effect, source=source, alone=alone, with_latent=with_latent, base=base,
+        terms=terms, probability=probability, rivals=(), effect=effect, source=source, alone=alone, with_latent=with_latent, base=base,
         unknown=unknown,
     )  # fmt: skip
 
@@ -181,9 +205,17 @@ def document_of_law(law: Law | None) -> dict[str, Any]:
         "stated": not law.doubt,
         "because": law.doubt or None,
         "terms": [
-            {"term": t.label, "coefficient": float(v), "sigma": float(s), "unit": t.unit, "probability": float(p)}
+            {
+                "term": t.label,
+                "coefficient": float(v),
+                "sigma": float(s),
+                "unit": t.unit,
+                "probability": float(p),
+                "same_here": list(t.same),
+            }
             for t, v, s, p in zip(law.terms, values, sigma, law.probability, strict=True)
         ],
+        "rivals": [{"terms": [t.label for t in terms], "log_evidence": float(v)} for terms, v in law.rivals],
         "evidence": law.evidence - law.base.evidence,
         "evidence_against_unknown": law.evidence - law.unknown.evidence,
         "fitted": {"before": fitted_rms(law.base, noise), "after": fitted_rms(law.alone, noise)},

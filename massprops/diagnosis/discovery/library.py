@@ -11,7 +11,7 @@ Products of two rates are no terms: along free motion they are what a slightly d
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,13 +64,14 @@ class LibraryTerm:
 
     Attributes:
         label: for people; torque: expressions of its three components; unit: of the coefficient. moment: at which it begins
-            [s], or None.
+            [s], or None. same: labels of terms that are equal to this one along a path (`told_apart`), with their sign.
     """
 
     label: str
     torque: tuple[str, str, str]
     unit: str
     moment: float | None = None
+    same: tuple[str, ...] = ()
 
     @property
     def axis(self) -> str:
@@ -120,16 +121,17 @@ def _scalars(there: set[str], span: float, frequencies: tuple[float, ...]) -> li
     out = _times(span, frequencies)
     out += [(f"w_{a}", "s^-1", "rate") for a in XYZ]
     out += [(f"w_{a}*size(w_{a})", "rad^-1", "rate squared") for a in XYZ]
+    # before the directions: where a face is always lit, what is kept says nothing of a Sun behind it
+    if "s" in there:
+        lights = [f"lit({sign}s_{a})" for a in XYZ for sign in ("", "-")]
+        out += [(x, PLAIN, "light") for x in lights] + [(f"{x}**2", PLAIN, "light squared") for x in lights]
+        out += [(f"{x}*w_{a}", "s^-1", "light rate") for x in lights for a in XYZ]
     directions = [letter for letter in "sbn" if letter in there]
     for letter in directions:
         v = [f"{letter}_{a}" for a in XYZ]
         out += [(x, PLAIN, letter) for x in v]
         out += [(f"{v[i]}*{v[j]}", PLAIN, f"{letter} {letter}") for i in range(3) for j in range(i, 3)]
         out += [(f"{x}*w_{a}", "s^-1", f"{letter} rate") for x in v for a in XYZ]
-    if "s" in there:
-        lights = [f"lit({sign}s_{a})" for a in XYZ for sign in ("", "-")]
-        out += [(x, PLAIN, "light") for x in lights] + [(f"{x}**2", PLAIN, "light squared") for x in lights]
-        out += [(f"{x}*w_{a}", "s^-1", "light rate") for x in lights for a in XYZ]
     return out
 
 
@@ -222,6 +224,34 @@ def columns_of(
                 values[x] = eval(x, names)  # noqa: S307
             out[:, i, k] = values[x]
     return out
+
+
+def told_apart(groups: list[Group], torques: np.ndarray) -> tuple[list[Group], np.ndarray]:
+    """The groups that are not zero along a path, those that are equal there in one, and their torques.
+
+    A face that always sees the Sun has light equal to the Sun's component, and its square equal to the component's.
+
+    Args:
+        torques: (n, 3, k) of the groups' terms, one after the other.
+    """
+    kept: dict[bytes, tuple[Group, np.ndarray]] = {}
+    at = 0
+    for group in groups:
+        own = torques[:, :, at : at + len(group.terms)]
+        at += len(group.terms)
+        if not own.any():
+            continue
+        sign = np.sign(own.flat[np.flatnonzero(own)[0]])
+        key = (sign * own + 0.0).tobytes()
+        if key not in kept:
+            kept[key] = group, own
+            continue
+        first, there = kept[key]
+        minus = "" if np.array_equal(own, there) else "-"
+        both = zip(first.terms, (minus + t.label for t in group.terms), strict=True)
+        terms = tuple(t if o in (t.label, *t.same) else replace(t, same=(*t.same, o)) for t, o in both)
+        kept[key] = replace(first, terms=terms), there
+    return [group for group, _ in kept.values()], np.concatenate([x for _, x in kept.values()], axis=2)
 
 
 def own_frequencies(times: np.ndarray, rate: np.ndarray) -> tuple[float, ...]:

@@ -5,12 +5,14 @@ criterion with the noise marginalised (Kass and Wasserman 1995: the evidence und
 for each group they pick: all kinds of groups are equally likely, so are the groups of a kind and the subsets of a group's
 terms. A beam of models grows group by group; needless terms leave, and groups are exchanged for others.
 The probability of a term is the share of the models' evidence that holds it (Hoeting et al. 1999), and no more than how
-often parts of the record, drawn in blocks of time, choose it by themselves (Meinshausen and Buhlmann 2010).
+often parts of the record, drawn in blocks of time, choose it among those models (after Meinshausen and Buhlmann 2010; a
+search anew in each part misses models that are likelier there than the one it ends at).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -118,9 +120,9 @@ def _reduced(r: Regression, use: np.ndarray) -> _Reduced:
     return _Reduced(rest, float(r.rows[use].sum()), r.noise_rows)
 
 
-def search(r: Regression, use: np.ndarray | None = None, beam: int = BEAM, most: int = MOST_GROUPS) -> list[Found]:
+def search(r: Regression, beam: int = BEAM, most: int = MOST_GROUPS) -> list[Found]:
     """Models by their score, the best first, needless terms pruned; the empty model is among them."""
-    own = _reduced(r, np.ones(len(r.rows), bool) if use is None else use)
+    own = _reduced(r, np.ones(len(r.rows), bool))
     empty = Found((), own.score(())[0])
     seen: dict[tuple[int, ...], Found] = {(): empty}
     level = [empty]
@@ -194,11 +196,12 @@ def _pruned(own: _Reduced, r: Regression, model: Found) -> Found:
 
     score = value(columns)
     while len(columns) > 1:
-        trials = [(value([c for c in columns if c != out]), out) for out in columns]
-        best, out = max(trials)
+        best, fewer = max(_without(columns, 1, value))
+        if best <= score and len(columns) > 2:  # two terms may hold each other up
+            best, fewer = max(_without(columns, 2, value))
         if best <= score:
             break
-        score, columns = best, [c for c in columns if c != out]
+        score, columns = best, fewer
     kept = tuple(columns)
     x = own.score(kept)[1]
     for g in groups:
@@ -206,6 +209,25 @@ def _pruned(own: _Reduced, r: Regression, model: Found) -> Found:
             if r.least[g] and c in r.groups[g] and v < 0:
                 return Found(kept, -np.inf, groups)
     return Found(kept, score, tuple(g for g in groups if set(r.groups[g]) & set(kept)))
+
+
+def _without(columns: list[int], count: int, value: Callable[[list[int]], float]) -> Iterator[tuple[float, list[int]]]:
+    """Value of the columns without so many of them, and those left."""
+    for out in combinations(columns, count):
+        fewer = [c for c in columns if c not in out]
+        yield value(fewer), fewer
+
+
+def distinct(models: list[Found], alike: dict[int, int]) -> dict[frozenset[int], float]:
+    """Score of each set of terms, the best first: of models that differ by moments alone, the best.
+
+    Args:
+        models: the best first. alike: columns that stand for another: one term, a little earlier or later.
+    """
+    out: dict[frozenset[int], float] = {}
+    for m in models:
+        out.setdefault(frozenset(alike.get(c, c) for c in m.columns), m.score)
+    return out
 
 
 def idle(r: Regression, columns: tuple[int, ...], chance: dict[int, float]) -> int | None:
@@ -219,30 +241,35 @@ def idle(r: Regression, columns: tuple[int, ...], chance: dict[int, float]) -> i
     return least if lost < criteria.BEATS_NOTHING else None
 
 
+def _again(r: Regression, models: list[Found], use: np.ndarray) -> list[Found]:
+    """Models by their score in some blocks (a bool each) of the record."""
+    own = _reduced(r, use)
+    possible = [m for m in models if np.isfinite(m.score)]
+    scored = [replace(m, score=own.score(m.columns)[0] - float(r.prices[list(m.groups)].sum())) for m in possible]
+    return sorted(scored, key=lambda m: -m.score)
+
+
 def probabilities(r: Regression, models: list[Found], alike: dict[int, int] | None = None) -> dict[int, float]:
     """The probability of each column: its share of the evidence, bounded by how often parts of the record choose it.
 
     Args:
-        models: of `search`. alike: columns that stand for another: one term, a little earlier or later.
+        models: of `search`. alike: see `distinct`.
     """
     alike = alike or {}
-
-    def kinds(model: Found) -> set[int]:
-        return {alike.get(c, c) for c in model.columns}
-
-    weight = np.exp(np.array([m.score for m in models]) - models[0].score)
+    apart = distinct(models, alike)
+    weight = np.exp(np.array(list(apart.values())) - models[0].score)
     weight = np.where(weight > np.exp(-WINDOW), weight, 0.0)
     weight /= weight.sum()
     share: dict[int, float] = {}
-    for m, v in zip(models, weight, strict=True):
-        for c in kinds(m):
+    for terms, v in zip(apart, weight, strict=True):
+        for c in terms:
             share[c] = share.get(c, 0.0) + float(v)
     rng = np.random.default_rng(0)
     chosen: dict[int, int] = {}
     for _ in range(DRAWS):
         use = np.zeros(len(r.rows), bool)
         use[rng.permutation(len(r.rows))[: round(KEPT * len(r.rows))]] = True
-        for c in kinds(search(r, use, most=len(models[0].groups) + 1)[0]):
+        for c in next(iter(distinct(_again(r, models, use), alike))):
             chosen[c] = chosen.get(c, 0) + 1
     # Laplace's rule: so many draws say no more than this
     by_kind = {c: min(p, (chosen.get(c, 0) + 1.0) / (DRAWS + 2.0)) for c, p in share.items()}
