@@ -139,7 +139,4 @@ def _undistorted(pixel: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np
     if not np.any(distortion):
         return pixel
     lens = np.asarray(distortion, float).reshape(-1, 1)
-    out: np.ndarray = cv2.undistortPoints(
-        pixel[:, None].astype(float), np.asarray(K, float), lens, P=np.asarray(K, float)
-    )[:, 0]
-    return out
+    return cv2.undistortPoints(pixel[:, None].astype(float), np.asarray(K, float), lens, P=np.asarray(K, float))[:, 0]

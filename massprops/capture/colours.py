@@ -75,8 +75,7 @@ def colour_cells(image: np.ndarray) -> np.ndarray:
     lab = cv2.cvtColor(cv2.GaussianBlur(image, (3, 3), 0), cv2.COLOR_BGR2LAB).astype(np.int32)
     lightness = lab[..., 0] * BINS // 256
     a, b = (np.clip((lab[..., k] - 80) * BINS // 96, 0, BINS - 1) for k in (1, 2))
-    out: np.ndarray = (lightness * BINS + a) * BINS + b
-    return out
+    return (lightness * BINS + a) * BINS + b
 
 
 def _frequencies(cells: list[np.ndarray], inside: list[np.ndarray]) -> np.ndarray:
@@ -89,8 +88,7 @@ def _frequencies(cells: list[np.ndarray], inside: list[np.ndarray]) -> np.ndarra
         other += np.bincount(cell[~mask], minlength=BINS**3)
     # neighbouring cells share what they know: a colour seen once is not proof
     smooth = [gaussian_filter(h.reshape((BINS,) * 3), 0.7).ravel() for h in (own, other)]
-    out: np.ndarray = (smooth[0] / (smooth[0] + smooth[1] + 1e-3)).astype(np.float32)
-    return out
+    return (smooth[0] / (smooth[0] + smooth[1] + 1e-3)).astype(np.float32)
 
 
 def _piece(probability: np.ndarray) -> np.ndarray:
@@ -103,12 +101,10 @@ def _piece(probability: np.ndarray) -> np.ndarray:
         mask = cv2.morphologyEx(mask, operation, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
     count, label, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     if count <= 1:
-        whole: np.ndarray = mask > 0
-        return whole
+        return mask > 0
     found = label == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     area = float(found.sum())
     count, label, stats, _ = cv2.connectedComponentsWithStats((~found).astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] < 0.02 * area
     small[0] = False
-    out: np.ndarray = found | small[label]
-    return out
+    return found | small[label]

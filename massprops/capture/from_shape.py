@@ -123,8 +123,7 @@ def shows_points(image: np.ndarray, uv: np.ndarray, bgr: np.ndarray, apart: np.n
     gain = np.clip(np.median(seen[calm], axis=0) / np.maximum(np.median(wanted[calm], axis=0), 1.0), 0.5, 2.0)
     off = np.abs(seen - gain * wanted).max(axis=1)
     # the surroundings themselves differ by gloss and by how sharply their texture is drawn
-    out: np.ndarray = off < max(2.0 * float(np.percentile(off[calm], 80)), LEAST_DIFFERENCE)
-    return out
+    return off < max(2.0 * float(np.percentile(off[calm], 80)), LEAST_DIFFERENCE)
 
 
 def _without_gaps(drawn: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
@@ -145,8 +144,7 @@ def _without_gaps(drawn: np.ndarray, other: np.ndarray, size: float) -> np.ndarr
     )
     gap = share < 0.5 * other[ring].mean()
     gap[0] = False
-    out: np.ndarray = drawn | gap[piece]
-    return out
+    return drawn | gap[piece]
 
 
 def _reached(free: np.ndarray) -> np.ndarray:
@@ -154,8 +152,7 @@ def _reached(free: np.ndarray) -> np.ndarray:
     import cv2
 
     _, piece = cv2.connectedComponents(np.pad(free, 1, constant_values=True).astype(np.uint8), connectivity=4)
-    out: np.ndarray = (piece == piece[0, 0])[1:-1, 1:-1]
-    return out
+    return (piece == piece[0, 0])[1:-1, 1:-1]
 
 
 def far_from(depth: np.ndarray) -> np.ndarray:
@@ -196,8 +193,7 @@ def refine(image: np.ndarray, known: Trimap) -> np.ndarray:
     small = cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
 
     def reduced(mask: np.ndarray) -> np.ndarray:
-        out: np.ndarray = cv2.resize(mask[part].astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
-        return out
+        return cv2.resize(mask[part].astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
 
     evidence = None if known.evidence is None else cv2.resize(known.evidence[part], size, interpolation=cv2.INTER_AREA)
     reduced_known = Trimap(reduced(drawn), reduced(surely), reduced(away), reduced(known.hidden), evidence)
@@ -303,8 +299,7 @@ def _log_odds(cells: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarr
         count = np.bincount(cells[mask], minlength=BINS**3).reshape((BINS,) * 3).astype(np.float64)
         smooth = gaussian_filter(count, 0.8).ravel()
         density.append((smooth + 1e-2) / (smooth.sum() + 1e-2 * BINS**3))
-    out: np.ndarray = np.clip(np.log(density[0] / density[1]), -3.0, 3.0)[cells]
-    return out
+    return np.clip(np.log(density[0] / density[1]), -3.0, 3.0)[cells]
 
 
 def _edges(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -333,8 +328,7 @@ def _held(found: np.ndarray, surely: np.ndarray) -> np.ndarray:
     count, piece, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] < 0.001 * kept.sum()
     small[0] = False
-    out: np.ndarray = kept | small[piece]
-    return out
+    return kept | small[piece]
 
 
 def share_covered(

@@ -109,8 +109,7 @@ def _resized(mask: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
 
     if mask.shape[::-1] == size:
         return mask
-    out: np.ndarray = cv2.resize(np.where(mask, 255, 0).astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 127
-    return out
+    return cv2.resize(np.where(mask, 255, 0).astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 127
 
 
 def to_original(mask: np.ndarray, source_size: tuple[int, int], exif: int = 1) -> np.ndarray:

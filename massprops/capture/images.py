@@ -255,5 +255,4 @@ def reduce(image: np.ndarray, longest: int | None) -> np.ndarray:
         return image
     factor = longest / max(height, width)
     size = (max(1, round(width * factor)), max(1, round(height * factor)))
-    out: np.ndarray = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return out
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)

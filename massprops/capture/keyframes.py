@@ -40,8 +40,7 @@ def edge_width(grey: np.ndarray) -> float:
 
     def slope(blur: float) -> np.ndarray:
         soft = cv2.GaussianBlur(grey, (0, 0), blur).astype(np.float32)
-        out: np.ndarray = np.hypot(cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1))
-        return out
+        return np.hypot(cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1))
 
     fine, coarse = slope(1.0), slope(4.0)
     strong = (fine >= np.percentile(fine, 99.5)) & (fine > 0)

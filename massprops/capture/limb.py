@@ -54,10 +54,7 @@ def always_bright(frames: np.ndarray) -> np.ndarray:
     wide = cv2.morphologyEx(lit, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
     piece = cv2.connectedComponents(wide, connectivity=8)[1]
     edge = np.unique(np.concatenate([piece[0], piece[-1], piece[:, 0], piece[:, -1]]))
-    out: np.ndarray = _widened(small[label], STAR_MARGIN) | _widened(
-        np.isin(piece, edge[edge > 0]), MARGIN * max(lit.shape)
-    )
-    return out
+    return _widened(small[label], STAR_MARGIN) | _widened(np.isin(piece, edge[edge > 0]), MARGIN * max(lit.shape))
 
 
 def _widened(region: np.ndarray, reach: float) -> np.ndarray:

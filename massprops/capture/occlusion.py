@@ -257,8 +257,7 @@ def hull(grid: Voxels, member: np.ndarray) -> np.ndarray:
     piece, number = label(solid)
     if number == 0:
         return solid
-    out: np.ndarray = piece == 1 + int(np.argmax(np.bincount(piece.ravel())[1:]))
-    return out
+    return piece == 1 + int(np.argmax(np.bincount(piece.ravel())[1:]))
 
 
 def explained(grid: Voxels, maps: Occlusion, solid: np.ndarray, member: np.ndarray) -> np.ndarray:

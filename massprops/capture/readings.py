@@ -274,8 +274,7 @@ def _in_box(scene: Scene, piece: np.ndarray, at: Located) -> np.ndarray:
     # what lies behind the object shows a part only
     mostly = (count > 0.6 * np.maximum(whole, 1)) & (count >= 0.1 * count.max())
     mostly[int(count.argmax())] = True
-    out: np.ndarray = inside & mostly[piece]
-    return out
+    return inside & mostly[piece]
 
 
 # ---- what it stands on

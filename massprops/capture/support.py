@@ -89,8 +89,7 @@ def planes(xyz: np.ndarray, normal: np.ndarray, radius: float, seed: int) -> lis
 
 def on_plane(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray, tolerance: float) -> np.ndarray:
     """(n,) bool: near the plane and facing as it does."""
-    out: np.ndarray = (np.abs(xyz @ plane[:3] + plane[3]) < tolerance) & (normal @ plane[:3] > FACING)
-    return out
+    return (np.abs(xyz @ plane[:3] + plane[3]) < tolerance) & (normal @ plane[:3] > FACING)
 
 
 def fitted(xyz: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -178,8 +177,7 @@ def split(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray | None, region:
     first, second = axes(plane)
 
     def off(points: np.ndarray) -> np.ndarray:
-        out: np.ndarray = np.hypot((points - middle) @ first, (points - middle) @ second)
-        return out
+        return np.hypot((points - middle) @ first, (points - middle) @ second)
 
     reach = float(np.percentile(off(xyz[member]), 98))
     held = on_plane(xyz, normal, plane, TOLERANCE * region.radius)
@@ -234,8 +232,7 @@ def _middling(xyz: np.ndarray, region: Region, axis: np.ndarray | None) -> np.nd
     off = xyz - region.centre
     if axis is not None:
         off = off - (off @ axis)[:, None] * axis
-    out: np.ndarray = np.exp(-((np.linalg.norm(off, axis=1) / (NARROW * region.radius)) ** 2))
-    return out
+    return np.exp(-((np.linalg.norm(off, axis=1) / (NARROW * region.radius)) ** 2))
 
 
 def _pieces(xyz: np.ndarray, candidate: np.ndarray, region: Region, axis: np.ndarray | None) -> np.ndarray:

@@ -43,8 +43,7 @@ class Grid:
     def homography(self, views: Views, i: int) -> np.ndarray:
         """(3, 3) from a place (column, row, 1) to the homogeneous pixel of view i."""
         frame = np.column_stack([self.second, self.first, self.origin])
-        out: np.ndarray = views.K[i] @ (views.R[i] @ frame + np.outer(views.t[i], [0.0, 0.0, 1.0]))
-        return out
+        return views.K[i] @ (views.R[i] @ frame + np.outer(views.t[i], [0.0, 0.0, 1.0]))
 
     def ahead(self, views: Views, i: int, shape: tuple[int, int]) -> np.ndarray:
         """(h, w) bool: pixels of view i that look at the plane, and not over its horizon."""
@@ -52,8 +51,7 @@ class Grid:
         height = normal @ (views.centres[i] - self.origin)
         row = np.linalg.solve(views.K[i].T, views.R[i] @ normal)
         y, x = np.mgrid[0 : shape[0], 0 : shape[1]]
-        out: np.ndarray = (row[0] * x + row[1] * y + row[2]) * height < 0
-        return out
+        return (row[0] * x + row[1] * y + row[2]) * height < 0
 
 
 def grid_about(plane: np.ndarray, middle: np.ndarray, reach: float, step: float, most: int) -> Grid:
@@ -148,8 +146,7 @@ def _smooth(image: np.ndarray) -> np.ndarray:
     """The image as float32, a pixel's noise taken out."""
     import cv2
 
-    out: np.ndarray = cv2.GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
-    return out
+    return cv2.GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
 
 
 def _laid_flat(

@@ -40,8 +40,7 @@ def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int], spacing: float 
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     padded = cv2.copyMakeBorder(dots, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=0)
     closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
-    out: np.ndarray = closed[radius:-radius, radius:-radius] > 0
-    return out
+    return closed[radius:-radius, radius:-radius] > 0
 
 
 def with_unknown(mask: np.ndarray, predicted: np.ndarray, margin: int = 2) -> np.ndarray:

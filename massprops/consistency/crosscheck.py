@@ -308,7 +308,7 @@ def _entry(c: Any) -> dict[str, Any]:
         "axis_misalignment_deg": degrees(c.misalignment),
         "sigma_axis_deg": degrees(c.sigma_axis),
         "principal_axes": axes,
-        "tied_by": c.tied,
+        "tied_by": c.tied_by,
         "converged": bool(e.converged),
         "observable": bool(e.observable),
         "reason": e.reason,

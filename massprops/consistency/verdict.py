@@ -31,7 +31,7 @@ class Compared:
     """One estimator beside the mesh.
 
     Attributes:
-        found: the estimate; turn: (3, 3) its body axes to the mesh's, None when nothing ties them; tied: by what.
+        found: the estimate; turn: (3, 3) its body axes to the mesh's, None when nothing ties them; tied_by: what does.
         covariance: (5, 5) of its `log_components` in the mesh's principal axes; None without a tie.
         chi2, degrees, p: of ratios and axes together (of the ratios alone without a tie); None when not sound.
         p_ratios, p_axes: of each alone.
@@ -41,7 +41,7 @@ class Compared:
 
     found: Estimate
     turn: np.ndarray | None = None
-    tied: str = "none"
+    tied_by: str = "none"
     chi2: float | None = None
     degrees: int = 0
     p: float | None = None

@@ -79,8 +79,7 @@ class Cloud:
     def is_finite(self) -> np.ndarray:
         """(n,) bool: place, normal and noise are numbers."""
         length = np.linalg.norm(self.normal, axis=1)
-        out: np.ndarray = np.isfinite(self.xyz).all(1) & np.isfinite(self.sigma) & (self.sigma > 0) & (length > 0.5)
-        return out
+        return np.isfinite(self.xyz).all(1) & np.isfinite(self.sigma) & (self.sigma > 0) & (length > 0.5)
 
     def finite(self) -> Cloud:
         """The points that are numbers, as 64-bit floats."""

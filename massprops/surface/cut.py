@@ -84,15 +84,13 @@ def components(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     same = inside[t] == inside[other]
     shape = (len(inside), len(inside))
     links = coo_matrix((np.ones(int(same.sum()), np.int8), (t[same], other[same])), shape=shape)
-    out: np.ndarray = connected_components(links, directed=False)[1]
-    return out
+    return connected_components(links, directed=False)[1]
 
 
 def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
     part = components(tetra, inside)
     rim = np.unique(part[(tetra.neighbours < 0).any(1) & ~inside])
-    out: np.ndarray = np.isin(part, rim) & ~inside
-    return out
+    return np.isin(part, rim) & ~inside
 
 
 def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

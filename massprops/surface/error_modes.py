@@ -142,5 +142,4 @@ def _bumps(x: np.ndarray, first: int, reach: float) -> np.ndarray:
     square = np.stack([np.sum((x - x[k]) ** 2, axis=1) for k in chosen], axis=1)
     # the nearest counts one: far from all of them nothing underflows
     bump = np.exp(-0.5 * (square - square.min(axis=1, keepdims=True)) / reach**2)
-    out: np.ndarray = bump / np.linalg.norm(bump, axis=1, keepdims=True)
-    return out
+    return bump / np.linalg.norm(bump, axis=1, keepdims=True)

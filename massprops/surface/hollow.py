@@ -60,8 +60,7 @@ class Grid:
 
     def world(self, index: np.ndarray) -> np.ndarray:
         """Middles (k, 3) of the cuboids at `index` (k, 3)."""
-        out: np.ndarray = (self.corner + (index + 0.5) * self.step - [0.0, 0.0, self.offset]) @ self.base
-        return out
+        return (self.corner + (index + 0.5) * self.step - [0.0, 0.0, self.offset]) @ self.base
 
 
 def hollows(
@@ -108,8 +107,7 @@ def hollowed(rows: np.ndarray, body: np.ndarray, space: np.ndarray, seed: int) -
     ends, all and nothing, their due. What is left is as uncertain as before, relative to its volume.
     """
     share = np.random.default_rng([seed, 31]).beta(0.5, 0.5, len(rows))[:, None]
-    out: np.ndarray = body - share * space + (1 - share * space[0] / body[0]) * (rows - body)
-    return out
+    return body - share * space + (1 - share * space[0] / body[0]) * (rows - body)
 
 
 def wall_thickness(vertices: np.ndarray, faces: np.ndarray) -> float:

@@ -44,8 +44,7 @@ def joined(
         own = np.bincount(part[inside], costs.shown[inside], len(worth)) > 0.5 * np.bincount(part[inside])
         few = np.union1d(few, np.flatnonzero(own))
     if len(few) < 2:
-        out: np.ndarray = part == body
-        return out
+        return part == body
     part = np.where(np.isin(part, few), part, -1)
     sky = costs.outside > 0
     label = _linked(tetra, costs, part, worth, body, sky)

@@ -36,5 +36,4 @@ def outer_integrals(hull: Hull, vertices: np.ndarray) -> np.ndarray:
     about = [piece[tuple((corner + c).T)] for c in np.ndindex(2, 2, 2)]
     points = grid[np.isin(piece, np.setdiff1d(about, 0))]
     second = [(points[:, i] * points[:, j]).sum() for i, j in PAIRS]
-    found: np.ndarray = step**3 * np.array([len(points), *points.sum(axis=0), *second])
-    return found
+    return step**3 * np.array([len(points), *points.sum(axis=0), *second])

@@ -209,8 +209,7 @@ def on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | No
     if support is None:
         return np.zeros(len(faces), bool)
     height = np.abs(vertices @ support[:3] + support[3])
-    out: np.ndarray = (height[faces] < near).all(1) & (face_normals(vertices, faces) @ support[:3] < -0.7)
-    return out
+    return (height[faces] < near).all(1) & (face_normals(vertices, faces) @ support[:3] < -0.7)
 
 
 def _hollow(
@@ -264,8 +263,7 @@ def _contact(thinned: Thinned, plane: np.ndarray) -> np.ndarray:
     i, j = np.meshgrid(*(np.arange(a - 2 * h, b + 2 * h, h) for a, b in zip(low, high, strict=True)))
     grid = np.column_stack([i.ravel(), j.ravel()])
     grid = grid[cKDTree(flat).query(grid)[0] < 6 * h]
-    out: np.ndarray = foot[0] + grid @ base
-    return out
+    return foot[0] + grid @ base
 
 
 def _on_hull(given: _Given, tree: cKDTree, extent: float) -> tuple[np.ndarray, np.ndarray]:

@@ -52,8 +52,7 @@ def measured_faces(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach:
     index = np.where(found, index, 0)
     facing = np.einsum("fki,fi->fk", cloud.normal[index], normal) > 0.5
     off = np.abs(np.einsum("fki,fi->fk", cloud.xyz[index] - middle[:, None], normal))
-    out: np.ndarray = (found & facing & (off < 0.5 * reach)).sum(1) >= 2
-    return out
+    return (found & facing & (off < 0.5 * reach)).sum(1) >= 2
 
 
 def residuals(
@@ -96,8 +95,7 @@ def remove_bias(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach: fl
         np.add.at(total, faces[face, i], weight * distance)
         np.add.at(count, faces[face, i], weight)
     shift = np.where(free, total / (count + 3.0), 0.0)
-    out: np.ndarray = vertices + shift[:, None] * vertex_normals(vertices, faces)
-    return out
+    return vertices + shift[:, None] * vertex_normals(vertices, faces)
 
 
 def mean_matrix(faces: np.ndarray, size: int) -> csr_matrix:

@@ -225,8 +225,7 @@ def _behind_first(vertices: np.ndarray, faces: np.ndarray, towards: np.ndarray) 
     depth = rasterise(vertices, faces, K, R, t, (SHADOW_SIZE, SHADOW_SIZE))[0]
     camera = vertices @ R.T + t
     at = np.clip(np.rint((camera @ K.T)[:, :2] / camera[:, 2:]).astype(int), 0, SHADOW_SIZE - 1)
-    out: np.ndarray = camera[:, 2] - depth[at[:, 1], at[:, 0]]
-    return out
+    return camera[:, 2] - depth[at[:, 1], at[:, 0]]
 
 
 def _light(seen: _Samples, light: np.ndarray, power: float) -> tuple[np.ndarray, float]:

@@ -60,8 +60,7 @@ class Hull:
         value = _best(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)[:, -1]
         if self.support is None:
             return value
-        out: np.ndarray = np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
-        return out
+        return np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
 
     def room(self, start: np.ndarray, direction: np.ndarray, reach: float) -> np.ndarray:
         """(e,) how far a body may go on from points of its surface before the silhouettes end [world units]; 0 where they do
@@ -72,8 +71,7 @@ class Hull:
             reach: longest way that is looked at.
         """
         end, found = _exits(self, start - self.pixel * direction, direction, 0.25 * self.pixel, reach)
-        out: np.ndarray = np.where(found, np.maximum(np.einsum("ei,ei->e", end - start, direction), 0.0), 0.0)
-        return out
+        return np.where(found, np.maximum(np.einsum("ei,ei->e", end - start, direction), 0.0), 0.0)
 
     def sparing(self, measured: np.ndarray, least: int = FEWEST_AGREE) -> Hull:
         """The same with the smallest `need`, at least `least`, that spares 99 % of the measured points (m, 3) by

@@ -166,8 +166,7 @@ def _strains(size: float, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 3, 3) symmetric strains with entries N(0, size) before they are made symmetric: poses that are off by the drift where
     the body's outlines are deform it as an error of the focal length does."""
     drawn = size * rng.standard_normal((count, 3, 3))
-    out: np.ndarray = 0.5 * (drawn + drawn.transpose(0, 2, 1))
-    return out
+    return 0.5 * (drawn + drawn.transpose(0, 2, 1))
 
 
 def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
@@ -318,5 +317,4 @@ def _bootstrap(
     w = drawn[:, block].astype(float)
     # A patch that a replicate lost keeps its mean: 2 points of no residual.
     middle = total.sum(0) / (weight.sum(0) + 2)
-    out: np.ndarray = (w @ total) / (w @ weight + 2) - middle
-    return out
+    return (w @ total) / (w @ weight + 2) - middle

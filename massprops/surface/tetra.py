@@ -33,8 +33,7 @@ class Tetrahedra:
     def volume(self) -> np.ndarray:
         """(t,) volumes."""
         a, b, c, d = (self.points[self.corners[:, k]] for k in range(4))
-        out: np.ndarray = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6
-        return out
+        return np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6
 
     @property
     def facets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

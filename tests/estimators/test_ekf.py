@@ -22,7 +22,7 @@ def scenario(**changes) -> tuple[Problem, dict]:
 
 def run(name: str, problem: Problem) -> Estimate:
     prior = Prior()
-    return methods()[name].estimate(problem, prior, first_guess(problem, prior))
+    return methods()[name].estimate(problem, prior, first_guess(problem))
 
 
 def check(found: Estimate, truth: dict, largest: float) -> None:

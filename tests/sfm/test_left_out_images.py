@@ -8,15 +8,15 @@ import pytest
 import test_mapping
 
 from massprops.sfm.attempt import SfmOptions, _first_pairs
+from massprops.sfm.database import drop_pairs
 from massprops.sfm.left_out_images import (
     _pairs_of,
-    _restore,
     agreeing_matches,
     take_out_contradicted,
     take_out_unmatched,
 )
 from massprops.sfm.loops import forget
-from massprops.sfm.match_parts import taken
+from massprops.sfm.match_parts import put_back, taken
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +122,8 @@ def test_an_image_gets_its_own_matches_back(solved, tmp_path):
         db.write_matches(1, 3, np.array([[0, 1], [1, 0]], np.uint32))
         db.delete_matches(3, 4)
     assert matches() != before
-    _restore(database, _pairs_of(database, {3})[3], rows)
+    drop_pairs(database, map(pycolmap.pair_id_to_image_pair, _pairs_of(database, {3})[3]))
+    put_back(database, rows)
     assert matches() == before
 
 

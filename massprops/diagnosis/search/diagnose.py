@@ -148,8 +148,7 @@ def _surface(run: Path) -> np.ndarray | None:
     import trimesh
 
     corners = np.asarray(trimesh.load(run / "mesh.ply", process=False).vertices, float)
-    centred: np.ndarray = corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
-    return centred
+    return corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
 
 
 def diagnose_problem(
@@ -380,8 +379,7 @@ def whole_inertia(s: Scored) -> np.ndarray:
 
     state = s.fit.state
     inertia = inertia_at_start(state.inertia, state.model.active, state.model.flat(True))
-    scaled: np.ndarray = 3.0 * inertia / np.trace(inertia)
-    return scaled
+    return 3.0 * inertia / np.trace(inertia)
 
 
 def _corrected(base: Scored, after: Scored) -> dict[str, Any]:
