@@ -23,28 +23,31 @@ def undistorted_frame(job: Job, views: Views, i: int, flags: int = 1) -> np.ndar
     return undistort(image, views.K[i], views.distortion[i])
 
 
-def silhouette_file(work: Path, name: str) -> Path:
-    """The silhouette of a stored frame in the folder of all stages: as all placements of the object know it, where that
-    is known better."""
-    again = work / "join" / "masks" / f"{name}.png"
-    return again if again.is_file() else _first_silhouette(work, name)
+DRAWN_BY = ("silhouettes", "join", "surface")
+"""Stages that write silhouettes, each better than the one before: from each placement's first shape, from those of all, and from
+the closed surface."""
 
 
-def _first_silhouette(work: Path, name: str) -> Path:
-    return work / "silhouettes" / "masks" / f"{name}.png"
+def silhouette_file(work: Path, name: str, last: str = DRAWN_BY[-1]) -> Path:
+    """The silhouette of a stored frame in the folder of all stages, as the last stage knows it that has drawn it.
+
+    Args:
+        last: no stage of `DRAWN_BY` after this one counts.
+    """
+    files = [work / stage / "masks" / f"{name}.png" for stage in DRAWN_BY[: DRAWN_BY.index(last) + 1]]
+    return next((file for file in files[:0:-1] if file.is_file()), files[0])
 
 
-def undistorted_mask(job: Job, views: Views, i: int, redrawn: bool = True) -> np.ndarray:
+def undistorted_mask(job: Job, views: Views, i: int, last: str = "join") -> np.ndarray:
     """(h, w) uint8 silhouette of view i without its lens's distortion: 255 object, 0 background, 128 not known.
 
     Args:
-        redrawn: as all placements know it; else as its own placement does.
+        last: as for `silhouette_file`.
 
     Raises:
         OSError: the silhouette is missing or cannot be read.
     """
-    work, name = job.run / "work", views.names[i]
-    mask = read_image(silhouette_file(work, name) if redrawn else _first_silhouette(work, name), 0)
+    mask = read_image(silhouette_file(job.run / "work", views.names[i], last), 0)
     return undistort(mask, views.K[i], views.distortion[i], nearest=True)
 
 

@@ -263,4 +263,4 @@ def _side(job: Job, views: Views, number: int) -> Side:
 
 def _masks(job: Job, views: Views) -> list[np.ndarray]:
     """Undistorted silhouettes (h, w) uint8 of the views, as each placement knows them."""
-    return [undistorted_mask(job, views, i, redrawn=False) for i in range(len(views))]
+    return [undistorted_mask(job, views, i, "silhouettes") for i in range(len(views))]

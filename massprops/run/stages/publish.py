@@ -14,6 +14,7 @@ from massprops.core.files import write_json, write_whole
 from massprops.core.outputs import Outputs
 from massprops.documents.body import LARGEST_SIGMA
 from massprops.run.job import Job, ReconstructOptions
+from massprops.run.stage_images import DRAWN_BY
 from massprops.sfm.model_bytes import write_model
 
 READS = ("capture", "sfm", "silhouettes", "join", "dense", "surface", "scale", "mass", "colour", "sequence")
@@ -166,12 +167,12 @@ def _sparse(job: Job, new: Path, factor: float) -> bool:
 
 
 def _masks(job: Job, new: Path, factor: float) -> bool:
-    source = job.work("silhouettes") / "masks"
-    if not source.is_dir():
+    sources = [job.work(stage) / "masks" for stage in DRAWN_BY]
+    if not sources[0].is_dir():
         return False
-    shutil.copytree(source, new / "masks")
-    if (job.work("join") / "masks").is_dir():
-        shutil.copytree(job.work("join") / "masks", new / "masks", dirs_exist_ok=True)
+    for source in sources:
+        if source.is_dir():
+            shutil.copytree(source, new / "masks", dirs_exist_ok=True)
     return True
 
 

@@ -12,6 +12,7 @@ from massprops.errors import NotPossible
 from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
+from massprops.run.silhouettes_again import drawn_from_shapes, silhouettes_again
 from massprops.run.stage_images import undistorted_frame, undistorted_mask
 
 if TYPE_CHECKING:
@@ -70,7 +71,9 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json."""
+    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json; masks/
+    too, where silhouettes were drawn from a shape.
+    """
     from massprops.run.unjoined import underside_may_be_hollow, unjoined
     from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
@@ -92,7 +95,11 @@ def run(job: Job) -> dict[str, Any]:
     grey = _grey(job, views) if free and _before_black_sky(footage) else []
     if grey and len(cloud):
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
-    surface, masks = _surface(job, views, masks, grey, cloud, table, place, free or bool(footage["masks_given"]))
+    moving = free or bool(footage["masks_given"])
+    surface, masks = _surface(job, views, masks, grey, cloud, table, place, moving)
+    if not moving and drawn_from_shapes(job):
+        # for the user: a surface must not be judged by silhouettes that were drawn from it
+        silhouettes_again(job, views, (surface.vertices, surface.faces), masks, surface.cloud.xyz)
     lost = _lost(surface)
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
