@@ -115,6 +115,20 @@ def run(job: Job) -> dict[str, Any]:
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     # what the body is within at most, where its replicates leave that open
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
+    _save(job, surface, rows, lengths, outer)
+    overlap = agreement(surface.vertices, surface.faces, views, masks)
+    facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
+    facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
+    facts |= told | {"camera_drift_px": gaps.drift}
+    facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
+    for line in facts["warnings"]:
+        job.warn(line)
+    (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
+    return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _save(job: Job, surface: Surface, rows: np.ndarray, lengths: np.ndarray, outer: np.ndarray) -> None:
+    """Writes surface.npz; rows (r, 10) and lengths (r,) of its replicates, outer (10,) integrals of what it is within at most."""
     np.savez(
         job.out / "surface.npz",
         vertices=surface.vertices,
@@ -125,15 +139,6 @@ def run(job: Job) -> dict[str, Any]:
         replicate_length=lengths,
         outer_integrals=outer,
     )
-    overlap = agreement(surface.vertices, surface.faces, views, masks)
-    facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
-    facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
-    facts |= told | {"camera_drift_px": gaps.drift}
-    facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
-    for line in facts["warnings"]:
-        job.warn(line)
-    (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
-    return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
 
 
 def _lost(surface: Surface) -> float:
