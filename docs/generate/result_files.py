@@ -13,7 +13,9 @@ RUN = {
     "the support",
     "mesh.glb": "the same mesh, for viewers",
     "cloud.ply": "the points that stereo measured",
-    "masks/": "the silhouettes that were used, `NAME.png` for the frame NAME",
+    "masks/": (
+        "the silhouettes, `NAME.png` for the frame NAME; of an object on a table drawn from the mesh and refined by the images"
+    ),
     "sparse/": "cameras and points as a COLMAP model, in the units of `massprops.json`",
     "sequence/": "tracks and attitudes as a [sequence](sequence.md), if the object moved",
     "run.yaml": "options, hashes of the inputs, versions, time and memory of every stage",
