@@ -74,7 +74,8 @@ RESULTS = {
         "standard deviations)",
         "latent": "only from attitudes or rates: the torque that the motion shows without a model, how likely it is "
         "(`evidence`), and what it goes along with (`correlates`)",
-        "law": "only with `--discover`: the formula that was found, with its terms",
+        "law": "only with `--discover`: the formula that was found, with its terms, what is equal to each in this record "
+        "(`same_here`), and other laws that are nearly as likely (`rivals`)",
         "momentum": "only from tracks: by how much angular momentum and energy drift and scatter",
         "skipped": "effects that were not tried, with the reason",
         "corrected": "`k1`, `k2` and the rate, before and after",
