@@ -78,6 +78,24 @@ def test_parts_are_linked_each_by_the_nearest():
     assert (np.abs(link[:, 1:] - 0.5) < 0.2).all() and (link[:, 0] > 0.2).all() and (link[:, 0] < 0.8).all()
 
 
+def test_a_link_goes_round_rather_than_through_the_sky():
+    """Straight through is cheaper, but silhouettes show the sky there; a way round that they leave open is taken."""
+    tetra, ball = blobs(((0.25, 0.5, 0.4), 0.12), ((0.75, 0.5, 0.4), 0.12))
+    middle = tetra.points[tetra.corners].mean(1)
+    corners = np.array([[0.25, 0.5, 0.4], [0.25, 0.5, 0.8], [0.75, 0.5, 0.8], [0.75, 0.5, 0.4]])
+    way = np.concatenate(
+        [a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in zip(corners, corners[1:], strict=False)]
+    )
+    open_ = np.linalg.norm(middle[:, None] - way, axis=2).min(1) < 0.1
+    costs = costs_of(tetra, ball >= 0)
+    costs.outside[:] = np.where(open_ | (ball >= 0), 0.0, 1e-3)
+    label = joined(tetra, costs, ball >= 0)
+    assert label[ball >= 0].all() and (costs.outside[label] == 0).all()
+    costs.outside[:] = np.where(ball >= 0, 0.0, 1e-3)
+    straight = joined(tetra, costs, ball >= 0)
+    assert straight[ball >= 0].all() and straight.sum() < label.sum(), "nothing else leads there"
+
+
 def test_what_is_worth_less_than_its_link_goes():
     tetra, ball = blobs(((0.25, 0.5, 0.5), 0.15), ((0.75, 0.5, 0.5), 0.1))
     assert joined(tetra, costs_of(tetra, ball >= 0, 1.0), ball >= 0)[ball == 1].all()
