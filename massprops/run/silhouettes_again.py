@@ -27,6 +27,23 @@ def drawn_from_shapes(job: Job) -> bool:
     return bool(json.loads((job.work("silhouettes") / "silhouettes.json").read_text())["method"] == DRAWN)
 
 
+def redrawn(
+    job: Job, views: Views, i: int, whole: Shown, before: np.ndarray, points: np.ndarray, least_gain: float
+) -> bool:
+    """Draws one view's silhouette into masks/ where it holds more of what was measured than the one before; gives whether.
+
+    Args:
+        whole: the shape to draw it from; before: (h, w) uint8, undistorted; points: (n, 3) measured ones.
+        least_gain: share of the points by which it must hold more.
+    """
+    mask, _, _ = drawn_silhouette(undistorted_frame(job, views, i), views, i, whole)
+    missed = [outside(views, i, m, points) for m in (before, mask)]
+    if missed[0] - missed[1] < least_gain:
+        return False
+    write_image(job.out / "masks" / f"{views.names[i]}.png", stored(mask, views, i))
+    return True
+
+
 def silhouettes_again(
     job: Job, views: Views, mesh: tuple[np.ndarray, np.ndarray], before: list[np.ndarray], points: np.ndarray
 ) -> None:
@@ -39,9 +56,7 @@ def silhouettes_again(
     some = points[:: max(1, len(points) // TESTED)]
     for done, (i, shown) in enumerate(_shown_by_view(job, views)):
         whole = replace(shown, vertices=mesh[0], faces=mesh[1], measured=None)
-        mask, _, _ = drawn_silhouette(undistorted_frame(job, views, i), views, i, whole)
-        if outside(views, i, mask, some) <= outside(views, i, before[i], some) + MISSES_MORE:
-            write_image(job.out / "masks" / f"{views.names[i]}.png", stored(mask, views, i))
+        redrawn(job, views, i, whole, before[i], some, -MISSES_MORE)
         job.progress(done + 1, len(views), "silhouettes again")
 
 

@@ -15,6 +15,7 @@ import trimesh
 from massprops.capture.from_shape import overlap
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.geometry.rasterise import rasterise
+from massprops.run import silhouettes_again
 from massprops.run.drawn_silhouettes import Shown
 from massprops.run.stages import join
 from massprops.run.stages.join import _laid, _reason, _said
@@ -164,7 +165,7 @@ def test_a_silhouette_that_lacks_what_another_placement_measured_is_drawn_again(
     shown = {0: half_box(0, 1), 1: half_box(-1, 0)}
     monkeypatch.setattr(join, "shown_in", lambda folder, painted: shown[int(folder.name[-1])])
     monkeypatch.setattr(join, "learned_paint", lambda folders: None)
-    monkeypatch.setattr(join, "undistorted_frame", lambda job, views, i: image[int(views.names[i][5])])
+    monkeypatch.setattr(silhouettes_again, "undistorted_frame", lambda job, views, i: image[int(views.names[i][5])])
     monkeypatch.setattr(join, "_masks", lambda job, views: [known[int(n[5])].astype(np.uint8) for n in views.names])
     job: Any = SimpleNamespace(work=lambda stage: tmp_path, out=tmp_path, progress=lambda *_: None)
     one, two = here.take(np.array([0, 1])), here.take(np.array([2]))

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.core.files import write_image
 from massprops.core.text import counted
 from massprops.mass.integrals import centroid
-from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_paint, outside, shown_in, stored
+from massprops.run.drawn_silhouettes import DRAWN, learned_paint, shown_in
 from massprops.run.job import Job
+from massprops.run.silhouettes_again import TESTED, redrawn
 from massprops.run.stage_images import undistorted_frame, undistorted_mask
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
@@ -36,9 +36,9 @@ LOOKS_ALIKE = (
     "turned the way that fits best, both would show the same sides, and yet they have next to no features in common: two "
     "sides of the object look alike"
 )
-HOLDS_MORE, TESTED = 0.01, 20_000
-"""Share of the measured points by which a silhouette must hold more to take another's place, and how many points are tested.
-Of a machined part and a toy turned over (Blender) silhouettes that were no worse missed at most .002 more."""
+HOLDS_MORE = 0.01
+"""Share of the measured points by which a silhouette must hold more to take another's place. Of a machined part and a toy
+turned over (Blender) silhouettes that were no worse missed at most .002 more."""
 FEW_POINTS = 100
 """Sparse points of given poses below which stereo does not know where to look, and outlines tell where the body is."""
 
@@ -147,7 +147,7 @@ def _redrawn(
     shown = [shown_in(placement_folder(work, k), painted).moved(R, t) for _, R, t, k in parts]
     points = np.concatenate([s.own for s in shown])
     points = points[:: max(1, len(points) // TESTED)]
-    redrawn: list[str] = []
+    names: list[str] = []
     done, total = 0, sum(len(part[0]) for part in parts)
     for n, (views, *_) in enumerate(parts):
         whole = shown[n]
@@ -155,14 +155,11 @@ def _redrawn(
             whole = whole.with_shape(other)
         before = _masks(job, views)
         for i, name in enumerate(views.names):
-            mask, _, _ = drawn_silhouette(undistorted_frame(job, views, i), views, i, whole)
-            missed = [outside(views, i, m, points) for m in (before[i], mask)]
-            if missed[0] > missed[1] + HOLDS_MORE:
-                write_image(job.out / "masks" / f"{name}.png", stored(mask, views, i))
-                redrawn.append(name)
+            if redrawn(job, views, i, whole, before[i], points, HOLDS_MORE):
+                names.append(name)
             done += 1
             job.progress(done, total, "silhouettes again")
-    return redrawn
+    return names
 
 
 def _said(found: Registration) -> dict[str, Any]:
