@@ -114,32 +114,31 @@ def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _closed(tetra: Tetrahedra, inside: np.ndarray, about: np.ndarray, edge: np.ndarray) -> np.ndarray:
-    """(k,) bool: of the tetrahedra about pinched edges, as of `_pinched`, those outside that close all gaps of an edge but the largest.
+    """(k,) bool: of the tetrahedra about pinched edges, as of `_pinched`, those outside that close all gaps of an edge but its largest.
 
     A thin part may meet itself at an edge between two very large tetrahedra: to fill both would draw a web across the sky.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    open_ = np.flatnonzero(~inside[about])
-    t, e = about[open_], edge[open_]
-    count = len(inside)
-    code = e.astype(np.int64) * count + t
+    free = np.flatnonzero(~inside[about])
+    t, e = about[free], edge[free].astype(np.int64)
+    code = e * len(inside) + t
     order = np.argsort(code)
-    links = []
+    links = [np.zeros((2, 0), int)]
     for k in range(4):
-        other = tetra.neighbours[t, k]
-        wanted = e * count + other
-        place = np.minimum(np.searchsorted(code[order], wanted), len(code) - 1)
-        there = (other >= 0) & (code[order][place] == wanted)
-        links.append(np.stack([np.flatnonzero(there), order[place[there]]]))
+        # two that share a facet and an edge are next to each other about that edge
+        wanted = e * len(inside) + tetra.neighbours[t, k]
+        place = np.minimum(np.searchsorted(code, wanted, sorter=order), max(len(code) - 1, 0))
+        there = np.flatnonzero((tetra.neighbours[t, k] >= 0) & (code[order[place]] == wanted))
+        links.append(np.stack([there, order[place[there]]]))
     i, j = np.concatenate(links, axis=1)
     gap = connected_components(coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(len(t),) * 2), directed=False)[1]
-    size = np.bincount(gap, tetra.volume[t])
+    size = np.bincount(gap, tetra.volume[t])[gap]
     largest = np.zeros(int(edge.max()) + 1)
-    np.maximum.at(largest, e, size[gap])
+    np.maximum.at(largest, e, size)
     out = np.zeros(len(about), bool)
-    out[open_] = size[gap] < largest[e]
+    out[free] = size < largest[e]
     return out
 
 
