@@ -142,6 +142,9 @@ def reconstruct_surface(
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = measured_faces(vertices, faces, cloud, 2 * h)
+    if moving:
+        # before a black sky silhouettes are sharp: what stands out of them by a pixel is a hair on the tip of a body
+        observed &= (hull.value(vertices)[faces] < OFF_HULL).all(1)
     inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
@@ -374,7 +377,7 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
     middle = corners.mean(1)
     sky = hull.value(middle)
     share = np.cbrt(volume) / h
-    outside = np.where(sky > 1.0, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
+    outside = np.where(sky > OFF_HULL, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
     guard = (kind[tetra.corners] == GUARD).any(1)
     outside = np.where(guard, 1e6, outside)
     pull = np.where((sky <= 0.5) & ~guard, given.fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
