@@ -143,11 +143,15 @@ def reconstruct_surface(
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = measured_faces(vertices, faces, cloud, 2 * h)
     if moving:
-        # before a black sky silhouettes are sharp: what stands out of them by a pixel is a hair on the tip of a body
-        observed &= (hull.value(vertices)[faces] < OFF_HULL).all(1)
+        observed &= ~_stands_out(vertices, faces, hull)
     inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
+
+
+def _stands_out(vertices: np.ndarray, faces: np.ndarray, hull: Hull) -> np.ndarray:
+    """(f,) bool: faces with a corner off the hull. Sharp silhouettes, as before a black sky, show a hair on a tip by that."""
+    return np.asarray((hull.value(vertices)[faces] >= OFF_HULL).any(1))
 
 
 @dataclass(frozen=True)
