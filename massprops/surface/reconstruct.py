@@ -141,17 +141,16 @@ def reconstruct_surface(
     vertices = fair(vertices, faces, fixed, 10)
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
-    observed = measured_faces(vertices, faces, cloud, 2 * h)
-    if moving:
-        observed &= ~_stands_out(vertices, faces, hull)
+    observed = _observed(vertices, faces, cloud, h, hull if moving else None)
     inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
     progress(5, 5, "surface")
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
 
 
-def _stands_out(vertices: np.ndarray, faces: np.ndarray, hull: Hull) -> np.ndarray:
-    """(f,) bool: faces with a corner off the hull. Sharp silhouettes, as before a black sky, show a hair on a tip by that."""
-    return np.asarray((hull.value(vertices)[faces] >= OFF_HULL).any(1))
+def _observed(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, spacing: float, sharp: Hull | None) -> np.ndarray:
+    """(f,) bool: faces that were measured; sharp: silhouettes, as before a black sky, that show a hair on a tip by a corner off them."""
+    found = measured_faces(vertices, faces, cloud, 2 * spacing)
+    return found if sharp is None else found & (sharp.value(vertices)[faces] < OFF_HULL).all(1)
 
 
 @dataclass(frozen=True)
