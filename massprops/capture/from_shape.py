@@ -12,7 +12,7 @@ import numpy as np
 
 from massprops.capture.colours import BINS, colour_cells
 from massprops.core.robust import mad_sigma
-from massprops.geometry.rasterise import project
+from massprops.geometry.projection import project
 
 BAND = 0.03
 """Band about the drawn outline that the image decides, in equivalent diameters of the silhouette. On two rendered

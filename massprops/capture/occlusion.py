@@ -16,7 +16,7 @@ import numpy as np
 from massprops.capture.support import axes
 from massprops.core.robust import MAD_TO_SIGMA
 from massprops.dense.region import Region
-from massprops.geometry.rasterise import project
+from massprops.geometry.projection import project
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 

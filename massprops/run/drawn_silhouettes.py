@@ -19,7 +19,7 @@ from massprops.capture.from_shape import (
     trimap,
     unsure,
 )
-from massprops.geometry.rasterise import project
+from massprops.geometry.projection import project
 from massprops.views import Views
 
 DRAWN = "drawn from the shape, refined by the images"

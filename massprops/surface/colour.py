@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprops.geometry.rasterise import project, rasterise
+from massprops.geometry.projection import project
+from massprops.geometry.rasterise import rasterise
 from massprops.surface.refine import vertex_normals
 from massprops.views import Views
 

@@ -350,3 +350,14 @@ def test_writing_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.Monk
         write_whole(path, "half")
     assert json.loads(path.read_text()) == {"a": 1}
     assert [p.name for p in tmp_path.iterdir()] == ["x.json"]
+
+
+def test_stages_are_read_without_what_they_compute_with() -> None:
+    """The runner asks every stage what it reads and takes before the first one runs."""
+    code = (
+        "import importlib, pkgutil, sys\nimport massprops.run.stages as stages\n"
+        "for m in pkgutil.iter_modules(stages.__path__): importlib.import_module(f'massprops.run.stages.{m.name}')\n"
+        "print([m for m in ('cv2', 'pycolmap', 'open3d', 'numba', 'scipy', 'trimesh', 'pymeshlab') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"

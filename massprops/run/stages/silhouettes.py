@@ -83,7 +83,7 @@ def _pixels(views: Views, i: int, points: np.ndarray) -> np.ndarray:
     """Projections into the stored (distorted) frame, of points before the camera."""
     import cv2
 
-    from massprops.geometry.rasterise import project
+    from massprops.geometry.projection import project
 
     uv, depth = project(points, views.K[i], views.R[i], views.t[i])
     uv = uv[depth > 0]
