@@ -76,6 +76,10 @@ class Views:
         turned = self.R @ R.T
         return replace(self, R=turned, t=self.t - turned @ t)
 
+    def move_from(self, i: int, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(3, 3) and (3,) that carry another world, in which view i has the pose R (3, 3), t (3,), to this one."""
+        return self.R[i].T @ R, self.R[i].T @ (t - self.t[i])
+
     @staticmethod
     def joined(parts: list[Views]) -> Views:
         """All views of several sets in one world."""

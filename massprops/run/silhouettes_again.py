@@ -74,8 +74,7 @@ def _shown_by_view(job: Job, views: Views) -> Iterator[tuple[int, Shown]]:
         if not own:
             continue
         there = row[views.names[own[0]]]
-        R = views.R[own[0]].T @ alone.R[there]
-        t = views.R[own[0]].T @ (alone.t[there] - views.t[own[0]])
-        shown = shown_in(placement_folder(work, k), painted).moved(R, t)
+        move = views.move_from(own[0], alone.R[there], alone.t[there])
+        shown = shown_in(placement_folder(work, k), painted).moved(*move)
         for i in own:
             yield i, shown

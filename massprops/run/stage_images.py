@@ -35,7 +35,7 @@ def silhouette_file(work: Path, name: str, last: str = DRAWN_BY[-1]) -> Path:
         last: no stage of `DRAWN_BY` after this one counts.
     """
     files = [work / stage / "masks" / f"{name}.png" for stage in DRAWN_BY[: DRAWN_BY.index(last) + 1]]
-    return next((file for file in files[:0:-1] if file.is_file()), files[0])
+    return next((file for file in reversed(files) if file.is_file()), files[0])
 
 
 def undistorted_mask(job: Job, views: Views, i: int, last: str = "join") -> np.ndarray:

@@ -34,9 +34,7 @@ def in_object_axes(model: pycolmap.Reconstruction, views: Views) -> pycolmap.Rec
             manager.deregister_frame(image.frame_id)
             continue
         pose = image.cam_from_world().matrix()
-        turn = views.R[i].T @ pose[:, :3]
-        shift = views.R[i].T @ (pose[:, 3] - views.t[i])
-        moves[image.image_id] = (turn, shift)
+        moves[image.image_id] = views.move_from(i, pose[:, :3], pose[:, 3])
     still = np.eye(3), np.zeros(3)
     moved = {k for k, move in moves.items() if _differ(move, still) > SAME}
     if not moved:

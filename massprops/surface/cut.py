@@ -125,11 +125,11 @@ def _closed(tetra: Tetrahedra, inside: np.ndarray, about: np.ndarray, edge: np.n
     t, e = about[free], edge[free].astype(np.int64)
     code = e * len(inside) + t
     order = np.argsort(code)
-    links = [np.zeros((2, 0), int)]
+    links = []
     for k in range(4):
         # two that share a facet and an edge are next to each other about that edge
         wanted = e * len(inside) + tetra.neighbours[t, k]
-        place = np.minimum(np.searchsorted(code, wanted, sorter=order), max(len(code) - 1, 0))
+        place = np.minimum(np.searchsorted(code, wanted, sorter=order), len(code) - 1)
         there = np.flatnonzero((tetra.neighbours[t, k] >= 0) & (code[order[place]] == wanted))
         links.append(np.stack([there, order[place[there]]]))
     i, j = np.concatenate(links, axis=1)

@@ -148,7 +148,7 @@ def reconstruct_surface(
 
 
 def _observed(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, spacing: float, sharp: Hull | None) -> np.ndarray:
-    """(f,) bool: faces that were measured; sharp: silhouettes, as before a black sky, that show a hair on a tip by a corner off them."""
+    """(f,) bool: faces that were measured. sharp: silhouettes as before a black sky: a face with a corner off them is a hair; or None."""
     found = measured_faces(vertices, faces, cloud, 2 * spacing)
     return found if sharp is None else found & (sharp.value(vertices)[faces] < OFF_HULL).all(1)
 
