@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
@@ -52,24 +53,13 @@ class Seen:
     row: np.ndarray
 
 
-def rotation_of(x: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) rotations of vectors (n, 3), to complex step; series near zero."""
-    square = np.sum(x * x, axis=-1)
-    small = np.real(square) < 1e-8
-    angle = np.sqrt(np.where(small, 1.0, square))
-    a = np.where(small, 1 - square / 6, np.sin(angle) / angle)
-    b = np.where(small, 0.5 - square / 24, (1 - np.cos(angle)) / np.where(small, 1.0, square))
-    K = skew(x)
-    return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
-
-
 def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:
     """(n, 3, 3) inertial axes to cam0's, with what the chaser turns besides."""
     C = motion.turn
     for effect, place in sensed.hooks("turn"):
         parts = effect.turn(motion.times, p[place])
         x = np.stack([np.broadcast_to(v, motion.times.shape) for v in parts], axis=-1)
-        C = np.swapaxes(rotation_of(x), -1, -2) @ C
+        C = np.swapaxes(rotation_matrix(from_rotation_vector(x)), -1, -2) @ C
     return C
 
 
@@ -87,7 +77,7 @@ def in_chaser(
     late = delays(seen, sensed, p)
     X = points
     if late is not None:
-        X = (rotation_of(motion.w[seen.epoch] * late[:, None]) @ X[..., None])[..., 0]
+        X = (rotation_matrix(from_rotation_vector(motion.w[seen.epoch] * late[:, None])) @ X[..., None])[..., 0]
     Y = (motion.R[seen.epoch] @ X[..., None])[..., 0] + motion.r[seen.epoch]
     if late is not None:
         Y = Y + motion.v[seen.epoch] * late[:, None]
@@ -158,6 +148,6 @@ def pixel_slopes(
         effect[:, :, j] = np.imag(pixels(cameras, seen, motion, points, sensed, moved)) / STEP
     if late is None:
         return PixelSlopes(uv, turned, None, H, None, HR, effect)
-    by_point = HR @ rotation_of(motion.w[seen.epoch] * late[:, None])
+    by_point = HR @ rotation_matrix(from_rotation_vector(motion.w[seen.epoch] * late[:, None]))
     wait = late[:, None, None]
     return PixelSlopes(uv, turned, turned * wait, H, H * wait, by_point, effect)

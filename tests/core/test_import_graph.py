@@ -29,7 +29,8 @@ LAYERS = (
     ("capture", "estimators", "sfm"),
     ("effect_file", "surface"),
     ("dense", "mass", "model"),
-    ("dynamics", "sensing"),
+    ("sensing",),
+    ("dynamics",),
     ("effects", "sequence"),
     ("packaged",),
     ("effect_contract", "views"),
@@ -109,7 +110,7 @@ def test_every_import_leads_down() -> None:
     ("module", "other", "bad"),
     [
         ("massprops.core.files", "massprops.sequence.read", True),
-        ("massprops.sensing.predict", "massprops.dynamics.orbit", True),
+        ("massprops.dynamics.orbit", "massprops.sensing.predict", True),
         ("massprops.run.child", "massprops.core.files", False),
         ("massprops.sfm.predicted_images", "massprops.sfm.pairs", False),
     ],
