@@ -18,7 +18,7 @@ from massprops.documents.arrays import open_arrays
 from massprops.documents.loading import load_json
 from massprops.errors import InputError
 from massprops.report.masks_page import Sheet, Silhouette, masks_page
-from massprops.run.stage_images import silhouette_file
+from massprops.sfm.footage import silhouette_file
 from massprops.sfm.global_images import SHIFTS, as_read
 
 COMMAND = "masks"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from massprops.core.inputs import read_image
 from massprops.run.job import Job
-from massprops.sfm.footage import frame_file
+from massprops.sfm.footage import frame_file, silhouette_file
 from massprops.views import Views, undistort
 
 
@@ -21,21 +20,6 @@ def undistorted_frame(job: Job, views: Views, i: int, flags: int = 1) -> np.ndar
     """
     image = read_image(frame_file(job.run / "work", views.names[i]), flags)
     return undistort(image, views.K[i], views.distortion[i])
-
-
-DRAWN_BY = ("silhouettes", "join", "surface")
-"""Stages that write silhouettes, each better than the one before: from each placement's first shape, from those of all, and from
-the closed surface."""
-
-
-def silhouette_file(work: Path, name: str, last: str = DRAWN_BY[-1]) -> Path:
-    """The silhouette of a stored frame in the folder of all stages, as the last stage knows it that has drawn it.
-
-    Args:
-        last: no stage of `DRAWN_BY` after this one counts.
-    """
-    files = [work / stage / "masks" / f"{name}.png" for stage in DRAWN_BY[: DRAWN_BY.index(last) + 1]]
-    return next((file for file in reversed(files) if file.is_file()), files[0])
 
 
 def undistorted_mask(job: Job, views: Views, i: int, last: str = "join") -> np.ndarray:

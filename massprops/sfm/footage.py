@@ -11,6 +11,10 @@ import numpy as np
 
 from massprops.errors import InputError
 
+DRAWN_BY = ("silhouettes", "join", "surface")
+"""Stages that write silhouettes, each better than the one before: from each placement's first shape, from those of all, and from
+the closed surface."""
+
 
 @dataclass(frozen=True)
 class FrameRecord:
@@ -137,6 +141,16 @@ def mask_file(work: Path, name: str) -> Path:
     """Likewise of a frame's first silhouette, which need not exist."""
     corrected = work / "sfm" / "masks" / f"{name}.png"
     return corrected if corrected.is_file() else work / "capture" / "masks" / f"{name}.png"
+
+
+def silhouette_file(work: Path, name: str, last: str = DRAWN_BY[-1]) -> Path:
+    """The silhouette of a stored frame in the folder of all stages, as the last stage knows it that has drawn it.
+
+    Args:
+        last: no stage of `DRAWN_BY` after this one counts.
+    """
+    files = [work / stage / "masks" / f"{name}.png" for stage in DRAWN_BY[: DRAWN_BY.index(last) + 1]]
+    return next((file for file in reversed(files) if file.is_file()), files[0])
 
 
 def read_footage(folder: Path) -> FootageRecord:

@@ -148,7 +148,7 @@ def test_an_empty_folder_and_broken_files(tmp_path: Path) -> None:
     (run / "massprops.json").write_text("{")
     (run / "run.yaml").write_text("a: [")
     (run / "mesh.ply").write_bytes(b"ply\nno mesh")
-    (run / "masks" / "cam0" / "000003.png.png").write_bytes(b"")
+    (run / "work" / "silhouettes" / "masks" / "cam0" / "000003.png.png").write_bytes(b"")
     (run / "work" / "capture" / "frames" / "cam0" / "000002.png").unlink()
     found = parsed(run)
     assert sum(tag == "figure" for tag, _ in found.tags) == 11

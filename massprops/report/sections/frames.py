@@ -8,7 +8,7 @@ from massprops.capture.images import printable
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, swatch, text
 from massprops.report.thumbnail import thumbnail
-from massprops.sfm.footage import frame_file
+from massprops.sfm.footage import frame_file, mask_file, silhouette_file
 
 TITLE, ORDER = "Frames and silhouettes", 3
 MOST, WIDTH = 24, 280
@@ -62,12 +62,11 @@ def _short(name: str) -> str:
 def _thumbnail(data: RunData, name: str) -> np.ndarray | None:
     import cv2
 
-    capture = data.folder / "work" / "capture"
-    image = cv2.imread(str(frame_file(data.folder / "work", name)))
+    work = data.folder / "work"
+    image = cv2.imread(str(frame_file(work, name)))
     if image is None:
         return None
-    for folder in (data.folder / "masks", data.folder / "work" / "silhouettes" / "masks", capture / "masks"):
-        path = folder / f"{name}.png"
+    for path in (silhouette_file(work, name), mask_file(work, name)):
         mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
         if mask is not None:
             return thumbnail(image, mask, WIDTH)

@@ -14,7 +14,7 @@ from massprops.core.files import write_json, write_whole
 from massprops.core.outputs import Outputs
 from massprops.documents.body import LARGEST_SIGMA
 from massprops.run.job import Job, ReconstructOptions
-from massprops.run.stage_images import DRAWN_BY
+from massprops.sfm.footage import DRAWN_BY
 from massprops.sfm.model_bytes import write_model
 
 READS = ("capture", "sfm", "silhouettes", "join", "dense", "surface", "scale", "mass", "colour", "sequence")
