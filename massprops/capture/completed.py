@@ -39,7 +39,7 @@ SURE = 3.0
 
 
 @dataclass(frozen=True)
-class Shown:
+class PlacementEvidence:
     """What n images say of one placement.
 
     Attributes:
@@ -56,14 +56,14 @@ class Shown:
     drawn: np.ndarray
 
 
-def shown(
+def evidence_of(
     views: Views,
     image: Callable[[int], np.ndarray],
     plane: np.ndarray,
     shape: tuple[np.ndarray, np.ndarray],
     standing: np.ndarray,
     pixel: float,
-) -> Shown:
+) -> PlacementEvidence:
     """What the images show beside a measured shape.
 
     Args:
@@ -93,7 +93,7 @@ def shown(
     evidence = Evidence.learn(_pooled(inside), _pooled(free))
     odds = [np.where(beside, 0.0, evidence.of(*o)) for o, beside in zip(off, others, strict=True)]
     log_odds = [cv2.blur(o.astype(np.float32), (3, 3)) for o in odds]
-    return Shown(views, picture, evidence, _stacked(log_odds, 0.0), _stacked(drawn, False))
+    return PlacementEvidence(views, picture, evidence, _stacked(log_odds, 0.0), _stacked(drawn, False))
 
 
 def _pooled(pixels: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +150,7 @@ class Part:
 
 
 def missing_parts(
-    found: Shown, plane: np.ndarray, vertices: np.ndarray, standing: np.ndarray, pixel: float
+    found: PlacementEvidence, plane: np.ndarray, vertices: np.ndarray, standing: np.ndarray, pixel: float
 ) -> list[Part]:
     """What the votes find beside a measured shape and hanging together with it.
 
@@ -201,7 +201,7 @@ def _near(lattice: Lattice, xyz: np.ndarray) -> np.ndarray:
     return np.asarray(distance_transform_edt(free) < BESIDE)
 
 
-def _gain(found: Shown, i: int, lattice: Lattice, solid: np.ndarray) -> float:
+def _gain(found: PlacementEvidence, i: int, lattice: Lattice, solid: np.ndarray) -> float:
     """By how much view i agrees better with some cubes beside the measured shape than without."""
     if not solid.any():
         return 0.0

@@ -43,7 +43,7 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
     Args:
         views: all views; folder: of the placement's files; placement: what `shape.json` says of it.
     """
-    from massprops.capture.completed import Shown, missing_parts, shown
+    from massprops.capture.completed import PlacementEvidence, evidence_of, missing_parts
     from massprops.dense.region import pixel_size, region_of
     from massprops.surface.cloud import Cloud
 
@@ -59,8 +59,10 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
     standing = other[other @ plane[:3] + plane[3] > placement["support_rise"]]
     pixel = pixel_size(small, region_of(here))
 
-    def seen(vertices: np.ndarray, faces: np.ndarray) -> Shown:
-        return shown(small, lambda i: reduced_image(job, here, small, i), plane, (vertices, faces), standing, pixel)
+    def seen(vertices: np.ndarray, faces: np.ndarray) -> PlacementEvidence:
+        return evidence_of(
+            small, lambda i: reduced_image(job, here, small, i), plane, (vertices, faces), standing, pixel
+        )
 
     found = seen(vertices, faces)
     parts = [part for part in missing_parts(found, plane, vertices, standing, pixel) if part.sure]

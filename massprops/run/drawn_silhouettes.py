@@ -29,7 +29,7 @@ MARGIN_PX = 2
 
 
 @dataclass(frozen=True)
-class Shown:
+class Visible:
     """What a view may show, in the frame of its camera's pose.
 
     Attributes:
@@ -48,12 +48,12 @@ class Shown:
     other_colour: np.ndarray
     painted: Paint | None = None
 
-    def moved(self, R: np.ndarray, t: np.ndarray) -> Shown:
+    def moved(self, R: np.ndarray, t: np.ndarray) -> Visible:
         """The same after x -> R x + t."""
         vertices, own, other = (x @ R.T + t for x in (self.vertices, self.own, self.other))
         return replace(self, vertices=vertices, own=own, other=other)
 
-    def with_shape(self, other: Shown) -> Shown:
+    def with_shape(self, other: Visible) -> Visible:
         """The same with another placement's shape of the object put to its own."""
         behind = len(self.vertices)
         faces = np.concatenate([self.faces, other.faces + behind])
@@ -75,12 +75,12 @@ def learned_paint(folders: list[Path]) -> Paint | None:
     return Paint.learn(np.concatenate([own_points(folder)[1] for folder in folders]), np.concatenate(other))
 
 
-def shown_in(folder: Path, painted: Paint | None) -> Shown:
+def scene_in(folder: Path, painted: Paint | None) -> Visible:
     """What `shape` has written of a placement into its folder."""
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
         measured = faces[: int(z["measured"])] if "measured" in z.files else None
-    return Shown(vertices, faces, measured, *own_points(folder), *surroundings(folder), painted)
+    return Visible(vertices, faces, measured, *own_points(folder), *surroundings(folder), painted)
 
 
 def own_points(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +102,7 @@ def surroundings(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def drawn_silhouette(
-    image: np.ndarray, views: Views, i: int, shown: Shown, evidence: np.ndarray | None = None
+    image: np.ndarray, views: Views, i: int, shown: Visible, evidence: np.ndarray | None = None
 ) -> tuple[np.ndarray, Trimap, float]:
     """The silhouette (h, w) uint8 of view i without its lens's distortion: 255 object, 0 background, 128 perhaps; what was
     known of its pixels before; and the share of the object's points that something hides.

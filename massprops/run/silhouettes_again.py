@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.core.files import write_image
-from massprops.run.drawn_silhouettes import DRAWN, Shown, drawn_silhouette, learned_paint, outside, shown_in, stored
+from massprops.run.drawn_silhouettes import DRAWN, Visible, drawn_silhouette, learned_paint, outside, scene_in, stored
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 from massprops.views import Views
@@ -28,7 +28,7 @@ def drawn_from_shapes(job: Job) -> bool:
 
 
 def redrawn(
-    job: Job, views: Views, i: int, whole: Shown, before: np.ndarray, points: np.ndarray, least_gain: float
+    job: Job, views: Views, i: int, whole: Visible, before: np.ndarray, points: np.ndarray, least_gain: float
 ) -> bool:
     """Draws one view's silhouette into masks/ where it holds more of what was measured than the one before; gives whether.
 
@@ -54,13 +54,13 @@ def silhouettes_again(
         before: (h, w) uint8, undistorted; points: (n, 3) measured ones.
     """
     some = points[:: max(1, len(points) // TESTED)]
-    for done, (i, shown) in enumerate(_shown_by_view(job, views)):
+    for done, (i, shown) in enumerate(_scene_by_view(job, views)):
         whole = replace(shown, vertices=mesh[0], faces=mesh[1], measured=None)
         redrawn(job, views, i, whole, before[i], some, -MISSES_MORE)
         job.progress(done + 1, len(views), "silhouettes again")
 
 
-def _shown_by_view(job: Job, views: Views) -> Iterator[tuple[int, Shown]]:
+def _scene_by_view(job: Job, views: Views) -> Iterator[tuple[int, Visible]]:
     """Views by number, each with what its placement shows, carried to where the placement was joined."""
     from massprops.run.stages.shape import measured_folders, placement_folder
 
@@ -75,6 +75,6 @@ def _shown_by_view(job: Job, views: Views) -> Iterator[tuple[int, Shown]]:
             continue
         there = row[views.names[own[0]]]
         move = views.move_from(own[0], alone.R[there], alone.t[there])
-        shown = shown_in(placement_folder(work, k), painted).moved(*move)
+        shown = scene_in(placement_folder(work, k), painted).moved(*move)
         for i in own:
             yield i, shown

@@ -11,7 +11,7 @@ import trimesh
 from test_occlusion import PLANE
 from test_readings import RED, SIZE, VIEWS, K
 
-from massprops.capture.completed import Part, Shown, missing_parts, shown
+from massprops.capture.completed import Part, PlacementEvidence, evidence_of, missing_parts
 from massprops.capture.from_shape import overlap, refine, trimap
 from massprops.capture.support_picture import SupportPicture, grid_about, picture_of_support
 from massprops.capture.votes import EDGES, Evidence, lattice_on, vote
@@ -65,9 +65,9 @@ def photograph(i: int, *dark: trimesh.Trimesh) -> np.ndarray:
     return np.clip(image + np.random.default_rng(i).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
 
 
-def found_with(*dark: trimesh.Trimesh, standing: np.ndarray = NOTHING) -> tuple[Shown, list[Part]]:
+def found_with(*dark: trimesh.Trimesh, standing: np.ndarray = NOTHING) -> tuple[PlacementEvidence, list[Part]]:
     vertices, faces = np.asarray(BODY.vertices), np.asarray(BODY.faces)
-    what = shown(VIEWS, lambda i: photograph(i, *dark), PLANE, (vertices, faces), standing, PIXEL)
+    what = evidence_of(VIEWS, lambda i: photograph(i, *dark), PLANE, (vertices, faces), standing, PIXEL)
     return what, missing_parts(what, PLANE, vertices, standing, PIXEL)
 
 
@@ -141,7 +141,7 @@ def test_images_of_two_sizes_are_looked_at_together() -> None:
     size[::2, 0] -= 20
     views = replace(VIEWS, size=size)
     vertices, faces = np.asarray(BODY.vertices), np.asarray(BODY.faces)
-    what = shown(views, lambda i: photograph(i)[:, : size[i, 0]], PLANE, (vertices, faces), NOTHING, PIXEL)
+    what = evidence_of(views, lambda i: photograph(i)[:, : size[i, 0]], PLANE, (vertices, faces), NOTHING, PIXEL)
     assert what.log_odds.shape == (len(views), SIZE[1], SIZE[0])
     assert not what.log_odds[0, :, size[0, 0] :].any()
 

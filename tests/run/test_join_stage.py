@@ -16,7 +16,7 @@ from massprops.capture.from_shape import overlap
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.geometry.rasterise import rasterise
 from massprops.run import silhouettes_again
-from massprops.run.drawn_silhouettes import Shown
+from massprops.run.drawn_silhouettes import Visible
 from massprops.run.stages import join
 from massprops.run.stages.join import _laid, _reason, _said
 from massprops.sfm.across import Laid
@@ -137,12 +137,12 @@ def test_a_cloud_loses_the_lines_of_sight_of_views_that_go() -> None:
     assert len(both) == 4 and both.view_index.tolist() == [1, 0, 1, 6, 5, 6]
 
 
-def half_box(low: float, high: float) -> Shown:
+def half_box(low: float, high: float) -> Visible:
     """What stereo measured of a red cube of side 2 about the origin, between two heights, before nothing."""
     mesh = trimesh.creation.box(bounds=[[-1, -1, low], [1, 1, high]]).subdivide_to_size(0.1)
     points = np.asarray(mesh.vertices)
     none = np.zeros((0, 3))
-    return Shown(points, np.asarray(mesh.faces), None, points, np.tile([40, 40, 200], (len(points), 1)), none, none)
+    return Visible(points, np.asarray(mesh.faces), None, points, np.tile([40, 40, 200], (len(points), 1)), none, none)
 
 
 @pytest.mark.parametrize("lacks", [True, False])
@@ -163,7 +163,7 @@ def test_a_silhouette_that_lacks_what_another_placement_measured_is_drawn_again(
         for i in range(3)
     ]
     shown = {0: half_box(0, 1), 1: half_box(-1, 0)}
-    monkeypatch.setattr(join, "shown_in", lambda folder, painted: shown[int(folder.name[-1])])
+    monkeypatch.setattr(join, "scene_in", lambda folder, painted: shown[int(folder.name[-1])])
     monkeypatch.setattr(join, "learned_paint", lambda folders: None)
     monkeypatch.setattr(silhouettes_again, "undistorted_frame", lambda job, views, i: image[int(views.names[i][5])])
     monkeypatch.setattr(join, "_masks", lambda job, views: [known[int(n[5])].astype(np.uint8) for n in views.names])

@@ -14,8 +14,8 @@ import trimesh
 from massprops.capture.from_shape import overlap
 from massprops.geometry.rasterise import silhouette
 from massprops.run import silhouettes_again
-from massprops.run.drawn_silhouettes import Shown
-from massprops.run.stage_images import silhouette_file
+from massprops.run.drawn_silhouettes import Visible
+from massprops.sfm.footage import silhouette_file
 from massprops.views import Views
 
 SIZE = (320, 240)
@@ -52,7 +52,7 @@ def test_a_shadow_is_left_out_and_a_part_that_was_measured_is_not(
         before.append(np.where(wider, 255, 0).astype(np.uint8))
     image = [np.where(s[..., None], np.uint8([40, 40, 200]), np.uint8([120, 120, 120])) for s in seen]
     none = np.zeros((0, 3))
-    shown = Shown(points, faces, None, points, np.tile([40, 40, 200], (len(points), 1)), none, none)
+    shown = Visible(points, faces, None, points, np.tile([40, 40, 200], (len(points), 1)), none, none)
     monkeypatch.setattr(silhouettes_again, "_shown_by_view", lambda job, views: ((i, shown) for i in range(3)))
     monkeypatch.setattr(silhouettes_again, "undistorted_frame", lambda job, views, i: image[i])
     job: Any = SimpleNamespace(out=tmp_path, progress=lambda *_: None)

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.core.text import counted
 from massprops.mass.integrals import centroid
-from massprops.run.drawn_silhouettes import DRAWN, learned_paint, shown_in
+from massprops.run.drawn_silhouettes import DRAWN, learned_paint, scene_in
 from massprops.run.job import Job
 from massprops.run.silhouettes_again import TESTED, redrawn
 from massprops.run.stage_images import undistorted_frame, undistorted_mask
@@ -144,7 +144,7 @@ def _redrawn(
 
     work = job.work("shape")
     painted = learned_paint(measured_folders(work, placements))
-    shown = [shown_in(placement_folder(work, k), painted).moved(R, t) for _, R, t, k in parts]
+    shown = [scene_in(placement_folder(work, k), painted).moved(R, t) for _, R, t, k in parts]
     points = np.concatenate([s.own for s in shown])
     points = points[:: max(1, len(points) // TESTED)]
     names: list[str] = []

@@ -17,7 +17,7 @@ from massprops.core.parts import Arrays
 from massprops.core.text import counted
 from massprops.errors import NotPossible
 from massprops.run.completion import shown_beside
-from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_paint, shown_in, stored
+from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_paint, scene_in, stored
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 from massprops.sfm.footage import mask_file
@@ -150,7 +150,7 @@ def _placement(
     from massprops.run.stages.shape import placement_folder
 
     folder = placement_folder(job.work("shape"), number)
-    shown = shown_in(folder, painted)
+    shown = scene_in(folder, painted)
 
     def silhouette(i: int, place: int) -> Arrays:
         evidence = None if shown.measured is None else shown_beside(job, views, folder, i, place)
