@@ -36,45 +36,52 @@ def joined(
         silhouettes: there are some; without them, nothing tells the object's parts from other things.
     """
     part = np.where(inside, components(tetra, inside), -1)
-    worth = _worth(tetra, costs, part)
-    body = int(np.argmax(worth))
-    few = parts(worth) if moving or silhouettes else np.array([body])
+    deletion_cost = _deletion_cost(tetra, costs, part)
+    body = int(np.argmax(deletion_cost))
+    few = parts(deletion_cost) if moving or silhouettes else np.array([body])
     if costs.shown is not None:
         # what all silhouettes of the object show is its own
-        own = np.bincount(part[inside], costs.shown[inside], len(worth)) > 0.5 * np.bincount(part[inside])
+        own = np.bincount(part[inside], costs.shown[inside], len(deletion_cost)) > 0.5 * np.bincount(part[inside])
         few = np.union1d(few, np.flatnonzero(own))
     if len(few) < 2:
         return part == body
     part = np.where(np.isin(part, few), part, -1)
-    sky = costs.outside > 0
-    label = _linked(tetra, costs, part, worth, body, sky)
+    sky, facets = costs.outside > 0, _facets(tetra)
+    label = _linked(tetra, facets, costs, part, deletion_cost, body, sky)
     apart = np.setdiff1d(few, part[label])
     if moving and len(apart):
         # only what nothing else holds hangs by space that silhouettes show to be empty
-        worth[body] = worth[np.setdiff1d(few, apart)].sum()
+        deletion_cost[body] = deletion_cost[np.setdiff1d(few, apart)].sum()
         part = np.where(label, body, np.where(np.isin(part, apart), part, -1))
-        label = _linked(tetra, costs, part, worth, body, np.zeros_like(sky))
+        label = _linked(tetra, facets, costs, part, deletion_cost, body, np.zeros_like(sky))
     return label
 
 
 def _linked(
-    tetra: Tetrahedra, costs: Costs, part: np.ndarray, worth: np.ndarray, body: int, shut: np.ndarray
+    tetra: Tetrahedra,
+    facets: tuple[np.ndarray, np.ndarray],
+    costs: Costs,
+    part: np.ndarray,
+    deletion_cost: np.ndarray,
+    body: int,
+    shut: np.ndarray,
 ) -> np.ndarray:
     """(t,) bool: the body, the parts worth a link to it, and the links.
 
     Args:
+        facets: as of `_facets`.
         part: (t,) number of each tetrahedron's component, -1 outside of all; body: of the one that weighs most.
-        worth: (n,) of `_worth`.
+        deletion_cost: (n,) of `_deletion_cost`.
         shut: (t,) bool, tetrahedra that no link leads through.
     """
-    limit = float(np.sort(worth[np.unique(part[part >= 0])])[-2])
-    facet, sides = _facets(tetra)
+    limit = float(np.sort(deletion_cost[np.unique(part[part >= 0])])[-2])
+    facet, sides = facets
     ends, price, through = _passages(tetra, costs, part >= 0, shut, facet, limit)
     graph = coo_matrix((price, ends.T), shape=(len(sides), len(sides))).tocsr()
     distance, before, owner = _search(graph, part, sides, limit)
-    link, first = _links(ends, price, distance, owner, len(worth))
+    link, first = _links(ends, price, distance, owner, len(deletion_cost))
     label: np.ndarray = part == body
-    for a, b in _kept_links(link, worth, body):
+    for a, b in _kept_links(link, deletion_cost, body):
         label |= np.isin(part, (a, b))
         crossing = first[min(a, b), max(a, b)]
         label[through[crossing]] = True
@@ -85,26 +92,26 @@ def _linked(
     return label
 
 
-def parts(worth: np.ndarray) -> np.ndarray:
+def parts(deletion_cost: np.ndarray) -> np.ndarray:
     """Indices of the components that are no specks: the heaviest, and those too heavy for chance.
 
     Specks of wrong points weigh the less often the more, like an exponential with their mean, or with one point's
     weight if that is more: of n of them the heaviest is over mean ln(n / LEVEL) once in 1 / LEVEL cases.
 
     Args:
-        worth: (n,) energy that deleting each component costs.
+        deletion_cost: (n,) energy that deleting each component costs.
     """
-    order = np.argsort(worth)
-    rank = np.arange(1, len(worth) + 1)
-    mean = np.cumsum(worth[order]) / rank
+    order = np.argsort(deletion_cost)
+    rank = np.arange(1, len(deletion_cost) + 1)
+    mean = np.cumsum(deletion_cost[order]) / rank
     lighter = np.concatenate([[1.0], np.maximum(mean[:-1], 1.0)])
-    over = worth[order] > lighter * np.log(rank / LEVEL)
+    over = deletion_cost[order] > lighter * np.log(rank / LEVEL)
     over[-1] = True
     # all above the first that is too heavy
     return order[np.argmax(over) :]
 
 
-def _worth(tetra: Tetrahedra, costs: Costs, part: np.ndarray) -> np.ndarray:
+def _deletion_cost(tetra: Tetrahedra, costs: Costs, part: np.ndarray) -> np.ndarray:
     """(n,) rise of the cut's energy when each component is called outside."""
     inside = part >= 0
     open_side = (tetra.neighbours >= 0) & ~inside[tetra.neighbours]
@@ -175,14 +182,14 @@ def _links(
     return coo_matrix((total, (low, high)), shape=(size, size)).tocsr(), first
 
 
-def _kept_links(link: csr_matrix, worth: np.ndarray, body: int) -> list[tuple[int, int]]:
+def _kept_links(link: csr_matrix, deletion_cost: np.ndarray, body: int) -> list[tuple[int, int]]:
     """Pairs (towards the body, away from it): branches of the tree that are worth their links."""
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
     tree = minimum_spanning_tree(link)
     order, parent = breadth_first_order(tree, body, directed=False)
     price = (tree + tree.T).tocsr()
-    value = worth.astype(float).copy()
+    value = deletion_cost.astype(float).copy()
     for c in order[:0:-1]:
         value[parent[c]] += max(value[c] - price[c, parent[c]], 0.0)
     kept, out = {body}, []
