@@ -1,4 +1,7 @@
-"""`alignment.align` compiled: one epoch after the other; import it late."""
+"""`alignment.align` compiled: one epoch after the other; import it late.
+
+Plain loops: what numpy does in one call (`outer`, an array put into a slice) takes numba seconds to compile.
+"""
 
 from __future__ import annotations
 
@@ -57,15 +60,16 @@ def aligned(
                 _solved(L, scale, gradient, step)
             else:
                 _pseudo(normal, scale, inverse)
-                step[:] = inverse @ gradient
+                np.dot(inverse, gradient, step)
             _moved(q[e], shift[e], step)
-        if regular:
-            for i in range(6):
+        for i in range(6):
+            if regular:
                 side[:] = 0.0
                 side[i] = 1.0
                 _solved(L, scale, side, covariance[e, i])
-        else:
-            covariance[e] = inverse
+            else:
+                for j in range(6):
+                    covariance[e, i, j] = inverse[i, j]
         # squares of the pose returned, not of the one before its last step
         _distances(body, seen[e], information[e], use[e], q[e], shift[e], R, arms, errors, near)
         at = 0
@@ -214,12 +218,14 @@ def _pseudo(normal: Array, scale: Array, out: Array) -> None:
         for j in range(i + 1):
             scaled[i, j] = scaled[j, i] = normal[i, j] * scale[i] * scale[j]
     values, vectors = np.linalg.eigh(scaled)
-    least = 1e-12 * np.abs(values).max()
-    out[:] = 0.0
-    for a in range(6):
-        if abs(values[a]) > least:
-            out += np.outer(vectors[:, a], vectors[:, a]) / values[a]
-    out *= np.outer(scale, scale)
+    least = 1e-12 * max(-values[0], values[5])
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for a in range(6):
+                if abs(values[a]) > least:
+                    total += vectors[i, a] * vectors[j, a] / values[a]
+            out[i, j] = total * (scale[i] * scale[j])
 
 
 @numba.njit(cache=True)

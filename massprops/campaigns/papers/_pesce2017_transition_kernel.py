@@ -51,7 +51,8 @@ def rotated(
                 _along(q[b], way)
                 for i in range(4):
                     start[i] += 0.5j * TINY * way[j - 3, i]
-            y[:4] = start[:4]
+            for i in range(4):
+                y[i] = start[i]
             y[4], y[5], y[6] = to_body(start[0], start[1], start[2], start[3], start[4], start[5], start[6])
             own = (six[b, 0, j], six[b, 1, j], six[b, 2, j], six[b, 3, j], six[b, 4, j], six[b, 5, j])
             end = _torque_free((y[4], y[5], y[6]), (y[0], y[1], y[2], y[3]), own, dt, steps)
@@ -59,7 +60,8 @@ def rotated(
             x, u, z = to_reference(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
             core[b, 0, j], core[b, 1, j], core[b, 2, j] = x.imag / TINY, u.imag / TINY, z.imag / TINY
             if j == 0:
-                q1[b] = y[:4].real
+                for i in range(4):
+                    q1[b, i] = y[i].real
                 W1[b, 0], W1[b, 1], W1[b, 2] = x.real, u.real, z.real
             _along(q1[b], way)
             for i in range(3):
@@ -91,8 +93,9 @@ def moved(r: np.ndarray, v: np.ndarray, leaders: np.ndarray, mu: float, dt: floa
         a3 = _pull(mu, leaders[1], r[b] + dt / 2 * v2)
         v4 = v[b] + dt * a3
         a4 = _pull(mu, leaders[2], r[b] + dt * v3)
-        r1[b] = r[b] + dt / 6 * (v[b] + 2 * v2 + 2 * v3 + v4)
-        v1[b] = v[b] + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        for i in range(3):
+            r1[b, i] = r[b, i] + dt / 6 * (v[b, i] + 2 * v2[i] + 2 * v3[i] + v4[i])
+            v1[b, i] = v[b, i] + dt / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
     return r1, v1
 
 
