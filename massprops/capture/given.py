@@ -99,8 +99,8 @@ def load_mask(path: Path, source_size: tuple[int, int], size: tuple[int, int], i
         raise InputError(
             f"{path}: mask is {have[0]}x{have[1]}, its image {source_size[0]}x{source_size[1]}; they must agree"
         )
-    doubt = mask == DOUBT if np.isin(mask, (0, DOUBT, 255)).all() else np.zeros(mask.shape, bool)
-    object_, unknown = (_resized(m, tuple(size)) for m in ((mask > 127) & ~doubt, doubt))
+    ambiguous = mask == DOUBT if np.isin(mask, (0, DOUBT, 255)).all() else np.zeros(mask.shape, bool)
+    object_, unknown = (_resized(m, tuple(size)) for m in ((mask > 127) & ~ambiguous, ambiguous))
     return np.where(object_, 255, np.where(unknown, DOUBT, 0)).astype(np.uint8)
 
 

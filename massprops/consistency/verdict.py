@@ -208,8 +208,8 @@ def decide(
         return Verdict("consistent", p, _agreement(best), rests_on=best.found.name, facts=facts)
     if not best.found.reliable:
         # sigmas that are too small make any two bodies differ
-        doubt = f"the motion cannot be compared with the mesh ({best.found.name}: {best.found.because})"
-        return _by_centre(doubt, mesh, centre, p_centre if tumble is not None else None, free)
+        reason = f"the motion cannot be compared with the mesh ({best.found.name}: {best.found.because})"
+        return _by_centre(reason, mesh, centre, p_centre if tumble is not None else None, free)
     hints = hints_of(best, mesh, centre, tests, free)
     return Verdict("inconsistent", p, _difference(best, mesh, tests) + ": " + hints[0], hints, best.found.name, facts)
 

@@ -39,8 +39,8 @@ class Scores:
     root: np.ndarray
 
 
-def alike_in_any(seen: Scores, labels: tuple[np.ndarray, ...]) -> np.ndarray:
-    """(f, f) middle of the sandwich for errors alike in any of several ways: sums over clusters (o,) of each, less those of
+def multiway_meat(seen: Scores, labels: tuple[np.ndarray, ...]) -> np.ndarray:
+    """(f, f) meat of the sandwich for errors alike in any of several ways: sums over clusters (o,) of each, less those of
     pairs, and so on. It need not be positive."""
     total = np.zeros((seen.score.shape[1],) * 2)
     for count in range(1, len(labels) + 1):
@@ -59,11 +59,11 @@ def _summed(seen: Scores, label: np.ndarray) -> np.ndarray:
     for one in np.unique(label):
         own = label == one
         slope = seen.slope[own].reshape(-1, total.shape[0]) @ seen.root.T
-        share, ways = np.linalg.eigh(slope.T @ slope)
+        share, directions = np.linalg.eigh(slope.T @ slope)
         # in units of the whole information: what is left without the cluster
         left = 1.0 / np.clip(1.0 - share, LEAST_LEFT, 1.0)
         unit = seen.root @ seen.score[own].sum(axis=0)
-        moved = np.linalg.solve(seen.root, ways @ (left * (ways.T @ unit)))
+        moved = np.linalg.solve(seen.root, directions @ (left * (directions.T @ unit)))
         total += np.outer(moved, moved)
     count = len(np.unique(label))
     return total * (count - 1) / count

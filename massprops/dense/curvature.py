@@ -30,7 +30,7 @@ RIDGE = 1e-6
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def bend(depth: Array, bent: Array, first: int, last: int) -> None:
+def fit_curvature(depth: Array, bent: Array, first: int, last: int) -> None:
     """Local quadratic fits of the inverse depth, by Tukey's biweight, relative to the inverse depth of the pixel.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.dense import patchmatch as pm
-from massprops.dense.curvature import bend
+from massprops.dense.curvature import fit_curvature
 
 LEAST_WIDTH = 12.0
 """Grey-level width of the bilateral weights at which windows keep off shadows that move, and off other surfaces."""
@@ -121,7 +121,7 @@ def depth_map(
     sigma = np.zeros_like(depth)
     reference, sources, frame = matching.of_kernel()
     bent = np.zeros((*shape, 3), np.float32)
-    _by_rows(pool, bend, shape[0], np.where(planes.cost < BENT_COST, depth, 0).astype(np.float32), bent)
+    _by_rows(pool, fit_curvature, shape[0], np.where(planes.cost < BENT_COST, depth, 0).astype(np.float32), bent)
     _by_rows(pool, pm.polish, shape[0], reference, planes, bent, sources, frame, sigma, NOISE_PX)
     lost = (matching.mask < 2) | (planes.cost >= 1.0) | (planes.cost < 0) | (sigma <= 0)
     depth[lost] = 0.0

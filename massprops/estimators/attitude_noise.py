@@ -37,7 +37,7 @@ def believed(problem: Problem, start: Any) -> tuple[Problem, str]:
     if start.poses is None or start.body_frame != "attitude0" or len(start.poses.rows) < FEWEST:
         return problem, ""
     found = _left(problem, start)
-    factor, memory = (1.0, 1.0) if found is None else worth(*found)
+    factor, memory = (1.0, 1.0) if found is None else inflation_of(*found)
     if not factor > 1.0:
         return problem, ""
     line = f"errors of attitude0 stay alike over about {memory:.0f} epochs: its sigmas are taken {factor:.1f} times as wide"
@@ -61,7 +61,7 @@ def _left(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray] | None:
     return left_by(problem.times[fit.rows], multiply(chaser, problem.attitude[fit.rows]), sigma, guess)
 
 
-def worth(left: np.ndarray, slope: np.ndarray) -> tuple[float, float]:
+def inflation_of(left: np.ndarray, slope: np.ndarray) -> tuple[float, float]:
     """By how much sigmas must grow, 1 for white errors, and over how many epochs errors stay alike.
 
     Args:

@@ -128,8 +128,8 @@ def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:
 def _turning(inertia: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """(5,) local parameters by which the inertia changes to first order when the body axes make a small turn."""
     K = np.cross(np.eye(3), turn)
-    ways = np.array([six_of(way) for way in inertia_directions(inertia)])
-    return np.asarray(np.linalg.lstsq(ways.T, np.array(six_of(inertia @ K - K @ inertia)), rcond=None)[0])
+    directions = np.array([six_of(one) for one in inertia_directions(inertia)])
+    return np.asarray(np.linalg.lstsq(directions.T, np.array(six_of(inertia @ K - K @ inertia)), rcond=None)[0])
 
 
 def ratio_slopes(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

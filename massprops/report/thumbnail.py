@@ -10,7 +10,7 @@ SPECK = 12
 
 
 def thumbnail(image: np.ndarray, mask: np.ndarray | None, width: int) -> np.ndarray:
-    """A thumbnail of an image, the object outlined, doubt tinted.
+    """A thumbnail of an image, the object outlined, what is ambiguous tinted.
 
     Args:
         image: (h, w, 3) uint8 BGR.
@@ -24,8 +24,8 @@ def thumbnail(image: np.ndarray, mask: np.ndarray | None, width: int) -> np.ndar
     if mask is None:
         return out
     shown = cv2.resize(mask, small, interpolation=cv2.INTER_NEAREST)
-    doubt = shown == 128
-    out[doubt] = (0.6 * out[doubt] + 0.4 * np.array(DOUBT)).astype(np.uint8)
+    ambiguous = shown == 128
+    out[ambiguous] = (0.6 * out[ambiguous] + 0.4 * np.array(DOUBT)).astype(np.uint8)
     lines, _ = cv2.findContours((shown > 0).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(out, [c for c in lines if cv2.contourArea(c) > SPECK], -1, OBJECT, 1)
     return out

@@ -113,8 +113,8 @@ def _found(
 
 def _vertex(y: np.ndarray) -> float:
     """Where a parabola through three values, the middle one the largest, is largest."""
-    bend = float(y[0] - 2 * y[1] + y[2])
-    return 0.5 * float(y[0] - y[2]) / bend if bend < 0 else 0.0
+    curvature = float(y[0] - 2 * y[1] + y[2])
+    return 0.5 * float(y[0] - y[2]) / curvature if curvature < 0 else 0.0
 
 
 def _drawn(views: Views, i: int, x: np.ndarray, axes: np.ndarray, half: int, image: np.ndarray) -> np.ndarray | None:

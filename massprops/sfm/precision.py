@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.core.clustered import SIDES, Scores, alike_in_any, in_blocks, in_places
+from massprops.core.clustered import SIDES, Scores, in_blocks, in_places, multiway_meat
 from massprops.core.linalg import at_least
 from massprops.sfm.points import SparsePoints, radial_factor, residuals
 from massprops.views import Views
@@ -287,7 +287,7 @@ def _of_lenses(
         in_blocks(points.obs_view, n, points.obs_point),
         in_places(before, SIDES),
     )
-    clustered = inverse @ alike_in_any(seen, labels) @ inverse
+    clustered = inverse @ multiway_meat(seen, labels) @ inverse
     independent = inverse * float(np.mean(r**2))
     return np.sqrt(np.diag(at_least(independent, clustered)))
 

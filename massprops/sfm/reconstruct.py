@@ -198,15 +198,15 @@ def _corrected(
 def _with_shutter(result: SfmResult) -> SfmResult:
     """What the shutter says to the user, and how much less sure the focal length is for it."""
     shutter = result.shutter
-    doubt = shutter.focal_doubt
-    if not doubt:
+    sigma = shutter.focal_sigma_relative
+    if not sigma:
         return result
     precision, cameras = result.precision, result.cameras
-    by_camera = {c: float(np.hypot(s, doubt)) for c, s in precision.focal_by_camera.items()}
+    by_camera = {c: float(np.hypot(s, sigma)) for c, s in precision.focal_by_camera.items()}
     precision = replace(
-        precision, focal_relative=float(np.hypot(precision.focal_relative, doubt)), focal_by_camera=by_camera
+        precision, focal_relative=float(np.hypot(precision.focal_relative, sigma)), focal_by_camera=by_camera
     )
-    cameras = tuple(replace(c, focal_sigma_relative=float(np.hypot(c.focal_sigma_relative, doubt))) for c in cameras)
+    cameras = tuple(replace(c, focal_sigma_relative=float(np.hypot(c.focal_sigma_relative, sigma))) for c in cameras)
     return replace(result, precision=precision, cameras=cameras, warnings=(*result.warnings, shutter.said()))
 
 

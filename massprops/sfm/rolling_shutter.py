@@ -73,7 +73,7 @@ class Shutter:
         return self.state == "suspected" or self.remains
 
     @property
-    def focal_doubt(self) -> float:
+    def focal_sigma_relative(self) -> float:
         """Relative 1-sigma by which the focal length is less sure for it."""
         if not self.said() or self.readout is None:
             return 0.0

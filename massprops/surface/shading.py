@@ -278,10 +278,10 @@ def _step(
     wanted = wanted + np.bincount(corner, certain * out, size)
     # bending
     mean, normal = mean_matrix(faces, size), vertex_normals(vertices, faces)
-    bend, drawn = identity(size) - mean, mean @ vertices - vertices
+    laplacian, drawn = identity(size) - mean, mean @ vertices - vertices
     inward = np.einsum("vi,vi->v", drawn, normal)
-    system = system + (bend.T @ bend) / (BENDS * edge) ** 2
-    wanted = wanted + (bend.T @ inward) / (BENDS * edge) ** 2
+    system = system + (laplacian.T @ laplacian) / (BENDS * edge) ** 2
+    wanted = wanted + (laplacian.T @ inward) / (BENDS * edge) ** 2
     system = system + DAMPED * system.diagonal().mean() * identity(size)
     return np.asarray(np.clip(spsolve(system.tocsc(), wanted), -LONGEST_STEP * edge, LONGEST_STEP * edge))
 

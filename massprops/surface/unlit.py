@@ -85,7 +85,7 @@ def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndar
 def brighter(masks: list[np.ndarray], grey: list[np.ndarray]) -> np.ndarray | None:
     """(2,) unit, direction in the image in which the object gets brighter, over all images of a body that turns before a still
     camera; None where they do not agree. A wrong shape of the body does not matter to it."""
-    ways = []
+    slopes = []
     for mask, image in zip(masks, grey, strict=True):
         at = np.argwhere(mask == 255)[:, ::-1].astype(float)
         if len(at) < SHORTEST**2:
@@ -93,9 +93,9 @@ def brighter(masks: list[np.ndarray], grey: list[np.ndarray]) -> np.ndarray | No
         light = image[mask == 255].astype(float)
         at -= at.mean(axis=0)
         slope = np.linalg.lstsq(at, light - light.mean(), rcond=None)[0]
-        ways.append(slope)
-    total = np.sum(ways, axis=0) if ways else np.zeros(2)
-    length, path = float(np.linalg.norm(total)), float(np.linalg.norm(np.reshape(ways, (-1, 2)), axis=1).sum())
+        slopes.append(slope)
+    total = np.sum(slopes, axis=0) if slopes else np.zeros(2)
+    length, path = float(np.linalg.norm(total)), float(np.linalg.norm(np.reshape(slopes, (-1, 2)), axis=1).sum())
     return np.asarray(total / length) if length > AGREED * max(path, 1e-12) else None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.core.clustered import Scores, alike_in_any
+from massprops.core.clustered import Scores, multiway_meat
 
 
 def seen(x: np.ndarray, error: np.ndarray) -> Scores:
@@ -31,7 +31,7 @@ def test_it_is_the_jackknife() -> None:
     whole = np.linalg.lstsq(design, error, rcond=None)[0]
     moved = np.array([np.linalg.lstsq(design[label != g], error[label != g], rcond=None)[0] - whole for g in range(6)])
     own = seen(x, error)
-    np.testing.assert_allclose(variance(alike_in_any(own, (label,)), own), 5 / 6 * (moved**2).sum(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(variance(multiway_meat(own, (label,)), own), 5 / 6 * (moved**2).sum(axis=0), rtol=1e-9)
 
 
 def test_errors_alike_on_one_side_of_the_camera_count() -> None:
@@ -44,8 +44,8 @@ def test_errors_alike_on_one_side_of_the_camera_count() -> None:
         design = np.column_stack([x, np.ones(400)])
         real.append(np.linalg.lstsq(design, error, rcond=None)[0][0])
         own = seen(x, error)
-        without.append(variance(alike_in_any(own, (place, block)), own)[0])
-        told.append(variance(alike_in_any(own, (place, block, side)), own)[0])
+        without.append(variance(multiway_meat(own, (place, block)), own)[0])
+        told.append(variance(multiway_meat(own, (place, block, side)), own)[0])
     actual = np.std(real)
     assert np.sqrt(np.mean(without)) < 0.5 * actual
     assert np.sqrt(np.mean(told)) == pytest.approx(actual, rel=0.5)
@@ -54,4 +54,4 @@ def test_errors_alike_on_one_side_of_the_camera_count() -> None:
 def test_a_cluster_that_holds_all_of_a_number_stays_finite() -> None:
     x = np.r_[np.zeros(20), 1.0]
     own = seen(x, np.random.default_rng(3).standard_normal(21))
-    assert np.isfinite(alike_in_any(own, (np.r_[np.zeros(20, int), 1],))).all()
+    assert np.isfinite(multiway_meat(own, (np.r_[np.zeros(20, int), 1],))).all()

@@ -12,7 +12,7 @@ import pytest
 
 from massprops.core.parts import Parts
 from massprops.dense import reconstruct
-from massprops.dense.curvature import bend
+from massprops.dense.curvature import fit_curvature
 from massprops.dense.depthmap import Matching, depth_map
 from massprops.dense.noise import denoised, grey_noise
 from massprops.dense.reconstruct import DenseOptions, DensePoints, _unexplained, crop, dense_points
@@ -101,7 +101,7 @@ def test_how_a_depth_map_bends_is_found_beside_an_edge_and_in_noise() -> None:
     depth[np.random.default_rng(1).random(depth.shape) < 0.2] = 0.0
     depth *= 1 + 1e-4 * np.random.default_rng(2).standard_normal(depth.shape).astype(np.float32)
     bent = np.ones((*depth.shape, 3), np.float32)
-    bend(depth, bent, 0, 40)
+    fit_curvature(depth, bent, 0, 40)
     known = np.zeros_like(depth, bool)
     known[8:32, 10:41] = True
     known &= depth > 0
@@ -112,7 +112,7 @@ def test_how_a_depth_map_bends_is_found_beside_an_edge_and_in_noise() -> None:
     few = np.zeros((30, 30), np.float32)
     few[10:12, 10:12] = 1.0
     out = np.ones((30, 30, 3), np.float32)
-    bend(few, out, 0, 30)
+    fit_curvature(few, out, 0, 30)
     assert not out.any()
 
 

@@ -145,7 +145,7 @@ def test_a_jet_in_sunlight_is_found_and_its_file_works(tmp_path: Path) -> None:
         made = simulate_tracks(TrackScenario(**sensor, seed=3, effects=("sunlit-jet:jet_x=8e-5,jet_y=0,jet_z=4e-5",)))
     record = record_of_sequence(made.sequence)
     law = discover(record, *without_effects(record))
-    assert law is not None and not law.doubt
+    assert law is not None and not law.objection
     document, files = files_of_law(law)
     found = {t["term"]: t for t in document["terms"]}
     assert set(found) == {"max(0, s_z) along x", "max(0, s_z) along z"}, document["formula"]

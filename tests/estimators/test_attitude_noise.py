@@ -9,7 +9,7 @@ import pytest
 from tumbling import Scene, scene
 
 from massprops.dynamics.quaternion import from_rotation_vector, multiply
-from massprops.estimators.attitude_noise import believed, worth
+from massprops.estimators.attitude_noise import believed, inflation_of
 from massprops.estimators.methods import methods
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
@@ -46,11 +46,11 @@ def test_what_errors_are_worth() -> None:
     slope = np.stack(
         [np.stack([tau**p * (axis == i) for axis in range(3)], axis=1) for i in range(3) for p in range(3)], 2
     )
-    assert worth(rng.standard_normal((300, 3)), slope) == (1.0, 1.0)
-    found = [worth(errors(rng, 0.9, 300), slope)[0] for _ in range(8)]
+    assert inflation_of(rng.standard_normal((300, 3)), slope) == (1.0, 1.0)
+    found = [inflation_of(errors(rng, 0.9, 300), slope)[0] for _ in range(8)]
     assert 0.7 < np.mean(found) / np.sqrt(19.0) < 1.5  # (1 + 0.9)/(1 - 0.9) epochs for one
     # errors larger than stated, but white, are for the filters' own tests
-    assert worth(2.0 * rng.standard_normal((300, 3)), slope) == (1.0, 1.0)
+    assert inflation_of(2.0 * rng.standard_normal((300, 3)), slope) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf", "momentum-ls"])

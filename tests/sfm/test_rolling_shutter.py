@@ -106,7 +106,7 @@ def test_a_readout_is_found_within_its_sigma_and_the_focal_length_is_mended(read
     off, before = (abs(f / FOCAL - 1) for f in (fitted.views.K[0, 0, 0], bent))
     assert off < 0.003 and (readout.duration != 0.45 or off < 0.5 * before)
     assert "one after the other" in found.said() and ("columns" in found.said()) == (readout.axis == 0)
-    assert not found.doubtful and 0 < found.focal_doubt < abs(found.focal)
+    assert not found.doubtful and 0 < found.focal_sigma_relative < abs(found.focal)
     # nothing of it is left in the features that were moved
     again, _ = find_shutter(model_of(fitted.views, fitted.points, fitted.points.obs_uv), times_of(views), settings)
     assert again.state == "global"
@@ -121,7 +121,7 @@ def test_nothing_is_found_where_all_rows_are_read_at_once(seed: int) -> None:
     quiet()
     views, points, seen = filmed(Readout(0.0), seed=seed)
     found, fitted = find_shutter(model_of(views, points, seen), times_of(views), Settings(RefineOptions(), True))
-    assert found.state == "global" and fitted is None and not found.said() and not found.focal_doubt
+    assert found.state == "global" and fitted is None and not found.said() and not found.focal_sigma_relative
 
 
 @pytest.mark.parametrize(("shake", "state"), [((0.3, 7.0), "rolling"), ((1.0, 3.3), "suspected")])
@@ -277,12 +277,12 @@ def test_what_the_shutter_leaves_unknown_widens_the_focal_length() -> None:
     from massprops.sfm.rolling_shutter import Shutter
 
     corrected = Shutter("rolling", Readout(0.4), 0.05, 1.2, -0.04, (0.11, 0.10))
-    assert corrected.focal_doubt == pytest.approx(0.04 * 0.05 / 0.4) and not corrected.doubtful
+    assert corrected.focal_sigma_relative == pytest.approx(0.04 * 0.05 / 0.4) and not corrected.doubtful
     for doubtful in (replace(corrected, state="suspected"), replace(corrected, remains=True)):
-        assert doubtful.doubtful and doubtful.focal_doubt == pytest.approx(0.04)
+        assert doubtful.doubtful and doubtful.focal_sigma_relative == pytest.approx(0.04)
     assert "too unsure to be corrected" in replace(corrected, state="suspected").said()
     assert "not all of it is gone" in replace(corrected, remains=True).said()
-    assert Shutter("global", Readout(0.01), 0.05, focal=-0.04).focal_doubt == 0.0
+    assert Shutter("global", Readout(0.01), 0.05, focal=-0.04).focal_sigma_relative == 0.0
 
 
 def test_a_correction_that_tears_the_model_apart_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,9 +86,9 @@ def image_curvature(
     # u1 - u0 = -(fu b)/C: second derivative -2 fu b / C^3
     C, var, camera = depths[0]
     base = (camera.R @ (depths[1][2].t - camera.t))[0] * camera.intrinsics[0]
-    bend = -2 * base / C**3
-    means.append(0.5 * bend * var)
-    spreads.append(0.5 * (bend * var) ** 2)
+    curvature = -2 * base / C**3
+    means.append(0.5 * curvature * var)
+    spreads.append(0.5 * (curvature * var) ** 2)
     return np.concatenate(means, axis=1), SHARED * np.concatenate(spreads, axis=1)
 
 

@@ -43,9 +43,9 @@ def limit(c: dict[str, Any], seeds: list[int]) -> tuple[np.ndarray, np.ndarray]:
         _, H = images(layout, truth, setup.cameras, C, spin)
         wide, wrong = sigma, sigma * noise[:, step - 1]
         if c["pseudo"] == "sensor":
-            acceleration, doubt = setup.sensed(step, sensor[:, step - 1])
+            acceleration, sigma_a = setup.sensed(step, sensor[:, step - 1])
             residual, slope = euler_constraint(layout, truth, acceleration)
-            H, wide = np.concatenate([H, slope], axis=1), np.concatenate([wide, doubt], axis=1)
+            H, wide = np.concatenate([H, slope], axis=1), np.concatenate([wide, sigma_a], axis=1)
             wrong = np.concatenate([wrong, residual], axis=1)
 
         def observe(

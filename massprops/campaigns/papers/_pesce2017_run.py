@@ -244,7 +244,7 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
     for step in range(1, c["steps"] + 1):
         C, spin = setup.frames[step]
         z = measured[step - 1]
-        acceleration, doubt = (
+        acceleration, sigma_a = (
             setup.sensed(step, sensor[:, step - 1]) if c["pseudo"] == "sensor" else rates.take(step, z)
         )
 
@@ -255,7 +255,7 @@ def simulate(c: dict[str, Any], seeds: list[int]) -> Passage:
         known = bool(windows) and step <= windows[-1]
         wide = np.broadcast_to(np.inf if known else sigma, z.shape)
         if acceleration is not None:
-            wide = np.concatenate([wide, np.sqrt(doubt**2 + constraint_curvature(layout, state, P))], axis=1)
+            wide = np.concatenate([wide, np.sqrt(sigma_a**2 + constraint_curvature(layout, state, P))], axis=1)
 
         seen = _Seen(setup, C, spin, z, acceleration, wide, c["flow_sigma_per_s"])
         done = seen.corrected(state, P, c["second_order"])

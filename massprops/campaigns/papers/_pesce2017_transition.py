@@ -58,9 +58,9 @@ def predict(
             result depends on which others are with it.
     """
     ahead, F = transition(layout, state, t0, t1, orbit, largest_rate)
-    bend, places = _second_order(layout, F, P), _second_order_places(layout, ahead, F, P)
+    curvature, places = _second_order(layout, F, P), _second_order_places(layout, ahead, F, P)
     P = F @ P @ np.swapaxes(F, -1, -2) + _process_noise(layout, ahead, t1 - t0, noise)
-    P[:, layout.u, layout.u] += COHERENCE * bend
+    P[:, layout.u, layout.u] += COHERENCE * curvature
     for at, block in zip([layout.r, *layout.points], np.moveaxis(places, 1, 0), strict=True):
         P[:, at, at] += COHERENCE * block
     return ahead, 0.5 * (P + np.swapaxes(P, -1, -2))

@@ -71,7 +71,7 @@ class Law:
         return max(self.alone.evidence, self.with_latent.evidence)
 
     @property
-    def doubt(self) -> str:
+    def objection(self) -> str:
         """Why the law is not to be stated; empty when it is."""
         if self.evidence < self.base.evidence + criteria.BEATS_NOTHING:
             return "a free rigid body explains the record as well"
@@ -202,8 +202,8 @@ def document_of_law(law: Law | None) -> dict[str, Any]:
     held = {"before": held_out_rms(law.base, noise), "after": held_out_rms(law.alone, noise)}
     return {
         "formula": formula(law.terms, values),
-        "stated": not law.doubt,
-        "because": law.doubt or None,
+        "stated": not law.objection,
+        "because": law.objection or None,
         "terms": [
             {
                 "term": t.label,

@@ -57,11 +57,11 @@ class Case:
     shown: AttitudeSeries | None = None
 
 
-def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) -> Case:
+def case_of(problem: Problem, inflation: float = 1.0, own_attitudes: bool = True) -> Case:
     """Splits the record and finds the first state.
 
     Args:
-        doubt: how many times the stated noise of tracks the first guess allows for: sensors that are wrong together
+        inflation: how many times the stated noise of tracks the first guess allows for: sensors that are wrong together
             otherwise look like outliers to it.
         own_attitudes: attitude0 does not come from the same pictures as the tracks.
 
@@ -70,7 +70,7 @@ def case_of(problem: Problem, doubt: float = 1.0, own_attitudes: bool = True) ->
     """
     environment = EnvironmentModel(problem.environment, compiled=True)  # many fits are to come
     warnings = list(problem.warnings)
-    guess = first_guess(replace(problem, sigma_px=doubt * problem.sigma_px))
+    guess = first_guess(replace(problem, sigma_px=inflation * problem.sigma_px))
     warnings += guess.warnings
     first = batch_start(problem, guess, environment, own_attitudes=own_attitudes)
     warnings += first.notes

@@ -201,9 +201,9 @@ def _begin(
     """
     best: tuple[Case, Scored] | None = None
     refused: NotPossible | None = None
-    for doubt in (1.0, *DOUBTS):
+    for inflation in (1.0, *DOUBTS):
         try:
-            case = case_of(problem, doubt, own_attitudes)
+            case = case_of(problem, inflation, own_attitudes)
         except NotPossible as error:
             refused = refused or error
             continue

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.core.clustered import SIDES, Scores, alike_in_any, in_blocks, in_places
+from massprops.core.clustered import SIDES, Scores, in_blocks, in_places, multiway_meat
 from massprops.core.linalg import at_least
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
@@ -114,7 +114,7 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environm
     values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / scale[:, None] / scale
     seen = Scores(score, np.sqrt(w)[..., None] * slope, (vectors / np.sqrt(np.maximum(values, 1e-12))).T / scale)
-    middle = alike_in_any(seen, _alike(problem, m, found, environment))
+    middle = multiway_meat(seen, _alike(problem, m, found, environment))
     plain = inverse * max(1.0, found.chi2 / found.freedom)
     # sums and differences need not be a covariance: no direction may fall below independent errors
     own = at_least(plain, inverse @ middle @ inverse)

@@ -105,7 +105,7 @@ def _unfit(found: Fit) -> str:
     """Why the fit does not explain the data; empty when it does."""
     if not (found.converged and np.isfinite(found.cost)):
         return f"the fit did not settle in {found.iterations} iterations"
-    misfit = found.chi2 / found.freedom
-    if misfit > MISFIT:
-        return f"residuals are {np.sqrt(misfit):.2g} times the stated noise: {INCOMPLETE}"
+    reduced_chi2 = found.chi2 / found.freedom
+    if reduced_chi2 > MISFIT:
+        return f"residuals are {np.sqrt(reduced_chi2):.2g} times the stated noise: {INCOMPLETE}"
     return ""

@@ -160,7 +160,7 @@ def _grow(
     still = replace(around_free(problem), attitude=attitude, sigma_attitude=sigma)
     free = np.zeros(17, bool)
     free[:6] = free[12:17] = True
-    quiet = EnvironmentModel(replace(problem.environment, chaser_attitude="inertial"), compiled=environment.compiled)
+    fixed = EnvironmentModel(replace(problem.environment, chaser_attitude="inertial"), compiled=environment.compiled)
     span = max(_turn(start.w), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
 
@@ -169,20 +169,20 @@ def _grow(
 
     def grown(inertia: np.ndarray, w0: np.ndarray, free: np.ndarray = free) -> tuple[BatchState, float]:
         return _doubled(
-            still, replace(state, inertia=inertia, w0=w0, points=np.zeros((0, 3))), quiet, free, span, whole
+            still, replace(state, inertia=inertia, w0=w0, points=np.zeros((0, 3))), fixed, free, span, whole
         )
 
-    best, misfit = grown(state.inertia, state.w0)
-    if not misfit < POOR:
+    best, chi2 = grown(state.inertia, state.w0)
+    if not chi2 < POOR:
         # a short span can lose the inertia that the whole record gave the guess
         held, _ = grown(state.inertia, state.w0, still_inertia)
-        other, left = _doubled(still, held, quiet, free, whole, whole)
-        if not misfit <= left:
-            best, misfit = other, left
-    if not misfit < POOR:
+        other, other_chi2 = _doubled(still, held, fixed, free, whole, whole)
+        if not chi2 <= other_chi2:
+            best, chi2 = other, other_chi2
+    if not chi2 < POOR:
         # a flat spin or a ball gives a guess that means nothing: no preference is the better beginning
-        other, left = grown(np.eye(3), np.median(start.w, axis=0))
-        if not misfit <= left:
+        other, other_chi2 = grown(np.eye(3), np.median(start.w, axis=0))
+        if not chi2 <= other_chi2:
             best = other
     return replace(state, q0=best.q0, w0=best.w0, inertia=best.inertia)
 
@@ -190,24 +190,24 @@ def _grow(
 def _doubled(
     still: Problem,
     blank: BatchState,
-    quiet: EnvironmentModel,
+    fixed: EnvironmentModel,
     free: np.ndarray,
     span: float,
     whole: float,
 ) -> tuple[BatchState, float]:
-    """The state after fits of doubling span, and the misfit of the last over its noise."""
-    misfit = np.inf
+    """The state after fits of doubling span, and chi-squared of the last over its freedom."""
+    chi2 = np.inf
     while True:
         inside = still.times <= span
         m = measurements_of(still, inside, channels=("attitude",))
         if len(m.attitude_at) >= 6:
             last = int(np.flatnonzero(inside)[-1]) + 1
             found = fit(
-                still.of_epochs(itemgetter(slice(last))), m, blank, quiet, free, InertiaPrior(weak=1.0), Search(most=25)
+                still.of_epochs(itemgetter(slice(last))), m, blank, fixed, free, InertiaPrior(weak=1.0), Search(most=25)
             )
-            blank, misfit = found.state, found.chi2 / found.freedom
+            blank, chi2 = found.state, found.chi2 / found.freedom
         if span >= whole:
-            return blank, misfit
+            return blank, chi2
         span *= 2.0
 
 

@@ -251,12 +251,12 @@ class _Task:
         off = np.zeros((2 * DRAWS, BASE))
         off[:, :3] = turn_of(multiply(conjugate(y[:4]), ahead[:, :4]))
         off[:, 3:6], off[:, 11:] = ahead[:, 4:7] - y[4:7], ahead[:, 7:] - y[7:]
-        bend = 0.5 * (off[:DRAWS] + off[DRAWS:])
-        mean = bend.mean(axis=0)
+        curvature = 0.5 * (off[:DRAWS] + off[DRAWS:])
+        mean = curvature.mean(axis=0)
         last = P.copy()
         last[:BASE] = J @ last[:BASE]
         last[:, :BASE] = last[:, :BASE] @ J.T
-        last[:BASE, :BASE] += (bend - mean).T @ (bend - mean) / DRAWS
+        last[:BASE, :BASE] += (curvature - mean).T @ (curvature - mean) / DRAWS
         z = RangeMotion(y[:4], y[4:7], x.s, y[7:10], y[10:], x.f).moved(np.concatenate([mean, np.zeros(x.f.size)]))
         return RangeStart(z.q, z.w, cholesky_inertia(z.s), z.r, z.v, z.f, 0.5 * (last + last.T))
 
