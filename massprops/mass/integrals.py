@@ -125,11 +125,15 @@ def greatest_length(vertices: np.ndarray) -> tuple[float, int, int]:
     # two that are farther apart than this lie both at least so far from the middle
     index = index[away + away.max() >= reach * (1 - 1e-9)]
     corner = vertices[index]
-    best = (-1.0, 0, 0)
+    x, best, top = corner - corner.mean(axis=0), (-1.0, 0, 0), 0.0
     for start in range(0, len(corner), 512):
-        block = corner[start : start + 512]
-        square = ((block[:, None, :] - corner[None, :, :]) ** 2).sum(-1)
-        i, j = np.unravel_index(np.argmax(square), square.shape)
-        if square[i, j] > best[0]:
-            best = (float(square[i, j]), int(index[start + i]), int(index[j]))
+        # quickly for all, and to the last digit for those that may be the farthest
+        block = x[start : start + 512]
+        about = (block**2).sum(axis=1)[:, None] + (x**2).sum(axis=1) - 2.0 * (block @ x.T)
+        top = max(top, float(about.max()))
+        i, j = np.nonzero(about >= top * (1 - 1e-9))
+        square = ((corner[start + i] - corner[j]) ** 2).sum(-1)
+        if len(square) and square.max() > best[0]:
+            k = int(np.argmax(square))
+            best = (float(square[k]), int(index[start + i[k]]), int(index[j[k]]))
     return float(np.sqrt(best[0])), best[1], best[2]

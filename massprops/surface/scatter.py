@@ -43,7 +43,8 @@ def face_scatter(
     tree, some = cKDTree(cloud.xyz), np.sort(rng.permutation(len(cloud))[:SAMPLES])
     away = np.full(len(some), np.nan)
     for n, (i, near) in enumerate(zip(some, tree.query_ball_point(cloud.xyz[some], radius), strict=True)):
-        alike = np.array(near)[cloud.normal[near] @ cloud.normal[i] > 0.5]
+        alike = np.array(near)
+        alike = alike[cloud.normal[alike] @ cloud.normal[i] > 0.5]
         if len(alike) > MOST:
             alike = rng.choice(alike, MOST, replace=False)
         if len(alike) >= FEWEST:
