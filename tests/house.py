@@ -69,7 +69,6 @@ UNUSED = {
     "comment": "the same",
     "camera_model": "the same",
     "distortion_model": "the same",
-    "length_scales": "a result for who asks for it",
     "sigma_velocity": "written by its name",
 }
 """Names that no line of ours uses, and why they stay."""

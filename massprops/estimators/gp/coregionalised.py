@@ -40,7 +40,6 @@ class QuasiPeriodicProcess:
         mean: (d,) mean of the training data.
         f: (2,) fundamental frequencies [Hz].
         f_cov: (2, 2) their covariance [Hz^2].
-        length_scales: (2,) of the two periodic factors.
         B: (d, d) coregionalisation.
         noise_sigma: 1-sigma of the white noise, in the units of y.
         orders: (m, 2) lattice.
@@ -54,7 +53,6 @@ class QuasiPeriodicProcess:
     mean: np.ndarray
     f: np.ndarray
     f_cov: np.ndarray
-    length_scales: np.ndarray
     B: np.ndarray
     noise_sigma: float
     orders: np.ndarray
@@ -184,7 +182,6 @@ class _Fit:
             mean=mean,
             f=self.f,
             f_cov=self.noise * np.linalg.pinv(information),
-            length_scales=np.sqrt(1.0 / (4.0 * self.z)),
             B=spread**2 * self.chol @ self.chol.T,
             noise_sigma=float(spread * np.sqrt(self.noise)),
             orders=self.orders,
