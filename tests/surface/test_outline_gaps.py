@@ -102,20 +102,27 @@ def _interval(measured: tuple[Surface, int], gaps: Gaps | None, free: bool) -> n
     return np.quantile(volume, [0.05, 0.5, 0.95])
 
 
-def test_drift_widens_all(measured: tuple[Surface, int]) -> None:
+@pytest.fixture(scope="module")
+def own(measured: tuple[Surface, int]) -> np.ndarray:
+    """The interval of a free body without gaps."""
+    return _interval(measured, None, True)
+
+
+def test_drift_widens_all(measured: tuple[Surface, int], own: np.ndarray) -> None:
     none = np.zeros(len(measured[0].faces))
-    own, drifting = (_interval(measured, g, True) for g in (None, Gaps(none, 3.0, none, none)))
+    drifting = _interval(measured, Gaps(none, 3.0, none, none), True)
     assert drifting[2] - drifting[0] > 3 * (own[2] - own[0])
 
 
 def test_an_offset_widens_to_its_own_side_for_a_free_body_and_both_ways_for_a_still_one(
-    measured: tuple[Surface, int],
+    measured: tuple[Surface, int], own: np.ndarray
 ) -> None:
-    surface = measured[0]
+    surface, of_free = measured[0], own
     none = np.zeros(len(surface.faces))
     room = surface.hull.pixel * trimesh.Trimesh(surface.vertices, surface.faces, process=False).area
     for free, below in ((True, 0.0), (False, 4.0 * 1.645 * room)):
-        own, outlines_outside = (_interval(measured, g, free) for g in (None, Gaps(none + 4.0, 0.0, none, none)))
+        own = of_free if free else _interval(measured, None, free)
+        outlines_outside = _interval(measured, Gaps(none + 4.0, 0.0, none, none), free)
         assert outlines_outside[2] - own[2] > 4.0 * room
         assert abs(own[0] - outlines_outside[0] - below) < max(0.3 * (own[2] - own[0]), 0.2 * below)
 
