@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search import by_balance
-from massprops.diagnosis.search.by_balance import begun_by_balance, fits_by_balance
+from massprops.diagnosis.search.by_balance import ByBalance, fits_by_balance
 from massprops.diagnosis.search.case import Case, case_of
 from massprops.diagnosis.search.refit import refit
 from massprops.diagnosis.selection import Candidate, Selection, rms
@@ -29,6 +30,10 @@ TORQUE = "constant-body-torque"
 def case(**asked: object) -> Case:
     made = simulate_tracks(TrackScenario(frames=160, seed=3, **asked))  # type: ignore[arg-type]
     return case_of(problem_of(made.sequence))
+
+
+def fitted(case: Case, usable: list[ModuleType]) -> ByBalance:
+    return fits_by_balance(case, usable, lambda *_: None, np.inf)
 
 
 def best_of(name: str, record: object, watch: object = None) -> Selection:
@@ -56,13 +61,11 @@ def test_a_fit_to_the_pixels_begins_near_its_end(sensors: dict, monkeypatch: pyt
     """In the axes of the features, of `body.yaml` or of the gyroscope."""
     monkeypatch.setattr(by_balance, "select", torque_alone)
     whole = case(effects=(f"{TORQUE}:12",), **sensors)
-    ((added, _),) = begun_by_balance(whole, [effects()[TORQUE]])
-    assert [a.name for a in added] == [TORQUE]
-    given = fits_by_balance(whole, [effects()[TORQUE]], lambda *_: None, np.inf)
+    given = fitted(whole, [effects()[TORQUE]])
     (found,) = given.fits
-    assert given.forced
+    assert given.forced and [a.name for a in found.added] == [TORQUE]
     assert found.fitted < 1.05 and found.fit.iterations <= 6
-    assert begun_by_balance(whole, []) == [], "nothing but that may be named"
+    assert fitted(whole, []).fits == (), "nothing but that may be named"
 
 
 def test_sunlight_on_faces_is_found_in_tracks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,7 +77,7 @@ def test_sunlight_on_faces_is_found_in_tracks(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(by_balance, "select", partial(best_of, name))
     whole = case_of(problem_of(seen_by_cameras("sunlight", 1)))
     base = refit(whole, whole.first.state, ())
-    (found,) = fits_by_balance(whole, [effects()[name]], lambda *_: None, np.inf).fits
+    (found,) = fitted(whole, [effects()[name]]).fits
     assert found.fitted < 1.05 and found.held < 1.12 < 2.0 < base.held
     (added,) = found.added
     assert 3.0 < added.given < 68.0 and not found.fit.free[17:].any()
@@ -86,7 +89,7 @@ def test_an_effect_that_an_unknown_torque_beats_begins_no_fit(monkeypatch: pytes
         return replace(torque_alone(record), verdict="unexplained", named=())
 
     monkeypatch.setattr(by_balance, "select", nothing_named)
-    found = fits_by_balance(case(effects=(f"{TORQUE}:12",)), [effects()[TORQUE]], lambda *_: None, np.inf)
+    found = fitted(case(effects=(f"{TORQUE}:12",)), [effects()[TORQUE]])
     assert found.fits == () and found.forced
 
 
@@ -97,8 +100,8 @@ def test_the_attitudes_of_a_free_body_leave_nothing_to_begin_with() -> None:
     record = record_of_attitudes(wrong.shown, wrong.problem.environment)
     base = fit_hypothesis(record, Hypothesis(latent=False), Start(inertia=np.eye(3), left=1.0))
     assert 0.8 < rms(base.residual) < 1.1
-    assert begun_by_balance(wrong, list(effects().values())) == []
+    assert fitted(wrong, list(effects().values())).fits == ()
 
 
 def test_without_an_attitude_at_the_first_epoch_there_is_no_start() -> None:
-    assert begun_by_balance(case(baseline_m=0.0, rate_sigma=1e-4), list(effects().values())) == []
+    assert fitted(case(baseline_m=0.0, rate_sigma=1e-4), list(effects().values())).fits == ()

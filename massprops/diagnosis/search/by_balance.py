@@ -69,22 +69,16 @@ def _with_its_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored:
     return (with_mass(case, s, usable) or s) if len(s.added) == 1 else s
 
 
-def begun_by_balance(
-    case: Case, usable: list[ModuleType], watch: Watch = lambda what, done, total: None
-) -> list[tuple[tuple[Added, ...], BatchState]]:
-    """Effects in their forms, with the states that the balance of momentum finds: the likeliest first."""
-    selected = _selected(case, watch)
-    return [] if selected is None else _begun(case, selected, usable)
-
-
 def _selected(case: Case, watch: Watch) -> Selection | None:
     """What the balance of momentum says of the attitudes; None where they are too few or too far apart."""
     if case.shown is None:
         return None
-    try:
-        return select(record_of_attitudes(case.shown, case.problem.environment), watch)
-    except NotPossible:
-        return None
+    if not case.balance:
+        try:
+            case.balance.append(select(record_of_attitudes(case.shown, case.problem.environment), watch))
+        except NotPossible:
+            case.balance.append(None)
+    return case.balance[0]
 
 
 def _begun(case: Case, found: Selection, usable: list[ModuleType]) -> list[tuple[tuple[Added, ...], BatchState]]:

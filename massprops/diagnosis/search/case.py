@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from massprops.model.measurements import Measurements, measurements_of
 from massprops.model.problem import Problem
 from massprops.model.state import in_axes
 from massprops.sequence.data import AttitudeSeries
+
+if TYPE_CHECKING:
+    from massprops.diagnosis.selection import Selection
 
 BLOCKS = 20
 HELD_BLOCKS = (5, 12, 18, 19)
@@ -40,7 +44,8 @@ class Case:
         first: the first state; inertia_prior: about the inertia; there: what effects may need and is there.
         span: length of the record [s]; speed: typical angular velocity [rad/s].
         warnings: what was assumed. shown: attitudes as each epoch alone shows them, body axes of `first` to cam0, or None
-            where nothing shows the one at the first epoch.
+            where nothing shows the one at the first epoch; balance: what their balance of momentum says (`by_balance`), once it
+            was asked: the same on every path.
     """
 
     problem: Problem
@@ -55,6 +60,7 @@ class Case:
     speed: float
     warnings: tuple[str, ...]
     shown: AttitudeSeries | None = None
+    balance: list[Selection | None] = field(default_factory=list, compare=False)
 
 
 def case_of(problem: Problem, inflation: float = 1.0, own_attitudes: bool = True) -> Case:
