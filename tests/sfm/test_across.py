@@ -82,6 +82,11 @@ def upright() -> Side:
     return photographed(blotches(1), np.eye(3), 1)
 
 
+@pytest.fixture(scope="module")
+def turned_over() -> Side:
+    return photographed(blotches(1), TURNED, 2)
+
+
 def rough_start(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     """The second placement's turn and shift, three degrees and five pixels off."""
     rng = np.random.default_rng(seed)
@@ -90,8 +95,8 @@ def rough_start(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     return turn @ TURNED.T, rng.normal(0, 0.02, 3)
 
 
-def test_features_lay_a_body_turned_over_exactly(upright: Side) -> None:
-    found = lay(upright, photographed(blotches(1), TURNED, 2), [rough_start()])
+def test_features_lay_a_body_turned_over_exactly(upright: Side, turned_over: Side) -> None:
+    found = lay(upright, turned_over, [rough_start()])
     assert found is not None and found.matches > 5 * found.chance
     off = Rotation.from_matrix(TURNED @ found.R)
     assert np.degrees(off.magnitude()) < 0.1 and np.linalg.norm(found.t) < 0.003
@@ -100,9 +105,9 @@ def test_features_lay_a_body_turned_over_exactly(upright: Side) -> None:
     assert (sigma[:3] < np.deg2rad(0.2)).all()
 
 
-def test_from_a_wrong_turn_it_is_looked_for_everywhere(upright: Side) -> None:
+def test_from_a_wrong_turn_it_is_looked_for_everywhere(upright: Side, turned_over: Side) -> None:
     over = np.diag([-1.0, -1.0, 1.0])
-    found = lay(upright, photographed(blotches(1), TURNED, 2), [(over @ TURNED.T, np.zeros(3))])
+    found = lay(upright, turned_over, [(over @ TURNED.T, np.zeros(3))])
     assert found is not None and np.degrees(Rotation.from_matrix(TURNED @ found.R).magnitude()) < 0.1
 
 
@@ -110,9 +115,11 @@ def test_another_paint_is_not_laid(upright: Side) -> None:
     assert lay(upright, photographed(blotches(7), TURNED, 2), [rough_start()]) is None
 
 
-def test_features_speak_against_the_wrong_way_round_and_not_where_nothing_is_shared(upright: Side) -> None:
+def test_features_speak_against_the_wrong_way_round_and_not_where_nothing_is_shared(
+    upright: Side, turned_over: Side
+) -> None:
     """The block has the same outline when it is turned by half a turn."""
-    second, over = photographed(blotches(1), TURNED, 2), np.diag([-1.0, -1.0, 1.0])
+    second, over = turned_over, np.diag([-1.0, -1.0, 1.0])
     assert contradicted(upright, second, over @ TURNED.T, np.zeros(3), overlap=0.6)
     assert not contradicted(upright, second, over @ TURNED.T, np.zeros(3), overlap=0.02)
     assert not contradicted(upright, second, TURNED.T, np.zeros(3), overlap=0.6)
