@@ -13,6 +13,8 @@ PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3; 
 VENV := .venv
 BIN := $(VENV)/bin
 THREADS := OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+# in the order of tests/conftest.py, the longest files first
+PYTEST := $(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "not bench"
 
 .PHONY: demo test test-other-machine test-without-pycolmap bench fuzz lint docs gallery install clean
 
@@ -39,7 +41,7 @@ demo: $(VENV)/.installed
 	$(BIN)/massprops compare runs/demo samples/spacecraft.stl -o runs/demo
 
 test: $(VENV)/.installed-dev
-	$(THREADS) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench"
+	$(THREADS) $(PYTEST)
 
 # Kernels of BLAS, of numpy, of the compiled loops and of OpenCV that any processor has: other last bits than its own ones
 # give. What a processor lacks can be turned off all the same; nothing is turned on.
@@ -52,14 +54,14 @@ NUMERICAL := tests/estimators/test_ekf.py tests/campaign/test_pesce2017.py tests
 
 test-other-machine: $(VENV)/.installed-dev
 	$(THREADS) $(OTHER_MACHINE) NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(NUMPYS)')" \
-		$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(NUMERICAL)
+		$(PYTEST) $(NUMERICAL)
 
 # What is tested where pycolmap cannot be installed (Linux on arm64).
 WITHOUT_PYCOLMAP := tests/api tests/campaign tests/core tests/crosscheck tests/diagnose tests/diagnosis tests/docs tests/documents \
 	tests/dynamics tests/estimators tests/exchange tests/mass tests/packaging tests/sequence tests/simulate tests/surface
 
 test-without-pycolmap: $(VENV)/.installed-dev
-	$(THREADS) $(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not bench" $(WITHOUT_PYCOLMAP)
+	$(THREADS) $(PYTEST) $(WITHOUT_PYCOLMAP)
 
 bench: $(VENV)/.installed-dev
 	$(THREADS) $(BIN)/python -m pytest -q -s -m bench

@@ -12,6 +12,19 @@ import pytest
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
+LONGEST = (
+    "run/test_end_to_end",
+    "estimators/test_methods",
+    "diagnose/test_blind",
+    "surface/test_surface",
+    "diagnosis/test_pairs",
+)
+"""Files that take the longest: they go first, so that no process is left with one of them at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: not any(f"{name}.py" in item.nodeid for name in LONGEST))
+
 
 @pytest.fixture(scope="session")
 def real_data() -> Path:
