@@ -136,20 +136,10 @@ def test_visibility_lists_are_whole(solved) -> None:  # type: ignore[no-untyped-
     assert np.all((views.centres[seen] - points.xyz[i]) @ points.normal[i] > 0)
 
 
-def test_one_thread_and_two_give_the_same() -> None:
+def of_five(calls: list[int], threads: int = 2, parts: Parts | None = None, most: int = 99) -> DensePoints:
+    """Points of five views; a number in `calls` for each depth map that is made, and death after `most`."""
     views, images, seen = sphere_views(5)
-    one, two = (dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3, threads=k))[0] for k in (1, 2))
-    assert np.array_equal(one.xyz, two.xyz) and np.array_equal(one.sigma, two.sigma)
-
-
-def test_depth_maps_that_were_done_survive_a_death(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One is damaged besides; the points are the same to the last bit."""
-
-    class Killed(BaseException):
-        pass
-
-    views, images, seen = sphere_views(5)
-    calls, most, make = [], 99, reconstruct._map
+    make = reconstruct._map
 
     def counted(*given: object) -> object:
         if len(calls) == most:
@@ -157,22 +147,39 @@ def test_depth_maps_that_were_done_survive_a_death(tmp_path: Path, monkeypatch: 
         calls.append(1)
         return make(*given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(reconstruct, "_map", counted)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reconstruct, "_map", counted)
+        options = DenseOptions(seed=3, threads=threads)
+        return dense_points(views, lambda i: images[i], seen, options, parts=parts)[0]
 
-    def points(parts: Parts) -> DensePoints:
-        calls.clear()
-        return dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3), parts=parts)[0]
 
-    whole = points(Parts())
-    count = len(calls)
-    most = 3
+class Killed(BaseException):
+    pass
+
+
+@pytest.fixture(scope="module")
+def five() -> tuple[DensePoints, int]:
+    """Points of five views, and of how many depth maps."""
+    calls: list[int] = []
+    return of_five(calls), len(calls)
+
+
+def test_one_thread_and_two_give_the_same(five: tuple[DensePoints, int]) -> None:
+    one, two = of_five([], threads=1), five[0]
+    assert np.array_equal(one.xyz, two.xyz) and np.array_equal(one.sigma, two.sigma)
+
+
+def test_depth_maps_that_were_done_survive_a_death(tmp_path: Path, five: tuple[DensePoints, int]) -> None:
+    """One is damaged besides; the points are the same to the last bit."""
+    whole, count = five
     with pytest.raises(Killed):
-        points(Parts(tmp_path))
+        of_five([], parts=Parts(tmp_path), most=3)
     kept = sorted(tmp_path.iterdir())
     assert len(kept) == 3 < count
     kept[0].write_bytes(kept[0].read_bytes()[:-1])
-    most, parts = 99, Parts(tmp_path)
-    again = points(parts)
+    calls: list[int] = []
+    parts = Parts(tmp_path)
+    again = of_five(calls, parts=parts)
     assert len(calls) == count - 2 and len(parts.damaged) == 1
     assert np.array_equal(again.xyz, whole.xyz) and np.array_equal(again.sigma, whole.sigma)
 
@@ -213,9 +220,9 @@ def test_a_depth_is_kept_only_where_others_fit_worse() -> None:
     assert kept(spots=False) < 0.35
 
 
-def test_edges_of_shadows_that_move_are_not_matched() -> None:
+def test_edges_of_shadows_that_move_are_not_matched(solved) -> None:  # type: ignore[no-untyped-def]
     views, images, seen = sphere_views()
-    bright = len(dense_points(views, lambda i: images[i], seen, DenseOptions(seed=3))[0].xyz)
+    bright = len(solved[1].xyz)
     shaded = []
     for i, (image, mask) in enumerate(images):
         v, u = np.nonzero(mask)
