@@ -63,13 +63,12 @@ def aligned(
                 np.dot(inverse, gradient, step)
             _moved(q[e], shift[e], step)
         for i in range(6):
+            side[:] = 0.0
+            side[i] = 1.0
             if regular:
-                side[:] = 0.0
-                side[i] = 1.0
                 _solved(L, scale, side, covariance[e, i])
             else:
-                for j in range(6):
-                    covariance[e, i, j] = inverse[i, j]
+                np.dot(inverse, side, covariance[e, i])
         # squares of the pose returned, not of the one before its last step
         _distances(body, seen[e], information[e], use[e], q[e], shift[e], R, arms, errors, near)
         at = 0
