@@ -428,7 +428,7 @@ def _matched(a: _Drawn, b: _Drawn, gate: float, shift: np.ndarray | None = None)
     at = b.at if shift is None else b.at + shift
     if not len(a.at) or not len(at):
         return np.zeros((0, 2), int)
-    within = np.linalg.norm(a.at[:, None] - at[None], axis=2) < gate
+    within = _distances(a.at, at) < gate
     cosine = np.where(within, a.units @ b.units.T, 0.0)
     there, back = _likest(cosine, at), _likest(cosine.T, a.at)
     rows = np.flatnonzero(there >= 0)
@@ -436,11 +436,17 @@ def _matched(a: _Drawn, b: _Drawn, gate: float, shift: np.ndarray | None = None)
     return np.column_stack([rows, there[rows]])
 
 
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(k, l) between places (k, 2) and (l, 2)."""
+    x, y = (a[:, None, i] - b[None, :, i] for i in (0, 1))
+    return np.asarray(np.sqrt(x * x + y * y))
+
+
 def _likest(cosine: np.ndarray, at: np.ndarray) -> np.ndarray:
     """(k,) the one feature that is like each, by the cosine (k, l) between descriptors, else -1; at (l, 2): their places."""
     best = cosine.argmax(1)
     angle = angles(cosine.max(1))
-    apart = np.linalg.norm(at[None] - at[best][:, None], axis=2) > APART
+    apart = _distances(at[best], at) > APART
     second = angles(np.where(apart, cosine, 0.0).max(1))
     return np.where((angle < WIDEST) & (angle < RATIO * second), best, -1)
 
