@@ -271,8 +271,9 @@ def has_likelier_sun_torque(found: HypothesisFit, tried: int) -> bool:
     """Whether effects have a rival that names nothing of the Sun: a torque that depends on its direction in any way, in place of
     those that follow it and beside the others. A second effect may take what the first one cannot be.
 
-    In place of one it must be less likely by as much as the best of so many is by chance; beside all it may be a little likelier.
-    Of an effect alone that follows the Sun the verdict has asked.
+    In place of one it must be less likely by as much as the best of so many is by chance; beside all it may be a little likelier, and
+    is not asked where they leave no more than the stated noise, as of an unknown torque (`Candidate.best`). Of an effect alone
+    that follows the Sun the verdict has asked.
 
     Args:
         tried: how many hypotheses the effects are the likeliest of.
@@ -280,7 +281,8 @@ def has_likelier_sun_torque(found: HypothesisFit, tried: int) -> bool:
     own = found.hypothesis
     others = tuple(t for t in own.terms if SUN not in t.effect.NEEDS)
     replaced = len(others) < len(own.terms)
-    if replaced and not (others or own.wheel):
+    alone = replaced and not (others or own.wheel)
+    if alone or (not replaced and found.record.stated and within_noise(found)):
         return False
     try:
         rival = fit_hypothesis(found.record, replace(own, terms=others, by_sun=True), again(found))
