@@ -159,12 +159,12 @@ def _by_errors_alike(
         return None
     others = [*unknowns, *(c.best for c in tried if may_be_named(c, base, *unknowns))]
     enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
-    if max(map(_paid, others)) > alike.evidence + enough:
+    if max(map(paid, others)) > alike.evidence + enough:
         return None
-    return None if max(_paid(with_memory(f)) for f in others) > alike.evidence + enough else alike
+    return None if max(paid(with_memory(f)) for f in others) > alike.evidence + enough else alike
 
 
-def _paid(fit: HypothesisFit) -> float:
+def paid(fit: HypothesisFit) -> float:
     """Log evidence, less the logarithm of the values at which an effect's time and the like were looked for."""
     record = fit.record
     looked = [looked_at(t, record.times, record.path.w[record.rows.at]) for t in fit.hypothesis.terms]
