@@ -33,9 +33,10 @@ MOST_TURN = 60.0
 does not hold, would turn the path too far. The throws it was tried on turn by 5 to 18."""
 FOLDS = 4
 BLOCKS = 20
-"""Parts in time of a record; every fourth is held out in turn."""
-FEWEST_HELD = 60
-"""Rows below which nothing is held out."""
+"""Parts in time of a record at most; every fourth is held out in turn."""
+FEWEST_IN_BLOCK = 3
+FEWEST_HELD = 24
+"""Measurements below which nothing is held out, and so nothing named: two parts for each fold."""
 SHAPE_SD = 1.5
 """Prior of the logarithms of second moments: bodies up to 20 times as long as thick lie within two of it."""
 SCALE_SD = 0.005

@@ -360,7 +360,7 @@ def _verdict(
     something = max([*(u.evidence for u in unknowns), *(c.evidence for c in tried)])
     if something < base.evidence + criteria.BEATS_NOTHING + np.log(1 + len(tried)):
         return "none", []
-    good = [c for c in tried if may_be_named(c, base, *unknowns)]
+    good = [c for c in tried if may_be_named(c, base, *unknowns) and _predicts(c, base)]
     if not good:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
@@ -368,6 +368,12 @@ def _verdict(
     alone = max(near, key=lambda c: c.alone.evidence)
     near = [alone, *(c for c in near if c is not alone and c.alone.evidence > alone.alone.evidence - criteria.ALIKE)]
     return ("named" if len(near) == 1 else "ambiguous"), near
+
+
+def _predicts(c: Candidate, base: HypothesisFit) -> bool:
+    """Whether an effect predicts what was held out better than the rigid body alone does; not where nothing was held out."""
+    noise = np.ones(3)
+    return held_out_rms(c.alone, noise) < held_out_rms(base, noise)
 
 
 def within_noise(base: HypothesisFit) -> bool:
