@@ -28,6 +28,8 @@ ABOUT, FINER = 3.0, 8
 LARGEST_STEP = np.radians(1.5)
 """Turn over which a step of the path is halved. By steps of 3 degrees the trapezoid moves a kick by up to 1.1 of its sigma, by
 steps of 1.5 by up to 0.3 (ten firings of Basilisk without noise: mean square 0.16 and 0.007 of the variance)."""
+LENGTHS = (0.5, 1.0, 2.0, 3.0)
+"""Of an event, in measurements, that are tried about its middle: along the path's own steps shorter ones are all alike."""
 TRIES = 8
 ROUNDS = 4
 FLAT = 0.1
@@ -77,7 +79,7 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
         gap: between measurements [s].
     """
     places = _places(found, gap)
-    found = _finer(found, gap)
+    found = _of_any_length(_finer(found, gap), gap)
     if not places:
         return found
     try:
@@ -145,6 +147,22 @@ def _finer(found: HypothesisFit, gap: float) -> HypothesisFit:
     if found.history is not None:
         start = replace(start, history=np.interp(record.path.t, found.record.path.t, found.history))
     return admissible(record, found.hypothesis, start, found.hypothesis.latent) or found
+
+
+def _of_any_length(found: HypothesisFit, gap: float) -> HypothesisFit:
+    """The likeliest of the fit and of those whose events last otherwise about the same middle."""
+    best = found
+    for k, term in enumerate(found.hypothesis.terms):
+        held = dict(term.held)
+        if held.get("duration", 0.0) <= 0.0 or held.get("parts", 1) != 1:
+            continue
+        for length in (n * gap for n in LENGTHS):
+            terms, middle = list(best.hypothesis.terms), held["time"] + 0.5 * held["duration"]
+            terms[k] = term_of(term.effect, held | {"time": middle - 0.5 * length, "duration": length})
+            hypothesis = replace(best.hypothesis, terms=tuple(terms))
+            other = admissible(best.record, hypothesis, again(best), best.hypothesis.latent)
+            best = other if other is not None and other.evidence > best.evidence else best
+    return best
 
 
 def _halfway(found: HypothesisFit) -> np.ndarray:

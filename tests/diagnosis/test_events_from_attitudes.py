@@ -75,6 +75,17 @@ def test_a_contact_says_how_well_its_time_and_length_are_known() -> None:
     assert np.trace(best.covariance["impulse"]) > 1.01 * np.trace(own)
 
 
+def test_a_push_that_is_begun_as_a_short_one_is_told_at_its_length() -> None:
+    """Shorter than a step of the path it is spread over one, so the search moves nothing."""
+    record, gap = record_of_attitudes(tossed(PUSH)[0], Environment()), 1 / RATE
+    held = (("duration", 0.1 * gap), ("parts", 1), ("time", BEGINS + 0.5 * LASTS))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    found = with_scanned(fit_hypothesis(record, h, BALL), gap)
+    settled, sigma = dict(found.hypothesis.terms[0].held), found.held_sd["impulse"]
+    for name, truth in (("time", BEGINS), ("duration", LASTS)):
+        assert 0.0 < sigma[name] < 2e-3 and abs(settled[name] - truth) < 3.0 * sigma[name]
+
+
 def test_one_even_push_is_preferred_to_parts_that_do_the_same() -> None:
     record = record_of_attitudes(tossed(PUSH)[0], Environment())
     base = fit_hypothesis(record, Hypothesis(latent=False), BALL)
