@@ -47,6 +47,8 @@ them is likelier than 0.005 in nine of 14, by up to 14. Larger ones are left out
 19 times the noise, the sensor took up a part of that with 0.01 or 0.02, and k1 went from -2.5 to -2.4."""
 OFFSET_SD = 0.01
 """Prior of the offset of a gyroscope beside attitudes [rad/s]: a phone's, and far more than a spacecraft's."""
+CLOCK_SD = 0.1
+"""Prior of a gyroscope's clock against that of the attitudes beside it [s]: an exposure, a bus, a filter."""
 WIDE = 10.0
 """Prior of momenta at the start over those of the mean moment: no word at all."""
 AXIS_SD = 0.3

@@ -95,6 +95,8 @@ def reason(s: Selection) -> str:
     said = (
         "depends on the Sun's direction in the body, not as pressure does"
         if null.hypothesis.by_sun
+        else "is smooth in inertial axes"
+        if null.hypothesis.inertial
         else "nothing is known of"
     )
     return (

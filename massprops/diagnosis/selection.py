@@ -70,8 +70,8 @@ class Selection:
     """What was found.
 
     Attributes:
-        base: the plain rigid body; unknown: with a latent torque; by_sun: with one that depends on the Sun's direction in the
-            body in any way, or None where nothing is known of the Sun; tried: effects, the most likely first.
+        base: the plain rigid body; unknown: with a latent torque; others: with one in inertial axes, and with one that depends on
+            the Sun's direction in the body in any way where that is known; tried: effects, the most likely first.
         verdict: `none`, `named`, `ambiguous` or `unexplained`; named: the effects of the verdict; skipped: why others
             were not tried, by name.
     """
@@ -82,12 +82,12 @@ class Selection:
     verdict: str
     named: tuple[Candidate, ...]
     skipped: dict[str, str] = field(default_factory=dict)
-    by_sun: HypothesisFit | None = None
+    others: tuple[HypothesisFit, ...] = ()
 
     @property
     def unknowns(self) -> tuple[HypothesisFit, ...]:
         """The hypotheses that name nothing, which every effect must beat."""
-        return (self.unknown,) if self.by_sun is None else (self.unknown, self.by_sun)
+        return (self.unknown, *self.others)
 
     @property
     def noise(self) -> np.ndarray:
@@ -103,7 +103,8 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     if unknown is base:
         return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
     by_sun = torque_by_sun(record, unknown)
-    unknowns = (unknown,) if by_sun is None else (unknown, by_sun)
+    others = tuple(f for f in (inertial_torque(record, unknown), by_sun) if f is not None)
+    unknowns = (unknown, *others)
     usable, skipped = usable_effects(record)
     tried = []
     for k, effect in enumerate(usable):
@@ -124,7 +125,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     alike = _by_errors_alike(base, unknowns, tried)
     if alike is not None:
         return Selection(
-            base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, by_sun=by_sun
+            base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, others=others
         )
     if asks_for_two(tried, base, *unknowns):
         watch("two effects at once", 0, 1)
@@ -142,7 +143,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         verdict=verdict,
         named=tuple(_with_scanned(c, float(np.median(np.diff(record.times)))) for c in named),
         skipped=skipped,
-        by_sun=by_sun,
+        others=others,
     )
 
 
@@ -248,6 +249,16 @@ def without_effects(record: Record) -> tuple[HypothesisFit, HypothesisFit]:
     if record.stated and within_noise(base):
         return base, base
     return base, _best(record, Hypothesis(), [plain, Start(inertia=base.inertia, left=1.0)])
+
+
+def inertial_torque(record: Record, unknown: HypothesisFit) -> HypothesisFit | None:
+    """With a torque that is smooth in inertial axes, such as that of a force from outside on a point near the axis; None where it
+    leads astray."""
+    along = record if record.rows.rates else unknown.record
+    try:
+        return fit_hypothesis(along, Hypothesis(latent=False, inertial=True), again(unknown))
+    except NotPossible:
+        return None
 
 
 def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | None:
