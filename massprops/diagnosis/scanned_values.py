@@ -73,7 +73,8 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
     """The fit along a finer path, at the best of its scanned values, with their 1-sigma (`held_sd`) and what they add to its
     covariance.
 
-    Where the evidence about the best cannot be told, the fit is returned as it is.
+    Where the evidence about the best cannot be told, an event that lasts too short to tell has its length held, with the gap for its
+    1-sigma; else the fit is returned as it is.
 
     Args:
         gap: between measurements [s].
@@ -82,6 +83,16 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
     found = _of_any_length(_finer(found, gap), gap)
     if not places:
         return found
+    told = _told(found, places)
+    if told is not None:
+        return told
+    lasting = [p for p in places if p.name == "duration"]
+    told = _told(found, [p for p in places if p not in lasting]) if 0 < len(lasting) < len(places) else None
+    return found if told is None else _with_lengths_open(told, lasting, gap)
+
+
+def _told(found: HypothesisFit, places: list[_Place]) -> HypothesisFit | None:
+    """The fit at the best of the places, with their 1-sigma; None where a step leads nowhere."""
     try:
         # a knock's time and duration are known far worse than its middle: the law's own axes are found first
         axes = _law(found, places, np.diag([p.step for p in places])).principal
@@ -93,8 +104,16 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
                 break
             found, axes = moved, law.principal
     except _Astray:
-        return found
+        return None
     return _widened(found, places, law)
+
+
+def _with_lengths_open(found: HypothesisFit, lasting: list[_Place], gap: float) -> HypothesisFit:
+    """With the gap between measurements for the 1-sigma of events' lengths."""
+    held = {name: dict(own) for name, own in found.held_sd.items()}
+    for place in lasting:
+        held.setdefault(found.hypothesis.terms[place.term].name, {})[place.name] = gap
+    return replace(found, held_sd=held)
 
 
 def at_likeliest_scale(found: HypothesisFit) -> HypothesisFit:
