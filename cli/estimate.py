@@ -78,10 +78,14 @@ def command(
     if json_output:
         say(json.dumps(document))
     else:
-        say(estimate_table(document))
-        if out is not None:
-            say(f"report: {out / 'report.html'}")
+        _printed(document, out)
     return 3 if document["reason"] else 0
+
+
+def _printed(document: dict[str, Any], out: Path | None) -> None:
+    say(estimate_table(document))
+    if out is not None:
+        say(f"report: {out / 'report.html'}")
 
 
 def _several(

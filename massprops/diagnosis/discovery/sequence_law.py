@@ -28,7 +28,7 @@ def law_of_sequence(sequence: Sequence, named: Selection | str | None = None) ->
     law = None if unknown is base else discover(record, base, unknown)
     if law is None or named is None:
         return law
-    return replace(law, catalogue=(against_name if isinstance(named, str) else against_selection)(law, named))
+    return replace(law, catalogue=against_name(law, named) if isinstance(named, str) else against_selection(law, named))
 
 
 def files_of_law(law: Law | None) -> tuple[dict[str, Any], dict[str, str | bytes]]:
