@@ -22,10 +22,7 @@ DEGREES = 57.29577951308232
 
 def command(
     source: Annotated[Path, argument(estimate, "source", "SEQ_OR_RUN")],
-    more: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[MORE]...", help="Further records of the same body: its ratios from all."),
-    ] = None,
+    more: Annotated[list[Path] | None, argument(estimate, "more", "[MORE]...")] = None,
     out: Annotated[Path | None, option(estimate, "out", "-o", "--out")] = D.out,
     method: Annotated[list[str] | None, option(estimate, "method")] = D.method,
     prior: Annotated[Path | None, option(estimate, "prior", metavar="FILTER_YAML")] = D.prior,
@@ -94,12 +91,12 @@ def _several(
     from massprops.estimators.several import estimate_several
 
     return estimate_several(
-        {str(s): s for s in sources},
+        list(sources),
         methods,
         prior,
         model,
         lambda done, total, what: watch(what or "done", min(done, total - 1), total, 0, 0, ""),
-    )
+    )[0]
 
 
 def _told_several(

@@ -20,6 +20,8 @@ from massprops.estimators.documents import document as document_of
 from massprops.estimators.estimate import estimate_all
 from massprops.estimators.judgement import UNLIKELY
 from massprops.estimators.outcome import Outcome
+from massprops.estimators.result import Estimate, Prior
+from massprops.sequence.data import Sequence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,20 +41,30 @@ class Together:
 
 
 def estimate_several(
-    records: dict[str, Path],
+    records: list[Path | Sequence],
     methods: Iterable[str],
-    prior: Path | None,
-    model: Path | None,
+    prior: str | Path | Prior | None,
+    model: str | Path | None,
     progress: Progress = silent,
-) -> dict[str, Any]:
-    """`estimates.json` of several records of one body, by name.
+) -> tuple[dict[str, Any], Outcome]:
+    """`estimates.json` of several records of one body, and the joint estimates: k1, k2 and their covariance alone.
 
     Raises:
         InputError, NotPossible: see `estimate_all`; no method is reliable in two records, or they are not of one body.
     """
     chosen = list(methods)
-    outcomes = {name: estimate_all(place, chosen, prior, progress, model) for name, place in records.items()}
+    named = {str(r) if isinstance(r, Path) else f"record {k + 1}": r for k, r in enumerate(records)}
+    outcomes = {name: estimate_all(record, chosen, prior, progress, model) for name, record in named.items()}
     found = together(outcomes)
+    joint = [
+        Estimate(f.name, True, True, reliable=True, k1=f.k[0], k2=f.k[1], k_covariance=f.covariance) for f in found
+    ]
+    document = _document(found, outcomes)
+    return document, Outcome(next(iter(outcomes.values())).problem, joint, warnings=tuple(document["warnings"]))
+
+
+def _document(found: list[Together], outcomes: dict[str, Outcome]) -> dict[str, Any]:
+    """The content of `estimates.json`."""
     return {
         "format": "massprops-estimates-together/1",
         "estimators": [
@@ -68,7 +80,7 @@ def estimate_several(
             }
             for f in found
         ],
-        "records": {name: document_of(o, str(records[name])) for name, o in outcomes.items()},
+        "records": {name: document_of(o, name) for name, o in outcomes.items()},
         "warnings": [f"{name}: {w}" for name, o in outcomes.items() for w in o.warnings],
     }
 

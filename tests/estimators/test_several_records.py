@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import massprops
 from massprops.errors import NotPossible
 from massprops.estimators.result import Estimate
 from massprops.estimators.several import together
@@ -54,3 +55,5 @@ def test_the_command_joins_records_and_writes_them(tmp_path: Path, capsys: pytes
     assert abs(joint["k1"] - made.truth["k1"]) < 4 * joint["sigma_k1"]
     alone = [d["estimators"][0]["sigma_k1"] for d in document["records"].values()]
     assert joint["sigma_k1"] < min(alone)
+    found = massprops.estimate(own[0], more=own[1:], method="momentum-ls")
+    assert found.k1 == pytest.approx(joint["k1"]) and found.verdict == "observable"
