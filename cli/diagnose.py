@@ -170,6 +170,11 @@ def _law_rows(law: dict[str, Any]) -> list[str]:
             f"    {t['coefficient']:>12.4g} ± {t['sigma']:<9.2g} {t['unit']:<10} {t['term']}{same}, probability {t['probability']:.2f}"
         )
     rows += [f"    nearly as likely ({r['log_evidence']:+.1f}): {' + '.join(r['terms'])}" for r in law["rivals"][:3]]
+    beside = law["catalogue"]
+    if beside is not None:
+        rows.append(
+            f"    over {' + '.join(beside['effects'])} of the catalogue: {beside['log_evidence']:+.1f} in log evidence"
+        )
     held = law["held_out"]
     if held["after"] is not None:
         rows.append(

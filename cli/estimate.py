@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,12 +13,16 @@ from massprops.core.text import table, with_sigma
 from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, tell, warn
 
+if TYPE_CHECKING:
+    from massprops_cli.progress import StageProgress
+
 D = defaults(estimate)
 DEGREES = 57.29577951308232
 
 
 def command(
     source: Annotated[Path, argument(estimate, "source", "SEQ_OR_RUN")],
+    more: Annotated[list[Path] | None, argument(estimate, "more", "[MORE]...")] = None,
     out: Annotated[Path | None, option(estimate, "out", "-o", "--out")] = D.out,
     method: Annotated[list[str] | None, option(estimate, "method")] = D.method,
     prior: Annotated[Path | None, option(estimate, "prior", metavar="FILTER_YAML")] = D.prior,
@@ -44,10 +49,13 @@ def command(
     from massprops.report.estimates import check_place, write_estimates
     from massprops_cli.progress import StageProgress
 
-    given = (source, *(p for p in (prior, model) if p is not None))
+    given = (source, *(more or []), *(p for p in (prior, model) if p is not None))
     if out is not None:
         check_place(out, given, force)
     with with_effects(effect or []), StageProgress(quiet) as watch:
+        if more:
+            found = _several([source, *more], method or ["all"], prior, model, watch)
+            return _told_several(found, out, given, force, json_output)
         outcome = estimate_all(
             source,
             method or ["all"],
@@ -67,10 +75,57 @@ def command(
     if json_output:
         say(json.dumps(document))
     else:
-        say(estimate_table(document))
-        if out is not None:
-            say(f"report: {out / 'report.html'}")
+        _printed(document, out)
     return 3 if document["reason"] else 0
+
+
+def _printed(document: dict[str, Any], out: Path | None) -> None:
+    say(estimate_table(document))
+    if out is not None:
+        say(f"report: {out / 'report.html'}")
+
+
+def _several(
+    sources: list[Path], methods: list[str], prior: Path | None, model: Path | None, watch: StageProgress
+) -> dict[str, Any]:
+    from massprops.estimators.several import estimate_several
+
+    return estimate_several(
+        list(sources),
+        methods,
+        prior,
+        model,
+        lambda done, total, what: watch(what or "done", min(done, total - 1), total, 0, 0, ""),
+    )[0]
+
+
+def _told_several(
+    found: dict[str, Any], out: Path | None, given: Sequence[Path], force: bool, json_output: bool
+) -> int:
+    """Several records of one body, printed, and kept in `estimates.json`."""
+    import json
+
+    from massprops.core.files import json_text, plain
+    from massprops.core.outputs import deliver
+
+    if out is not None:
+        deliver(out, "estimate", {"estimates.json": json_text(found)}, None, list(given), force)
+    for warning in found["warnings"]:
+        warn(warning)
+    if json_output:
+        say(json.dumps(plain(found)))
+        return 0
+    rows = [
+        [
+            e["name"],
+            *(with_sigma(e[k], e[f"sigma_{k}"]) for k in ("k1", "k2")),
+            str(len(e["records"])),
+            f"{e['p_value']:.2g}",
+        ]
+        for e in found["estimators"]
+    ]
+    say("\n".join(table(("method", "k1", "k2", "records", "p of one body"), rows, left=(0,))))
+    return 0
 
 
 def estimate_table(document: dict[str, Any]) -> str:

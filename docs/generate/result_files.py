@@ -75,7 +75,7 @@ RESULTS = {
         "latent": "only from attitudes or rates: the torque that the motion shows without a model, how likely it is "
         "(`evidence`), and what it goes along with (`correlates`)",
         "law": "only with `--discover`: the formula that was found, with its terms, what is equal to each in this record "
-        "(`same_here`), and other laws that are nearly as likely (`rivals`)",
+        "(`same_here`), other laws that are nearly as likely (`rivals`), and its log evidence over what is named (`catalogue`)",
         "momentum": "only from tracks: by how much angular momentum and energy drift and scatter",
         "skipped": "effects that were not tried, with the reason",
         "corrected": "`k1`, `k2` and the rate, before and after",

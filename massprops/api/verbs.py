@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from massprops.api.results import Campaign, Diagnosis, Estimates, Simulation, Solid
     from massprops.consistency.crosscheck import CrossCheck
+    from massprops.estimators.outcome import Outcome
     from massprops.estimators.result import Prior
     from massprops.exchange.compare import Comparison
     from massprops.report.masks_page import Sheet
@@ -166,6 +167,7 @@ def estimate(
     source: Place | Run | Simulation | Recording,
     out: Place | None = None,
     *,
+    more: Sequence[Place | Run | Simulation | Recording] = (),
     method: str | Sequence[str] | None = None,
     prior: Place | Prior | None = None,
     model: Place | None = None,
@@ -178,6 +180,7 @@ def estimate(
     Args:
         source: sequence folder or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for estimates.json, the CSV files and report.html.
+        more: further records of the same body: each method's ratios from all of them; estimates.json alone is written.
         method: an estimator: smoother, ekf, iekf, ukf, ukf-gp, range-ukf, momentum-ls or principal-axis-ekf; can be
             repeated. If not given, all that the data allow.
         prior: a file that 'export --to filter' wrote: mass properties to start from.
@@ -201,21 +204,42 @@ def estimate(
     from massprops.core.progress import silent
     from massprops.effect_file import with_effects
     from massprops.estimators.estimate import estimate_all
+    from massprops.estimators.several import estimate_several
     from massprops.report.estimates import write_estimates
 
-    given = as_path(source)
+    given, records = as_path(source), [as_path(s) for s in (source, *more)]
     methods = [method] if isinstance(method, str) else list(method or ["all"])
-    tell = None if progress is None else lambda done, total, what: progress(what, done, total)
+    tell = silent if progress is None else lambda done, total, what: progress(what, done, total)
+    others = tuple(Path(p) for p in (prior, model) if isinstance(p, str | PathLike))
     with with_effects(_paths(effect)):
-        outcome = estimate_all(given, methods, prior, tell or silent, model)  # type: ignore[arg-type]
-    more = tuple(Path(p) for p in (prior, model) if isinstance(p, str | PathLike))
+        if more:
+            found = estimate_several(records, methods, prior, model, tell)  # type: ignore[arg-type]
+            return _joint(found, [*records, *others], _path(out), force)
+        outcome = estimate_all(given, methods, prior, tell, model)  # type: ignore[arg-type]
 
     def write(folder: Path) -> Path:
-        return write_estimates(outcome, folder, given, more, force)
+        return write_estimates(outcome, folder, given, others, force)
 
     if out is not None:
         write(Path(out))
     return Estimates(outcome, _path(out), write)
+
+
+def _joint(found: tuple[dict[str, Any], Outcome], inputs: list[Any], out: Path | None, force: bool) -> Estimates:
+    """The estimates of several records of one body, written where a folder is given."""
+    from massprops.api.results import Estimates
+    from massprops.core.files import json_text
+    from massprops.core.outputs import deliver
+
+    (document, outcome), places = found, [p for p in inputs if isinstance(p, Path)]
+
+    def write(folder: Path) -> Path:
+        deliver(folder, "estimate", {"estimates.json": json_text(document)}, None, places, force)
+        return folder
+
+    if out is not None:
+        write(out)
+    return Estimates(outcome, out, write)
 
 
 def crosscheck(

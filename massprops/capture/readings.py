@@ -64,6 +64,9 @@ FACING = 0.85
 NARROW = 0.25
 """Width of a ledge, over the radius of a disc as large as what rises from it, below which it is a moulding that follows the
 object's outline: the sole of a shoe (Blender) has .19; a square about a disc reaches beyond it by .41 at least."""
+LOW, HIGHEST = 0.5, 99.0
+"""Height of a narrow ledge, over that of the whole (a percentile of its points), below which it may be a stand's after all: the sole
+of a shoe lies at .2. Rims near the top of a jug (.94) and of a rock (.91) carry nothing that one would call an object."""
 COLOUR_BINS = 8
 LOWEST = 1.0
 """Percentile of heights at which a plate ends: what lies below it are wrong matches."""
@@ -93,12 +96,13 @@ class Reading:
 
 @dataclass(frozen=True)
 class Top:
-    """A level on which something stands all about: plane (4,), whether what is below is of the same colour, and whether the
-    level is but a narrow rim that follows the outline of what is above it."""
+    """A level on which something stands all about: plane (4,), whether what is below is of the same colour, whether the
+    level is but a narrow rim that follows the outline of what is above it, and how high it lies, of the height of the whole."""
 
     plane: np.ndarray
     alike: bool
     narrow: bool
+    height: float
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ class Scene:
 @dataclass(frozen=True)
 class Found:
     """The object, and the readings between which nothing decides, the one that is used first; none where one fits. `narrow_ledge`:
-    a narrow ledge of its own colour runs all about it, and is taken for a part of it."""
+    a low and narrow ledge of its own colour runs all about it, and is taken for a part of it."""
 
     split: OnSupport
     readings: list[Reading] = field(default_factory=list)
@@ -164,10 +168,11 @@ def find_object(
     if keep_support:
         return Found(first)
     top = stand_top(scene, first.member, plane, seed) if plane is not None else plate
-    narrow_ledge = top is not None and top.alike and top.narrow and not pointed
-    if top is not None and not narrow_ledge:
+    moulding = top is not None and top.alike and top.narrow and not pointed
+    if top is not None and not moulding:
         return _with_stand(scene, first, top, pointed)
-    return Found(first, [] if pointed else _rivals(scene, first, piece, weight), narrow_ledge)
+    ledge = top is not None and moulding and top.height < LOW
+    return Found(first, [] if pointed else _rivals(scene, first, piece, weight), ledge)
 
 
 def _bears(scene: Scene, plane: np.ndarray) -> bool:
@@ -328,7 +333,8 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         alike = _colours_alike(rgb, upper, ~upper) >= ALIKE and _hues_apart(rgb[upper], rgb[~upper]) <= APART
         if _carried(scene, own, rise, step, top):
             worth = float(upper.mean() * lower.mean() + upper.mean())
-            found.append((not alike, worth, Top(top, alike, _is_narrow(scene, own, rise, step, top))))
+            share = float(np.median(height[np.abs(rise) < step]) / np.percentile(height, HIGHEST))
+            found.append((not alike, worth, Top(top, alike, _is_narrow(scene, own, rise, step, top), share)))
     return max(found, key=lambda f: f[:2])[2] if found else None
 
 

@@ -33,9 +33,10 @@ MOST_TURN = 60.0
 does not hold, would turn the path too far. The throws it was tried on turn by 5 to 18."""
 FOLDS = 4
 BLOCKS = 20
-"""Parts in time of a record; every fourth is held out in turn."""
-FEWEST_HELD = 60
-"""Rows below which nothing is held out."""
+"""Parts in time of a record at most; every fourth is held out in turn."""
+FEWEST_IN_BLOCK = 3
+FEWEST_HELD = 24
+"""Measurements below which nothing is held out, and so nothing named: two parts for each fold."""
 SHAPE_SD = 1.5
 """Prior of the logarithms of second moments: bodies up to 20 times as long as thick lie within two of it."""
 SCALE_SD = 0.005
@@ -46,6 +47,8 @@ them is likelier than 0.005 in nine of 14, by up to 14. Larger ones are left out
 19 times the noise, the sensor took up a part of that with 0.01 or 0.02, and k1 went from -2.5 to -2.4."""
 OFFSET_SD = 0.01
 """Prior of the offset of a gyroscope beside attitudes [rad/s]: a phone's, and far more than a spacecraft's."""
+CLOCK_SD = 0.1
+"""Prior of a gyroscope's clock against that of the attitudes beside it [s]: an exposure, a bus, a filter."""
 WIDE = 10.0
 """Prior of momenta at the start over those of the mean moment: no word at all."""
 AXIS_SD = 0.3

@@ -14,6 +14,8 @@ from massprops.diagnosis.selection import Candidate, Selection, rms, significanc
 INTERVALS = 12
 CLEAR = 2
 """Points of the path beside an event: over one of them it is spread."""
+LONG_GAP = 3.0
+"""Times the usual one."""
 SHAPES = 9
 """Corners by which `model.yaml` holds a wheel's history (`internal_rotor.SHAPES`)."""
 AXES = {True: "body axes are the gyroscope's", False: "body axes are those of attitude0"}
@@ -35,7 +37,7 @@ def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
         "corrected": _corrected(s.base, after.best if after else s.base),
         "axes": AXES[s.base.record.rows.rates],
         "model": "model.yaml",
-        "warnings": [*warnings, *(w for c in s.named for w in _unsettled(c))],
+        "warnings": [*warnings, *(w for c in s.named for w in [*_unsettled(c), *_in_a_gap(c)])],
     }
 
 
@@ -44,6 +46,22 @@ def _unsettled(c: Candidate) -> list[str]:
     if c.best.settled:
         return []
     return [f"the fit of {c.name} did not settle in {PASSES} passes: its sigmas hold the step that was left to it"]
+
+
+def _in_a_gap(c: Candidate) -> list[str]:
+    """What is to be said where an event lies in a gap of the record."""
+    times, out = c.best.record.times, []
+    for term in c.best.hypothesis.terms:
+        held = dict(term.held)
+        if "time" not in held:
+            continue
+        ends = np.searchsorted(times, [held["time"], held["time"] + held.get("duration", 0.0)]) + np.array([-1, 1])
+        widest = float(np.diff(times[max(int(ends[0]), 0) : int(ends[1])]).max(initial=0.0))
+        if widest > LONG_GAP * np.median(np.diff(times)):
+            out.append(
+                f"{term.name} lies in a gap of {widest:.3g} s between measurements: times that jump there look the same"
+            )
+    return out
 
 
 def gap(s: Selection) -> dict[str, Any]:
@@ -77,6 +95,8 @@ def reason(s: Selection) -> str:
     said = (
         "depends on the Sun's direction in the body, not as pressure does"
         if null.hypothesis.by_sun
+        else "is smooth in inertial axes"
+        if null.hypothesis.inertial
         else "nothing is known of"
     )
     return (

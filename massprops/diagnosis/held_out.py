@@ -33,8 +33,9 @@ def held_out_rms(fit: HypothesisFit, over: np.ndarray) -> float:
         return float("nan")
     times = fit.record.row_times
     count = len(times)
-    block = np.minimum(np.argsort(np.argsort(times)) * criteria.BLOCKS // count, criteria.BLOCKS - 1)
-    ends = (block == 0) | (block == criteria.BLOCKS - 1)
+    blocks = min(criteria.BLOCKS, len(fit.record.times) // criteria.FEWEST_IN_BLOCK)
+    block = np.minimum(np.argsort(np.argsort(times)) * blocks // count, blocks - 1)
+    ends = (block == 0) | (block == blocks - 1)
     fold = np.repeat(np.where(ends, -1, block % criteria.FOLDS), 3)
     noise = fit.row_noise
     X = np.concatenate([b.columns for b in fit.blocks], axis=1)

@@ -16,7 +16,7 @@ import numpy as np
 
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.correlated_errors import innovations, log_density
-from massprops.diagnosis.criteria import AXIS_SD, OFFSET_SD, SCALE_SD, SHAPE_SD, WIDE
+from massprops.diagnosis.criteria import AXIS_SD, CLOCK_SD, OFFSET_SD, SCALE_SD, SHAPE_SD, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.evidence import Block, Posterior, solve
 from massprops.diagnosis.latent_torque import by_direction, factor, hats, matern, three_axes
@@ -57,8 +57,9 @@ class Hypothesis:
 
     Attributes:
         terms: effects; wheel: a wheel of any history along one axis beside them; lag: time constant [s] with which that
-            wheel follows its drive, a motor or a brake; latent: whether a latent torque acts; by_sun: whether one acts that
-            depends on the Sun's direction in the body in any way. scale: prior 1-sigma of a gyroscope's scale and misalignment;
+            wheel follows its drive, a motor or a brake; latent: whether a latent torque acts, smooth in body axes; inertial: whether
+            one acts that is smooth in inertial axes; by_sun: whether one acts that depends on the Sun's direction in the body in any
+            way. scale: prior 1-sigma of a gyroscope's scale and misalignment;
             memory: time constant of the attitudes' errors [s] (`correlated_errors`), 0 of independent ones.
     """
 
@@ -66,6 +67,7 @@ class Hypothesis:
     wheel: bool = False
     lag: float = 0.0
     latent: bool = True
+    inertial: bool = False
     by_sun: bool = False
     scale: float = SCALE_SD
     memory: float = 0.0
@@ -425,7 +427,7 @@ def _parts(
 
 def sensor_sd(count: int, scale: float = SCALE_SD) -> np.ndarray:
     """(count,) prior of the columns of `Balance.sensor`; scale: of a gyroscope's scale and misalignment."""
-    return np.array([scale] * 9 + [OFFSET_SD] * (count - 9))
+    return np.array(([scale] * 9 + [OFFSET_SD] * 3 + [CLOCK_SD])[:count])
 
 
 def _answers(balance: Balance, forcing: Forcing) -> tuple[np.ndarray, np.ndarray]:
@@ -459,11 +461,13 @@ def _wheel_shapes(record: Record, lag: float) -> np.ndarray:
 def _unknown_torques(record: Record, hypothesis: Hypothesis) -> list[tuple[str, np.ndarray]]:
     """By name, (n, 3, 3 k) of each latent torque of unit size by unknowns that are independent of each other."""
     t, out = record.path.t, []
-    if hypothesis.latent:
+    if hypothesis.latent or hypothesis.inertial:
         knots = np.linspace(t[0], t[-1], TORQUE_KNOTS)
-        out.append(
-            ("latent torque", three_axes(hats(t, knots) @ factor(matern(knots, TORQUE_LENGTH * (t[-1] - t[0])))))
-        )
+        smooth = three_axes(hats(t, knots) @ factor(matern(knots, TORQUE_LENGTH * (t[-1] - t[0]))))
+        if hypothesis.latent:
+            out.append(("latent torque", smooth))
+        if hypothesis.inertial:
+            out.append(("inertial torque", np.swapaxes(record.path.R, 1, 2) @ smooth))
     if hypothesis.by_sun:
         sun = record.sun
         knots = sun[np.unique(np.linspace(0, len(t) - 1, DIRECTIONS).astype(int))]

@@ -208,13 +208,15 @@ class Balance:
         return np.concatenate([out, self._rows_of(none, self._turned(none, np.eye(3)))], axis=2)
 
     def sensor(self) -> np.ndarray:
-        """(all, 3, 9 or 12) columns of a gyroscope's scale and misalignment S: it shows (1 + S) w, and a path that was
-        integrated from it is turned by as much. One beside attitudes has an offset too; attitudes have none of it."""
+        """(all, 3, 9 or 13) columns of a gyroscope's scale and misalignment S: it shows (1 + S) w, and a path that was
+        integrated from it is turned by as much. One beside attitudes has an offset too, and a clock that is late [s] or early;
+        attitudes have none of it."""
         shown = np.einsum("ij,nk->nijk", np.eye(3), self.rate).reshape(len(self.rate), 3, 9)
         if self.rows.gyroscope is not None:
             offset = np.broadcast_to(np.eye(3), (len(self.rate), 3, 3))
-            out = np.zeros((len(self.rows.points), 3, 12))
-            out[len(self.rows.at) :] = np.concatenate([shown, offset], axis=2)[self.rows.gyroscope.at]
+            late = -np.gradient(self.rate, self.path.t, axis=0)[:, :, None]
+            out = np.zeros((len(self.rows.points), 3, 13))
+            out[len(self.rows.at) :] = np.concatenate([shown, offset, late], axis=2)[self.rows.gyroscope.at]
             return out
         R = self.path.R
         turn = -self.to_body @ integral(self.path.t, R @ shown)

@@ -89,6 +89,7 @@ def law(doc: dict[str, Any]) -> str:
         head
         + table(terms, ("torque over the mean moment", "coefficient ± 1σ", "unit", "probability"), numeric=(1, 3))
         + _rivals(found["rivals"])
+        + _beside(found["catalogue"])
         + table(gap, ("residual over the noise", "without it", "with it"))
         + f"<p>{text(found['effect'])} contains the law as an effect, {text(found['model'])} its parameters.</p>"
     )
@@ -100,6 +101,14 @@ def _rivals(rivals: list[dict[str, Any]]) -> str:
     return (
         table(rows, ("nearly as likely in its place", "log evidence over the likeliest"), numeric=(1,)) if rows else ""
     )
+
+
+def _beside(catalogue: dict[str, Any] | None) -> str:
+    """By how much a law is ahead of what the catalogue names."""
+    if catalogue is None:
+        return ""
+    name, ahead = " + ".join(catalogue["effects"]), catalogue["log_evidence"]
+    return f"<p>Over {text(name)} of the catalogue the law has {number(ahead, 2)} in log evidence.</p>"
 
 
 def wheel(times: np.ndarray, momentum: np.ndarray) -> str:

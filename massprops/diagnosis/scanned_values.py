@@ -28,6 +28,8 @@ ABOUT, FINER = 3.0, 8
 LARGEST_STEP = np.radians(1.5)
 """Turn over which a step of the path is halved. By steps of 3 degrees the trapezoid moves a kick by up to 1.1 of its sigma, by
 steps of 1.5 by up to 0.3 (ten firings of Basilisk without noise: mean square 0.16 and 0.007 of the variance)."""
+LENGTHS = (0.5, 1.0, 2.0, 3.0)
+"""Of an event, in measurements, that are tried about its middle: along the path's own steps shorter ones are all alike."""
 TRIES = 8
 ROUNDS = 4
 FLAT = 0.1
@@ -71,15 +73,26 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
     """The fit along a finer path, at the best of its scanned values, with their 1-sigma (`held_sd`) and what they add to its
     covariance.
 
-    Where the evidence about the best cannot be told, the fit is returned as it is.
+    Where the evidence about the best cannot be told, an event that lasts too short to tell has its length held, with the gap for its
+    1-sigma; else the fit is returned as it is.
 
     Args:
         gap: between measurements [s].
     """
     places = _places(found, gap)
-    found = _finer(found, gap)
+    found = _of_any_length(_finer(found, gap), gap)
     if not places:
         return found
+    told = _told(found, places)
+    if told is not None:
+        return told
+    lasting = [p for p in places if p.name == "duration"]
+    told = _told(found, [p for p in places if p not in lasting]) if 0 < len(lasting) < len(places) else None
+    return found if told is None else _with_lengths_open(told, lasting, gap)
+
+
+def _told(found: HypothesisFit, places: list[_Place]) -> HypothesisFit | None:
+    """The fit at the best of the places, with their 1-sigma; None where a step leads nowhere."""
     try:
         # a knock's time and duration are known far worse than its middle: the law's own axes are found first
         axes = _law(found, places, np.diag([p.step for p in places])).principal
@@ -91,8 +104,16 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
                 break
             found, axes = moved, law.principal
     except _Astray:
-        return found
+        return None
     return _widened(found, places, law)
+
+
+def _with_lengths_open(found: HypothesisFit, lasting: list[_Place], gap: float) -> HypothesisFit:
+    """With the gap between measurements for the 1-sigma of events' lengths."""
+    held = {name: dict(own) for name, own in found.held_sd.items()}
+    for place in lasting:
+        held.setdefault(found.hypothesis.terms[place.term].name, {})[place.name] = gap
+    return replace(found, held_sd=held)
 
 
 def at_likeliest_scale(found: HypothesisFit) -> HypothesisFit:
@@ -145,6 +166,22 @@ def _finer(found: HypothesisFit, gap: float) -> HypothesisFit:
     if found.history is not None:
         start = replace(start, history=np.interp(record.path.t, found.record.path.t, found.history))
     return admissible(record, found.hypothesis, start, found.hypothesis.latent) or found
+
+
+def _of_any_length(found: HypothesisFit, gap: float) -> HypothesisFit:
+    """The likeliest of the fit and of those whose events last otherwise about the same middle."""
+    best = found
+    for k, term in enumerate(found.hypothesis.terms):
+        held = dict(term.held)
+        if held.get("duration", 0.0) <= 0.0 or held.get("parts", 1) != 1:
+            continue
+        for length in (n * gap for n in LENGTHS):
+            terms, middle = list(best.hypothesis.terms), held["time"] + 0.5 * held["duration"]
+            terms[k] = term_of(term.effect, held | {"time": middle - 0.5 * length, "duration": length})
+            hypothesis = replace(best.hypothesis, terms=tuple(terms))
+            other = admissible(best.record, hypothesis, again(best), best.hypothesis.latent)
+            best = other if other is not None and other.evidence > best.evidence else best
+    return best
 
 
 def _halfway(found: HypothesisFit) -> np.ndarray:

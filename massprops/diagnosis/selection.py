@@ -70,8 +70,8 @@ class Selection:
     """What was found.
 
     Attributes:
-        base: the plain rigid body; unknown: with a latent torque; by_sun: with one that depends on the Sun's direction in the
-            body in any way, or None where nothing is known of the Sun; tried: effects, the most likely first.
+        base: the plain rigid body; unknown: with a latent torque; others: with one in inertial axes, and with one that depends on
+            the Sun's direction in the body in any way where that is known; tried: effects, the most likely first.
         verdict: `none`, `named`, `ambiguous` or `unexplained`; named: the effects of the verdict; skipped: why others
             were not tried, by name.
     """
@@ -82,12 +82,12 @@ class Selection:
     verdict: str
     named: tuple[Candidate, ...]
     skipped: dict[str, str] = field(default_factory=dict)
-    by_sun: HypothesisFit | None = None
+    others: tuple[HypothesisFit, ...] = ()
 
     @property
     def unknowns(self) -> tuple[HypothesisFit, ...]:
         """The hypotheses that name nothing, which every effect must beat."""
-        return (self.unknown,) if self.by_sun is None else (self.unknown, self.by_sun)
+        return (self.unknown, *self.others)
 
     @property
     def noise(self) -> np.ndarray:
@@ -103,7 +103,8 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     if unknown is base:
         return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
     by_sun = torque_by_sun(record, unknown)
-    unknowns = (unknown,) if by_sun is None else (unknown, by_sun)
+    others = tuple(f for f in (inertial_torque(record, unknown), by_sun) if f is not None)
+    unknowns = (unknown, *others)
     usable, skipped = usable_effects(record)
     tried = []
     for k, effect in enumerate(usable):
@@ -124,7 +125,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     alike = _by_errors_alike(base, unknowns, tried)
     if alike is not None:
         return Selection(
-            base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, by_sun=by_sun
+            base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, others=others
         )
     if asks_for_two(tried, base, *unknowns):
         watch("two effects at once", 0, 1)
@@ -142,7 +143,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         verdict=verdict,
         named=tuple(_with_scanned(c, float(np.median(np.diff(record.times)))) for c in named),
         skipped=skipped,
-        by_sun=by_sun,
+        others=others,
     )
 
 
@@ -159,12 +160,12 @@ def _by_errors_alike(
         return None
     others = [*unknowns, *(c.best for c in tried if may_be_named(c, base, *unknowns))]
     enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
-    if max(map(_paid, others)) > alike.evidence + enough:
+    if max(map(paid, others)) > alike.evidence + enough:
         return None
-    return None if max(_paid(with_memory(f)) for f in others) > alike.evidence + enough else alike
+    return None if max(paid(with_memory(f)) for f in others) > alike.evidence + enough else alike
 
 
-def _paid(fit: HypothesisFit) -> float:
+def paid(fit: HypothesisFit) -> float:
     """Log evidence, less the logarithm of the values at which an effect's time and the like were looked for."""
     record = fit.record
     looked = [looked_at(t, record.times, record.path.w[record.rows.at]) for t in fit.hypothesis.terms]
@@ -250,6 +251,16 @@ def without_effects(record: Record) -> tuple[HypothesisFit, HypothesisFit]:
     return base, _best(record, Hypothesis(), [plain, Start(inertia=base.inertia, left=1.0)])
 
 
+def inertial_torque(record: Record, unknown: HypothesisFit) -> HypothesisFit | None:
+    """With a torque that is smooth in inertial axes, such as that of a force from outside on a point near the axis; None where it
+    leads astray."""
+    along = record if record.rows.rates else unknown.record
+    try:
+        return fit_hypothesis(along, Hypothesis(latent=False, inertial=True), again(unknown))
+    except NotPossible:
+        return None
+
+
 def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | None:
     """With a torque that depends on the Sun's direction in the body in any way; beside a latent one where that leaves more
     than the noise and is likelier. None where nothing is known of the Sun, or where such torques lead astray, as a knock makes them.
@@ -271,8 +282,9 @@ def has_likelier_sun_torque(found: HypothesisFit, tried: int) -> bool:
     """Whether effects have a rival that names nothing of the Sun: a torque that depends on its direction in any way, in place of
     those that follow it and beside the others. A second effect may take what the first one cannot be.
 
-    In place of one it must be less likely by as much as the best of so many is by chance; beside all it may be a little likelier.
-    Of an effect alone that follows the Sun the verdict has asked.
+    In place of one it must be less likely by as much as the best of so many is by chance; beside all it may be a little likelier, and
+    is not asked where they leave no more than the stated noise, as of an unknown torque (`Candidate.best`). Of an effect alone
+    that follows the Sun the verdict has asked.
 
     Args:
         tried: how many hypotheses the effects are the likeliest of.
@@ -280,7 +292,8 @@ def has_likelier_sun_torque(found: HypothesisFit, tried: int) -> bool:
     own = found.hypothesis
     others = tuple(t for t in own.terms if SUN not in t.effect.NEEDS)
     replaced = len(others) < len(own.terms)
-    if replaced and not (others or own.wheel):
+    alone = replaced and not (others or own.wheel)
+    if alone or (not replaced and found.record.stated and within_noise(found)):
         return False
     try:
         rival = fit_hypothesis(found.record, replace(own, terms=others, by_sun=True), again(found))
@@ -358,7 +371,7 @@ def _verdict(
     something = max([*(u.evidence for u in unknowns), *(c.evidence for c in tried)])
     if something < base.evidence + criteria.BEATS_NOTHING + np.log(1 + len(tried)):
         return "none", []
-    good = [c for c in tried if may_be_named(c, base, *unknowns)]
+    good = [c for c in tried if may_be_named(c, base, *unknowns) and _predicts(c, base)]
     if not good:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
@@ -366,6 +379,12 @@ def _verdict(
     alone = max(near, key=lambda c: c.alone.evidence)
     near = [alone, *(c for c in near if c is not alone and c.alone.evidence > alone.alone.evidence - criteria.ALIKE)]
     return ("named" if len(near) == 1 else "ambiguous"), near
+
+
+def _predicts(c: Candidate, base: HypothesisFit) -> bool:
+    """Whether an effect predicts what was held out better than the rigid body alone does; not where nothing was held out."""
+    noise = np.ones(3)
+    return held_out_rms(c.alone, noise) < held_out_rms(base, noise)
 
 
 def within_noise(base: HypothesisFit) -> bool:

@@ -21,6 +21,7 @@ from massprops.diagnosis import criteria
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.momentum_balance import INERTIA, inertia_of
 from massprops.diagnosis.selection import Candidate, Selection, may_be_named
+from massprops.errors import NotPossible
 
 LEAST_SD = 1e-4
 """Of a shape's posterior: no record shows a second moment of mass better than a part in ten thousand."""
@@ -129,11 +130,15 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
 
     Args:
         names: of the records; documents: of each by itself.
+
+    Raises:
+        NotPossible: the records are not of one body.
     """
     warnings = [f"{n}: {w}" for n, d in zip(names, documents, strict=True) for w in d["warnings"]]
     if found.common.agreement < criteria.DISAGREE:
-        warnings.append(
-            "the records do not agree on one inertia: check that they are of one body, in the same body axes"
+        raise NotPossible(
+            f"the records do not agree on one inertia (log evidence {found.common.agreement:.0f}): they are of different bodies or in "
+            "different body axes. Diagnose each by itself"
         )
     value, sigma = common_ratios(found.common)
     return {

@@ -29,6 +29,8 @@ from massprops.sequence.table import check_times, read_table
 
 S = TypeVar("S")
 SMALLEST_MOMENT = 1e-50
+SET_BACK = 10
+"""Rows in a row, each later than the one before and earlier than one before them, that show a clock which was set back."""
 """Of an inertia: below it products of moments are no numbers any more."""
 
 
@@ -128,7 +130,7 @@ def _series(path: Path, columns: Table, warnings: list[str]) -> dict[str, np.nda
     """A table with times in order: repeated times keep their first row, times that go back are left out.
 
     Raises:
-        InputError: most of its rows would be left out, so that the others are no record of anything.
+        InputError: most of its rows would be left out, so that the others are no record of anything, or the clock was set back.
     """
     rows = read_table(path, columns)
     table = rows.columns
@@ -144,9 +146,27 @@ def _series(path: Path, columns: Table, warnings: list[str]) -> dict[str, np.nda
             raise InputError(
                 f"{path}: {gone} of {len(stamp)} rows have a time that is repeated or goes back: sort them"
             )
+        _refuse_set_back(path, stamp, rows.lines, forward)
         _count(warnings, path, gone, "rows whose timestamp is repeated or goes back")
         table = {name: values[forward] for name, values in table.items()}
     return table
+
+
+def _refuse_set_back(path: Path, stamp: np.ndarray, lines: np.ndarray, forward: np.ndarray) -> None:
+    """Refuses times that go back once and run on from there, row by row: the rows after it would be taken for later than they are.
+
+    Args:
+        stamp: (n,) [ns] as they stand in the file; lines: (n,) where; forward: (n,) which are later than all before.
+    """
+    runs_on = ~forward[1:] & ~forward[:-1] & (np.diff(stamp) > 0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], runs_on, [False]]).astype(int)))
+    for begins, ends in edges.reshape(-1, 2):
+        if ends - begins >= SET_BACK:
+            back = (stamp[begins - 1] - stamp[begins]) * 1e-9
+            raise InputError(
+                f"{path}: line {lines[begins]}: its time is {back:.4g} s earlier than the row before, and {ends - begins} rows run "
+                "on from there: a clock was set back, or two records are in one file. Keep one of them"
+            )
 
 
 def _tracks(path: Path, cameras: dict[int, Camera], warnings: list[str]) -> Tracks | None:

@@ -76,13 +76,13 @@ def two_boxes() -> tuple[Scene, int, int]:
     return made((table, GREY), (left, RED), (right, BLUE)), 6000, 6000
 
 
-def on_stand(colour: tuple[int, int, int] = RED, half: float = 0.25) -> Scene:
-    """A box of some colour, 0.2 wide, on a flat blue block of some half width on a table."""
+def on_stand(colour: tuple[int, int, int] = RED, half: float = 0.25, high: float = 0.08) -> Scene:
+    """A box of some colour, 0.2 wide, on a blue block of some half width and height on a table; 0.32 high together."""
     rng = np.random.default_rng(1)
-    block = box(rng, 16_000, np.array([half, half, 0.04]), np.array([0, 0, 0.04]))
-    carried = (block[0][:, 2] > 0.075) & (np.abs(block[0][:, :2]) < 0.1).all(1)
+    block = box(rng, 16_000, np.array([half, half, 0.5 * high]), np.array([0, 0, 0.5 * high]))
+    carried = (block[0][:, 2] > high - 0.005) & (np.abs(block[0][:, :2]) < 0.1).all(1)
     block = block[0][~carried], block[1][~carried]
-    own = box(rng, 8000, np.array([0.1, 0.1, 0.12]), np.array([0, 0, 0.2]))
+    own = box(rng, 8000, np.array([0.1, 0.1, 0.5 * (0.32 - high)]), np.array([0, 0, 0.5 * (0.32 + high)]))
     return made((ground(rng, half), GREY), (block, BLUE), (own, colour))
 
 
@@ -206,6 +206,9 @@ def test_a_narrow_ledge_of_its_own_colour_is_a_moulding_and_of_another_colour_a_
     stand = find_object(on_stand(RED, half=0.12))
     assert not stand.narrow_ledge and len(stand.readings) == 2
     assert not find_object(on_stand(BLUE)).narrow_ledge
+    rim = on_stand(BLUE, half=0.12, high=0.24)
+    near_the_top = find_object(rim)
+    assert not near_the_top.narrow_ledge and near_the_top.readings == [] and share(near_the_top, rim, BLUE) > 0.7
 
 
 def test_a_plate_that_was_turned_over_with_its_handle_is_one_thing() -> None:

@@ -8,7 +8,7 @@ of the surroundings: the Sun, the magnetic field, the orbit. Each effect shows b
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -43,13 +43,19 @@ class World:
 
 @dataclass(frozen=True, kw_only=True)
 class Acting:
-    """One effect: a torque, or MJCF of what is inside with speeds of its joints at the start and a servo's target over time."""
+    """One effect: a torque, or MJCF of what is inside with speeds of its joints at the start and a servo's target over time.
+
+    held: what a diagnosis scans of it, as it is; axis, history: of a wheel, its momentum over time [N m s].
+    """
 
     torque: Torque | None = None
     inside: str = ""
     actuator: str = ""
     speeds: tuple[float, ...] = ()
     target: Callable[[float], float] | None = None
+    held: dict[str, float] = field(default_factory=dict)
+    axis: np.ndarray | None = None
+    history: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,7 +133,8 @@ def _gravity(rng: np.random.Generator, world: World) -> Acting:
 def _firing(rng: np.random.Generator, world: World) -> Acting:
     begins, length = rng.uniform(0.2, 0.8) * SECONDS, rng.choice([0.5, 4.0, 15.0])
     torque = _way(rng) * world.momentum * rng.uniform(0.05, 0.25) / length
-    return Acting(torque=lambda t, R, w: torque * (begins <= t < begins + length))
+    held = {"time": float(begins), "duration": float(length), "parts": 1}
+    return Acting(torque=lambda t, R, w: torque * (begins <= t < begins + length), held=held)
 
 
 def _wheel(rng: np.random.Generator, world: World) -> Acting:
@@ -136,14 +143,15 @@ def _wheel(rng: np.random.Generator, world: World) -> Acting:
     moment, speed = size / 4.0, 4.0
     begins, length = rng.uniform(0.2, 0.5) * SECONDS, rng.uniform(0.1, 0.4) * SECONDS
     other = speed * rng.choice([1.0, -0.5, 2.5])
-    x, y, z = _way(rng)
+    x, y, z = axis = _way(rng)
     inside = (
         f'<body pos="0.2 -0.1 0.15"><joint name="axle" type="hinge" axis="{x} {y} {z}"/>'
         f'<inertial pos="0 0 0" mass="2" diaginertia="{moment} {moment} {moment}"/></body>'
     )
     return Acting(
         inside=inside, actuator=f'<velocity joint="axle" kv="{10 * moment}"/>', speeds=(speed,),
-        target=lambda t: float(speed + (other - speed) * np.clip((t - begins) / length, 0.0, 1.0)),
+        target=lambda t: float(speed + (other - speed) * np.clip((t - begins) / length, 0.0, 1.0)), axis=axis,
+        history=lambda t: moment * (speed + (other - speed) * np.clip((t - begins) / length, 0.0, 1.0)),
     )  # fmt: skip
 
 
@@ -155,7 +163,7 @@ def _sphere(rng: np.random.Generator, world: World) -> Acting:
         f'<body pos="0.1 0.1 -0.2"><joint type="ball" damping="{damping}"/>'
         f'<inertial pos="0 0 0" mass="3" diaginertia="{moment} {moment} {moment}"/></body>'
     )
-    return Acting(inside=inside, speeds=(0.0, 0.0, 0.0))
+    return Acting(inside=inside, speeds=(0.0, 0.0, 0.0), held={"coupling": float(damping / moment)})
 
 
 def _boom(rng: np.random.Generator, world: World) -> Acting:
@@ -168,7 +176,7 @@ def _boom(rng: np.random.Generator, world: World) -> Acting:
     )
     return Acting(
         inside=inside, actuator=f'<position joint="rail" kp="{100 * kilos}"/>', speeds=(0.0,),
-        target=lambda t: metres if t >= begins else 0.0,
+        target=lambda t: metres if t >= begins else 0.0, held={"time": float(begins)},
     )  # fmt: skip
 
 
@@ -191,7 +199,9 @@ def sliding(rng: np.random.Generator, world: World) -> tuple[Acting, dict[str, n
         "frequency": np.sqrt(stiff / reduced),
         "damping": damping / reduced,
     }
-    return Acting(inside=inside, speeds=(0.0,)), truth
+    held = {f"{part}_{a}": float(x) for part in ("arm", "along") for a, x in zip("xyz", truth[part], strict=True)}
+    held |= {"displacement": 0.0, "velocity": 0.0} | {n: float(truth[n]) for n in ("frequency", "damping")}
+    return Acting(inside=inside, speeds=(0.0,), held=held), truth
 
 
 def slid(seed: int) -> tuple[Sequence, World, dict[str, np.ndarray]]:

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from massprops.diagnosis.discovery.beside_catalogue import against_name, against_selection
 from massprops.diagnosis.discovery.effect_source import effect_of, source_of
-from massprops.diagnosis.discovery.law import discover
+from massprops.diagnosis.discovery.law import Against, discover
 from massprops.diagnosis.discovery.library import columns_of, library, own_frequencies, told_apart
 from massprops.diagnosis.discovery.regression import Found, Regression, distinct, probabilities, regression_of, search
 from massprops.diagnosis.discovery.sequence_law import files_of_law
+from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.motion_path import MotionPath, path_from_rates
-from massprops.diagnosis.selection import without_effects
+from massprops.diagnosis.selection import Candidate, Selection, without_effects
 from massprops.diagnosis.sequence_record import record_of_sequence
 from massprops.dynamics.environment import EnvironmentState
 from massprops.effect_contract import faults, superposes
 from massprops.effect_file import with_effects
+from massprops.effects import effects
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 
@@ -146,7 +150,12 @@ def test_a_jet_in_sunlight_is_found_and_its_file_works(tmp_path: Path) -> None:
     record = record_of_sequence(made.sequence)
     law = discover(record, *without_effects(record))
     assert law is not None and not law.objection
-    document, files = files_of_law(law)
+    against = against_name(law, "constant-body-torque")
+    assert against is not None and against.ahead > 5.0 and against_name(law, "lens-distortion") is None
+    objection = replace(law, catalogue=Against(names=("impulse",), ahead=-3.0)).objection
+    assert objection == "impulse of the catalogue is likelier, by 3.0 in log evidence"
+    document, files = files_of_law(replace(law, catalogue=against))
+    assert document["stated"] and document["catalogue"]["effects"] == ["constant-body-torque"]
     found = {t["term"]: t for t in document["terms"]}
     assert set(found) == {"max(0, s_z) along x", "max(0, s_z) along z"}, document["formula"]
     for name, true in (("max(0, s_z) along x", 8e-5), ("max(0, s_z) along z", 4e-5)):
@@ -160,6 +169,22 @@ def test_a_jet_in_sunlight_is_found_and_its_file_works(tmp_path: Path) -> None:
     free = simulate_tracks(TrackScenario(**sensor, seed=3))
     left = np.abs(again.truth["w"] - made.truth["w"]).max()
     assert left < 0.2 * np.abs(free.truth["w"] - made.truth["w"]).max(), "the law moves the body as the jet did"
+
+
+def test_a_constant_torque_is_the_catalogues() -> None:
+    """Both forms say the same; the library holds more of them."""
+    sensor = {"features": 0, "attitude_sigma": 1e-3, "range_sigma_m": 0.0, "frames": 150, "rate_deg": 4.0}
+    torque = "constant-body-torque:torque_x=8e-5,torque_y=0,torque_z=4e-5"
+    record = record_of_sequence(simulate_tracks(TrackScenario(**sensor, seed=3, effects=(torque,))).sequence)
+    base, unknown = without_effects(record)
+    law = discover(record, base, unknown)
+    fit = best_fit(record, effects()["constant-body-torque"], base)
+    assert law is not None and fit is not None
+    named = Selection(
+        base=base, unknown=unknown, tried=(Candidate(alone=fit),), verdict="named", named=(Candidate(alone=fit),)
+    )
+    against = against_selection(law, named)
+    assert against is not None and -12.0 < against.ahead < 0.0
 
 
 def test_free_motion_has_no_law() -> None:

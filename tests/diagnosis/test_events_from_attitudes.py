@@ -12,7 +12,7 @@ from diagnosis.tossed_bodies import RATE, SIGMA, Toss
 from massprops.diagnosis import hypothesis_fit
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import decides, diagnose_by_balance
-from massprops.diagnosis.document import document_of_selection, rate_change
+from massprops.diagnosis.document import document_of_selection, parameters, rate_change
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.effect_search import again, best_fit, moved_to_best
 from massprops.diagnosis.hypothesis_fit import PASSES, Hypothesis, HypothesisFit, fit_hypothesis
@@ -73,6 +73,35 @@ def test_a_contact_says_how_well_its_time_and_length_are_known() -> None:
     best = found.selection.named[0].best
     own = fit_hypothesis(best.record, best.hypothesis, again(best)).covariance["impulse"]
     assert np.trace(best.covariance["impulse"]) > 1.01 * np.trace(own)
+
+
+def test_a_push_that_is_begun_as_a_short_one_is_told_at_its_length() -> None:
+    """Shorter than a step of the path it is spread over one, so the search moves nothing."""
+    record, gap = record_of_attitudes(tossed(PUSH)[0], Environment()), 1 / RATE
+    held = (("duration", 0.1 * gap), ("parts", 1), ("time", BEGINS + 0.5 * LASTS))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    found = with_scanned(fit_hypothesis(record, h, BALL), gap)
+    settled, sigma = dict(found.hypothesis.terms[0].held), found.held_sd["impulse"]
+    for name, truth in (("time", BEGINS), ("duration", LASTS)):
+        assert 0.0 < sigma[name] < 2e-3 and abs(settled[name] - truth) < 3.0 * sigma[name]
+
+
+def test_a_push_too_short_for_its_length_has_a_time_with_its_sigma() -> None:
+    gap = 1 / RATE
+    toss = Toss(
+        inertia=INERTIA, rate=np.array([4.0, -2.0, 1.0]), push=10.0 * PUSH, begins=BEGINS, lasts=0.1 * gap, seconds=0.22
+    )
+    record = record_of_attitudes(tossed_bodies.tossed(toss, 4, SIGMA)[0], Environment())
+    held = (("duration", 0.2 * gap), ("parts", 1), ("time", BEGINS))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    found = with_scanned(moved_to_best(fit_hypothesis(record, h, BALL), gap), gap)
+    value, sigma = parameters(found, "impulse")
+    assert (
+        0.0 < sigma["time"] < gap
+        and abs(value["time"] + 0.5 * value["duration"] - BEGINS - 0.05 * gap) < 4.0 * sigma["time"]
+    )
+    # not shown: within two sigmas of nothing
+    assert value["duration"] < 2.0 * sigma["duration"]
 
 
 def test_one_even_push_is_preferred_to_parts_that_do_the_same() -> None:

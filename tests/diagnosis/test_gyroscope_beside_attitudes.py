@@ -22,8 +22,8 @@ ATTITUDE, RATE = 5e-3, 3e-5
 STEP_S, COUNT = 2.0, 300
 
 
-def measured(torque: np.ndarray, seed: int = 3) -> Sequence:
-    """Attitudes, and rates halfway between them from a gyroscope with an offset."""
+def measured(torque: np.ndarray, seed: int = 3, late: float = 0.0, part: float = 1.0) -> Sequence:
+    """Attitudes, and rates halfway between them from a gyroscope with an offset, whose clock is late [s]; part: of the usual noise."""
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
         q, w = y[:4], y[4:]
@@ -34,13 +34,13 @@ def measured(torque: np.ndarray, seed: int = 3) -> Sequence:
     start = np.concatenate([[1.0, 0.0, 0.0, 0.0], [0.03, 0.02, -0.015]])
     found = solve_ivp(slope, (0.0, t[-1]), start, dense_output=True, rtol=1e-9, atol=1e-11)
     rng = np.random.default_rng(seed)
-    noise = from_rotation_vector(ATTITUDE * rng.standard_normal((COUNT, 3)))
-    q = normalise(multiply(normalise(found.sol(t).T[:, :4]), noise))
+    turns = from_rotation_vector(part * ATTITUDE * rng.standard_normal((COUNT, 3)))
+    q = normalise(multiply(normalise(found.sol(t).T[:, :4]), turns))
     between = t[:-1] + 0.5 * STEP_S
-    w = found.sol(between).T[:, 4:] + OFFSET + RATE * rng.standard_normal((COUNT - 1, 3))
+    w = found.sol(between - late).T[:, 4:] + OFFSET + part * RATE * rng.standard_normal((COUNT - 1, 3))
     return Sequence(
-        attitude=AttitudeSeries(np.round(t * 1e9).astype(np.int64), q, np.full(COUNT, ATTITUDE)),
-        rates=RateSeries(np.round(between * 1e9).astype(np.int64), w, RATE),
+        attitude=AttitudeSeries(np.round(t * 1e9).astype(np.int64), q, np.full(COUNT, part * ATTITUDE)),
+        rates=RateSeries(np.round(between * 1e9).astype(np.int64), w, part * RATE),
     )
 
 
@@ -62,6 +62,14 @@ def test_an_offset_alone_is_nothing() -> None:
     assert kinds.count("attitude") == 3 * COUNT and kinds.count("rate") == 3 * (COUNT - 1)
 
 
+def test_a_clock_that_is_late_is_nothing() -> None:
+    found = diagnose_by_balance(measured(np.zeros(3), late=0.15, part=0.1))
+    assert found.document["verdict"] == "none"
+    post = found.selection.base.posterior
+    late, sd = post.mean["gyroscope"][12], np.sqrt(post.covariance["gyroscope"][12, 12])
+    assert sd < 0.03 and abs(late - 0.15) < 4.0 * sd
+
+
 def test_rates_narrow_a_torque_and_show_their_offset() -> None:
     sequence = measured(TORQUE)
     alone, both = torque_of(sequence, False), torque_of(sequence, True)
@@ -70,5 +78,5 @@ def test_rates_narrow_a_torque_and_show_their_offset() -> None:
     assert np.linalg.norm(sd[1]) < 0.7 * np.linalg.norm(sd[0])
     assert (np.abs(both.values[name] - TORQUE) < 4.0 * sd[1]).all()
     sensor, covariance = both.posterior.mean["gyroscope"], both.posterior.covariance["gyroscope"]
-    assert (np.abs(sensor[9:] - OFFSET) < 4.0 * np.sqrt(np.diag(covariance))[9:]).all()
+    assert (np.abs(sensor[9:12] - OFFSET) < 4.0 * np.sqrt(np.diag(covariance))[9:12]).all()
     assert both.residual.shape == (2 * COUNT - 1, 3) and both.noise == pytest.approx([1.0, 1.0], abs=0.1)

@@ -24,6 +24,7 @@ LAW: dict[str, Any] = {
         }
     ],
     "rivals": [{"terms": ["max(0, s_z) w_x along x", "s_y along y"], "log_evidence": -2.5}],
+    "catalogue": {"effects": ["constant-body-torque"], "log_evidence": 31.5},
     "fitted": {"before": 7.25, "after": 1.02},
     "held_out": {"before": 8.5, "after": None},
     "effect": "law.py",
@@ -43,6 +44,7 @@ def test_a_law_is_on_the_page_with_its_terms_and_its_figures() -> None:
         "rad s⁻²",
         "= s_z along x",
         "w_x along x + s_y",
+        "Over constant-body-torque of the catalogue",
     ):
         assert part in shown
     assert 'class="done"' in shown and "Not stated" not in shown

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,3 +65,8 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
     write_sequence(tmp_path / "long", Sequence(rates=tumble(rate=20.0, seconds=12.0)))
     assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "long"), "-q"]) == 2
     assert "diagnose it by itself" in capsys.readouterr().err
+    own = tumble(rate=60.0, seconds=0.6, seed=2)
+    other = replace(own, w=own.w[:, [1, 2, 0]])
+    write_sequence(tmp_path / "other", Sequence(rates=other))
+    assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "other"), "-q"]) == 3
+    assert "of different bodies or in different body axes" in capsys.readouterr().err

@@ -15,8 +15,8 @@ from massprops.effects import effects
 from massprops.sequence.data import Environment
 
 NAME = "spring-mass-damper"
-SHOWN, SLOSHED, BENT = 3, 2, 1
-"""Seeds on which the effect was developed."""
+SHOWN, SLOSHED, BENT, BETWEEN = 3, 2, 1, 45
+"""Seeds on which the effect was developed; the last swings between two frequencies of a coarser scan."""
 
 
 def _parameters(truth: dict) -> np.ndarray:
@@ -64,10 +64,10 @@ def test_a_sliding_mass_is_found_with_its_parameters() -> None:
         assert (np.minimum(np.abs(got - truth[part]), np.abs(got + truth[part])) < 4.0 * sd + 1e-3).all()
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("panel", BENT), ("slosh", SLOSHED)])
+@pytest.mark.parametrize(("kind", "seed"), [("panel", BENT), ("panel", BETWEEN), ("slosh", SLOSHED)])
 def test_what_swings_in_basilisk_leaves_only_noise(kind: str, seed: int) -> None:
     pytest.importorskip("Basilisk")
     from diagnosis.basilisk_worlds import recorded
 
     fit, base, unknown = _found(recorded(kind, seed))
-    assert fit.evidence > unknown.evidence + 5.0 and rms(fit.residual) < 1.1 < 2.0 < rms(base.residual)
+    assert fit.evidence > unknown.evidence + 5.0 and rms(fit.residual) < 1.05 < 1.5 < rms(base.residual)

@@ -17,10 +17,12 @@ from massprops.errors import NotPossible
 TRIED = 12
 
 
-def _found(*names: str, wheel: bool = False) -> Any:
+def _found(*names: str, wheel: bool = False, left: float = 1.2) -> Any:
+    """Effects that leave so many times the stated noise."""
     terms = tuple(Term(effect=effects()[n]) for n in names)
     own = Hypothesis(terms=terms, latent=False, wheel=wheel)
-    return SimpleNamespace(record=None, hypothesis=own, evidence=100.0)
+    residual = np.full((400, 3), left)
+    return SimpleNamespace(record=SimpleNamespace(stated=True), hypothesis=own, evidence=100.0, residual=residual)
 
 
 def _asked(monkeypatch: pytest.MonkeyPatch, verified: float) -> list[Hypothesis]:
@@ -54,6 +56,12 @@ def test_in_place_of_sunlight_it_must_be_less_likely_by_enough(
     found = _found("viscous-damping", "solar-pressure-on-facets")
     assert selection.has_likelier_sun_torque(found, TRIED) is leaves
     assert asked == [Hypothesis(terms=found.hypothesis.terms[:1], latent=False, by_sun=True)]
+
+
+def test_beside_effects_that_leave_only_noise_it_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = _asked(monkeypatch, 1000.0)
+    assert not selection.has_likelier_sun_torque(_found("viscous-damping", left=1.0), TRIED) and not asked
+    assert selection.has_likelier_sun_torque(_found("viscous-damping", "solar-pressure-on-facets", left=1.0), TRIED)
 
 
 def test_a_wheel_stays_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:

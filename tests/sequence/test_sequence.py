@@ -86,6 +86,15 @@ def test_times_that_go_back_or_repeat_are_left_out(tmp_path: Path) -> None:
     assert any("2 rows whose timestamp" in w for w in read.warnings)
 
 
+def test_a_clock_that_was_set_back_is_refused(tmp_path: Path) -> None:
+    write_sequence(tmp_path, example())
+    times = [*range(1, 41), *range(20, 60)]
+    rows = "".join(f"{t},0,0,{k}\n" for k, t in enumerate(times))
+    (tmp_path / "imu0/data.csv").write_text("#timestamp [ms],w_x,w_y,w_z\n" + rows)
+    with pytest.raises(InputError, match="line 42: its time is 0.02 s earlier than the row before, and 20 rows run on"):
+        read_sequence(tmp_path)
+
+
 def test_a_table_of_which_most_would_be_left_out_is_refused(tmp_path: Path) -> None:
     write_sequence(tmp_path, example())
     (tmp_path / "imu0/data.csv").write_text("#timestamp [ms],w_x,w_y,w_z\n4,0,0,1\n3,0,0,2\n2,0,0,3\n1,0,0,4\n")

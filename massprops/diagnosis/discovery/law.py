@@ -45,6 +45,15 @@ NEAR = 9
 
 
 @dataclass(frozen=True, kw_only=True)
+class Against:
+    """What the catalogue names in a law's record, and by how much log evidence the law is ahead of it once both have paid for
+    what they were looked for among."""
+
+    names: tuple[str, ...]
+    ahead: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Law:
     """A law and what speaks for it.
 
@@ -52,18 +61,21 @@ class Law:
         terms: of the torque, with their probability (k,); effect: as an effect file holds it; source: that file.
         rivals: terms that lack one of the law's and explain the record nearly as well, with their log evidence over that of
             the likeliest.
+        price: log evidence that the terms cost for the size of the library; catalogue: what it names, or None.
         alone: the joint refit of the whole record; with_latent: the same together with a latent torque; base, unknown: without it.
     """
 
     terms: tuple[LibraryTerm, ...]
     probability: np.ndarray
     rivals: tuple[tuple[tuple[LibraryTerm, ...], float], ...]
+    price: float
     effect: ModuleType
     source: str
     alone: HypothesisFit
     with_latent: HypothesisFit
     base: HypothesisFit
     unknown: HypothesisFit
+    catalogue: Against | None = None
 
     @property
     def evidence(self) -> float:
@@ -81,6 +93,8 @@ class Law:
             return f"it leaves residuals of {_rms(self.alone.residual):.2f} times the stated noise: something else acts too"
         if self.probability.min() < LIKELY:
             return "other terms explain the record nearly as well: it does not tell them apart"
+        if self.catalogue is not None and self.catalogue.ahead < 0.0:
+            return f"{' + '.join(self.catalogue.names)} of the catalogue is likelier, by {-self.catalogue.ahead:.1f} in log evidence"
         return ""
 
 
@@ -119,7 +133,8 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
         law = _refit(record, tuple(terms[c] for c in columns), sure, base, unknown)
         behind = {k: v - models[0].score for k, v in distinct(models, alike).items() if not set(columns) <= k}
         rivals = [(tuple(terms[c] for c in sorted(k)), v) for k, v in behind.items() if v > -criteria.ALIKE]
-        return replace(law, rivals=tuple(rivals))
+        price = sum(p for group, p in zip(r.groups, r.prices, strict=True) if set(group) & set(columns))
+        return replace(law, rivals=tuple(rivals), price=float(price))
     return None
 
 
@@ -159,13 +174,17 @@ def _refit(
     record: Record, terms: tuple[LibraryTerm, ...], probability: np.ndarray, base: HypothesisFit, unknown: HypothesisFit
 ) -> Law:
     effect = effect_of(source_of(terms, [1e-4] * len(terms)))
+    # one size of the torques, since coefficients in other units have none in common
+    torques = columns_of(list(terms), unknown.record.path, unknown.rate, record.environment_state)
+    units = np.diag(1.0 / np.sqrt(np.mean(np.sum(torques**2, axis=1), axis=0)))
+    effect.__dict__["momentum_prior"] = lambda: units
     alone = max((_fitted(record, effect, near) for near in (unknown, base)), key=lambda f: f.evidence)
     with_latent = _fitted(record, effect, alone, latent=True)
     values = alone.values[effect.NAME]
     source = source_of(terms, [float(v) for v in values])
     return Law(
-        terms=terms, probability=probability, rivals=(), effect=effect, source=source, alone=alone, with_latent=with_latent, base=base,
-        unknown=unknown,
+        terms=terms, probability=probability, rivals=(), price=0.0, effect=effect, source=source, alone=alone,
+        with_latent=with_latent, base=base, unknown=unknown,
     )  # fmt: skip
 
 
@@ -216,6 +235,9 @@ def document_of_law(law: Law | None) -> dict[str, Any]:
             for t, v, s, p in zip(law.terms, values, sigma, law.probability, strict=True)
         ],
         "rivals": [{"terms": [t.label for t in terms], "log_evidence": float(v)} for terms, v in law.rivals],
+        "catalogue": None
+        if law.catalogue is None
+        else {"effects": list(law.catalogue.names), "log_evidence": law.catalogue.ahead},
         "evidence": law.evidence - law.base.evidence,
         "evidence_against_unknown": law.evidence - law.unknown.evidence,
         "fitted": {"before": fitted_rms(law.base, noise), "after": fitted_rms(law.alone, noise)},

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from massprops.diagnosis.discovery.law import Law, discover, document_of_law, model_of_law
+from massprops.diagnosis.selection import Selection
 from massprops.diagnosis.sequence_record import record_of_sequence
 from massprops.sequence.data import Sequence
 
 
-def law_of_sequence(sequence: Sequence) -> Law | None:
+def law_of_sequence(sequence: Sequence, named: Selection | str | None = None) -> Law | None:
     """The law that a sequence asks for, or None.
+
+    Args:
+        named: what the catalogue names there: a selection by the balance of momentum, or the one effect of a search over starts.
 
     Raises:
         NotPossible: nothing shows the rotation, or the fits lead nowhere.
     """
+    from massprops.diagnosis.discovery.beside_catalogue import against_name, against_selection
     from massprops.diagnosis.selection import without_effects
 
     record = record_of_sequence(sequence)
     base, unknown = without_effects(record)
-    return None if unknown is base else discover(record, base, unknown)
+    law = None if unknown is base else discover(record, base, unknown)
+    if law is None or named is None:
+        return law
+    return replace(law, catalogue=against_name(law, named) if isinstance(named, str) else against_selection(law, named))
 
 
 def files_of_law(law: Law | None) -> tuple[dict[str, Any], dict[str, str | bytes]]:

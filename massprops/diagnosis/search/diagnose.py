@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from massprops.diagnosis.search.case import Case
     from massprops.diagnosis.search.refit import Scored
     from massprops.diagnosis.search.select import Selection
+    from massprops.diagnosis.selection import Selection as Named
     from massprops.model.problem import Problem
     from massprops.sequence.data import Sequence
 
@@ -83,7 +84,7 @@ def diagnose(
         if simulator is not None:
             by_balance.document["simulator"] = _black_box(sequence, simulator, progress)
         if discover:
-            by_balance = replace(by_balance, law=_law(sequence, by_balance.document, progress))
+            by_balance = replace(by_balance, law=_law(sequence, by_balance.document, by_balance.selection, progress))
         if out is not None:
             write_found(Path(out), by_balance, given, force)
         return by_balance
@@ -95,7 +96,8 @@ def diagnose(
     if simulator is not None:
         found.document["simulator"] = _black_box(sequence, simulator, progress)
     if discover:
-        found = replace(found, law=_law(sequence, found.document, progress))
+        names = [e["name"] for e in found.document["effects"]]
+        found = replace(found, law=_law(sequence, found.document, names[0] if len(names) == 1 else None, progress))
     if out is not None:
         write_found(Path(out), found, given, force)
     return found
@@ -115,12 +117,14 @@ def _black_box(sequence: Sequence, text: str, progress: Watch) -> dict[str, Any]
         simulator.close()
 
 
-def _law(sequence: Sequence, document: dict[str, Any], progress: Watch) -> dict[str, str | bytes]:
-    """Adds the law to a diagnosis; its files by name."""
+def _law(
+    sequence: Sequence, document: dict[str, Any], named: Named | str | None, progress: Watch
+) -> dict[str, str | bytes]:
+    """Adds the law to a diagnosis, beside what the catalogue named; its files by name."""
     from massprops.diagnosis.discovery.sequence_law import files_of_law, law_of_sequence
 
     progress("a law for the residuals", 0, 1)
-    document["law"], files = files_of_law(law_of_sequence(sequence))
+    document["law"], files = files_of_law(law_of_sequence(sequence, named))
     return files
 
 
