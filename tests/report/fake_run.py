@@ -60,7 +60,9 @@ def make_run(
     run = folder
     for part in ("capture/frames/cam0", "sfm", "silhouettes", "dense", "surface", "scale"):
         (run / "work" / part).mkdir(parents=True)
-    (run / "work" / "silhouettes" / "masks" / "cam0").mkdir(parents=True)
+    masks = run / "masks", run / "work" / "silhouettes" / "masks"
+    for folder in masks:
+        (folder / "cam0").mkdir(parents=True)
     mesh, views = spacecraft(), cameras(count, size)
     observed = mesh.triangles_center[:, 2] > -0.6
     (run / "mesh.ply").write_bytes(
@@ -76,7 +78,8 @@ def make_run(
         image = (mask[:, :, None] * 0.6 + rng.normal(0, 12, (*mask.shape, 3)) * (mask[:, :, None] > 0)).clip(0, 255)
         mask[:, : size[0] // 2 - 60][mask[:, : size[0] // 2 - 60] > 0] = 128
         cv2.imwrite(str(run / "work" / "capture" / "frames" / name), image.astype(np.uint8))
-        cv2.imwrite(str(run / "work" / "silhouettes" / "masks" / f"{name}.png"), mask)
+        for folder in masks:
+            cv2.imwrite(str(folder / f"{name}.png"), mask)
     properties = mass_properties(mesh, 1000.0)
     warnings = ["12 % of the surface was not measured but filled from the silhouettes"]
     if hostile:
