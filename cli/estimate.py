@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -12,9 +11,6 @@ from massprops import estimate
 from massprops.core.text import table, with_sigma
 from massprops_cli.options import Force, Quiet, argument, defaults, option
 from massprops_cli.terminal import say, tell, warn
-
-if TYPE_CHECKING:
-    from massprops_cli.progress import StageProgress
 
 D = defaults(estimate)
 DEGREES = 57.29577951308232
@@ -46,23 +42,23 @@ def command(
     from massprops.effect_file import with_effects
     from massprops.estimators.documents import document as document_of
     from massprops.estimators.estimate import estimate_all
+    from massprops.estimators.several import estimate_several
     from massprops.report.estimates import check_place, write_estimates
     from massprops_cli.progress import StageProgress
 
     given = (source, *(more or []), *(p for p in (prior, model) if p is not None))
     if out is not None:
         check_place(out, given, force)
+    methods = method or ["all"]
     with with_effects(effect or []), StageProgress(quiet) as watch:
+
+        def progress(done: int, total: int, what: str) -> None:
+            watch(what or "done", min(done, total - 1), total, 0, 0, "")
+
         if more:
-            found = _several([source, *more], method or ["all"], prior, model, watch)
-            return _told_several(found, out, given, force, json_output)
-        outcome = estimate_all(
-            source,
-            method or ["all"],
-            prior,
-            lambda done, total, what: watch(what or "done", min(done, total - 1), total, 0, 0, ""),
-            model,
-        )
+            together, _ = estimate_several([source, *more], methods, prior, model, progress)
+            return _told_several(together, out, given, force, json_output)
+        outcome = estimate_all(source, methods, prior, progress, model)
     if out is not None:
         write_estimates(outcome, out, source, given[1:], force)
         document = json.loads((out / "estimates.json").read_text())
@@ -85,31 +81,17 @@ def _printed(document: dict[str, Any], out: Path | None) -> None:
         say(f"report: {out / 'report.html'}")
 
 
-def _several(
-    sources: list[Path], methods: list[str], prior: Path | None, model: Path | None, watch: StageProgress
-) -> dict[str, Any]:
-    from massprops.estimators.several import estimate_several
-
-    return estimate_several(
-        list(sources),
-        methods,
-        prior,
-        model,
-        lambda done, total, what: watch(what or "done", min(done, total - 1), total, 0, 0, ""),
-    )[0]
-
-
 def _told_several(
-    found: dict[str, Any], out: Path | None, given: Sequence[Path], force: bool, json_output: bool
+    found: dict[str, Any], out: Path | None, given: tuple[Path, ...], force: bool, json_output: bool
 ) -> int:
     """Several records of one body, printed, and kept in `estimates.json`."""
     import json
 
-    from massprops.core.files import json_text, plain
-    from massprops.core.outputs import deliver
+    from massprops.core.files import plain
+    from massprops.report.estimates import write_together
 
     if out is not None:
-        deliver(out, "estimate", {"estimates.json": json_text(found)}, None, list(given), force)
+        write_together(found, out, given, force)
     for warning in found["warnings"]:
         warn(warning)
     if json_output:

@@ -228,14 +228,12 @@ def estimate(
 def _joint(found: tuple[dict[str, Any], Outcome], inputs: list[Any], out: Path | None, force: bool) -> Estimates:
     """The estimates of several records of one body, written where a folder is given."""
     from massprops.api.results import Estimates
-    from massprops.core.files import json_text
-    from massprops.core.outputs import deliver
+    from massprops.report.estimates import write_together
 
-    (document, outcome), places = found, [p for p in inputs if isinstance(p, Path)]
+    (document, outcome), places = found, tuple(p for p in inputs if isinstance(p, Path))
 
     def write(folder: Path) -> Path:
-        deliver(folder, "estimate", {"estimates.json": json_text(document)}, None, places, force)
-        return folder
+        return write_together(document, folder, places, force)
 
     if out is not None:
         write(out)

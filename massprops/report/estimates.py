@@ -75,6 +75,20 @@ def write_estimates(
     return folder / "report.html"
 
 
+def write_together(content: dict[str, Any], folder: Path, inputs: tuple[Path, ...] = (), force: bool = False) -> Path:
+    """Writes the `estimates.json` of several records of one body; gives the folder.
+
+    Args:
+        content: of `estimators.several`; inputs: records and other files that it rests on; force: as of `write_estimates`.
+
+    Raises:
+        InputError: as `check_place`, or the folder cannot be written.
+    """
+    check_place(folder, inputs, force)
+    deliver(folder, OWNER, {"estimates.json": json_text(content)}, None, inputs, force)
+    return folder
+
+
 def _sequence_of(source: Path) -> Path:
     return source / "sequence" if (source / "sequence").is_dir() else source
 
