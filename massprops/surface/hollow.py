@@ -30,7 +30,7 @@ WALL, LEAST_WALLS = 0.1, 0.02
 """Share of what was seen from both sides that is thinner than a wall is taken to be, and share of the seen surface that
 must be so seen."""
 ROUGHLY, FEW = 1.0, 1000
-"""Relative error of the distances, and number of faces, by which most points are told to be near a wall or far from it."""
+"""Relative error of the distances, and number of faces, by which most points deep in a thick wall are told to be near it."""
 RESOLVED = 4.0
 """Spacings of the vertices that a wall must be thick: of a thinner one the mesh knows nothing but that it is thin; and
 that water must be deep to be no roughness of a flat top."""
@@ -221,19 +221,17 @@ def within(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, sheet: f
         return np.zeros(len(points), bool)
     middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
     edge = float(np.median(np.linalg.norm(vertices[faces[:, 1]] - vertices[faces[:, 0]], axis=1)))
-    tree, some = cKDTree(middle), cKDTree(middle[:: max(1, len(faces) // FEW)])
     # the middle of a ball is as far from all of its faces: which one is nearest takes long to tell, and mostly does not matter
-    out = some.query(points, eps=ROUGHLY, distance_upper_bound=sheet)[0] < sheet
-    open_ = np.flatnonzero(~out)
-    far = tree.query(points[open_], eps=ROUGHLY, distance_upper_bound=(1 + ROUGHLY) * (sheet + edge))[0] == np.inf
-    open_ = open_[~far]
-    away, nearest = tree.query(points[open_], distance_upper_bound=sheet + 2 * edge)
+    some = cKDTree(middle[:: max(1, len(faces) // FEW)])
+    near = some.query(points, eps=ROUGHLY, distance_upper_bound=sheet)[0] < sheet
+    rest = points[~near]
+    away, nearest = cKDTree(middle).query(rest, distance_upper_bound=sheet + 2 * edge)
     found = np.isfinite(away)
     nearest = np.where(found, nearest, 0)
-    deep = np.abs(np.einsum("ij,ij->i", points[open_] - middle[nearest], normal[nearest]))
-    beside = np.sqrt(np.maximum(away**2 - deep**2, 0.0), where=found, out=np.zeros(len(open_)))
-    out[open_] = found & (np.hypot(deep, np.maximum(beside - edge, 0.0)) < sheet)
-    return np.asarray(out)
+    deep = np.abs(np.einsum("ij,ij->i", rest - middle[nearest], normal[nearest]))
+    beside = np.sqrt(np.maximum(away**2 - deep**2, 0.0), where=found, out=np.zeros(len(rest)))
+    near[~near] = found & (np.hypot(deep, np.maximum(beside - edge, 0.0)) < sheet)
+    return np.asarray(near)
 
 
 def _reached(loose: np.ndarray, solid: np.ndarray, underside_unseen: np.ndarray) -> np.ndarray:
