@@ -371,7 +371,7 @@ def _verdict(
     something = max([*(u.evidence for u in unknowns), *(c.evidence for c in tried)])
     if something < base.evidence + criteria.BEATS_NOTHING + np.log(1 + len(tried)):
         return "none", []
-    good = [c for c in tried if may_be_named(c, base, *unknowns) and _predicts(c, base)]
+    good = _predicting([c for c in tried if may_be_named(c, base, *unknowns)], base)
     if not good:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
@@ -381,10 +381,11 @@ def _verdict(
     return ("named" if len(near) == 1 else "ambiguous"), near
 
 
-def _predicts(c: Candidate, base: HypothesisFit) -> bool:
-    """Whether an effect predicts what was held out better than the rigid body alone does; not where nothing was held out."""
+def _predicting(candidates: list[Candidate], base: HypothesisFit) -> list[Candidate]:
+    """The effects that predict what was held out better than the rigid body alone does; none where nothing was held out."""
     noise = np.ones(3)
-    return held_out_rms(c.alone, noise) < held_out_rms(base, noise)
+    most = held_out_rms(base, noise) if candidates else np.nan
+    return [c for c in candidates if held_out_rms(c.alone, noise) < most]
 
 
 def within_noise(base: HypothesisFit) -> bool:
