@@ -15,7 +15,7 @@ INTERVALS = 12
 CLEAR = 2
 """Points of the path beside an event: over one of them it is spread."""
 LONG_GAP = 3.0
-"""Times the usual one."""
+"""Gap between measurements, over the usual one, from which on an event that lies in it is warned of."""
 SHAPES = 9
 """Corners by which `model.yaml` holds a wheel's history (`internal_rotor.SHAPES`)."""
 AXES = {True: "body axes are the gyroscope's", False: "body axes are those of attitude0"}

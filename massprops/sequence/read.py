@@ -29,9 +29,9 @@ from massprops.sequence.table import check_times, read_table
 
 S = TypeVar("S")
 SMALLEST_MOMENT = 1e-50
+"""Of an inertia: below it products of moments are no numbers any more."""
 SET_BACK = 10
 """Rows in a row, each later than the one before and earlier than one before them, that show a clock which was set back."""
-"""Of an inertia: below it products of moments are no numbers any more."""
 
 
 def read_sequence(folder: str | Path) -> Sequence:
