@@ -42,6 +42,7 @@ class Start:
         poses: attitudes as each epoch alone shows them, None from body rates.
         block: (k,) stretches that each have a momentum of their own, because the attitude drifts; None for one.
         early: a start from the first part of the data only, for the filters (`filters.begin.early_start`), or None.
+        unexplained: share of the stated variance of the attitudes that the residuals show, at most 1; 1 where none is stated.
     """
 
     times: np.ndarray
@@ -65,6 +66,7 @@ class Start:
     poses: Poses | None = None
     block: np.ndarray | None = None
     early: Start | None = None
+    unexplained: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,7 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
     rows = np.flatnonzero(early & np.isfinite(problem.attitude).all(axis=1))
     times, q = problem.times[rows], problem.attitude[rows]
     sigma = problem.sigma_attitude[rows]
+    stated = bool((np.isfinite(sigma) & (sigma > 0)).any())
     sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, np.nanmedian(np.where(sigma > 0, sigma, np.nan)))
     sigma = np.where(np.isfinite(sigma), sigma, 1e-3)
     fit, w, found = _inertia(problem, times, q, sigma[:, None, None] ** 2 * np.eye(3), None)
@@ -194,6 +197,7 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
         int((~fit.good).sum()),
         rows,
         poses=Poses(rows, q, sigma),
+        unexplained=min(fit.scale, 1.0) if stated else 1.0,
     )
 
 

@@ -65,7 +65,17 @@ def test_sigmas_hold_where_errors_hang_together(name: str) -> None:
             if found.k_covariance is not None:
                 off = np.array([found.k1, found.k2]) - s.k
                 out.append(float(off @ np.linalg.solve(found.k_covariance, off)) / 2)
-    assert np.median(before) > 3.0 and np.median(after) < 3.0
+    # the least squares' own windows see none of such errors, so that it goes by what is stated all the same
+    assert name == "momentum-ls" or np.median(before) > 3.0
+    assert 0.03 < np.median(after) < 3.0
+
+
+def test_attitudes_that_follow_a_free_motion_exactly_are_no_surer_than_stated() -> None:
+    s, noisy = only_attitude(3, 0.0)
+    smooth = replace(noisy, attitude=s.q)
+    exact, white = (methods()["momentum-ls"].estimate(p, Prior(), first_guess(p)) for p in (smooth, noisy))
+    assert np.all(np.diag(exact.k_covariance) > 0.5 * np.diag(white.k_covariance))
+    assert np.all(exact.sigma_w > 0.5 * white.sigma_w)
 
 
 def test_white_errors_are_left_alone() -> None:

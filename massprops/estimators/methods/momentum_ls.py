@@ -32,10 +32,11 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
         start = first_guess(problem)
     begun = time.process_time()
     found = start.momentum
-    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", start.covariance), 0.0))
+    covariance = start.covariance * max(1.0, _widened(problem, start) / problem.alike**2)
+    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
     # turns about camera axes are what others compare
     R = rotation_matrix(start.q)
-    turned = R @ start.covariance[:, :3, :3] @ np.swapaxes(R, 1, 2)
+    turned = R @ covariance[:, :3, :3] @ np.swapaxes(R, 1, 2)
     motion = Estimate(
         NAME,
         converged=False,
@@ -55,11 +56,18 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
         warnings=start.warnings,
     )
     if found is not None:
-        # the momentum's own scatter knows nothing of errors that last longer than its windows
-        motion = _with_inertia(motion, replace(found, covariance=problem.alike**2 * found.covariance))
+        motion = _with_inertia(motion, replace(found, covariance=_widened(problem, start) * found.covariance))
         motion = replace(motion, halves=_halves(problem, start, found.inertia), memory_counted=True)
     spent = start.cpu_s + time.process_time() - begun
     return replace(motion, cpu_us_per_step=spent / max(len(start.times), 1) * 1e6)
+
+
+def _widened(problem: Problem, start: Start) -> float:
+    """Factor on covariances: the momentum's own scatter knows nothing of errors that last longer than its windows, nor of those of
+    attitudes that follow one free motion by their making, such as those of `massprops.sfm.along_motion`: it is at least as large as
+    they were stated before they were found alike."""
+    alike = problem.alike**2
+    return max(alike, 1.0 / (alike * start.unexplained))
 
 
 def _halves(problem: Problem, start: Start, inertia: np.ndarray) -> Halves | None:
@@ -72,7 +80,7 @@ def _halves(problem: Problem, start: Start, inertia: np.ndarray) -> Halves | Non
         found = momentum_inertia(q[rows], start.w[rows], covariance, block, start.window, inertia)
         if found is None or not judge(found).observable:
             return None
-        covered = problem.alike**2 * max(1.0, found.square) * found.covariance
+        covered = _widened(problem, start) * max(1.0, found.square) * found.covariance
         out.append((np.einsum("aij,ij->a", DIRECTIONS, found.inertia), covered))
     return out[0], out[1]
 
