@@ -49,7 +49,6 @@ WIDE = {
     "massprops/estimators/batch/outcome.py:estimate_of",
     "massprops/estimators/batch/solve.py:fit",
     "massprops/estimators/rates.py:_attitude_fit",
-    "massprops/run/stages/surface.py:_surface",
     "massprops/sfm/attitude.py:to_sequence",
     "massprops/sfm/surface_tracks.py:with_surface",
     "massprops/simulation/effect_size.py:sized",

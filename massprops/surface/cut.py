@@ -6,7 +6,7 @@ a plate tears.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ class Costs:
         into: (t, 4) cost of a facet whose neighbour is outside and whose own tetrahedron is inside.
         both: (t, 4) cost of a facet between different labels.
         shown: (t,) bool, tetrahedra that silhouettes alone show; None where there are none.
+        space: (t,) what `inside` holds for each unit of the hull's pull on space in which nothing was measured; None where it is
+            not told.
     """
 
     outside: np.ndarray
@@ -30,6 +32,11 @@ class Costs:
     into: np.ndarray
     both: np.ndarray
     shown: np.ndarray | None = None
+    space: np.ndarray | None = None
+
+    def pulled(self, more: float) -> Costs:
+        """The same with so much more pull of the hull."""
+        return self if self.space is None or more == 0.0 else replace(self, inside=self.inside + more * self.space)
 
 
 def minimum_cut(tetra: Tetrahedra, costs: Costs) -> np.ndarray:

@@ -17,6 +17,7 @@ See `spread` for what that leaves uncertain.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ from massprops.errors import NotPossible
 from massprops.geometry.vectors import sphere
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
+from massprops.surface.fill_by_motion import Balance, Cut, centre_of, likeliest
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
@@ -56,6 +58,27 @@ leave such. With all of it on the membrane a thin-legged chair went from +40 to 
 
 
 @dataclass(frozen=True)
+class Fill:
+    """How space in which nothing was measured is filled in.
+
+    Attributes:
+        pull: of the hull on it, per spacing cubed.
+        membrane: where an unmeasured side is put, from 0 on the cut to 1 on a membrane over the measured rims.
+    """
+
+    pull: float = FILL
+    membrane: float = HOLLOW
+
+
+FILLED = Fill()
+"""How it is where nothing else says how far an unmeasured side reaches."""
+PULLS, SHARES = (FILL, 0.0), np.linspace(0.0, 1.0, 7)
+"""Ways of filling in among which a free body's motion chooses."""
+Meshes = dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Vertices (v, 3), faces (f, 3) and kinds (v,) of a cut's mesh, by the hull's pull."""
+
+
+@dataclass(frozen=True)
 class Surface:
     """A closed, outward-wound mesh in the units and axes of the reconstruction.
 
@@ -68,6 +91,7 @@ class Surface:
         cloud: the points the surface was made of, without outliers.
         spacing: distance between neighbouring vertices where it was measured.
         slope: 1-sigma of the surface's slope where its brightness gave it [rad], None elsewhere.
+        fill: how unmeasured space was filled in; None where outlines alone made the surface.
     """
 
     vertices: np.ndarray
@@ -78,6 +102,7 @@ class Surface:
     cloud: Cloud
     spacing: float
     slope: float | None = None
+    fill: Fill | None = None
 
     @property
     def noise(self) -> float:
@@ -95,7 +120,7 @@ def reconstruct_surface(
     support: np.ndarray | None = None,
     moving: bool = True,
     surroundings: Cloud | None = None,
-    fill: float = FILL,
+    fill: Fill | Balance = FILLED,
 ) -> Surface:
     """One closed surface from dense points and silhouettes.
 
@@ -110,7 +135,7 @@ def reconstruct_surface(
         support: (4,) plane the object stands on, normal towards the object; None for a free body.
         moving: whatever the cloud holds is the body's; of a still scene other pieces may stand beside the object.
         surroundings: dense points that are not the object's: their lines of sight only empty space.
-        fill: pull of the hull on space in which nothing was measured, per spacing cubed.
+        fill: how space in which nothing was measured is filled in; or where a free body's motion shows its centre of mass.
 
     Raises:
         NotPossible: too few points, or no closed body in them.
@@ -125,26 +150,48 @@ def reconstruct_surface(
     progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
-    given = _Given(thinned, hull, views, seed, beside, fill)
+    first = fill if isinstance(fill, Fill) else FILLED
+    given = _Given(thinned, hull, views, masks, cloud, moving, seed, beside, first.pull)
     progress(2, 5, "first cut")
-    tetra, kind, body = _body(given, masks, moving)
-    if body.sum() < 10:
-        raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
+    pulls = (fill.pull,) if isinstance(fill, Fill) else PULLS
+    meshes = _meshes(given, pulls)
     progress(4, 5, "cut")
-    vertices, faces, kinds = _mesh(tetra, kind, body)
-    h = thinned.spacing
+    surface = _finished(given, meshes, fill) if isinstance(fill, Fill) else _balanced(given, meshes, fill)
+    progress(5, 5, "surface")
+    return surface
+
+
+def _balanced(given: _Given, meshes: Meshes, balance: Balance) -> Surface:
+    """The surface whose unmeasured sides are filled in so that its centre of mass lies likeliest where the motion shows it."""
+    cuts = {}
+    for pull, (vertices, faces, kinds) in meshes.items():
+        measured = kinds == MEASURED
+        cuts[pull] = Cut(vertices, faces, measured, _hollow(vertices, faces, measured, given.hull.support, 1.0))
+    fill, tried = Fill(*likeliest(cuts, SHARES, balance)), {}
+    # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
+    while fill not in tried:
+        tried[fill] = surface = _finished(given, meshes, fill)
+        cut = cuts[fill.pull]
+        shift = centre_of(surface.vertices, surface.faces) - centre_of(cut.at(fill.membrane), cut.faces)
+        fill = Fill(*likeliest(cuts, SHARES, balance, shift))
+    return tried[fill]
+
+
+def _finished(given: _Given, meshes: Meshes, fill: Fill) -> Surface:
+    """The surface from a cut's mesh: its unmeasured sides in their place, the others in the middle of the noise."""
+    vertices, faces, kinds = meshes[fill.pull]
+    hull, cloud, h = given.hull, given.cloud, given.thinned.spacing
+    support = hull.support
     measured, fixed = kinds == MEASURED, np.isin(kinds, (MEASURED, CONTACT, SHOWN))
-    filled = _hollow(vertices, faces, fixed, support)
-    if masks and not moving:
-        filled = filling_outlines(filled, faces, ~fixed, views, masks, hull.pixel)
-    vertices = filled
+    vertices = _hollow(vertices, faces, fixed, support, fill.membrane)
+    if given.masks and not given.moving:
+        vertices = filling_outlines(vertices, faces, ~fixed, given.views, given.masks, hull.pixel)
     vertices = fair(vertices, faces, fixed, 10)
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
-    observed = _observed(vertices, faces, cloud, h, hull if moving else None)
+    observed = _observed(vertices, faces, cloud, h, hull if given.moving else None)
     inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
-    progress(5, 5, "surface")
-    return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h)
+    return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h, fill=fill)
 
 
 def _observed(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, spacing: float, sharp: Hull | None) -> np.ndarray:
@@ -160,33 +207,50 @@ class _Given:
     thinned: Thinned
     hull: Hull
     views: Views
+    masks: list[np.ndarray]
+    cloud: Cloud
+    moving: bool
     seed: int
     beside: Thinned | None
-    fill: float
+    pull: float
     more: SilhouetteOnly | None = None
 
 
-def _body(given: _Given, masks: list[np.ndarray], moving: bool) -> tuple[Tetrahedra, np.ndarray, np.ndarray]:
-    """Tetrahedra, the kind of each point, and (t,) bool which are the body's.
+def _meshes(given: _Given, pulls: Sequence[float]) -> Meshes:
+    """Vertices, faces and the kind of each vertex of the body, for each pull of the hull on what was not measured, of which the
+    first leaves a body, others may not.
 
     Once more with what silhouettes show of a still object where a first cut left nothing. What moves freely may be unlit
     there, and its silhouettes uncertain.
+
+    Raises:
+        NotPossible: no closed body.
     """
     tetra, kind, costs, inside = _cut_out(given)
-    if masks and not moving:
+    if given.masks and not given.moving:
         # another thing that was measured is no part of the object, though a silhouette may show it
         every = joined(tetra, costs, inside, moving=True)
         vertices, faces, _ = _mesh(tetra, kind, every)
         spacing = given.thinned.spacing
         more = (
-            silhouette_only_space(vertices, faces, given.views, masks, given.hull, spacing, given.seed)
+            silhouette_only_space(vertices, faces, given.views, given.masks, given.hull, spacing, given.seed)
             if len(faces)
             else None
         )
         if more is not None:
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
-    return tetra, kind, manifold(tetra, joined(tetra, costs, inside, moving, bool(masks)), guard)
+    meshes = {}
+    for pull in pulls:
+        own = costs.pulled(pull - given.pull)
+        label = inside if pull == given.pull else minimum_cut(tetra, own)
+        body = manifold(tetra, joined(tetra, own, label, given.moving, bool(given.masks)), guard)
+        if body.sum() < 10 and meshes:
+            continue
+        if body.sum() < 10:
+            raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
+        meshes[pull] = _mesh(tetra, kind, body)
+    return meshes
 
 
 def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, Costs, np.ndarray]:
@@ -219,19 +283,20 @@ def on_support(vertices: np.ndarray, faces: np.ndarray, support: np.ndarray | No
 
 
 def _hollow(
-    vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray, support: np.ndarray | None = None
+    vertices: np.ndarray, faces: np.ndarray, measured: np.ndarray, support: np.ndarray | None, membrane_share: float
 ) -> np.ndarray:
-    """Unmeasured vertices moved `HOLLOW` of the way to a membrane over the measured rims, or all of it where they look down
+    """Unmeasured vertices moved a share of the way to a membrane over the measured rims, or all of it where they look down
     on a support: there the hull is no more than how steeply the cameras looked.
 
     Args:
         vertices: (v, 3); faces: (f, 3).
         measured: (v,) bool, vertices that were measured or stand on the support.
         support: (4,) plane the object stands on, or None.
+        membrane_share: that share, from 0 to 1.
     """
     out = vertices.copy()
     if measured.any() and not measured.all():
-        share = np.full(len(vertices), HOLLOW)
+        share = np.full(len(vertices), membrane_share)
         if support is not None:
             share[vertex_normals(vertices, faces) @ support[:3] < OVERHANGS] = 1.0
         out[~measured] += (share[:, None] * (membrane(vertices, faces, measured) - vertices))[~measured]
@@ -383,7 +448,8 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
     outside = np.where(sky > OFF_HULL, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
     guard = (kind[tetra.corners] == GUARD).any(1)
     outside = np.where(guard, 1e6, outside)
-    pull = np.where((sky <= 0.5) & ~guard, given.fill * np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    space = np.where((sky <= 0.5) & ~guard, np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
+    pull = given.pull * space
     shown = None
     if more is not None:
         own = np.flatnonzero((sky <= 0.5) & ~guard)
@@ -392,4 +458,4 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
         shown = np.zeros(len(volume), bool)
         shown[own] = gain > 0
     both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
-    return Costs(outside, sure + pull, into, both, shown)
+    return Costs(outside, sure + pull, into, both, shown, space)

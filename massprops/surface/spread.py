@@ -85,12 +85,14 @@ class Doubts:
         focal: relative 1-sigma of the focal length.
         gaps: between the mesh's outlines and the images', or None where outlines alone made the mesh.
         never_lit: what was not measured was never seen lit: the body turns, and the Sun stands.
+        balanced: how far that reaches was chosen by the centre of mass that the motion shows.
         joints: of placements that were joined.
     """
 
     focal: float = 0.0
     gaps: Gaps | None = None
     never_lit: bool = False
+    balanced: bool = False
     joints: Sequence[Joint] = ()
 
 
@@ -201,7 +203,7 @@ def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: n
         drawn[:, 0] = -np.abs(drawn[:, 0])
         drawn[:, 1:] *= 0.5
     elif doubts.never_lit:
-        drawn[:, 0] = (DARK_MEAN + DARK_SIGMA * drawn[:, 0]) / COMMON
+        drawn[:, 0] = ((0.0 if doubts.balanced else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
     return drawn
 
 

@@ -368,7 +368,7 @@ def _hidden_whole(
 
 def _measured_shape(job: Job, views: Views, cloud: Cloud, found: OnSupport) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of the shape that stereo has measured."""
-    from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.surface.reconstruct import Fill, reconstruct_surface
 
     if found.member.sum() < LEAST_POINTS:
         what = "nothing stands out" if found.plane is None else "nothing rises from the plane"
@@ -378,7 +378,16 @@ def _measured_shape(job: Job, views: Views, cloud: Cloud, found: OnSupport) -> t
         )
     own, other = cloud.take(np.flatnonzero(found.member)), cloud.take(np.flatnonzero(found.other))
     surface = reconstruct_surface(
-        views, [], own, POINTS, job.seed, job.progress, found.plane, moving=False, surroundings=other, fill=0.0
+        views,
+        [],
+        own,
+        POINTS,
+        job.seed,
+        job.progress,
+        found.plane,
+        moving=False,
+        surroundings=other,
+        fill=Fill(pull=0.0),
     )
     return surface.vertices, surface.faces
 

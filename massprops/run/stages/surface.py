@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from massprops.run.stage_images import undistorted_frame, undistorted_mask
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
+    from massprops.surface.fill_by_motion import Balance
     from massprops.surface.hollow import Hollows
     from massprops.surface.outline_gaps import Gaps
     from massprops.surface.reconstruct import Surface
@@ -96,7 +97,8 @@ def run(job: Job) -> dict[str, Any]:
     if grey and len(cloud):
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
     moving = free or bool(footage["masks_given"])
-    surface, masks = _surface(job, views, masks, grey, cloud, table, place, moving)
+    balance = _balance(views, cloud, footage) if grey and len(cloud) else None
+    surface, masks = _surface(job, (views, masks, grey), (cloud, table), place, moving, balance)
     if not moving and drawn_from_shapes(job):
         # for the user: a surface must not be judged by silhouettes that were drawn from it
         silhouettes_again(job, views, (surface.vertices, surface.faces), masks, surface.cloud.xyz)
@@ -104,7 +106,8 @@ def run(job: Job) -> dict[str, Any]:
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
     gaps = _outline_gaps(surface, views, masks, free)
-    doubts = Doubts(_focal_sigma(job), gaps, free, _joints(place))
+    balanced = balance is not None and surface.fill is not None
+    doubts = Doubts(_focal_sigma(job), gaps, free, balanced, joints=_joints(place))
     rows, lengths = replicates(surface, len(views), doubts, seed=job.seed)
     others = unjoined(job, place, _focal_sigma(job))
     underside_hollow = underside_may_be_hollow(place, others)
@@ -329,30 +332,45 @@ def _grey(job: Job, views: Views) -> list[np.ndarray]:
     return [undistorted_frame(job, views, i, 0) for i in range(len(views))]
 
 
+def _balance(views: Views, cloud: Cloud, footage: dict[str, Any]) -> Balance | None:
+    """Where a free body's motion shows its centre of mass, by the images of the first camera; None where it does not."""
+    from massprops.consistency.motion_side import centre_of_motion
+    from massprops.sfm.attitude import clock
+    from massprops.surface.fill_by_motion import Balance
+
+    place = {f["name"]: int(f["index"]) for f in footage["frames"]}
+    first = views.take(np.flatnonzero([n.startswith("cam0/") or "/" not in n for n in views.names]))
+    stamps = clock(first, np.array([place.get(n, i) for i, n in enumerate(first.names)]))[0]
+    order = np.argsort(stamps, kind="stable")
+    low, high = np.quantile(cloud.xyz, [0.01, 0.99], axis=0)
+    found = centre_of_motion(stamps[order], first.R[order], first.t[order], float(np.linalg.norm(high - low)))
+    return None if found is None else Balance(found.place, found.covariance)
+
+
 def _surface(
     job: Job,
-    views: Views,
-    masks: list[np.ndarray],
-    grey: list[np.ndarray],
-    cloud: Cloud,
-    table: Cloud,
+    seen: tuple[Views, list[np.ndarray], list[np.ndarray]],
+    clouds: tuple[Cloud, Cloud],
     place: dict[str, Any],
     moving: bool,
+    balance: Balance | None,
 ) -> tuple[Surface, list[np.ndarray]]:
     """The closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
 
     Args:
-        grey: images of a body before black sky, else none.
-        table: points of the plane it stands on that lie within silhouettes.
+        seen: views, their masks, and their images where a body is before black sky, else none.
+        clouds: the body's points, and those of the plane it stands on that lie within silhouettes.
         place: `join.json`; moving: nothing else is in the cloud.
+        balance: where a free body's motion shows its centre of mass, or None.
     """
     from massprops.surface.cloud import Cloud
     from massprops.surface.outline_cloud import surface_of_outlines
-    from massprops.surface.reconstruct import reconstruct_surface
+    from massprops.surface.reconstruct import FILLED, reconstruct_surface
     from massprops.surface.shading import with_brightness
     from massprops.surface.silhouette import shown_as_object
     from massprops.surface.unlit import spare_behind_light
 
+    (views, masks, grey), (cloud, table) = seen, clouds
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
     beside = None
     if (job.work("join") / "other.npz").is_file():
@@ -368,6 +386,7 @@ def _surface(
             support=support,
             moving=moving,
             surroundings=beside,
+            fill=FILLED if balance is None else balance,
         )
         return surface, masks
     except NotPossible:
@@ -416,6 +435,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "views_that_carve": surface.hull.need,
         "outside_share": surface.hull.outside_share,
         "slope_sigma": surface.slope,
+        "fill": None if surface.fill is None else asdict(surface.fill),
         "warnings": warnings,
         "partial": partial,
     }

@@ -1,0 +1,91 @@
+"""How far unmeasured sides reach, by the centre of mass that a body's motion shows.
+
+A body that is free turns about its centre of mass, whatever its surface shows, and a side that was never lit or never seen is as
+large as puts the mesh's centre there. Which of several ways of filling in does so is weighed by its evidence: the centre's own
+covariance, and that of what the fill may be off by besides (`error_modes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprops.mass.integrals import mesh_integrals, offset_response
+from massprops.surface.error_modes import fill_modes
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Where the motion shows the centre of mass: place (3,) in the frame of the views, covariance (3, 3)."""
+
+    place: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A mesh whose unmeasured sides are where the cut left them.
+
+    Attributes:
+        vertices: (v, 3); faces: (f, 3).
+        measured: (v,) bool.
+        membrane: (v, 3) the same with its unmeasured vertices on a membrane over the measured rims.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    measured: np.ndarray
+    membrane: np.ndarray
+
+    def at(self, share: float) -> np.ndarray:
+        """(v, 3) with its unmeasured vertices a share of the way to the membrane."""
+        return self.vertices + share * (self.membrane - self.vertices)
+
+
+def log_evidence(cut: Cut, shares: np.ndarray, balance: Balance, shift: np.ndarray | float = 0.0) -> np.ndarray:
+    """(k,) log density of the centre that the motion shows, under a mesh for each of the shares (k,) of the way to its membrane.
+
+    Args:
+        shift: (3,) by which later steps move the mesh's centre.
+    """
+    whole = cut.at(float(np.median(shares)))
+    seen = cut.measured[cut.faces].all(axis=1)
+    if not seen.any():
+        return np.zeros(len(shares))
+    # the first mode is common to all of the fill, as the share is
+    modes = fill_modes(whole, cut.faces, seen, float(np.linalg.norm(np.ptp(whole, axis=0))))[1:]
+    out = np.empty(len(shares))
+    for k, share in enumerate(shares):
+        vertices = cut.at(float(share))
+        ten, response = mesh_integrals(vertices, cut.faces), offset_response(vertices, cut.faces)
+        centre = ten[1:4] / ten[0]
+        moved = (modes @ response[:, 1:4] - (modes @ response[:, :1]) * centre) / ten[0]
+        spread = balance.covariance + moved.T @ moved
+        apart = centre + shift - balance.place
+        out[k] = -0.5 * (apart @ np.linalg.solve(spread, apart) + np.linalg.slogdet(spread)[1])
+    return out
+
+
+def likeliest(
+    cuts: Mapping[float, Cut], shares: np.ndarray, balance: Balance, shift: np.ndarray | float = 0.0
+) -> tuple[float, float]:
+    """The pull and the share of the way to the membrane under which the centre lies likeliest where the motion shows it.
+
+    Args:
+        cuts: by the hull's pull on what was not measured; shares: (k,) that are tried; shift: (3,) by which later steps move the
+            mesh's centre.
+    """
+    found = [
+        (float(evidence), pull, float(share))
+        for pull, cut in cuts.items()
+        for evidence, share in zip(log_evidence(cut, shares, balance, shift), shares, strict=True)
+    ]
+    return max(found)[1:]
+
+
+def centre_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(3,) of a closed mesh."""
+    ten = mesh_integrals(vertices, faces)
+    return np.asarray(ten[1:4] / ten[0])
