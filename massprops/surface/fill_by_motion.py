@@ -15,6 +15,11 @@ import numpy as np
 from massprops.mass.integrals import mesh_integrals, offset_response
 from massprops.surface.error_modes import fill_modes
 
+SHARES = np.linspace(0.0, 1.0, 13)
+"""Of the way to the membrane that are tried."""
+FACTORS = (0.1, 0.2, 0.5, 1.0)
+"""How much of what `error_modes` states the fill of one body may be off from place to place: that is stated for the worst of many."""
+
 
 @dataclass(frozen=True)
 class Balance:
@@ -45,7 +50,8 @@ class Cut:
 
 
 def log_evidence(cut: Cut, shares: np.ndarray, balance: Balance, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """(k,) log density of the centre that the motion shows, under a mesh for each of the shares (k,) of the way to its membrane.
+    """(k, 4) log density of the centre that the motion shows, under a mesh for each of the shares (k,) of the way to its membrane,
+    and by how much of what is stated (`FACTORS`) its fill is off from place to place.
 
     Args:
         shift: (3,) by which later steps move the mesh's centre.
@@ -53,36 +59,39 @@ def log_evidence(cut: Cut, shares: np.ndarray, balance: Balance, shift: np.ndarr
     whole = cut.at(float(np.median(shares)))
     seen = cut.measured[cut.faces].all(axis=1)
     if not seen.any():
-        return np.zeros(len(shares))
+        return np.zeros((len(shares), len(FACTORS)))
     # the first mode is common to all of the fill, as the share is
     modes = fill_modes(whole, cut.faces, seen, float(np.linalg.norm(np.ptp(whole, axis=0))))[1:]
-    out = np.empty(len(shares))
+    out = np.empty((len(shares), len(FACTORS)))
     for k, share in enumerate(shares):
         vertices = cut.at(float(share))
         ten, response = mesh_integrals(vertices, cut.faces), offset_response(vertices, cut.faces)
         centre = ten[1:4] / ten[0]
         moved = (modes @ response[:, 1:4] - (modes @ response[:, :1]) * centre) / ten[0]
-        spread = balance.covariance + moved.T @ moved
         apart = centre + shift - balance.place
-        out[k] = -0.5 * (apart @ np.linalg.solve(spread, apart) + np.linalg.slogdet(spread)[1])
+        for j, factor in enumerate(FACTORS):
+            spread = balance.covariance + factor**2 * moved.T @ moved
+            out[k, j] = -0.5 * (apart @ np.linalg.solve(spread, apart) + np.linalg.slogdet(spread)[1])
     return out
 
 
-def likeliest(
-    cuts: Mapping[float, Cut], shares: np.ndarray, balance: Balance, shift: np.ndarray | float = 0.0
+def balanced(
+    cuts: Mapping[float, Cut], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
 ) -> tuple[float, float]:
-    """The pull and the share of the way to the membrane under which the centre lies likeliest where the motion shows it.
+    """The pull under which the centre lies likeliest where the motion shows it, and the mean share of the way to the membrane.
 
     Args:
-        cuts: by the hull's pull on what was not measured; shares: (k,) that are tried; shift: (3,) by which later steps move the
-            mesh's centre.
+        cuts: by the hull's pull on what was not measured; usual: share that is likeliest where nothing is known, and its 1-sigma.
+        shift: (3,) by which later steps move the mesh's centre.
     """
-    found = [
-        (float(evidence), pull, float(share))
+    prior = -0.5 * ((SHARES - usual) / usual) ** 2
+    log = {
+        pull: np.logaddexp.reduce(log_evidence(cut, SHARES, balance, shift), axis=1) + prior
         for pull, cut in cuts.items()
-        for evidence, share in zip(log_evidence(cut, shares, balance, shift), shares, strict=True)
-    ]
-    return max(found)[1:]
+    }
+    best = max(log, key=lambda pull: float(np.logaddexp.reduce(log[pull])))
+    weight = np.exp(log[best] - log[best].max())
+    return best, round(float(weight @ SHARES / weight.sum()), 2)
 
 
 def centre_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
