@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -146,6 +147,7 @@ def _effect(c: Candidate, name: str, s: Selection) -> dict[str, Any]:
         "units": {q.name: q.unit for q in module.PARAMETERS},
     }
     fit = c.best
+    out |= _mean_moment(module, shown, out["sigma"])
     if hasattr(module, "jump"):
         out["rate_change_rad_s"] = rate_change(fit, name).tolist()
     if name == "internal-rotor" and fit.axis is not None and fit.history is not None and fit.history_sd is not None:
@@ -158,6 +160,20 @@ def _effect(c: Candidate, name: str, s: Selection) -> dict[str, Any]:
             "lag_s": fit.hypothesis.lag,
         }
     return out
+
+
+def _mean_moment(
+    module: ModuleType, shown: dict[str, float | None], sigma: dict[str, float | None]
+) -> dict[str, dict[str, float]]:
+    """The body's mean moment of inertia in SI units, where a wheel's rate and moment are known."""
+    given = getattr(module, "GIVEN", {})
+    found = [(v, sigma[k]) for k, v in shown.items() if v is not None]
+    if "inertia_kg_m2" not in given or not found:
+        return {}
+    size = np.sqrt(sum(v**2 for v, _ in found))
+    mean = given["inertia_kg_m2"] * max(map(abs, given["rate_rad_s"])) / size
+    spread = np.sqrt(sum((v * (s or 0.0)) ** 2 for v, s in found)) / size
+    return {"mean_moment_kg_m2": {"value": float(mean), "sigma": float(mean * spread / size)}}
 
 
 def rate_change(fit: HypothesisFit, name: str = "impulse") -> np.ndarray:
@@ -283,7 +299,9 @@ def model_of_selection(s: Selection) -> dict[str, Any]:
     for name in fit.names:
         value, sigma = parameters(fit, name)
         units = {q.name: q.unit for q in effects()[name].PARAMETERS}
-        listed.append({"name": name, "parameters": value, "units": units, "sigma": sigma})
+        entry = {"name": name, "parameters": value, "units": units, "sigma": sigma}
+        given = getattr(effects()[name], "GIVEN", None)
+        listed.append(entry if given is None else {**entry, "given": given})
     return {
         "format": "massprops-model/1",
         "effects": listed,

@@ -114,6 +114,16 @@ def in_balance() -> list[ModuleType]:
     return [m for m in effects().values() if changes_motion(m) and _has_columns(m)]
 
 
+def follows_measured(effect: ModuleType) -> bool:
+    """Whether the effect follows what was measured beside the motion."""
+    return hasattr(effect, "GIVEN")
+
+
+def has_known_rate(effect: ModuleType) -> bool:
+    """Whether the effect is a wheel whose rate was measured, so that none of any history is looked for."""
+    return effect.NAME == "internal-rotor" and follows_measured(effect)
+
+
 def _has_columns(effect: ModuleType) -> bool:
     scanned = hasattr(effect, "torque") and hasattr(effect, "momentum_scan")
     return hasattr(effect, "momentum_columns") or scanned or is_linear(effect)

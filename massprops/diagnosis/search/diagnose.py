@@ -66,9 +66,8 @@ def diagnose(
         InputError: an unreadable sequence, or a body file that contradicts itself.
         NotPossible: nothing in the sequence shows how the body moves.
     """
-    from massprops.diagnosis.diagnose import decides, diagnose_by_balance
-    from massprops.diagnosis.search.noise import with_track_noise
-    from massprops.model.problem import problem_of
+    from massprops.diagnosis.measured_beside import effects_beside
+    from massprops.effects import in_place
     from massprops.sequence.read import read_sequence
 
     given = [Path(source)] if isinstance(source, str | Path) else []
@@ -79,14 +78,26 @@ def diagnose(
         raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
     if out is not None:  # before the work is done
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
+    with in_place(effects_beside(sequence)):
+        found = _found(sequence, progress, discover, simulator)
+        if out is not None:
+            write_found(Path(out), found, given, force)
+    return found
+
+
+def _found(
+    sequence: Sequence, progress: Watch, discover: bool, simulator: str | None
+) -> Diagnosis | BalanceDiagnosis:
+    from massprops.diagnosis.diagnose import decides, diagnose_by_balance
+    from massprops.diagnosis.search.noise import with_track_noise
+    from massprops.model.problem import problem_of
+
     if decides(sequence):
         by_balance = diagnose_by_balance(sequence, progress)
         if simulator is not None:
             by_balance.document["simulator"] = _black_box(sequence, simulator, progress)
         if discover:
             by_balance = replace(by_balance, law=_law(sequence, by_balance.document, by_balance.selection, progress))
-        if out is not None:
-            write_found(Path(out), by_balance, given, force)
         return by_balance
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
@@ -98,8 +109,6 @@ def diagnose(
     if discover:
         names = [e["name"] for e in found.document["effects"]]
         found = replace(found, law=_law(sequence, found.document, names[0] if len(names) == 1 else None, progress))
-    if out is not None:
-        write_found(Path(out), found, given, force)
     return found
 
 
