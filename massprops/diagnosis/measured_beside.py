@@ -1,4 +1,4 @@
-"""Effects of the catalogue that follow something a sequence holds beside the motion: a wheel's measured rate."""
+"""Effects of the catalogue that follow something known beside the motion: a wheel's measured rate, the mesh of a run."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.dynamics.environment import EnvironmentModel
+from massprops.dynamics.mesh_faces import rows_of_mesh
 from massprops.effects import effects, of_record
 from massprops.errors import InputError
 from massprops.sequence.data import RotorSeries, Sequence
@@ -20,10 +22,34 @@ def effects_beside(sequence: Sequence) -> list[ModuleType]:
     Raises:
         InputError: what was measured does not reach over the record.
     """
-    rotor = sequence.rotor
-    if rotor is None:
-        return []
-    return [of_record(effects()["internal-rotor"], _of_wheel(rotor, *_bounds(sequence)))]
+    out = []
+    if sequence.rotor is not None:
+        out.append(of_record(effects()["internal-rotor"], _of_wheel(sequence.rotor, *_bounds(sequence))))
+    corners = _mesh(sequence)
+    if corners is not None:
+        known = {"mesh", *EnvironmentModel(sequence.environment).known}
+        given: dict[str, object] = {"faces": rows_of_mesh(corners)}
+        if sequence.environment.orbit is not None:
+            given["orbit_normal"] = np.asarray(sequence.environment.orbit.R_inertial_perifocal)[:, 2].tolist()
+        needed = [m for m in effects().values() if "mesh" in m.NEEDS]
+        out += [of_record(m, given) for m in needed if set(m.NEEDS) <= known]
+    return out
+
+
+def _mesh(sequence: Sequence) -> np.ndarray | None:
+    """(t, 3, 3) triangles of a run's mesh from its centre of mass, in the axes of its attitudes; None where the sequence is of no run."""
+    run = None if sequence.folder is None else sequence.folder.parent
+    if run is None or sequence.attitude is None:
+        return None
+    if not (run / "mesh.ply").is_file() or not (run / "massprops.json").is_file():
+        return None
+    import json
+
+    import trimesh
+
+    mesh = trimesh.load(run / "mesh.ply", process=False)
+    centre = np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
+    return np.asarray(mesh.vertices, float)[np.asarray(mesh.faces)] - centre
 
 
 def _bounds(sequence: Sequence) -> tuple[int, int]:

@@ -18,6 +18,7 @@ from massprops.documents.fields import no_key
 from massprops.documents.loading import excerpt
 from massprops.documents.model import FORMAT
 from massprops.dynamics.rotation import ActiveEffects
+from massprops.effect_contract import acts
 from massprops.effects import changes_motion, effects, has_pace, of_record
 from massprops.errors import InputError
 from massprops.sensing.predict import Sensed
@@ -166,6 +167,8 @@ def load_model(path: str | Path) -> Model:
                 known[entry.name] = of_record(known[entry.name], entry.given)
             except InputError as error:
                 raise InputError(f"{path}: {error}") from None
+        if not acts(known[entry.name]):
+            raise InputError(f"{path}: effect {entry.name} needs given, which a diagnosis writes: diagnose the record again")
         wanted = {q.name: q for q in known[entry.name].PARAMETERS}
         for key in entry.parameters:
             if key not in wanted:

@@ -17,6 +17,7 @@ from massprops.diagnosis.selection import significance, within_noise, without_ef
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_vector, multiply
 from massprops.dynamics.rotation import trajectory
+from massprops.effect_contract import faults
 from massprops.effects import effects, of_record
 from massprops.errors import InputError
 from massprops.model import Model, document_of, load_model
@@ -90,6 +91,7 @@ def test_a_known_axis_leaves_one_number() -> None:
     (wheel,) = effects_beside(spun(along))
     assert [q.name for q in wheel.PARAMETERS] == ["momentum"]
     np.testing.assert_allclose(wheel.internal(100.0, (), [0.5]), 0.5 * along)
+    assert faults(wheel) == ""
 
 
 def test_its_rate_must_reach_over_the_record() -> None:
