@@ -38,7 +38,7 @@ def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
         "corrected": _corrected(s.base, after.best if after else s.base),
         "axes": AXES[s.base.record.rows.rates],
         "model": "model.yaml",
-        "warnings": [*warnings, *(w for c in s.named for w in [*_unsettled(c), *_in_a_gap(c)])],
+        "warnings": [*warnings, *(w for c in s.named for w in [*_unsettled(c), *_in_a_gap(c), *_laws(c)])],
     }
 
 
@@ -47,6 +47,11 @@ def _unsettled(c: Candidate) -> list[str]:
     if c.best.settled:
         return []
     return [f"the fit of {c.name} did not settle in {PASSES} passes: its sigmas hold the step that was left to it"]
+
+
+def _laws(c: Candidate) -> list[str]:
+    """What is to be said where another law of the same cause fits as well."""
+    return [f"{other} is as likely as {c.name}: this record does not tell by which law it acts" for other in c.alike]
 
 
 def _in_a_gap(c: Candidate) -> list[str]:

@@ -40,12 +40,14 @@ class Candidate:
 
     Attributes:
         alone: fitted by itself; with_latent: together with a latent torque, or None where it was not worth it. told: the fit
-            whose parameters are told, where it is another than the one that counts.
+            whose parameters are told, where it is another than the one that counts. alike: other laws of the same cause (`LAW_OF`)
+            that the record does not tell from it.
     """
 
     alone: HypothesisFit
     with_latent: HypothesisFit | None = None
     told: HypothesisFit | None = None
+    alike: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -128,8 +130,8 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         if one.with_latent is not None:
             continue
         watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
-        h = one.alone.hypothesis
-        tried[k] = Candidate(alone=one.alone, with_latent=admissible(record, h, again(one.alone), latent=True))
+        tried[k] = Candidate(alone=one.alone, with_latent=_beside_unknown(record, one.alone, unknown))
+    tried = _with_other_laws(record, base, tried)
     alike = _by_errors_alike(base, unknowns, tried)
     if alike is not None:
         return Selection(
@@ -153,6 +155,36 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         skipped=skipped,
         others=others,
     )
+
+
+def _beside_unknown(record: Record, alone: HypothesisFit, unknown: HypothesisFit) -> HypothesisFit | None:
+    """An effect beside a latent torque. What follows a measurement leads astray more easily from its own solution, as the torque
+    takes a part of it: it begins where the torque alone ends as well."""
+    starts = [again(alone)]
+    if any(follows_measured(t.effect) for t in alone.hypothesis.terms):
+        starts.append(Start(inertia=unknown.inertia, left=1.0))
+    fits = [admissible(record, alone.hypothesis, s, latent=True) for s in starts]
+    return max((f for f in fits if f is not None), key=lambda f: f.verified, default=None)
+
+
+def _with_other_laws(record: Record, base: HypothesisFit, tried: list[Candidate]) -> list[Candidate]:
+    """With other laws of what leads, such as drag by the square of the rate: one that is likelier both by itself and beside an unknown
+    torque is tried too, one that is neither more nor less likely in both is noted."""
+    out = list(tried)
+    for k, c in enumerate(tried[:BESIDE_UNKNOWN]):
+        for effect in (m for m in in_balance() if c.name == getattr(m, "LAW_OF", None)):
+            alone = best_fit(record, effect, base)
+            if alone is None:
+                continue
+            other = Candidate(
+                alone=alone, with_latent=admissible(record, alone.hypothesis, again(alone), latent=True)
+            )
+            ahead = (other.evidence - c.evidence, alone.evidence - c.alone.evidence)
+            if min(ahead) > criteria.ALIKE:
+                out.append(other)
+            elif max(ahead) > -criteria.ALIKE:
+                out[k] = replace(c, alike=(*c.alike, str(effect.NAME)))
+    return out
 
 
 def _by_errors_alike(
@@ -351,6 +383,8 @@ def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
     known = set() if record.environment is None else set(record.environment.known)
     usable, skipped = [], {}
     for effect in in_balance():
+        if hasattr(effect, "LAW_OF"):
+            continue
         missing = [n for n in effect.NEEDS if n not in known]
         if missing:
             skipped[effect.NAME] = f"needs {', '.join(missing)}"
