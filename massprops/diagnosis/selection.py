@@ -176,9 +176,7 @@ def _with_other_laws(record: Record, base: HypothesisFit, tried: list[Candidate]
             alone = best_fit(record, effect, base)
             if alone is None:
                 continue
-            other = Candidate(
-                alone=alone, with_latent=admissible(record, alone.hypothesis, again(alone), latent=True)
-            )
+            other = Candidate(alone=alone, with_latent=admissible(record, alone.hypothesis, again(alone), latent=True))
             ahead = (other.evidence - c.evidence, alone.evidence - c.alone.evidence)
             if min(ahead) > criteria.ALIKE:
                 out.append(other)

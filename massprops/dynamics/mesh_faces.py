@@ -5,6 +5,7 @@ A face takes part while it looks toward the direction; no face shades another, a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +16,9 @@ from massprops.geometry.vectors import sphere
 
 MOST_FACES = 300
 """Of a mesh: of more triangles, those that look the same way within some ten degrees are one face."""
+
+LARGEST_TURN = 0.2
+"""[rad] in a step of the derivatives, as of sunlight on twenty faces."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +88,24 @@ def rows_of_mesh(corners: np.ndarray) -> list[list[float]]:
     return np.column_stack([normal / size[:, None], size / whole, middle / np.sqrt(whole)]).tolist()
 
 
-def unit_torques_of(faces: Faces, toward: tuple[Any, Any, Any], kinds: int = 3) -> list[tuple[Any, Any, Any]]:
-    """The torque of a unit of each kind of pressure (`Faces.pushed`), and then of each kind of a unit lever along each axis."""
-    forces, torques = faces.pushed(toward)
-    out = [tuple(torques[k][..., i] for i in range(3)) for k in range(kinds)]
-    for k in range(kinds):
-        x, y, z = (forces[k][..., i] for i in range(3))
-        out += [(0.0 * x, -z, y), (z, 0.0 * y, -x), (-y, x, 0.0 * z)]
-    return out
+def functions_of(faces: Faces, toward: Callable[[Any, Any], tuple[Any, Any, Any]], kinds: int = 3) -> dict[str, Any]:
+    """The functions of an effect (`massprops.effects`) that pushes on the faces. Its parameters are the pressures of each kind
+    (`Faces.pushed`), and then of each kind those times a lever along each axis.
+
+    Args:
+        toward: where it comes from, body axes, by attitude and surroundings; kinds: how many, from the first.
+    """
+
+    def unit_torques(t: Any, q: Any, w: Any, environment: Any) -> list[tuple[Any, ...]]:
+        forces, torques = faces.pushed(toward(q, environment))
+        out: list[tuple[Any, ...]] = [tuple(torques[k][..., i] for i in range(3)) for k in range(kinds)]
+        for k in range(kinds):
+            x, y, z = (forces[k][..., i] for i in range(3))
+            out += [(0.0 * x, -z, y), (z, 0.0 * y, -x), (-y, x, 0.0 * z)]
+        return out
+
+    def torque(t: Any, q: Any, w: Any, p: Any, inertia: Any, environment: Any) -> tuple[Any, ...]:
+        units = unit_torques(t, q, w, environment)
+        return tuple(sum(v * u[i] for v, u in zip(p, units, strict=True)) for i in range(3))
+
+    return {"torque": torque, "unit_torques": unit_torques, "LARGEST_TURN": LARGEST_TURN}

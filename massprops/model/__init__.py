@@ -162,13 +162,7 @@ def load_model(path: str | Path) -> Model:
     for entry in document.effects or ():
         if entry.name not in known:
             raise InputError(f"{path}: {no_key(entry.name, known, 'effect')}")
-        if entry.given is not None:
-            try:
-                known[entry.name] = of_record(known[entry.name], entry.given)
-            except InputError as error:
-                raise InputError(f"{path}: {error}") from None
-        if not acts(known[entry.name]):
-            raise InputError(f"{path}: effect {entry.name} needs given, which a diagnosis writes: diagnose the record again")
+        known[entry.name] = _of_entry(known[entry.name], entry.given, path)
         wanted = {q.name: q for q in known[entry.name].PARAMETERS}
         for key in entry.parameters:
             if key not in wanted:
@@ -200,6 +194,24 @@ def load_model(path: str | Path) -> Model:
             raise InputError(f"{path}: attitude must be a unit quaternion; its length is {size:.3g}")
         attitude = attitude / size
     return replace(model_of(sizes, inertia, known.values()), rate=document.angular_velocity_rad_s, attitude=attitude)
+
+
+def _of_entry(effect: ModuleType, given: dict[str, Any] | None, path: Path) -> ModuleType:
+    """The effect as a file says what was measured beside it, or as it is.
+
+    Raises:
+        InputError: it is not that, or the effect does not act without.
+    """
+    if given is not None:
+        try:
+            return of_record(effect, given)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+    if not acts(effect):
+        raise InputError(
+            f"{path}: effect {effect.NAME} needs given, which a diagnosis writes: diagnose the record again"
+        )
+    return effect
 
 
 def _places(modules: list[ModuleType]) -> tuple[slice, ...]:

@@ -21,9 +21,7 @@ def triangles(seed: int) -> np.ndarray:
     place = rng.uniform(-0.25, 0.25, 3)
     places = [place, place + np.array([0.1, 1.6, 0.2])]
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    return np.concatenate(
-        [_box(half[0]) + places[0], _box(half[1]) @ (turn * np.linalg.det(turn)).T + places[1]]
-    )
+    return np.concatenate([_box(half[0]) + places[0], _box(half[1]) @ (turn * np.linalg.det(turn)).T + places[1]])
 
 
 def _box(half: np.ndarray) -> np.ndarray:

@@ -77,7 +77,13 @@ def test_the_model_that_is_written_holds_the_rate(found: tuple[BalanceDiagnosis,
     assert model.inertia is not None and model.rate is not None and model.attitude is not None
     times = np.arange(0.0, 120.0, 0.5)
     moved = trajectory(
-        times, model.attitude, model.rate, model.inertia, model.active, model.flat(True), EnvironmentModel(Environment())
+        times,
+        model.attitude,
+        model.rate,
+        model.inertia,
+        model.active,
+        model.flat(True),
+        EnvironmentModel(Environment()),
     )
     series = spun().attitude
     assert series is not None
@@ -148,7 +154,11 @@ def test_a_wheel_in_basilisk_whose_rate_is_known() -> None:
     assert sequence.attitude is not None
     stamp = sequence.attitude.timestamp_ns
     # a motor whose torque is constant from 300 to 600 s
-    rate = 100.0 + 0.5 * np.clip(stamp * 1e-9 - 300.0, 0.0, 300.0) + 0.3 * np.random.default_rng(1).standard_normal(len(stamp))
+    rate = (
+        100.0
+        + 0.5 * np.clip(stamp * 1e-9 - 300.0, 0.0, 300.0)
+        + 0.3 * np.random.default_rng(1).standard_normal(len(stamp))
+    )
     record = record_of_attitudes(sequence.attitude, sequence.environment)
     base, _ = without_effects(record)
     (wheel,) = effects_beside(replace(sequence, rotor=RotorSeries(stamp, rate)))

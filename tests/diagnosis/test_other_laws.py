@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from diagnosis.test_momentum_balance import tumble
 
-from massprops.diagnosis.effect_search import again, admissible, best_fit
+from massprops.diagnosis.effect_search import admissible, again, best_fit
 from massprops.diagnosis.record import record_of_rates
 from massprops.diagnosis.selection import Candidate, _with_other_laws, usable_effects, without_effects
 from massprops.effects import effects
-
-from diagnosis.test_momentum_balance import tumble
 
 DRAG = np.array([0.02, 0.05, 0.03])
 

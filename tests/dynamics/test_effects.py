@@ -15,8 +15,8 @@ from massprops.dynamics.rotation import ActiveEffects, trajectory
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.translation import path
 from massprops.effects import changes_motion, effects, of_record
-from massprops.geometry.vectors import sphere
 from massprops.errors import InputError
+from massprops.geometry.vectors import sphere
 from massprops.model import document_of, load_model, model_of
 from massprops.model.state import inertia_directions, inertia_of, moved_inertia, second_moment
 from massprops.sequence.data import Environment, Orbit
@@ -44,7 +44,10 @@ OF_RECORD = {
     "wheel of a measured rate": of_record(
         effects()["internal-rotor"], {"times_s": [0.0, 9.0, 12.0, 29.5], "rate_rad_s": [0.0, 10.0, 40.0, 30.0]}
     ),
-    **{n: of_record(effects()[n], {"faces": FACES, "orbit_normal": [0, 0, 1]}) for n in ("solar-pressure-on-mesh", "air-drag-on-mesh")},
+    **{
+        n: of_record(effects()[n], {"faces": FACES, "orbit_normal": [0, 0, 1]})
+        for n in ("solar-pressure-on-mesh", "air-drag-on-mesh")
+    },
 }
 MOTION = [*OF_RECORD, *(n for n, e in effects().items() if changes_motion(e) and n not in OF_RECORD)]
 

@@ -85,9 +85,7 @@ def diagnose(
     return found
 
 
-def _found(
-    sequence: Sequence, progress: Watch, discover: bool, simulator: str | None
-) -> Diagnosis | BalanceDiagnosis:
+def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str | None) -> Diagnosis | BalanceDiagnosis:
     from massprops.diagnosis.diagnose import decides, diagnose_by_balance
     from massprops.diagnosis.search.noise import with_track_noise
     from massprops.model.problem import problem_of

@@ -29,17 +29,13 @@ def momentum_prior():
 
 def measured(given):
     """The effect of a mesh whose `faces` are given (`massprops.dynamics.mesh_faces`), and the `orbit_normal`, inertial axes."""
-    from massprops.dynamics.mesh_faces import faces_of, unit_torques_of
+    from massprops.dynamics.mesh_faces import faces_of, functions_of
 
-    faces, normal = faces_of(given), tuple(float(v) for v in given["orbit_normal"])
+    normal = tuple(float(v) for v in given["orbit_normal"])
 
-    def unit_torques(t, q, w, environment):
+    def wind(q, environment):
         x, y, z = cross(*normal, *environment.position)
         size = (x * x + y * y + z * z) ** 0.5
-        return unit_torques_of(faces, to_body(*q, x / size, y / size, z / size), kinds=1)
+        return to_body(*q, x / size, y / size, z / size)
 
-    def torque(t, q, w, p, inertia, environment):
-        units = unit_torques(t, q, w, environment)
-        return tuple(sum(v * u[i] for v, u in zip(p, units)) for i in range(3))
-
-    return {"NEEDS": ("orbit",), "torque": torque, "unit_torques": unit_torques, "LARGEST_TURN": 0.2}
+    return {"NEEDS": ("orbit",), **functions_of(faces_of(given), wind, kinds=1)}

@@ -3,7 +3,9 @@
 from massprops.effects import Parameter
 
 NAME = "drag-by-rate-squared"
-SENTENCE = "The air brakes the rotation about each axis of the body by the square of its rate, each axis by its own amount."
+SENTENCE = (
+    "The air brakes the rotation about each axis of the body by the square of its rate, each axis by its own amount."
+)
 FORMULA = "torque = -(drag_x |w_x| w_x, drag_y |w_y| w_y, drag_z |w_z| w_z)"
 PARAMETERS = tuple(Parameter(f"drag_{a}", "rad^-1", 1e-2, 100.0, least=0.0) for a in "xyz")
 NEEDS = ()

@@ -72,7 +72,6 @@ def longer_starts(span, speed):
 AXES = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)]
 
 
-
 def measured(given):
     """The effect of a wheel whose rate was measured, by `times_s` since the first timestamp and `rate_rad_s`, and of known `axis`
     or none. The momentum has one unknown for each axis that it may lie along."""

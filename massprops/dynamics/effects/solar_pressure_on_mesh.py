@@ -44,15 +44,9 @@ def momentum_prior():
 
 def measured(given):
     """The effect of a mesh whose `faces` are given (`massprops.dynamics.mesh_faces`)."""
-    from massprops.dynamics.mesh_faces import faces_of, unit_torques_of
+    from massprops.dynamics.mesh_faces import faces_of, functions_of
 
-    faces = faces_of(given)
-
-    def unit_torques(t, q, w, environment):
-        return unit_torques_of(faces, to_body(*q, *environment.sun))
-
-    def torque(t, q, w, p, inertia, environment):
-        units = unit_torques(t, q, w, environment)
-        return tuple(sum(v * u[i] for v, u in zip(p, units)) for i in range(3))
-
-    return {"NEEDS": ("sun direction",), "torque": torque, "unit_torques": unit_torques, "LARGEST_TURN": 0.2}
+    return {
+        "NEEDS": ("sun direction",),
+        **functions_of(faces_of(given), lambda q, environment: to_body(*q, *environment.sun)),
+    }
