@@ -64,8 +64,8 @@ def _bounds(sequence: Sequence) -> tuple[int, int]:
 def _of_wheel(rotor: RotorSeries, first: int, last: int) -> dict[str, object]:
     """What `internal_rotor.measured` takes."""
     stamp, rate = rotor.timestamp_ns, rotor.rate
-    if len(stamp) < 2 or not np.any(rate):
-        raise InputError("rotor0 shows no turning wheel: give rates that are not all zero, or remove it")
+    if len(stamp) < 2:
+        raise InputError(f"rotor0 holds {len(stamp)} rates: give the wheel's rate over all of the record, or remove it")
     slack = float(np.median(np.diff(stamp)))
     if stamp[0] > first + slack or stamp[-1] < last - slack:
         a, b, end = ((v - first) * 1e-9 for v in (stamp[0], stamp[-1], last))
@@ -75,6 +75,8 @@ def _of_wheel(rotor: RotorSeries, first: int, last: int) -> dict[str, object]:
         )
     own = slice(max(int(np.searchsorted(stamp, first)) - 1, 0), int(np.searchsorted(stamp, last)) + 2)
     times, rate = (stamp[own] - first) * 1e-9, rate[own]
+    if not np.any(rate):
+        raise InputError("rotor0 shows no turning wheel in this record: give rates that are not all zero, or remove it")
     block = max(1, len(times) // MOST_SAMPLES)
     if block > 1:
         use = len(times) // block * block

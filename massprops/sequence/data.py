@@ -133,6 +133,6 @@ class Sequence:
     attitude: AttitudeSeries | None = None
     body: Body | None = None
     environment: Environment = field(default_factory=Environment)
-    rotor: RotorSeries | None = None
     warnings: tuple[str, ...] = ()
     folder: Path | None = None
+    rotor: RotorSeries | None = None

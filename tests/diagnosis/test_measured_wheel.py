@@ -107,8 +107,11 @@ def test_its_rate_must_reach_over_the_record() -> None:
     with pytest.raises(InputError, match="rotor0 reaches from -1 to 68.65 s and the record from 0 to 119.5 s"):
         diagnose_by_balance(replace(whole, rotor=short))
     still = replace(whole.rotor, rate=0.0 * whole.rotor.rate)
-    with pytest.raises(InputError, match="shows no turning wheel"):
+    with pytest.raises(InputError, match="shows no turning wheel in this record"):
         diagnose_by_balance(replace(whole, rotor=still))
+    one = replace(whole.rotor, timestamp_ns=whole.rotor.timestamp_ns[:1], rate=whole.rotor.rate[:1])
+    with pytest.raises(InputError, match="rotor0 holds 1 rates"):
+        diagnose_by_balance(replace(whole, rotor=one))
     assert not hasattr(effects()["internal-rotor"], "GIVEN")
 
 
