@@ -27,6 +27,7 @@ PARAMETERS = (
 )
 """Of a body that is not much heavier, the mass in `NOTE` is the reduced one."""
 NEEDS = ()
+BODY = (*(f"{part}_{a}" for part in ("arm", "along") for a in "xyz"), "frequency", "damping")
 STATES = 3  # displacement, its momentum, none
 SEARCHED = False  # the balance of momentum finds it
 
