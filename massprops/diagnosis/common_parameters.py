@@ -72,7 +72,7 @@ def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
         alike: indices (j,) of unknowns whose prior has one size, which is found.
     """
     precisions = [np.linalg.inv(law.covariance) for law in laws]
-    rest = np.sum(precisions, axis=0) - np.diag(np.sum([law.sd**-2 for law in laws], axis=0))
+    rest = np.sum([_of_rows(L, law.sd) for L, law in zip(precisions, laws, strict=True)], axis=0)
     by = np.sum([L @ law.mean for L, law in zip(precisions, laws, strict=True)], axis=0)
     sd = laws[0].sd.copy()
     for own in alike:
@@ -91,6 +91,12 @@ def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
     squares = sum(float(o.mean @ L @ o.mean) for L, o in zip(precisions, laws, strict=True))
     gained = 0.5 * (determinants + float(by @ mean) - squares)
     return Law(mean=mean, covariance=covariance, sd=sd), float(gained)
+
+
+def _of_rows(precision: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """(k, k) what a record's rows know of unknowns: the precision less that of their prior, not below nothing by rounding."""
+    value, vector = np.linalg.eigh(precision * sd * sd[:, None])
+    return np.asarray((vector * np.maximum(value - 1.0, 0.0)) @ vector.T / sd / sd[:, None])
 
 
 def common_of(fits: list[HypothesisFit]) -> Common:
@@ -157,10 +163,10 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> 
         try:
             law, gained = joined([_law(s, first) for s in said], _alike(first))
             moved = [_moved(s, law) for s in said]
+            evidence = gained + sum(s.evidence for s in said)
+            found = _common(first, law, evidence)
         except np.linalg.LinAlgError:
             raise NotPossible("what the records say of one body does not go together") from None
-        evidence = gained + sum(s.evidence for s in said)
-        found = _common(first, law, evidence)
         step = np.clip(law.mean[:INERTIA] - shape, -LARGEST_STEP, LARGEST_STEP)
         if np.abs(step).max() < SMALL_STEP and abs(evidence - previous) < SMALL_STEP:
             break

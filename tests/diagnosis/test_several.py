@@ -7,13 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis.pair_worlds import FIELD_T, PERIOD_S, SECONDS, Acting, World, _sequence, moved
 from diagnosis.test_momentum_balance import INERTIA, tumble
 
-from massprops.diagnosis.common_parameters import Law, common_of, joined
+from massprops.diagnosis import selection
+from massprops.diagnosis.common_parameters import Common, Law, common_of, joined
 from massprops.diagnosis.criteria import SHAPE_SD
-from massprops.diagnosis.momentum_balance import shape_of
-from massprops.diagnosis.several import common_ratios
+from massprops.diagnosis.diagnose import diagnose_by_balance
+from massprops.diagnosis.effect_search import best_fit
+from massprops.diagnosis.hypothesis_fit import HypothesisFit
+from massprops.diagnosis.momentum_balance import inertia_of, shape_of
+from massprops.diagnosis.record import Record, record_of_attitudes
+from massprops.diagnosis.scanned_values import with_scanned
+from massprops.diagnosis.selection import Candidate, without_effects
+from massprops.diagnosis.several import common_ratios, document_of_together, together
 from massprops.dynamics.inertia import ratios
+from massprops.effects import effects
+from massprops.errors import NotPossible
 from massprops.sequence.data import Sequence
 
 
@@ -91,57 +101,103 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
 # -- the body's parameters -------------------------------------------------------------------------
 
 
-def _moved_by_mujoco(
-    torque: Torque | None, rates: list[np.ndarray], inside: Callable[[], Acting] | None = None
-) -> list[Sequence]:
-    """Records of one body that starts with other rates [deg/s], moved by MuJoCo."""
-    out = []
-    for k, rate in enumerate(rates):
-        rng = np.random.default_rng([k, 5])
-        world = World(inertia=BODY, start=np.array([1.0, 0.0, 0.0, 0.0]), rate=np.radians(rate), sun=np.array([0.6, 0.0, 0.8]))
-        acting = [Acting(torque=torque)] if inside is None else [inside()]
-        out.append(_sequence(*moved(world, acting), world.sun, rng))
-    return out
-
-
 BODY = np.array([[20.0, 1.0, -0.5], [1.0, 16.0, 0.8], [-0.5, 0.8, 12.0]])
 MEAN = float(np.trace(BODY)) / 3.0
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def _sigmas_off(found: Common, name: str, truth: dict[str, float]) -> list[float]:
-    return [(found.parameters[name][n] - v) / found.sigma[name][n] for n, v in truth.items()]
+def _records(acting: Acting, begun: list[tuple[np.ndarray, np.ndarray]]) -> list[Sequence]:
+    """Records of one body, moved by MuJoCo, that begins with other attitudes and rates [deg/s]."""
+    out = []
+    for k, (start, rate) in enumerate(begun):
+        world = World(inertia=BODY, start=start, rate=np.radians(rate), sun=np.array([0.6, 0.0, 0.8]))
+        out.append(_sequence(*moved(world, [acting]), world.sun, np.random.default_rng([k, 5])))
+    return out
 
 
 def _fits(records: list[Sequence], name: str) -> list[HypothesisFit]:
-    """The effect's fit in each record."""
+    """An effect by itself in each record."""
     out = []
     for r in records:
+        assert r.attitude is not None
         record = record_of_attitudes(r.attitude, r.environment)
         fit = best_fit(record, effects()[name], without_effects(record)[0])
         assert fit is not None
-        out.append(fit)
+        out.append(with_scanned(fit, PERIOD_S))
     return out
 
 
-def test_drag_by_axis_of_three_spins_is_one_drag() -> None:
-    """Each record shows the drag about the axis that it turns about; together they show all three, and the inertia better."""
-    damping = np.array([4e-4, 1e-4, 2.5e-4]) * MEAN
-    records = _moved_by_mujoco(
-        lambda t, R, w: -damping * w, [np.array(r) for r in ([3.0, 0.2, 0.1], [0.3, 3.0, 0.2], [0.1, 0.2, 3.0])]
+def _off(found: Common, name: str, truth: dict[str, float]) -> float:
+    """The largest error over its sigma."""
+    return max(abs(found.parameters[name][n] - v) / found.sigma[name][n] for n, v in truth.items())
+
+
+def test_drag_by_axis_in_three_spins_is_one_drag() -> None:
+    """Each record shows the drag about the axis that it turns about, together they show all three."""
+    pytest.importorskip("mujoco")
+    damping = np.array([4e-4, 1e-4, 2.5e-4])
+    acting = Acting(torque=lambda t, R, w: -MEAN * damping * w)
+    fits = _fits(
+        _records(acting, [(LEVEL, np.array(r)) for r in ([3.0, 0.2, 0.1], [0.3, 3.0, 0.2], [0.1, 0.2, 3.0])]),
+        "drag-by-axis",
     )
-    fits = _fits(records, "drag-by-axis")
     found = common_of(fits)
-    truth = dict(zip(("damping_x", "damping_y", "damping_z"), damping / MEAN, strict=True))
-    assert max(map(abs, _sigmas_off(found, "drag-by-axis", truth))) < 3.0
-    alone = np.array([np.sqrt(np.diag(f.covariance["drag-by-axis"])) for f in fits])
-    joint = np.array(list(found.sigma["drag-by-axis"].values()))
-    # at least as well as independent records would say it, and no better than all their rows about a known body could
-    assert (joint <= 1.05 * (alone**-2).sum(axis=0) ** -0.5).all()
-    assert (joint < 0.5 * alone.max(axis=0)).all()
+    names = ("damping_x", "damping_y", "damping_z")
+    assert _off(found, "drag-by-axis", dict(zip(names, damping, strict=True))) < 3.0
+    alone = np.array([np.diag(f.covariance["drag-by-axis"]) for f in fits])
+    joint = np.array([found.sigma["drag-by-axis"][n] for n in names]) ** 2
+    assert (joint < 1.0 / np.sum(1.0 / alone, axis=0)).all()  # more than as many known bodies: the inertia is one too
 
 
-def test_two_records_separate_what_one_confounds() -> None:
-    """Across the field eddy currents brake as a fluid does; about the field they do not brake at all."""
+def test_a_damped_sphere_has_one_coupling_in_two_records() -> None:
+    """What is scanned, not solved for, is moved to its best for both."""
+    pytest.importorskip("mujoco")
+    share, coupling = 0.08, 0.03
+    moment = share * MEAN
+    inside = (
+        f'<body pos="0.1 0.1 -0.2"><joint type="ball" damping="{coupling * moment}"/>'
+        f'<inertial pos="0 0 0" mass="0.001" diaginertia="{moment} {moment} {moment}"/></body>'
+    )
+    acting = Acting(inside=inside, speeds=(0.0, 0.0, 0.0))
+    fits = _fits(_records(acting, [(LEVEL, np.array(r)) for r in ([3.0, 0.2, 0.1], [0.3, 3.0, 0.2])]), "energy-dissipation")
+    found = common_of(fits)
+    assert _off(found, "energy-dissipation", {"share": share, "coupling": coupling}) < 3.0
+    alone = [f.held_sd["energy-dissipation"]["coupling"] for f in fits]
+    assert found.sigma["energy-dissipation"]["coupling"] < min(alone)
+
+
+def test_two_records_separate_what_one_confounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Across the field eddy currents brake as a fluid does, about it they do not brake: there a free body explains the record,
+    in which a fluid would act too."""
+    pytest.importorskip("mujoco")
+    from scipy.spatial.transform import Rotation
+
+    conductance = 0.3 / SECONDS / (FIELD_T @ FIELD_T)
+
+    def torque(t: float, R: np.ndarray, w: np.ndarray) -> np.ndarray:
+        B = R.T @ FIELD_T
+        return MEAN * conductance * np.cross(np.cross(w, B), B)
+
+    axis = np.linalg.eigh(BODY)[1][:, 2]
     field = FIELD_T / np.linalg.norm(FIELD_T)
     across = np.cross(field, [0.0, 0.0, 1.0])
-    conductance = 0.3 / SECONDS * MEAN / (FIELD_T @ FIELD_T)
+    begun = []
+    for way in (across / np.linalg.norm(across), field):
+        x, y, z, w = Rotation.align_vectors([way], [axis])[0].as_quat()
+        begun.append((np.array([w, x, y, z]), 2.5 * axis))
+    names = ("eddy-current-torque", "viscous-damping")
+    monkeypatch.setattr(selection, "in_balance", lambda: [effects()[n] for n in names])
+    monkeypatch.setattr(selection, "wheel_of_any_history", _none)
+    found = [diagnose_by_balance(r) for r in _records(Acting(torque=torque), begun)]
+    assert [f.document["verdict"] for f in found] == ["ambiguous", "none"]
+    joint = together([f.selection for f in found])
+    assert joint.verdict == "named" and joint.named[0].name == "eddy-current-torque"
+    common = joint.named[0].common
+    assert _off(common, "eddy-current-torque", {"conductance": conductance}) < 3.0
+    document = document_of_together(joint, ["across", "along"], [f.document for f in found])
+    assert document["effects"][0]["parameters"]["eddy-current-torque"]["conductance"] == pytest.approx(conductance, rel=0.05)
+    assert "parameters the same" in document["reason"]
+
+
+def _none(record: Record) -> Candidate:
+    raise NotPossible("not tried")
