@@ -27,14 +27,16 @@ from massprops.errors import NotPossible
 LEAST_SD = 1e-4
 """Of a shape's posterior: no record shows a second moment of mass better than a part in ten thousand."""
 PASSES = 8
+RESTS = 1.0
+"""Change of the log evidence in the last pass up to which it decides (`criteria.BEATS_UNKNOWN`)."""
 AXIS = 2
 """Unknowns of a wheel's axis."""
 LARGEST_STEP = 1.0
 """Of the inertia's shape in a pass: a factor of e in a second moment of mass."""
 SIZES = 100
 """Steps of the search for the sizes of priors."""
-CURVED = 0.1
-"""Of the logarithm of a scanned parameter, the step by which its evidence's curvature is measured."""
+FIRST_STEP, STEP_SIGMAS, ROUNDS = 0.1, 2.0, 3
+"""Of the logarithm of a scanned parameter, by which its evidence's slope and curvature are measured: at first, then over its sigma."""
 WIDEST = np.log(3.0)
 """How far beyond the records' own values of a scanned parameter, in its logarithm, the common one is looked for."""
 
@@ -105,10 +107,15 @@ def common_of(fits: list[HypothesisFit]) -> Common:
     Raises:
         NotPossible: no common body comes near the records.
     """
-    found = _at_rest(fits, {})
-    for name, parameter in _scanned(next((f for f in fits if of_body(f)), fits[0])):
-        found = _scanned_to_best(fits, found, name, parameter)
-    return found
+    scanned = _scanned(next((f for f in fits if of_body(f)), fits[0]))
+    try:
+        return _at_best(fits, *scanned[0]) if len(scanned) == 1 else _at_rest(fits, {})
+    except NotPossible:
+        if any(f.names for f in fits):
+            raise
+    # a body without effects may be another one in each record: what each says about its own best
+    law, gained = joined([_law(f, fits[0]) for f in fits], [])
+    return _common(fits[0], law, gained + sum(f.evidence for f in fits))
 
 
 def of_body(fit: HypothesisFit) -> bool:
@@ -121,7 +128,7 @@ def _scanned(fit: HypothesisFit) -> list[tuple[str, str]]:
     return [(t.name, n) for t in fit.hypothesis.terms for n in t.of_body if n not in t.unknowns and n in dict(t.held)]
 
 
-def _scanned_to_best(fits: list[HypothesisFit], found: Common, name: str, parameter: str) -> Common:
+def _at_best(fits: list[HypothesisFit], name: str, parameter: str) -> Common:
     """At the best of a scanned parameter for all records, with what it leaves open."""
     from scipy.optimize import minimize_scalar
 
@@ -132,13 +139,14 @@ def _scanned_to_best(fits: list[HypothesisFit], found: Common, name: str, parame
 
     ends = (float(held.min() - WIDEST), float(held.max() + WIDEST))
     best = float(minimize_scalar(lambda x: -at(x).evidence, bounds=ends, method="bounded", options={"xatol": 0.01}).x)
-    found, up, down = at(best), at(best + CURVED), at(best - CURVED)
-    curvature = (2.0 * found.evidence - up.evidence - down.evidence) / CURVED**2
-    sd = 1.0 / np.sqrt(max(curvature, 0.1 / WIDEST**2))
-    own = {
-        k: float(np.hypot(s, sd * (up.parameters[name][k] - down.parameters[name][k]) / (2.0 * CURVED)))
-        for k, s in found.sigma[name].items()
-    }
+    step = FIRST_STEP
+    for _ in range(ROUNDS):
+        found, up, down = at(best), at(best + step), at(best - step)
+        sd = max((2.0 * found.evidence - up.evidence - down.evidence) / step**2, WIDEST**-2) ** -0.5
+        slopes = {k: (v - down.parameters[name][k]) / (2.0 * step) for k, v in up.parameters[name].items()}
+        best += float(np.clip(0.5 * (up.evidence - down.evidence) / step * sd**2, -step, step))
+        step = STEP_SIGMAS * sd
+    own = {k: float(np.hypot(s, sd * slopes[k])) for k, s in found.sigma[name].items()}
     value, sigma = {parameter: float(np.exp(best))}, {parameter: float(sd * np.exp(best))}
     return replace(
         found,
@@ -154,7 +162,7 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> 
     at = next(k for k, f in enumerate(fits) if f is reference)
     shape, axis, body = reference.shape, reference.axis, reference.hypothesis.terms
     hypotheses = [_with(f.hypothesis, body, given) for f in fits]
-    found, previous = None, -np.inf
+    found, previous, before = None, -np.inf, -np.inf
     for _ in range(PASSES):
         said = [
             linearised(f, h, shape, None if f.axis is None else axis) for f, h in zip(fits, hypotheses, strict=True)
@@ -167,16 +175,19 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> 
             found = _common(first, law, evidence)
         except np.linalg.LinAlgError:
             raise NotPossible("what the records say of one body does not go together") from None
+        before, previous = previous, evidence
         step = np.clip(law.mean[:INERTIA] - shape, -LARGEST_STEP, LARGEST_STEP)
-        if np.abs(step).max() < SMALL_STEP and abs(evidence - previous) < SMALL_STEP:
+        if np.abs(step).max() < SMALL_STEP and abs(evidence - before) < SMALL_STEP:
             break
-        shape, previous = shape + step, evidence
+        shape = shape + step
         body = moved[at].terms
         hypotheses = [_with(h, body, given) for h in moved]
         if axis is not None:
             axis = axis + across(axis) @ law.mean[INERTIA : INERTIA + AXIS]
             axis /= np.linalg.norm(axis)
     assert found is not None
+    if not abs(found.evidence - before) < RESTS:
+        raise NotPossible("what the records say of one body does not come to rest")
     return found
 
 

@@ -50,8 +50,8 @@ def screened(record: Record, terms: tuple[Term, ...], guess: Start) -> Screened 
     rows = Rows(at=record.rows.at[kept], measured=record.rows.measured[kept], sigma=record.rows.sigma[kept], rates=True)
     own = joined([forcing_of(t, record.path, record.path.w, guess.inertia, record.environment_state) for t in terms])
     found = []
-    for start in (guess, conserved(record.path, rows.at, own)):
-        found.append(_solved(record, rows, terms, start))
+    for start, begun in ((guess, own), (conserved(record.path, rows.at, own), None)):
+        found.append(_solved(record, rows, terms, start, begun))
     return max(found, key=lambda s: s.score)
 
 
@@ -102,7 +102,8 @@ def _widths(terms: tuple[Term, ...], wide: np.ndarray) -> np.ndarray:
     return out
 
 
-def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -> Screened:
+def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start, begun: Forcing | None) -> Screened:
+    """begun: the columns of all terms at the start, where they are known."""
     path, speed = record.path, record.speed
     shape, rate = shape_of(start.inertia), path.w
     L0 = np.mean(np.einsum("nij,nj->ni", path.R, path.w @ inertia_of(shape)), axis=0)
@@ -111,7 +112,8 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
     left, unknowns = np.zeros(len(over)), 0
     for _ in range(PASSES):
         balance = Balance(path=path, shape=shape, momentum=path.w, rate=rate, rows=rows)
-        own = joined([forcing_of(t, path, rate, balance.inertia, record.environment_state) for t in terms])
+        own = begun or joined([forcing_of(t, path, rate, balance.inertia, record.environment_state) for t in terms])
+        begun = None
         free = balance.free
         along = free if own is None else np.concatenate([free, balance.forced(own)], axis=2)
         X = along[rows.at].reshape(len(over), -1) * over[:, None]
