@@ -118,10 +118,10 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start, b
         along = free if own is None else np.concatenate([free, balance.forced(own)], axis=2)
         X = along[rows.at].reshape(len(over), -1) * over[:, None]
         y = (rows.measured - balance.constant(L0)).reshape(-1) * over + X[:, :INERTIA] @ shape
-        scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-300)
+        G = X.T @ X
+        scale = np.maximum(np.sqrt(np.diag(G) / len(X)), 1e-300)
         wide = np.concatenate([sd, _widths(terms, 1e3 / scale[len(sd) :])])
-        A = np.concatenate([X * wide, np.eye(len(wide))])
-        x = wide * np.linalg.lstsq(A, np.concatenate([y, np.zeros(len(wide))]), rcond=None)[0]
+        x = wide * np.linalg.solve(wide[:, None] * G * wide + np.eye(len(wide)), wide * (X.T @ y))
         left, unknowns = y - X @ x, len(x)
         step = x[:INERTIA] - shape
         moved = along @ np.concatenate([step, x[INERTIA:]])
