@@ -88,7 +88,9 @@ def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
         if np.allclose(sd, before, rtol=1e-3):
             break
     sd = before
-    determinants = sum(np.linalg.slogdet(L)[1] + 2.0 * np.sum(np.log(o.sd)) for L, o in zip(precisions, laws, strict=True))
+    determinants = sum(
+        np.linalg.slogdet(L)[1] + 2.0 * np.sum(np.log(o.sd)) for L, o in zip(precisions, laws, strict=True)
+    )
     determinants -= 2.0 * np.sum(np.log(sd)) - np.linalg.slogdet(covariance)[1]
     squares = sum(float(o.mean @ L @ o.mean) for L, o in zip(precisions, laws, strict=True))
     gained = 0.5 * (determinants + float(by @ mean) - squares)
@@ -254,9 +256,7 @@ def _moved(said: HypothesisFit, law: Law) -> Hypothesis:
     mean = np.concatenate(list(post.mean.values()))
     mean = mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], law.mean - mean[places])
     own = dict(zip(post.mean, np.split(mean, np.cumsum([len(m) for m in post.mean.values()])[:-1]), strict=True))
-    return replace(
-        said.hypothesis, terms=tuple(t.moved(own[t.name]) if t.moves else t for t in said.hypothesis.terms)
-    )
+    return replace(said.hypothesis, terms=tuple(t.moved(own[t.name]) if t.moves else t for t in said.hypothesis.terms))
 
 
 def _common(said: HypothesisFit, law: Law, evidence: float) -> Common:

@@ -255,14 +255,19 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     return found if passes < PASSES else _widened(found, best)
 
 
-def linearised(found: HypothesisFit, hypothesis: Hypothesis, shape: np.ndarray, axis: np.ndarray | None) -> HypothesisFit:
+def linearised(
+    found: HypothesisFit, hypothesis: Hypothesis, shape: np.ndarray, axis: np.ndarray | None
+) -> HypothesisFit:
     """One pass along a fit's own path about another inertia's shape (5,), a wheel's axis (3,) and values that a hypothesis of the
     same effects holds: what the record says of all that several records share, near where these are.
 
     Raises:
         NotPossible: no body comes near the record there.
     """
-    path, sizes = found.record.path, {b.name: float(found.posterior.sd[b.name][0]) for b in found.blocks if b.kind == "common"}
+    path, sizes = (
+        found.record.path,
+        {b.name: float(found.posterior.sd[b.name][0]) for b in found.blocks if b.kind == "common"},
+    )
     carried = found.carried + found.rate @ (inertia_of(shape) - found.inertia)
     other = axis is not None and found.axis is not None and axis @ found.axis < 0.0
     guess = _Guess(

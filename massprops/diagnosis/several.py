@@ -84,9 +84,7 @@ def together(selections: list[Selection]) -> Together:
 def _found(
     verdict: str, named: tuple[CommonEffect, ...], tried: list[CommonEffect], common: Common, fits: list[HypothesisFit]
 ) -> Together:
-    return Together(
-        verdict=verdict, named=named, tried=tuple(tried), common=common, agreement=agreement(common, fits)
-    )
+    return Together(verdict=verdict, named=named, tried=tuple(tried), common=common, agreement=agreement(common, fits))
 
 
 def _in_each(key: tuple[str, bool], selections: list[Selection]) -> tuple[Candidate, ...]:

@@ -76,6 +76,15 @@ def test_posteriors_of_two_bodies_disagree() -> None:
     assert joined([_shape_law(shape, small), _shape_law(shape + 0.2, small)], [])[1] < -50
 
 
+def test_ratios_of_a_common_inertia_have_sigmas() -> None:
+    law, _ = joined([_shape_law(shape_of(INERTIA), 1e-4 * np.eye(5))] * 2, [])
+    value, sigma = common_ratios(
+        Common(shape=law.mean, covariance=law.covariance, inertia=inertia_of(law.mean), evidence=0.0)
+    )
+    assert value == pytest.approx(list(ratios(INERTIA)[0]), abs=1e-3)
+    assert 0 < sigma[0] < 0.05
+
+
 def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp_path, capsys) -> None:
     from massprops.sequence.write import write_sequence
     from massprops_cli.main import run
@@ -159,7 +168,9 @@ def test_a_damped_sphere_has_one_coupling_in_two_records() -> None:
         f'<inertial pos="0 0 0" mass="0.001" diaginertia="{moment} {moment} {moment}"/></body>'
     )
     acting = Acting(inside=inside, speeds=(0.0, 0.0, 0.0))
-    fits = _fits(_records(acting, [(LEVEL, np.array(r)) for r in ([3.0, 0.2, 0.1], [0.3, 3.0, 0.2])]), "energy-dissipation")
+    fits = _fits(
+        _records(acting, [(LEVEL, np.array(r)) for r in ([3.0, 0.2, 0.1], [0.3, 3.0, 0.2])]), "energy-dissipation"
+    )
     found = common_of(fits)
     assert _off(found, "energy-dissipation", {"share": share, "coupling": coupling}) < 3.0
     alone = [f.held_sd["energy-dissipation"]["coupling"] for f in fits]
@@ -196,7 +207,9 @@ def test_two_records_separate_what_one_confounds(monkeypatch: pytest.MonkeyPatch
     alone = [np.sqrt(c.best.covariance["eddy-current-torque"][0, 0]) for c in joint.named[0].candidates]
     assert common.sigma["eddy-current-torque"]["conductance"] < min(alone)
     document = document_of_together(joint, ["across", "along"], [f.document for f in found])
-    assert document["effects"][0]["parameters"]["eddy-current-torque"]["conductance"] == pytest.approx(conductance, rel=0.05)
+    assert document["effects"][0]["parameters"]["eddy-current-torque"]["conductance"] == pytest.approx(
+        conductance, rel=0.05
+    )
     assert "parameters the same" in document["reason"]
 
 
