@@ -7,7 +7,7 @@ BEATS_UNKNOWN = 1.0
 """Log evidence by which an effect beside a latent torque must beat that torque alone: it is simply more likely. Set on
 drag in the odd racquets, where the two differed by 1 to 11; with noise by sample it is 30 to 50."""
 ALIKE = 5.0
-"""Log evidence within which two effects are not told apart, nor a wheel of any history from an unknown torque: both are of any shape."""
+"""Log evidence within which two effects are not told apart."""
 PART_LEFT = 0.5
 """Part of the misfit (rms) that an effect may leave by itself: more is unexplained. A half of the misfit is three quarters
 of its square. Odd flights and racquets: 0.01 to 0.3."""

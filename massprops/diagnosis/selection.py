@@ -396,9 +396,7 @@ def within_noise(base: HypothesisFit) -> bool:
 def may_be_named(c: Candidate, base: HypothesisFit, *unknowns: HypothesisFit) -> bool:
     """Whether an effect beats the unknown torques, explains most by itself, and is away from nothing."""
     likeliest = max(u.evidence for u in unknowns)
-    # a wheel of any history follows what is no wheel as freely as an unknown torque does: of the two, one has to be told from the other
-    lead = criteria.ALIKE if c.alone.hypothesis.wheel else criteria.BEATS_UNKNOWN
-    if c.evidence < likeliest + lead or c.evidence < base.evidence + criteria.BEATS_NOTHING:
+    if c.evidence < likeliest + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
     small = base.record.stated and within_noise(c.alone)
     if not small and rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):

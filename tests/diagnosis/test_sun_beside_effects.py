@@ -82,15 +82,3 @@ def test_a_fit_that_fails_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(selection, "fit_hypothesis", fit)
     monkeypatch.setattr(selection, "again", lambda found: None)
     assert not selection.has_likelier_sun_torque(_found("viscous-damping"), TRIED)
-
-
-@pytest.mark.parametrize(("wheel", "lead", "named"), [(False, 2.0, True), (True, 2.0, False), (True, 6.0, True)])
-def test_a_wheel_of_any_history_is_told_from_a_torque_of_any(
-    wheel: bool, lead: float, named: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Both are of any shape, so a little likelier is not enough."""
-    monkeypatch.setattr(selection, "significance", lambda fit: 0.0)
-    found = _found("constant-body-torque", wheel=wheel, left=1.0)
-    base = SimpleNamespace(evidence=0.0, record=found.record, residual=3.0 * found.residual)
-    unknown = SimpleNamespace(evidence=found.evidence - lead)
-    assert selection.may_be_named(selection.Candidate(alone=found), base, unknown) == named
