@@ -138,6 +138,9 @@ def _parameters(effect: ModuleType) -> str:
             return f"parameter {excerpt(q.name)}: size must be above 0 and kind one of {', '.join(KINDS)}"
     if len({q.name for q in given}) != len(given):
         return "two PARAMETERS have the same name"
+    body = getattr(effect, "BODY", ())
+    if not isinstance(body, tuple) or not set(body) <= {q.name for q in given}:
+        return "BODY must be a tuple of names of PARAMETERS"
     return ""
 
 

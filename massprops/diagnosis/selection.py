@@ -463,14 +463,14 @@ def may_be_named(c: Candidate, base: HypothesisFit, *unknowns: HypothesisFit) ->
 
 def significance(fit: HypothesisFit) -> float:
     """Chance of unknowns as far from nothing, all of an effect's together (Wald's test)."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc  # scipy.stats takes a second to load
 
     names = (["wheel"] if fit.hypothesis.wheel else []) + [t.name for t in fit.hypothesis.terms]
     worst = 0.0
     for name in names:
         mean, covariance = fit.posterior.mean[name], fit.posterior.covariance[name]
         square = float(mean @ np.linalg.pinv(covariance, hermitian=True) @ mean)
-        worst = max(worst, float(chi2.sf(square, len(mean))))
+        worst = max(worst, float(chdtrc(len(mean), square)))
     return worst
 
 

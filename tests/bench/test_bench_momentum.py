@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
+from massprops.diagnosis.common_parameters import common_of
 from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_by_balance
-from massprops.diagnosis.several import common_inertia
 from massprops.sequence import RotorSeries, read_sequence
 
 pytestmark = pytest.mark.bench
@@ -78,7 +78,7 @@ def test_a_wheel_in_thrown_bodies(real_data: Path) -> None:
             f"{row['off']:>9.2f}{held['after'] or np.nan:>10.1f}{held['beside_unknown'] or np.nan:>8.1f}  {names}",
             flush=True,
         )
-    jointly = [_off(common_inertia([f for f, _ in own]).inertia, own[0][1]) for own in bodies.values()]
+    jointly = [_off(common_of([f for f, _ in own]).inertia, own[0][1]) for own in bodies.values()]
     named = sum(r["alone"] for r in rows)
     axis = sum(r["axis"] < 5.0 for r in rows)
     history = sum(r["correlation"] >= 0.98 for r in rows)

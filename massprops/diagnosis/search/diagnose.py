@@ -175,7 +175,7 @@ def diagnose_problem(
     from massprops.diagnosis.search.case import case_of
     from massprops.diagnosis.search.outlier_features import without_outlier_features
     from massprops.diagnosis.search.refit import refit
-    from massprops.diagnosis.search.select import Selection
+    from massprops.diagnosis.search.select import Selection, unless_shifted
     from massprops.diagnosis.search.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
@@ -189,6 +189,7 @@ def diagnose_problem(
             progress("base model, the axes otherwise", 0, 1)
             base = otherwise(case, base)
         case, selection = _on_some_path(case, base, progress)
+        selection = unless_shifted(case, selection)
     base = selection.base
     torque = None
     if selection.verdict == "unexplained":
@@ -452,6 +453,12 @@ def _reason(case: Case, s: Selection) -> str:
     if s.verdict == "ambiguous":
         every = [" + ".join(x.names) for x in (best, *s.rivals)]
         return f"these data cannot tell apart: {', '.join(every)}. {_separates(case, every)}"
+    if s.shift is not None:
+        return (
+            f"residuals of {base.fitted:.2f} times the noise, and a smooth shift of each camera's whole image ({s.shift.rms_px:.2g} px) is "
+            f"as likely as any effect of the catalogue or likelier: log evidence {s.shift.gain:+.0f} over the base model, "
+            f"{0.5 * (base.bic - best.bic):+.0f} with the best effect. Check the camera's mount and the tracks"
+        )
     held = f", and {best.held:.2f} on data held out" if np.isfinite(best.held) else ""
     left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}{held}"
     return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{left}"
