@@ -15,6 +15,7 @@ PARAMETERS = (
     *(Parameter(f"drag_{a}", "rad s^-2", 1e-6, 1.0) for a in "xyz"),
 )
 NEEDS = ("orbit", "mesh")
+BODY = tuple(q.name for q in PARAMETERS)
 SEARCHED = False  # the balance of momentum finds it
 OFF = 0.05
 """How far the centre of mass may lie from where the mesh has it, as in `solar_pressure_on_mesh`."""

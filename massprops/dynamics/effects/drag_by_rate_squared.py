@@ -9,6 +9,7 @@ SENTENCE = (
 FORMULA = "torque = -(drag_x |w_x| w_x, drag_y |w_y| w_y, drag_z |w_z| w_z)"
 PARAMETERS = tuple(Parameter(f"drag_{a}", "rad^-1", 1e-2, 100.0, least=0.0) for a in "xyz")
 NEEDS = ()
+BODY = tuple(q.name for q in PARAMETERS)
 SEARCHED = False  # the balance of momentum finds it
 LAW_OF = "drag-by-axis"
 

@@ -21,6 +21,7 @@ PARAMETERS = (
     *(Parameter(f"{kind}_{a}", "rad s^-2", 1e-6, 1.0) for kind in KINDS for a in "xyz"),
 )
 NEEDS = ("sun direction", "mesh")
+BODY = tuple(q.name for q in PARAMETERS)
 SEARCHED = False  # the balance of momentum finds it
 OFF = 0.05
 """How far the centre of mass may lie from where the mesh has it, 1-sigma, over the root of the surface: a tenth of a cube's width."""
