@@ -16,7 +16,7 @@ import numpy as np
 from massprops.documents.loading import excerpt
 
 KNOWN_NEEDS = (
-    "orbit", "sun direction", "magnetic field", "assumed inertia", "camera", "tracks", "stereo", "range",
+    "orbit", "sun direction", "magnetic field", "assumed inertia", "camera", "tracks", "stereo", "range", "mesh",
 )  # fmt: skip
 """Words of `NEEDS`."""
 KINDS = ("number", "time", "span", "duration", "direction", "pace")
@@ -84,8 +84,13 @@ MOTION = ("torque", "inertia", "internal", "jump", "swing", "displacement")
 
 
 def changes_motion(effect: ModuleType) -> bool:
-    """Whether the effect acts on the body rather than on the sensors."""
-    return any(hasattr(effect, f) for f in MOTION)
+    """Whether the effect acts on the body rather than on the sensors; one that needs a measurement to act follows the motion."""
+    return any(hasattr(effect, f) for f in (*MOTION, "measured"))
+
+
+def acts(effect: ModuleType) -> bool:
+    """Whether the effect acts as it is, without what was measured beside a record."""
+    return any(callable(getattr(effect, f, None)) for f in (*HOOKS, "base"))
 
 
 def first_line(error: BaseException) -> str:
@@ -100,7 +105,7 @@ def faults(effect: ModuleType) -> str:
     if wrong:
         return wrong
     used = [name for name in HOOKS if callable(getattr(effect, name, None))]
-    if not used and not callable(getattr(effect, "base", None)):
+    if not acts(effect) and not callable(getattr(effect, "measured", None)):
         return f"it has none of the functions by which an effect acts: give one of {', '.join(HOOKS)}"
     for name in used:
         wrong = _result(effect, name)
@@ -133,6 +138,9 @@ def _parameters(effect: ModuleType) -> str:
             return f"parameter {excerpt(q.name)}: size must be above 0 and kind one of {', '.join(KINDS)}"
     if len({q.name for q in given}) != len(given):
         return "two PARAMETERS have the same name"
+    body = getattr(effect, "BODY", ())
+    if not isinstance(body, tuple) or not set(body) <= {q.name for q in given}:
+        return "BODY must be a tuple of names of PARAMETERS"
     return ""
 
 

@@ -2,7 +2,9 @@
 
 An effect is one file in `dynamics/effects/` or `sensing/effects/`, named as the effect with underscores. It holds
 `NAME`, `SENTENCE` (for users), `FORMULA` (the same in symbols), `NOTE` (what the parameters mean, where their names do not
-say it), `PARAMETERS`, `NEEDS` (names of surroundings or sensors it cannot do without) and the functions by which it changes the motion or a measurement. Adding a file adds the effect.
+say it), `PARAMETERS`, `NEEDS` (names of surroundings or sensors it cannot do without), `BODY` (names of the parameters that
+belong to the body and are the same in all its records, where it has such) and the functions by which it changes the motion
+or a measurement. Adding a file adds the effect.
 
 A user's own effect is such a file too: `--effect FILE.py` (`massprops.effect_file`) adds it for one command, an entry
 point of the group `massprops.effects`, whose value is a module, for good.
@@ -20,7 +22,12 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
   centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes;
 - `penalty(p)`: numbers, linear in p, that are zero give or take 1 where the data say nothing;
 - `starts(span, speed)`: parameter vectors to begin a search with, where zero will not do;
+- `LAW_OF`: name of the effect of the same cause whose other law this is; it is tried where that one leads;
 - `LARGEST_TURN`: rotation [rad] within which the torque changes little, where that is less than 0.4.
+
+Where something that an effect follows was measured beside the motion, `measured(given)` makes the effect of that record: `given`
+is what was measured, plain lists and numbers that `model.yaml` can hold, and the answer is by name what takes the place of
+the file's own, None for nothing (`of_record`).
 
 Functions of the measurement:
 
@@ -31,10 +38,13 @@ Functions of the measurement:
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from massprops.effect_contract import GIVEN, KNOWN_NEEDS, Parameter, changes_motion, faults
 from massprops.errors import InputError
@@ -60,6 +70,36 @@ def add(effect: ModuleType) -> None:
     if effect.NAME in known:
         raise InputError(f"{effect.__file__}: NAME {effect.NAME!r} is an effect of the catalogue; choose another")
     _added[effect.NAME] = effect
+
+
+def of_record(effect: ModuleType, given: dict[str, Any]) -> ModuleType:
+    """The effect as what was measured beside one record makes it (`measured` of its file); `GIVEN` holds that.
+
+    Raises:
+        InputError: the effect follows nothing that is measured, or `given` is not that.
+    """
+    make = getattr(effect, "measured", None)
+    if make is None:
+        raise InputError(f"effect {effect.NAME} follows nothing that is measured: leave out given")
+    own = ModuleType(effect.__name__)
+    try:
+        parts = {**effect.__dict__, "GIVEN": given, **make(given)}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"effect {effect.NAME}: given {error}") from None
+    own.__dict__.update({k: v for k, v in parts.items() if v is not None})
+    return own
+
+
+@contextmanager
+def in_place(modules: Iterable[ModuleType]) -> Iterator[None]:
+    """These effects in place of those of their names, for as long as the context lasts."""
+    before = dict(_added)
+    _added.update({m.NAME: m for m in modules})
+    try:
+        yield
+    finally:
+        _added.clear()
+        _added.update(before)
 
 
 def remove(name: str) -> None:
@@ -122,6 +162,6 @@ def forms(effect: ModuleType) -> int:
 
 
 __all__ = [
-    "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "has_pace", "is_users", "places_of",
-    "refused", "remove", "searched",
+    "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "has_pace", "in_place", "is_users",
+    "of_record", "places_of", "refused", "remove", "searched",
 ]  # fmt: skip

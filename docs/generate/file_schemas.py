@@ -21,7 +21,7 @@ from massprops.documents.limits import DEEPEST, MOST_VALUES
 from massprops.documents.loading import LARGEST_BYTES
 from massprops.documents.massprops_json import MassFile
 from massprops.documents.model import ModelFile
-from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile
+from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile, RotorFile
 from massprops.documents.tables import CONVERTED, TABLES, Table
 from massprops.simulation.scenario import Scenario
 from massprops.simulation.track_scenario import TrackScenario
@@ -51,6 +51,7 @@ def page() -> str:
     parts += ["\n## Tables of a sequence", *map(_table, TABLES)]
     sequence: tuple[tuple[str, Any], ...] = (
         ("camN/sensor.yaml", CameraFile), ("range0/sensor.yaml", RangeFile), ("imu0/sensor.yaml", GyroscopeFile),
+        ("rotor0/sensor.yaml", RotorFile),
         ("body.yaml", BodyFile), ("environment.yaml", EnvironmentFile),
     )  # fmt: skip
     others: tuple[tuple[str, Any], ...] = (

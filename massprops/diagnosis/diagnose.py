@@ -12,9 +12,11 @@ import numpy as np
 from massprops.diagnosis import criteria
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.free_flight import Lever, check_free_flight
+from massprops.diagnosis.measured_beside import effects_beside
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import Selection, rigid_body_alone, rms, select
+from massprops.effects import in_place
 from massprops.errors import InputError, NotPossible
 from massprops.sequence.data import Sequence
 
@@ -67,6 +69,11 @@ def diagnose_by_balance(
     Raises:
         NotPossible: too few measurements, or too far apart, or the accelerometer says that this is no free flight.
     """
+    with in_place(effects_beside(sequence)):
+        return _diagnosed(sequence, progress)
+
+
+def _diagnosed(sequence: Sequence, progress: Callable[[str, int, int], None]) -> BalanceDiagnosis:
     warnings = list(sequence.warnings)
     record, lever = _record(sequence)
     turn = _turn(record.path.t, record.path.w)

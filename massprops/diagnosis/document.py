@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def document_of_selection(s: Selection, warnings: list[str]) -> dict[str, Any]:
         "corrected": _corrected(s.base, after.best if after else s.base),
         "axes": AXES[s.base.record.rows.rates],
         "model": "model.yaml",
-        "warnings": [*warnings, *(w for c in s.named for w in [*_unsettled(c), *_in_a_gap(c)])],
+        "warnings": [*warnings, *(w for c in s.named for w in [*_unsettled(c), *_in_a_gap(c), *_laws(c)])],
     }
 
 
@@ -46,6 +47,11 @@ def _unsettled(c: Candidate) -> list[str]:
     if c.best.settled:
         return []
     return [f"the fit of {c.name} did not settle in {PASSES} passes: its sigmas hold the step that was left to it"]
+
+
+def _laws(c: Candidate) -> list[str]:
+    """What is to be said where another law of the same cause fits as well."""
+    return [f"{other} is as likely as {c.name}: this record does not tell by which law it acts" for other in c.alike]
 
 
 def _in_a_gap(c: Candidate) -> list[str]:
@@ -146,6 +152,7 @@ def _effect(c: Candidate, name: str, s: Selection) -> dict[str, Any]:
         "units": {q.name: q.unit for q in module.PARAMETERS},
     }
     fit = c.best
+    out |= _mean_moment(module, shown, out["sigma"])
     if hasattr(module, "jump"):
         out["rate_change_rad_s"] = rate_change(fit, name).tolist()
     if name == "internal-rotor" and fit.axis is not None and fit.history is not None and fit.history_sd is not None:
@@ -158,6 +165,20 @@ def _effect(c: Candidate, name: str, s: Selection) -> dict[str, Any]:
             "lag_s": fit.hypothesis.lag,
         }
     return out
+
+
+def _mean_moment(
+    module: ModuleType, shown: dict[str, float | None], sigma: dict[str, float | None]
+) -> dict[str, dict[str, float]]:
+    """The body's mean moment of inertia in SI units, where a wheel's rate and moment are known."""
+    given = getattr(module, "GIVEN", {})
+    found = [(v, sigma[k]) for k, v in shown.items() if v is not None]
+    if "inertia_kg_m2" not in given or not found:
+        return {}
+    size = np.sqrt(sum(v**2 for v, _ in found))
+    mean = given["inertia_kg_m2"] * max(map(abs, given["rate_rad_s"])) / size
+    spread = np.sqrt(sum((v * (s or 0.0)) ** 2 for v, s in found)) / size
+    return {"mean_moment_kg_m2": {"value": float(mean), "sigma": float(mean * spread / size)}}
 
 
 def rate_change(fit: HypothesisFit, name: str = "impulse") -> np.ndarray:
@@ -283,7 +304,9 @@ def model_of_selection(s: Selection) -> dict[str, Any]:
     for name in fit.names:
         value, sigma = parameters(fit, name)
         units = {q.name: q.unit for q in effects()[name].PARAMETERS}
-        listed.append({"name": name, "parameters": value, "units": units, "sigma": sigma})
+        entry = {"name": name, "parameters": value, "units": units, "sigma": sigma}
+        given = getattr(effects()[name], "GIVEN", None)
+        listed.append(entry if given is None else {**entry, "given": given})
     return {
         "format": "massprops-model/1",
         "effects": listed,

@@ -24,6 +24,8 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 
 - `can_be(inertia, w, values)`: whether a body of inertia (3, 3) that turns at w (n, 3) can have the values of `MOMENTUM_UNKNOWNS`.
 
+- `BODY`: names of the parameters that belong to the body and are the same in all its records (`common_parameters`).
+
 With `parts` in `held` the unknowns come once for each part, and a parameter is their sum.
 """
 
@@ -69,6 +71,11 @@ class Term:
         """How many times the unknowns come."""
         return int(dict(self.held).get("parts", 1))
 
+    @property
+    def of_body(self) -> tuple[str, ...]:
+        """Names of its parameters that belong to the body, not to one record."""
+        return tuple(getattr(self.effect, "BODY", ()))
+
     def values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (k,) and their covariance (k, k) from all unknowns: their sums over the parts, or by the prior, or where the
         unknowns are steps, what they lead to."""
@@ -112,6 +119,16 @@ class Term:
 def in_balance() -> list[ModuleType]:
     """The effects of the catalogue that the balance can hold."""
     return [m for m in effects().values() if changes_motion(m) and _has_columns(m)]
+
+
+def follows_measured(effect: ModuleType) -> bool:
+    """Whether the effect follows what was measured beside the motion."""
+    return hasattr(effect, "GIVEN")
+
+
+def has_known_rate(effect: ModuleType) -> bool:
+    """Whether the effect is a wheel whose rate was measured, so that none of any history is looked for."""
+    return effect.NAME == "internal-rotor" and follows_measured(effect)
 
 
 def _has_columns(effect: ModuleType) -> bool:

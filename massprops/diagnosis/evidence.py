@@ -138,11 +138,11 @@ def solve(
         b.name: float(np.mean(sd[p] ** -2) ** -0.5) for b, p in zip(blocks, places, strict=True) if b.kind == "sparse"
     }
     noise, evidence = np.ones(len(rows.groups)) if noise is None else noise, -np.inf
-    residual, mean, factor, at = y, np.zeros(len(sd)), np.eye(len(sd)), sd
+    mean, factor, at, squares = np.zeros(len(sd)), np.eye(len(sd)), sd, None
     for _ in range(steps):
         mean, variance, taken, factor = _unknowns(rows, sd, noise)
-        residual = y - rows.X @ mean
-        left = np.array([float(residual[own] @ residual[own]) for own in rows.groups])
+        squares = squares or _Squares.about(rows, mean)
+        left = squares.of(rows, mean)
         prior = float(np.sum((mean / sd) ** 2))
         new = -float(np.sum(rows.n * np.log(noise) + 0.5 * left / noise**2)) - 0.5 * prior
         new -= float(np.sum(np.log(np.diag(factor))))
@@ -164,8 +164,31 @@ def solve(
         joint=covariance,
         sd={b.name: sd[p].copy() for b, p in zip(blocks, places, strict=True)},
         noise=noise,
-        residual=residual,
+        residual=y - rows.X @ mean,
     )
+
+
+@dataclass(frozen=True)
+class _Squares:
+    """The rows' squared residuals about unknowns mean (k,): squares (g,) there, by: (k,) of each group's columns with them. So the
+    rows are not touched again, and no large numbers stand against each other."""
+
+    mean: np.ndarray
+    squares: np.ndarray
+    by: list[np.ndarray]
+
+    @staticmethod
+    def about(rows: _Rows, mean: np.ndarray) -> _Squares:
+        residual = rows.y - rows.X @ mean
+        own = [residual[group] for group in rows.groups]
+        by = [rows.X[group].T @ left for group, left in zip(rows.groups, own, strict=True)]
+        return _Squares(mean, np.array([float(left @ left) for left in own]), by)
+
+    def of(self, rows: _Rows, mean: np.ndarray) -> np.ndarray:
+        """(g,) at other unknowns (k,)."""
+        d = mean - self.mean
+        more = [float(d @ (G @ d - 2.0 * by)) for G, by in zip(rows.G, self.by, strict=True)]
+        return np.maximum(self.squares + more, 0.0)
 
 
 def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -99,6 +99,7 @@ class HypothesisFit:
         torque: (n, 3) latent, body axes [rad/s^2]; left: (all, 3) what the rows hold beyond the model without the latent
             torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
         held_sd: by effect, 1-sigma of the values that its columns hold, where they were looked at (`scanned_values`).
+        carried: (n, 3) angular momentum of all, body axes [rad/s].
         settled: whether the passes came to rest. Where they did not, covariances hold the step that was left. unverified: log
             evidence that the last pass expects of its step of the inertia, along which no pass has seen the balance.
     """
@@ -120,6 +121,7 @@ class HypothesisFit:
     left: np.ndarray
     residual: np.ndarray
     rate: np.ndarray
+    carried: np.ndarray
     blocks: tuple[Block, ...]
     y: np.ndarray
     held_sd: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -253,6 +255,32 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     return found if passes < PASSES else _widened(found, best)
 
 
+def linearised(
+    found: HypothesisFit, hypothesis: Hypothesis, shape: np.ndarray, axis: np.ndarray | None
+) -> HypothesisFit:
+    """One pass along a fit's own path about another inertia's shape (5,), a wheel's axis (3,) and values that a hypothesis of the
+    same effects holds: what the record says of all that several records share, near where these are.
+
+    Raises:
+        NotPossible: no body comes near the record there.
+    """
+    path, sizes = (
+        found.record.path,
+        {b.name: float(found.posterior.sd[b.name][0]) for b in found.blocks if b.kind == "common"},
+    )
+    carried = found.carried + found.rate @ (inertia_of(shape) - found.inertia)
+    other = axis is not None and found.axis is not None and axis @ found.axis < 0.0
+    guess = _Guess(
+        shape=shape, rate=found.rate, momentum=carried, axis=axis, sizes=sizes, noise=found.noise,
+        history=-found.history if other and found.history is not None else found.history,
+        start=np.mean(np.einsum("nij,nj->ni", path.R, carried), axis=0),
+    )  # fmt: skip
+    try:
+        return _reached(_solved(found.record, hypothesis, guess), 1.0)[0]
+    except (np.linalg.LinAlgError, FloatingPointError):
+        raise NotPossible("the records have no body in common that comes near them") from None
+
+
 def _first_guess(record: Record, hypothesis: Hypothesis, start: Start) -> _Guess:
     path = record.path
     axis, history = (start.axis, start.history) if hypothesis.wheel else (None, None)
@@ -331,22 +359,23 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
         latent = latent + next(b.columns for b in own.blocks if b.name == name) @ post.mean[name]
     summed = {t.name: t.values(post.mean[t.name], post.covariance[t.name]) for t in hypothesis.terms}
     moved = record if rows.rates else along(record, path.turned(phi, whole), attitudes_of(record))
+    inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
+    for name, forcing in own.acting.items():
+        if forcing.internal is not None:
+            inside = inside + forcing.internal @ post.mean[name]
     found = HypothesisFit(
         hypothesis=hypothesis, record=moved, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
         evidence=post.evidence - float(np.sum(np.log(rows.spread))) + log_density(record, hypothesis.memory), noise=post.noise, posterior=post,
         values={k: v for k, (v, _) in summed.items()}, covariance={k: c for k, (_, c) in summed.items()},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
+        carried=whole @ inertia_of(shape) + inside,
         blocks=tuple(own.blocks), y=own.y, unverified=own.unverified,
     )  # fmt: skip
-    inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
-    for name, forcing in own.acting.items():
-        if forcing.internal is not None:
-            inside = inside + forcing.internal @ post.mean[name]
     # beside a wheel's heavy-tailed steps the search for sizes has many ends: it begins anew with every pass
     kept = [] if hypothesis.wheel else [b.name for b in own.blocks if b.kind == "common"]
     return found, _Guess(
-        shape=shape, rate=whole, momentum=whole @ found.inertia + inside, axis=axis, history=history, start=found.momentum,
+        shape=shape, rate=whole, momentum=found.carried, axis=axis, history=history, start=found.momentum,
         noise=None if hypothesis.wheel else post.noise, sizes={name: float(post.sd[name][0]) for name in kept},
     )  # fmt: skip
 
@@ -393,7 +422,7 @@ def _wheel_found(
         return None, guess.history, None
     shapes = _wheel_shapes(record, hypothesis.lag)
     variance = np.sum((shapes @ post.covariance["wheel"]) * shapes, axis=1)
-    axis = guess.axis + _across(guess.axis) @ post.mean["wheel axis"]
+    axis = guess.axis + across(guess.axis) @ post.mean["wheel axis"]
     return axis / np.linalg.norm(axis), shapes @ post.mean["wheel"], np.sqrt(np.maximum(variance, 0.0))
 
 
@@ -412,7 +441,7 @@ def _parts(
         axis = guess.axis
         shapes = _wheel_shapes(record, hypothesis.lag)
         history = Forcing(internal=axis[:, None] * shapes[:, None, :])
-        turned = Forcing(internal=guess.history[:, None, None] * _across(axis))
+        turned = Forcing(internal=guess.history[:, None, None] * across(axis))
         steps = np.concatenate([[WIDE * speed], np.full(shapes.shape[1] - 1, 1e-3 * speed)])
         out.append(("wheel", *_answers(balance, history), steps, "sparse"))
         out.append(("wheel axis", *_answers(balance, turned), AXIS_SD, "fixed"))
@@ -475,6 +504,6 @@ def _unknown_torques(record: Record, hypothesis: Hypothesis) -> list[tuple[str, 
     return out
 
 
-def _across(axis: np.ndarray) -> np.ndarray:
+def across(axis: np.ndarray) -> np.ndarray:
     """(3, 2) two directions across an axis."""
     return np.linalg.svd(axis[None])[2][1:].T

@@ -102,8 +102,6 @@ def path_from_attitudes(t: np.ndarray, q: np.ndarray, w: np.ndarray, more: np.nd
 
     The rates need only be good enough to say how many whole turns lie between two attitudes.
     """
-    from scipy.interpolate import CubicHermiteSpline
-
     points = path_points(t, w)
     if more is not None:
         new = more[np.abs(points[nearest(points, more)] - more) > ALIKE_S]
@@ -115,18 +113,13 @@ def path_from_attitudes(t: np.ndarray, q: np.ndarray, w: np.ndarray, more: np.nd
     length = np.maximum(np.linalg.norm(between, axis=1, keepdims=True), 1e-12)
     turns = np.round((np.sum(guess * between, axis=1, keepdims=True) / length - length) / (2 * np.pi))
     between = between * (1.0 + 2 * np.pi * turns / length)
-    out_q, out_w = np.empty((len(points), 4)), np.empty((len(points), 3))
-    for k in range(len(t) - 1):
-        own = np.flatnonzero(at == k)
-        h = float(step[k, 0])
-        # rates in the axes of the interval's first attitude: the rotation vector's own rate, by its first two terms
-        first, last = w[k], _vector_rate(between[k], w[k + 1])
-        spline = CubicHermiteSpline([0.0, h], [np.zeros(3), between[k]], [first, last])
-        s = points[own] - t[k]
-        v, rate = spline(s), spline(s, 1)
-        out_q[own] = multiply(q[k], from_rotation_vector(v))
-        out_w[own] = _body_rate(v, rate)
-    return MotionPath(t=points, q=normalise(out_q), w=out_w)
+    # rates in the axes of each interval's first attitude: the rotation vector's own rate at both ends
+    first, last = w[:-1] * step, _vector_rate(between, w[1:]) * step
+    x = ((points - t[at]) / step[at, 0])[:, None]
+    v = x * (1.0 - x) ** 2 * first[at] + x**2 * (3.0 - 2.0 * x) * between[at] + x**2 * (x - 1.0) * last[at]
+    grown = (1.0 - x) * (1.0 - 3.0 * x) * first[at] + 6.0 * x * (1.0 - x) * between[at] + x * (3.0 * x - 2.0) * last[at]
+    out_q = multiply(q[at], from_rotation_vector(v))
+    return MotionPath(t=points, q=normalise(out_q), w=_body_rate(v, grown / step[at]))
 
 
 def _body_rate(v: np.ndarray, rate: np.ndarray) -> np.ndarray:
@@ -141,6 +134,6 @@ def _body_rate(v: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 def _vector_rate(v: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Rate of a rotation vector v (3,) whose body rates are w (3,)."""
-    J = np.stack([_body_rate(v, e) for e in np.eye(3)], axis=1)
-    return np.asarray(np.linalg.solve(J, w))
+    """Rates (m, 3) of rotation vectors v (m, 3) whose body rates are w (m, 3)."""
+    J = np.stack([_body_rate(v, np.broadcast_to(e, v.shape)) for e in np.eye(3)], axis=2)
+    return np.asarray(np.linalg.solve(J, w[:, :, None])[:, :, 0])

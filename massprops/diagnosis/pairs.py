@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.conserved_start import Start, conserved_across, left_across, with_mean_moment_about_axis
-from massprops.diagnosis.effect_columns import steps, term_of, variants
+from massprops.diagnosis.effect_columns import has_known_rate, steps, term_of, variants
 from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pair_scan import KEPT, Scanned, Terms, least_left, scanned
@@ -131,6 +131,8 @@ def _finished(record: Record, fits: list[HypothesisFit], starts: list[Start]) ->
 
 def _beside_wheel(record: Record, forced: list[Scanned], gap: float) -> list[HypothesisFit]:
     """Fits of an effect and a wheel of any history, about the axis across which both conserve momentum best."""
+    if any(has_known_rate(own.terms[0].effect) for own in forced):
+        return []
     path, at, lag = record.path, record.rows.at, LAG * record.path.span
     begun: dict[bool, list[HypothesisFit]] = {True: [], False: []}
     for own in forced:

@@ -50,8 +50,8 @@ def screened(record: Record, terms: tuple[Term, ...], guess: Start) -> Screened 
     rows = Rows(at=record.rows.at[kept], measured=record.rows.measured[kept], sigma=record.rows.sigma[kept], rates=True)
     own = joined([forcing_of(t, record.path, record.path.w, guess.inertia, record.environment_state) for t in terms])
     found = []
-    for start in (guess, conserved(record.path, rows.at, own)):
-        found.append(_solved(record, rows, terms, start))
+    for start, begun in ((guess, own), (conserved(record.path, rows.at, own), None)):
+        found.append(_solved(record, rows, terms, start, begun))
     return max(found, key=lambda s: s.score)
 
 
@@ -102,7 +102,8 @@ def _widths(terms: tuple[Term, ...], wide: np.ndarray) -> np.ndarray:
     return out
 
 
-def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -> Screened:
+def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start, begun: Forcing | None) -> Screened:
+    """begun: the columns of all terms at the start, where they are known."""
     path, speed = record.path, record.speed
     shape, rate = shape_of(start.inertia), path.w
     L0 = np.mean(np.einsum("nij,nj->ni", path.R, path.w @ inertia_of(shape)), axis=0)
@@ -111,15 +112,16 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start) -
     left, unknowns = np.zeros(len(over)), 0
     for _ in range(PASSES):
         balance = Balance(path=path, shape=shape, momentum=path.w, rate=rate, rows=rows)
-        own = joined([forcing_of(t, path, rate, balance.inertia, record.environment_state) for t in terms])
+        own = begun or joined([forcing_of(t, path, rate, balance.inertia, record.environment_state) for t in terms])
+        begun = None
         free = balance.free
         along = free if own is None else np.concatenate([free, balance.forced(own)], axis=2)
         X = along[rows.at].reshape(len(over), -1) * over[:, None]
         y = (rows.measured - balance.constant(L0)).reshape(-1) * over + X[:, :INERTIA] @ shape
-        scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-300)
+        G = X.T @ X
+        scale = np.maximum(np.sqrt(np.diag(G) / len(X)), 1e-300)
         wide = np.concatenate([sd, _widths(terms, 1e3 / scale[len(sd) :])])
-        A = np.concatenate([X * wide, np.eye(len(wide))])
-        x = wide * np.linalg.lstsq(A, np.concatenate([y, np.zeros(len(wide))]), rcond=None)[0]
+        x = wide * np.linalg.solve(wide[:, None] * G * wide + np.eye(len(wide)), wide * (X.T @ y))
         left, unknowns = y - X @ x, len(x)
         step = x[:INERTIA] - shape
         moved = along @ np.concatenate([step, x[INERTIA:]])

@@ -18,6 +18,9 @@ class EffectFile:
     name: Annotated[str, Text("name of the effect")]
     parameters: Annotated[dict[str, Any], Names("every parameter of the effect with its value")]
     units: Annotated[dict[str, Any], Names("units of the parameters, for the reader")] | None = None
+    given: (
+        Annotated[dict[str, Any], Names("what was measured beside the motion, where the effect follows it")] | None
+    ) = None
     sigma: Annotated[dict[str, Any], Names("1-sigma of the parameters")] | None = None
 
 

@@ -1,4 +1,4 @@
-"""`sensor.yaml` of a camera, a range sensor and a gyroscope. Other programs write these too (EuRoC's keys)."""
+"""`sensor.yaml` of a camera, a range sensor, a gyroscope and a wheel. Other programs write these too (EuRoC's keys)."""
 
 from __future__ import annotations
 
@@ -52,3 +52,14 @@ class GyroscopeFile:
     comment: Annotated[str | None, Text("free")] = None
     rate_hz: Annotated[float, Number("measurements a second", "Hz", above=0, high=1e9)] | None = None
     sigma_rad_s: Annotated[float, Number("1-sigma of a rate", "rad/s", above=0, high=1e3)] | None = None
+
+
+@document(others="ignored")
+class RotorFile:
+    """`rotor0/sensor.yaml`: a wheel inside the body."""
+
+    sensor_type: Annotated[str | None, Text("`rotor`")] = None
+    comment: Annotated[str | None, Text("free")] = None
+    rate_hz: Annotated[float, Number("measurements a second", "Hz", above=0, high=1e9)] | None = None
+    axis: Annotated[np.ndarray, Array("direction about which a positive rate turns, body axes", "", (3,))] | None = None
+    inertia_kg_m2: Annotated[float, Number("moment about that axis", "kg m^2", above=0, high=1e12)] | None = None

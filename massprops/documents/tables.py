@@ -105,6 +105,11 @@ RANGE = Table(
     (STAMP, Column("range", "m", "distance", low=-1e15, high=1e15)),
 )
 GYROSCOPE = Table("imu0/data.csv", "body rates; further columns are not read", (STAMP, *RATES))
+ROTOR = Table(
+    "rotor0/data.csv",
+    "a wheel inside the body whose rate was measured",
+    (STAMP, Column("rate", "rad s^-1", "rate of the wheel against the body, about its axis", low=-1e6, high=1e6)),
+)
 ATTITUDE = Table(
     "attitude0/data.csv",
     "rotation of body vectors into the camera frame cam0",
@@ -120,4 +125,4 @@ STATE = Table(
     "true motion of a simulated body; no estimator reads it",
     (STAMP, *(Column(f"p_{a}", "m", "centre of mass in cam0") for a in "xyz"), *QUATERNION, *RATES),
 )
-TABLES = (IMAGES, TRACKS, RANGE, GYROSCOPE, ATTITUDE, STATE)
+TABLES = (IMAGES, TRACKS, RANGE, GYROSCOPE, ROTOR, ATTITUDE, STATE)

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -17,7 +18,8 @@ from massprops.documents.fields import no_key
 from massprops.documents.loading import excerpt
 from massprops.documents.model import FORMAT
 from massprops.dynamics.rotation import ActiveEffects
-from massprops.effects import changes_motion, effects, has_pace
+from massprops.effect_contract import acts
+from massprops.effects import changes_motion, effects, has_pace, of_record
 from massprops.errors import InputError
 from massprops.sensing.predict import Sensed
 
@@ -85,13 +87,18 @@ class Model:
         return replace(self, values=tuple(out))
 
 
-def model_of(sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = None) -> Model:
+def model_of(
+    sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = None, own: Iterable[ModuleType] = ()
+) -> Model:
     """A model with effects by name; None starts all of an effect's parameters at zero.
+
+    Args:
+        own: effects in place of the catalogue's of their names.
 
     Raises:
         InputError: an unknown effect, or the wrong number of parameters.
     """
-    known = effects()
+    known = effects() | {m.NAME: m for m in own}
     for name in sizes:
         if name not in known:
             raise InputError(f"{no_key(name, known, 'effect')}; 'massprops effects' lists them")
@@ -123,6 +130,8 @@ def document_of(model: Model, sigma: dict[str, np.ndarray] | None = None) -> dic
             "parameters": {q.name: float(v) for q, v in zip(module.PARAMETERS, values, strict=True)},
             "units": {q.name: q.unit for q in module.PARAMETERS},
         }
+        if hasattr(module, "GIVEN"):
+            entry["given"] = module.GIVEN
         if sigma and name in sigma:
             entry["sigma"] = {q.name: float(s) for q, s in zip(module.PARAMETERS, sigma[name], strict=True)}
         listed.append(entry)
@@ -153,6 +162,7 @@ def load_model(path: str | Path) -> Model:
     for entry in document.effects or ():
         if entry.name not in known:
             raise InputError(f"{path}: {no_key(entry.name, known, 'effect')}")
+        known[entry.name] = _of_entry(known[entry.name], entry.given, path)
         wanted = {q.name: q for q in known[entry.name].PARAMETERS}
         for key in entry.parameters:
             if key not in wanted:
@@ -183,7 +193,25 @@ def load_model(path: str | Path) -> Model:
         if not 0.99 < size < 1.01:
             raise InputError(f"{path}: attitude must be a unit quaternion; its length is {size:.3g}")
         attitude = attitude / size
-    return replace(model_of(sizes, inertia), rate=document.angular_velocity_rad_s, attitude=attitude)
+    return replace(model_of(sizes, inertia, known.values()), rate=document.angular_velocity_rad_s, attitude=attitude)
+
+
+def _of_entry(effect: ModuleType, given: dict[str, Any] | None, path: Path) -> ModuleType:
+    """The effect as a file says what was measured beside it, or as it is.
+
+    Raises:
+        InputError: it is not that, or the effect does not act without.
+    """
+    if given is not None:
+        try:
+            return of_record(effect, given)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+    if not acts(effect):
+        raise InputError(
+            f"{path}: effect {effect.NAME} needs given, which a diagnosis writes: diagnose the record again"
+        )
+    return effect
 
 
 def _places(modules: list[ModuleType]) -> tuple[slice, ...]:

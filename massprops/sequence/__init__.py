@@ -11,6 +11,7 @@ from massprops.sequence.data import (
     Orbit,
     RangeSeries,
     RateSeries,
+    RotorSeries,
     Sequence,
     Tracks,
 )
@@ -25,6 +26,7 @@ __all__ = [
     "Orbit",
     "RangeSeries",
     "RateSeries",
+    "RotorSeries",
     "Sequence",
     "Tracks",
     "read_sequence",

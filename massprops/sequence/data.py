@@ -64,6 +64,17 @@ class RateSeries:
 
 
 @dataclass(frozen=True)
+class RotorSeries:
+    """`rotor0`: a wheel inside the body. timestamp_ns (m,), rate (m,) against the body about its axis [rad/s]; axis (3,) unit,
+    body axes, and inertia_kg_m2 about it, or None."""
+
+    timestamp_ns: np.ndarray
+    rate: np.ndarray
+    axis: np.ndarray | None = None
+    inertia_kg_m2: float | None = None
+
+
+@dataclass(frozen=True)
 class AttitudeSeries:
     """`attitude0`: rotates body vectors into cam0. timestamp_ns (m,), q (m, 4) Hamilton w x y z, sigma (m,) [rad]."""
 
@@ -124,3 +135,4 @@ class Sequence:
     environment: Environment = field(default_factory=Environment)
     warnings: tuple[str, ...] = ()
     folder: Path | None = None
+    rotor: RotorSeries | None = None

@@ -11,8 +11,8 @@ from massprops.documents.body import BodyFile
 from massprops.documents.environment import EnvironmentFile
 from massprops.documents.fields import read, unread
 from massprops.documents.loading import load_yaml
-from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile
-from massprops.documents.tables import ATTITUDE, GYROSCOPE, IMAGES, RANGE, TRACKS, Table
+from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile, RotorFile
+from massprops.documents.tables import ATTITUDE, GYROSCOPE, IMAGES, RANGE, ROTOR, TRACKS, Table
 from massprops.errors import InputError
 from massprops.sequence.data import (
     AttitudeSeries,
@@ -22,6 +22,7 @@ from massprops.sequence.data import (
     Orbit,
     RangeSeries,
     RateSeries,
+    RotorSeries,
     Sequence,
     Tracks,
 )
@@ -57,6 +58,7 @@ def read_sequence(folder: str | Path) -> Sequence:
         attitude=_attitude(folder / "attitude0" / "data.csv", warnings),
         body=_body(folder / "body.yaml"),
         environment=_environment(folder / "environment.yaml"),
+        rotor=_rotor(folder / "rotor0", warnings),
         warnings=tuple(warnings),
         folder=folder,
     )
@@ -221,6 +223,19 @@ def _rates(folder: Path, warnings: list[str]) -> RateSeries | None:
     table = _series(folder / "data.csv", GYROSCOPE, warnings)
     w = np.column_stack([table[k] for k in ("w_x", "w_y", "w_z")])
     return RateSeries(table["timestamp"], w, _sensor(GyroscopeFile, folder, warnings).sigma_rad_s)
+
+
+def _rotor(folder: Path, warnings: list[str]) -> RotorSeries | None:
+    if not _there(folder / "data.csv"):
+        return None
+    table, sensor = _series(folder / "data.csv", ROTOR, warnings), _sensor(RotorFile, folder, warnings)
+    axis = sensor.axis
+    if axis is not None:
+        length = float(np.linalg.norm(axis))
+        if not length > 1e-12:
+            raise InputError(f"{folder / 'sensor.yaml'}: axis has no length: give a direction, or leave it out")
+        axis = axis / length
+    return RotorSeries(table["timestamp"], table["rate"], axis, sensor.inertia_kg_m2)
 
 
 def _attitude(path: Path, warnings: list[str]) -> AttitudeSeries | None:

@@ -11,8 +11,8 @@ import numpy as np
 from massprops.documents.body import BodyFile
 from massprops.documents.environment import EnvironmentFile
 from massprops.documents.fields import as_written
-from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile
-from massprops.documents.tables import ATTITUDE, GYROSCOPE, IMAGES, RANGE, STATE, TRACKS
+from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile, RotorFile
+from massprops.documents.tables import ATTITUDE, GYROSCOPE, IMAGES, RANGE, ROTOR, STATE, TRACKS
 from massprops.sequence.data import Body, Camera, Environment, Sequence
 from massprops.sequence.table import stamped_table, table_text
 
@@ -53,6 +53,14 @@ def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any]
         _numbers(folder / "imu0/data.csv", GYROSCOPE.header, rates.timestamp_ns, rates.w)
         if rates.sigma is not None:
             _document(GyroscopeFile, folder / "imu0/sensor.yaml", {"sensor_type": "imu", "sigma_rad_s": rates.sigma})
+    if (rotor := sequence.rotor) is not None:
+        _numbers(folder / "rotor0/data.csv", ROTOR.header, rotor.timestamp_ns, rotor.rate[:, None])
+        content = {
+            "sensor_type": "rotor",
+            "axis": None if rotor.axis is None else rotor.axis.tolist(),
+            "inertia_kg_m2": rotor.inertia_kg_m2,
+        }
+        _document(RotorFile, folder / "rotor0/sensor.yaml", {k: v for k, v in content.items() if v is not None})
     if (attitude := sequence.attitude) is not None:
         _numbers(
             folder / "attitude0/data.csv",

@@ -91,10 +91,10 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
         drawn[name] = (
             value if value is not None else sized(name, asked[name], problem, state, environment, seen, clean, rng)
         )
-    if s.model is not None:
-        given = load_model(s.model)
+    given = None if s.model is None else load_model(s.model)
+    if given is not None:
         drawn.update({name: given.value(name) for name in given.names})
-    model = model_of(dict(drawn))
+    model = model_of(dict(drawn), own=() if given is None else given.modules)
     if outside:
         motion = [m for m in model.modules if m in model.active.effects]
         values = [model.value(m.NAME) for m in motion]

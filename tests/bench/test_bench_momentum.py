@@ -6,6 +6,7 @@ at too: of the tosses and flights nothing is held out any more.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ import numpy as np
 import pytest
 import yaml
 
+from massprops.diagnosis.common_parameters import common_of
 from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_by_balance
-from massprops.diagnosis.several import common_inertia
-from massprops.sequence import read_sequence
+from massprops.sequence import RotorSeries, read_sequence
 
 pytestmark = pytest.mark.bench
 
@@ -77,7 +78,7 @@ def test_a_wheel_in_thrown_bodies(real_data: Path) -> None:
             f"{row['off']:>9.2f}{held['after'] or np.nan:>10.1f}{held['beside_unknown'] or np.nan:>8.1f}  {names}",
             flush=True,
         )
-    jointly = [_off(common_inertia([f for f, _ in own]).inertia, own[0][1]) for own in bodies.values()]
+    jointly = [_off(common_of([f for f, _ in own]).inertia, own[0][1]) for own in bodies.values()]
     named = sum(r["alone"] for r in rows)
     axis = sum(r["axis"] < 5.0 for r in rows)
     history = sum(r["correlation"] >= 0.98 for r in rows)
@@ -91,6 +92,31 @@ def test_a_wheel_in_thrown_bodies(real_data: Path) -> None:
     assert max(abs(x) for x in jointly) < 2.0
     if ratio < 12:
         pytest.xfail(f"ratios within 3 % in {ratio} of {len(folders)}, 12 wanted")
+
+
+def test_a_wheel_of_known_rate_in_thrown_bodies(real_data: Path) -> None:
+    """The withheld rate given as `rotor0`, with the wheel's moment."""
+    alone, size, ratio = 0, 0, 0
+    folders = sorted((real_data / "flights").iterdir())
+    for folder in folders:
+        truth, sequence = _truth(folder), read_sequence(folder)
+        rate = np.loadtxt(folder / "truth" / "flywheel.csv", delimiter=",", comments="#")
+        moment = truth["flywheel_inertia_kg_m2"]
+        wheel = RotorSeries(rate[:, 0].astype(np.int64), rate[:, 1], inertia_kg_m2=moment)
+        found = diagnose_by_balance(replace(sequence, rotor=wheel))
+        names = [e["name"] for e in found.document["effects"]]
+        print(f"\n{folder.name}: {found.document['verdict']} {names}", end="")
+        if names != ["internal-rotor"]:
+            continue
+        off = _off(found.selection.named[0].best.inertia, folder)
+        mean = found.document["effects"][0]["mean_moment_kg_m2"]
+        true = np.trace(np.array(truth["inertia_kg_m2"])) / 3.0
+        print(f", ratios {off:+.2f} %, mean moment {mean['value'] / true:.3f} ± {mean['sigma'] / true:.3f}", end="")
+        alone += 1
+        size += abs(mean["value"] - true) < 2.0 * mean["sigma"]
+        ratio += abs(off) < 3.0
+    print(f"\nalone {alone}, mean moment within two sigmas {size}, ratios within 3 % {ratio} of {len(folders)}")
+    assert min(alone, ratio) >= 12
 
 
 def test_drag_of_racquets(real_data: Path) -> None:

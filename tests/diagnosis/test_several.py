@@ -7,13 +7,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis.pair_worlds import FIELD_T, PERIOD_S, SECONDS, Acting, World, _sequence, moved
 from diagnosis.test_momentum_balance import INERTIA, tumble
 
+from massprops.diagnosis import selection
+from massprops.diagnosis.common_parameters import Common, Law, common_of, joined
 from massprops.diagnosis.criteria import SHAPE_SD
-from massprops.diagnosis.momentum_balance import shape_of
-from massprops.diagnosis.several import common_ratios, joined
+from massprops.diagnosis.diagnose import diagnose_by_balance
+from massprops.diagnosis.effect_search import best_fit
+from massprops.diagnosis.hypothesis_fit import HypothesisFit
+from massprops.diagnosis.momentum_balance import inertia_of, shape_of
+from massprops.diagnosis.record import Record, record_of_attitudes
+from massprops.diagnosis.scanned_values import with_scanned
+from massprops.diagnosis.selection import Candidate, without_effects
+from massprops.diagnosis.several import common_ratios, document_of_together, together
 from massprops.dynamics.inertia import ratios
+from massprops.effects import effects
+from massprops.errors import NotPossible
 from massprops.sequence.data import Sequence
+
+
+def _shape_law(mean: np.ndarray, covariance: np.ndarray) -> Law:
+    return Law(mean=mean, covariance=covariance, sd=np.full(5, SHAPE_SD))
 
 
 def test_posteriors_are_joined_as_their_product_over_the_prior() -> None:
@@ -23,10 +38,10 @@ def test_posteriors_are_joined_as_their_product_over_the_prior() -> None:
     y = [x @ np.array([0.3, -0.2, 0.1, 0.4, 0.0]) + 0.1 * rng.standard_normal(20) for x in X]
     spreads = [np.linalg.inv(x.T @ x / 0.01 + prior) for x in X]
     means = [c @ x.T @ v / 0.01 for c, x, v in zip(spreads, X, y, strict=True)]
-    found = joined(means, spreads)
+    found, gained = joined([_shape_law(m, c) for m, c in zip(means, spreads, strict=True)], [])
     whole, target = np.concatenate(X), np.concatenate(y)
     covariance = np.linalg.inv(whole.T @ whole / 0.01 + prior)
-    assert found.shape == pytest.approx(covariance @ whole.T @ target / 0.01)
+    assert found.mean == pytest.approx(covariance @ whole.T @ target / 0.01)
     assert found.covariance == pytest.approx(covariance)
 
     def evidence(x: np.ndarray, v: np.ndarray) -> float:
@@ -34,18 +49,38 @@ def test_posteriors_are_joined_as_their_product_over_the_prior() -> None:
         return -0.5 * float(np.linalg.slogdet(2 * np.pi * C)[1] + v @ np.linalg.solve(C, v))
 
     together = evidence(whole, target) - sum(evidence(x, v) for x, v in zip(X, y, strict=True))
-    assert found.agreement == pytest.approx(together, abs=1e-6)
+    assert gained == pytest.approx(together, abs=1e-6)
+
+
+def test_a_size_of_a_prior_is_found_for_all_records() -> None:
+    """Whatever sizes the records' own priors have, the joint law is the same."""
+    rng = np.random.default_rng(2)
+    precisions, bys = [np.diag(rng.uniform(1.0, 9.0, 5)) for _ in range(2)], rng.standard_normal((2, 5))
+
+    def law(L: np.ndarray, by: np.ndarray, sd: float) -> Law:
+        C = np.linalg.inv(L + np.eye(5) / sd**2)
+        return Law(mean=C @ by, covariance=C, sd=np.full(5, sd))
+
+    found = [
+        joined([law(L, by, s) for L, by, s in zip(precisions, bys, own, strict=True)], [np.arange(5)])[0]
+        for own in ([0.3, 0.3], [0.2, 4.0])
+    ]
+    assert found[1].sd == pytest.approx(found[0].sd, rel=0.02)
+    assert found[1].mean == pytest.approx(found[0].mean, rel=0.02)
 
 
 def test_posteriors_of_two_bodies_disagree() -> None:
     small = 1e-4 * np.eye(5)
     shape = shape_of(INERTIA)
-    assert joined([shape, shape], [small, small]).agreement > 0
-    assert joined([shape, shape + 0.2], [small, small]).agreement < -50
+    assert joined([_shape_law(shape, small), _shape_law(shape, small)], [])[1] > 0
+    assert joined([_shape_law(shape, small), _shape_law(shape + 0.2, small)], [])[1] < -50
 
 
 def test_ratios_of_a_common_inertia_have_sigmas() -> None:
-    value, sigma = common_ratios(joined([shape_of(INERTIA)] * 2, [1e-4 * np.eye(5)] * 2))
+    law, _ = joined([_shape_law(shape_of(INERTIA), 1e-4 * np.eye(5))] * 2, [])
+    value, sigma = common_ratios(
+        Common(shape=law.mean, covariance=law.covariance, inertia=inertia_of(law.mean), evidence=0.0)
+    )
     assert value == pytest.approx(list(ratios(INERTIA)[0]), abs=1e-3)
     assert 0 < sigma[0] < 0.05
 
@@ -70,3 +105,113 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
     write_sequence(tmp_path / "other", Sequence(rates=other))
     assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "other"), "-q"]) == 3
     assert "of different bodies or in different body axes" in capsys.readouterr().err
+
+
+# -- the body's parameters -------------------------------------------------------------------------
+
+
+BODY = np.array([[20.0, 1.0, -0.5], [1.0, 16.0, 0.8], [-0.5, 0.8, 12.0]])
+MEAN = float(np.trace(BODY)) / 3.0
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def _records(acting: Acting, begun: list[tuple[np.ndarray, np.ndarray]]) -> list[Sequence]:
+    """Records of one body, moved by MuJoCo, that begins with other attitudes and rates [deg/s]."""
+    out = []
+    for k, (start, rate) in enumerate(begun):
+        world = World(inertia=BODY, start=start, rate=np.radians(rate), sun=np.array([0.6, 0.0, 0.8]))
+        out.append(_sequence(*moved(world, [acting]), world.sun, np.random.default_rng([k, 5])))
+    return out
+
+
+def _fits(records: list[Sequence], name: str) -> list[HypothesisFit]:
+    """An effect by itself in each record."""
+    out = []
+    for r in records:
+        assert r.attitude is not None
+        record = record_of_attitudes(r.attitude, r.environment)
+        fit = best_fit(record, effects()[name], without_effects(record)[0])
+        assert fit is not None
+        out.append(with_scanned(fit, PERIOD_S))
+    return out
+
+
+def _off(found: Common, name: str, truth: dict[str, float]) -> float:
+    """The largest error over its sigma."""
+    return max(abs(found.parameters[name][n] - v) / found.sigma[name][n] for n, v in truth.items())
+
+
+def test_drag_by_axis_in_three_spins_is_one_drag() -> None:
+    """Each record shows the drag about the axis that it turns about, together they show all three."""
+    pytest.importorskip("mujoco")
+    damping = np.array([4e-4, 1e-4, 2.5e-4])
+    acting = Acting(torque=lambda t, R, w: -MEAN * damping * w)
+    fits = _fits(
+        _records(acting, [(LEVEL, np.array(r)) for r in ([3.0, 0.2, 0.1], [0.3, 3.0, 0.2], [0.1, 0.2, 3.0])]),
+        "drag-by-axis",
+    )
+    found = common_of(fits)
+    names = ("damping_x", "damping_y", "damping_z")
+    assert _off(found, "drag-by-axis", dict(zip(names, damping, strict=True))) < 3.0
+    alone = np.array([np.diag(f.covariance["drag-by-axis"]) for f in fits])
+    joint = np.array([found.sigma["drag-by-axis"][n] for n in names]) ** 2
+    assert (joint < 1.0 / np.sum(1.0 / alone, axis=0)).all()  # more than as many known bodies: the inertia is one too
+
+
+def test_a_damped_sphere_has_one_coupling_in_two_records() -> None:
+    """What is scanned, not solved for, is moved to its best for both."""
+    pytest.importorskip("mujoco")
+    share, coupling = 0.08, 0.03
+    moment = share * MEAN
+    inside = (
+        f'<body pos="0.1 0.1 -0.2"><joint type="ball" damping="{coupling * moment}"/>'
+        f'<inertial pos="0 0 0" mass="0.001" diaginertia="{moment} {moment} {moment}"/></body>'
+    )
+    acting = Acting(inside=inside, speeds=(0.0, 0.0, 0.0))
+    fits = _fits(
+        _records(acting, [(LEVEL, np.array(r)) for r in ([3.0, 0.2, 0.1], [0.3, 3.0, 0.2])]), "energy-dissipation"
+    )
+    found = common_of(fits)
+    assert _off(found, "energy-dissipation", {"share": share, "coupling": coupling}) < 3.0
+    alone = [f.held_sd["energy-dissipation"]["coupling"] for f in fits]
+    assert found.sigma["energy-dissipation"]["coupling"] < 1.02 * np.sum(np.array(alone) ** -2.0) ** -0.5
+
+
+def test_two_records_separate_what_one_confounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Turning straight across the field, a body is braked by eddy currents as by a fluid, and shows no inertia; along it, it is not."""
+    pytest.importorskip("mujoco")
+    from scipy.spatial.transform import Rotation
+
+    conductance = 0.3 / SECONDS / (FIELD_T @ FIELD_T)
+
+    def torque(t: float, R: np.ndarray, w: np.ndarray) -> np.ndarray:
+        B = R.T @ FIELD_T
+        return MEAN * conductance * np.cross(np.cross(w, B), B)
+
+    other, _, axis = np.linalg.eigh(BODY)[1].T
+    field = FIELD_T / np.linalg.norm(FIELD_T)
+    across = np.cross(field, [0.0, 0.0, 1.0])
+    begun = []
+    for way, rate in ((across / np.linalg.norm(across), 2.5 * axis), (field, 2.5 * axis + 0.3 * other)):
+        x, y, z, w = Rotation.align_vectors([way], [axis])[0].as_quat()
+        begun.append((np.array([w, x, y, z]), rate))
+    names = ("eddy-current-torque", "viscous-damping")
+    monkeypatch.setattr(selection, "in_balance", lambda: [effects()[n] for n in names])
+    monkeypatch.setattr(selection, "wheel_of_any_history", _none)
+    found = [diagnose_by_balance(r) for r in _records(Acting(torque=torque), begun)]
+    assert [f.document["verdict"] for f in found] == ["ambiguous", "named"]
+    joint = together([f.selection for f in found])
+    assert joint.verdict == "named" and joint.named[0].name == "eddy-current-torque"
+    common = joint.named[0].common
+    assert _off(common, "eddy-current-torque", {"conductance": conductance}) < 3.0
+    alone = [np.sqrt(c.best.covariance["eddy-current-torque"][0, 0]) for c in joint.named[0].candidates]
+    assert common.sigma["eddy-current-torque"]["conductance"] < min(alone)
+    document = document_of_together(joint, ["across", "along"], [f.document for f in found])
+    assert document["effects"][0]["parameters"]["eddy-current-torque"]["conductance"] == pytest.approx(
+        conductance, rel=0.05
+    )
+    assert "parameters the same" in document["reason"]
+
+
+def _none(record: Record) -> Candidate:
+    raise NotPossible("not tried")

@@ -14,8 +14,9 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.dynamics.rotation import ActiveEffects, trajectory
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.translation import path
-from massprops.effects import changes_motion, effects
+from massprops.effects import changes_motion, effects, of_record
 from massprops.errors import InputError
+from massprops.geometry.vectors import sphere
 from massprops.model import document_of, load_model, model_of
 from massprops.model.state import inertia_directions, inertia_of, moved_inertia, second_moment
 from massprops.sequence.data import Environment, Orbit
@@ -23,7 +24,8 @@ from massprops.sequence.data import Environment, Orbit
 NAMES = {
     "gravity-gradient-torque", "constant-body-torque", "viscous-damping", "eddy-current-torque",
     "solar-radiation-torque", "magnetic-dipole-torque", "energy-dissipation", "internal-rotor", "impulse",
-    "inertia-change", "nonuniform-density", "drag-by-axis", "spring-mass-damper", "solar-pressure-on-facets", "lens-distortion", "focal-length-error", "baseline-error",
+    "inertia-change", "nonuniform-density", "drag-by-axis", "spring-mass-damper", "solar-pressure-on-facets", "drag-by-rate-squared",
+    "solar-pressure-on-mesh", "air-drag-on-mesh", "lens-distortion", "focal-length-error", "baseline-error",
     "stereo-time-offset", "chaser-rotation-drift", "rolling-shutter", "range-bias",
 }  # fmt: skip
 AROUND = EnvironmentModel(
@@ -37,11 +39,22 @@ TIMES = np.arange(60) * 0.5
 RNG = np.random.default_rng(5)
 INERTIA = inertia_of(np.diag([0.3, 0.5, 0.7]) + 0.05 * (np.ones((3, 3)) - np.eye(3)))
 W0, Q0 = np.array([0.1, 0.12, -0.05]), normalise(np.array([0.3, 0.5, -0.2, 0.7]))
-MOTION = [n for n, e in effects().items() if changes_motion(e)]
+FACES = [[*n, a, *r] for n, a, r in zip(sphere(12), np.full(12, 1 / 12), 0.2 * sphere(12)[::-1] + 0.05, strict=True)]
+OF_RECORD = {
+    "wheel of a measured rate": of_record(
+        effects()["internal-rotor"], {"times_s": [0.0, 9.0, 12.0, 29.5], "rate_rad_s": [0.0, 10.0, 40.0, 30.0]}
+    ),
+    **{
+        n: of_record(effects()[n], {"faces": FACES, "orbit_normal": [0, 0, 1]})
+        for n in ("solar-pressure-on-mesh", "air-drag-on-mesh")
+    },
+}
+MOTION = [*OF_RECORD, *(n for n, e in effects().items() if changes_motion(e) and n not in OF_RECORD)]
 
 
 def active(name: str, duration: float = 0.0) -> tuple[ActiveEffects, np.ndarray]:
-    effect = effects()[name]
+    effect = OF_RECORD.get(name, effects().get(name))
+    assert effect is not None
     rng = np.random.default_rng(3)
     values = []
     for q in effect.PARAMETERS:

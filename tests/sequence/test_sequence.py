@@ -19,6 +19,7 @@ from massprops.sequence import (
     Orbit,
     RangeSeries,
     RateSeries,
+    RotorSeries,
     Sequence,
     Tracks,
     read_sequence,
@@ -36,6 +37,7 @@ def example() -> Sequence:
         tracks=Tracks(np.repeat(t, 2), np.zeros(6, int), np.tile([4, 7], 3), np.arange(12.0).reshape(6, 2)),
         range=RangeSeries(t, np.array([10.0, 10.1, 10.2]), 0.05),
         rates=RateSeries(t, np.arange(9.0).reshape(3, 3), 0.01),
+        rotor=RotorSeries(t, np.array([0.0, 10.0, 20.0]), np.array([0.6, 0.0, -0.8]), 2e-6),
         attitude=AttitudeSeries(t, np.tile([0.6, 0.8, 0, 0], (3, 1)), np.full(3, 1e-3)),
         body=Body(np.diag([1.0, 2.0, 2.5]), source="test"),
         environment=Environment("lvlh", Orbit(3.986e14, 7e6, 0.01, 0.3), np.array([0, 0, 1.0]), np.array([1e-5, 0, 0])),
@@ -46,7 +48,7 @@ def test_what_is_written_comes_back(tmp_path: Path) -> None:
     write_sequence(tmp_path, example(), truth={"k1": -0.2})
     back, want = read_sequence(tmp_path), example()
     assert back.warnings == ()
-    for part in ("tracks", "range", "rates", "attitude"):
+    for part in ("tracks", "range", "rates", "attitude", "rotor"):
         a, b = getattr(back, part), getattr(want, part)
         for name, value in vars(b).items():
             assert np.allclose(getattr(a, name), value), (part, name)
@@ -159,7 +161,7 @@ def test_images_outside_the_folder_are_not_taken(tmp_path: Path) -> None:
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.text(max_size=300), st.sampled_from(["tracks0", "imu0", "attitude0", "range0"]))
+@given(st.text(max_size=300), st.sampled_from(["tracks0", "imu0", "attitude0", "range0", "rotor0"]))
 def test_no_table_breaks_the_reader(tmp_path: Path, text: str, sensor: str) -> None:
     write_sequence(tmp_path, example())
     (tmp_path / sensor / "data.csv").write_text(text, encoding="utf-8", errors="replace")

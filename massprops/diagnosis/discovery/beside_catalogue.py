@@ -11,6 +11,7 @@ from contextlib import suppress
 import numpy as np
 
 from massprops.diagnosis.discovery.law import Against, Law
+from massprops.diagnosis.effect_columns import has_known_rate
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.selection import Candidate, Selection, paid, usable_effects, wheel_of_any_history
@@ -29,7 +30,7 @@ def against_name(law: Law, name: str) -> Against | None:
     usable = usable_effects(record)[0]
     for effect in (e for e in usable if name == e.NAME):
         fits.append(best_fit(record, effect, law.base))
-        if name == "internal-rotor":
+        if name == "internal-rotor" and not has_known_rate(effect):
             with suppress(NotPossible):
                 fits.append(wheel_of_any_history(record).alone)
     return _against(law, [f for f in fits if f is not None], len(usable))

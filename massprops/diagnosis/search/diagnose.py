@@ -66,9 +66,8 @@ def diagnose(
         InputError: an unreadable sequence, or a body file that contradicts itself.
         NotPossible: nothing in the sequence shows how the body moves.
     """
-    from massprops.diagnosis.diagnose import decides, diagnose_by_balance
-    from massprops.diagnosis.search.noise import with_track_noise
-    from massprops.model.problem import problem_of
+    from massprops.diagnosis.measured_beside import effects_beside
+    from massprops.effects import in_place
     from massprops.sequence.read import read_sequence
 
     given = [Path(source)] if isinstance(source, str | Path) else []
@@ -79,14 +78,24 @@ def diagnose(
         raise InputError(f"{out}: is a file, not a folder: choose another place with -o")
     if out is not None:  # before the work is done
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
+    with in_place(effects_beside(sequence)):
+        found = _found(sequence, progress, discover, simulator)
+        if out is not None:
+            write_found(Path(out), found, given, force)
+    return found
+
+
+def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str | None) -> Diagnosis | BalanceDiagnosis:
+    from massprops.diagnosis.diagnose import decides, diagnose_by_balance
+    from massprops.diagnosis.search.noise import with_track_noise
+    from massprops.model.problem import problem_of
+
     if decides(sequence):
         by_balance = diagnose_by_balance(sequence, progress)
         if simulator is not None:
             by_balance.document["simulator"] = _black_box(sequence, simulator, progress)
         if discover:
             by_balance = replace(by_balance, law=_law(sequence, by_balance.document, by_balance.selection, progress))
-        if out is not None:
-            write_found(Path(out), by_balance, given, force)
         return by_balance
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
@@ -98,8 +107,6 @@ def diagnose(
     if discover:
         names = [e["name"] for e in found.document["effects"]]
         found = replace(found, law=_law(sequence, found.document, names[0] if len(names) == 1 else None, progress))
-    if out is not None:
-        write_found(Path(out), found, given, force)
     return found
 
 
@@ -168,7 +175,7 @@ def diagnose_problem(
     from massprops.diagnosis.search.case import case_of
     from massprops.diagnosis.search.outlier_features import without_outlier_features
     from massprops.diagnosis.search.refit import refit
-    from massprops.diagnosis.search.select import Selection
+    from massprops.diagnosis.search.select import Selection, unless_shifted
     from massprops.diagnosis.search.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
@@ -182,6 +189,7 @@ def diagnose_problem(
             progress("base model, the axes otherwise", 0, 1)
             base = otherwise(case, base)
         case, selection = _on_some_path(case, base, progress)
+        selection = unless_shifted(case, selection)
     base = selection.base
     torque = None
     if selection.verdict == "unexplained":
@@ -445,6 +453,12 @@ def _reason(case: Case, s: Selection) -> str:
     if s.verdict == "ambiguous":
         every = [" + ".join(x.names) for x in (best, *s.rivals)]
         return f"these data cannot tell apart: {', '.join(every)}. {_separates(case, every)}"
+    if s.shift is not None:
+        return (
+            f"residuals of {base.fitted:.2f} times the noise, and a smooth shift of each camera's whole image ({s.shift.rms_px:.2g} px) is "
+            f"as likely as any effect of the catalogue or likelier: log evidence {s.shift.gain:+.0f} over the base model, "
+            f"{0.5 * (base.bic - best.bic):+.0f} with the best effect. Check the camera's mount and the tracks"
+        )
     held = f", and {best.held:.2f} on data held out" if np.isfinite(best.held) else ""
     left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}{held}"
     return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{left}"

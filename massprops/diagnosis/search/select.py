@@ -7,6 +7,7 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.diagnosis.criteria import BEATS_NOTHING, BEATS_UNKNOWN
 from massprops.diagnosis.search.acceptance import (
     MISPREDICTED,
     PREDICTS,
@@ -21,6 +22,7 @@ from massprops.diagnosis.search.assumed import DENSITY, contradicts, density_wit
 from massprops.diagnosis.search.by_balance import ByBalance, fits_by_balance
 from massprops.diagnosis.search.candidate_fits import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
+from massprops.diagnosis.search.latent_shift import Shift, latent_shift
 from massprops.diagnosis.search.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
 from massprops.diagnosis.search.profile import profiled
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
@@ -59,7 +61,7 @@ class Selection:
     Attributes:
         base: the base model; tried: every model fitted with effects; best: the model chosen, or the base.
         rivals: models that explain as much as the best; skipped: effect to why it was not tried.
-        verdict: none, named, ambiguous or unexplained.
+        verdict: none, named, ambiguous or unexplained. shift: of the images, where it is as likely as the effects of the best.
     """
 
     base: Scored
@@ -68,6 +70,7 @@ class Selection:
     rivals: list[Scored] = field(default_factory=list)
     skipped: dict[str, str] = field(default_factory=dict)
     verdict: str = "none"
+    shift: Shift | None = None
 
 
 @dataclass(kw_only=True)
@@ -169,6 +172,17 @@ def select(
     if explained(base) and not violated and not any(explained(s) for s in course.good):
         return out
     return _concluded(case, base, course.good, out)
+
+
+def unless_shifted(case: Case, out: Selection) -> Selection:
+    """The verdict, but `unexplained` where what is named is not likelier than a shift of the images that nothing is known of. BIC
+    stands for twice the log evidence."""
+    if out.verdict == "none":
+        return out
+    shift, best = latent_shift(case, out.base), out.best or out.base
+    if shift is not None and shift.gain > max(0.5 * (out.base.bic - best.bic), BEATS_NOTHING) - BEATS_UNKNOWN:
+        out.verdict, out.rivals, out.shift = "unexplained", [], shift
+    return out
 
 
 def _more_than_one(course: _Course, violated: bool) -> None:

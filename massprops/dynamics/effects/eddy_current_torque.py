@@ -8,6 +8,7 @@ SENTENCE = "Eddy currents in the conducting body brake its rotation across the m
 FORMULA = "torque = conductance (w x B) x B"
 PARAMETERS = (Parameter("conductance", "s^-1 T^-2", 1e6, 1e14, least=0.0),)
 NEEDS = ("magnetic field",)
+BODY = ("conductance",)
 
 
 def torque(t, q, w, p, inertia, environment):

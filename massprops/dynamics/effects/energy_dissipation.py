@@ -10,6 +10,7 @@ PARAMETERS = (
     Parameter("coupling", "s^-1", 0.1, 1e3, "pace", least=0.0),
 )
 NEEDS = ()
+BODY = ("share", "coupling")
 STATES = 3
 
 

@@ -8,6 +8,7 @@ SENTENCE = "The planet pulls the near side of the body harder than the far side 
 FORMULA = "torque = strength 3 mu / r^5 r x (I r)"
 PARAMETERS = (Parameter("strength", "1", 1.0, 3.0, least=0.3),)
 NEEDS = ("orbit",)
+BODY = ("strength",)
 
 
 def torque(t, q, w, p, inertia, environment):

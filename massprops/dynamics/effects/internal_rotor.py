@@ -11,6 +11,10 @@ PARAMETERS = (
     *(Parameter(f"shape_{k}", "1", 0.5, 50.0, form=1) for k in range(1, SHAPES + 1)),
     Parameter("span", "s", 1.0, None, "span"),
 )
+NOTE = (
+    "Where rotor0 holds the wheel's rate there are no shapes: the momentum follows the rate and is that at its largest, along each "
+    "axis, or along the wheel's axis where it is known."
+)
 NEEDS = ()
 
 
@@ -66,3 +70,37 @@ def longer_starts(span, speed):
 
 
 AXES = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)]
+
+
+def measured(given):
+    """The effect of a wheel whose rate was measured, by `times_s` since the first timestamp and `rate_rad_s`, and of known `axis`
+    or none. The momentum has one unknown for each axis that it may lie along."""
+    import numpy as np
+
+    times, rates = np.asarray(given["times_s"], float), np.asarray(given["rate_rad_s"], float)
+    largest = float(np.abs(rates).max(initial=0.0))
+    if times.ndim != 1 or times.shape != rates.shape or len(times) < 2 or not (np.diff(times) > 0).all():
+        raise ValueError("must have times_s that rise, two at least, and a rate_rad_s for each")
+    if not (np.isfinite(times).all() and np.isfinite(rates).all() and largest > 0.0):
+        raise ValueError("must have finite rates that are not all zero")
+    axis = given.get("axis")
+    ways = np.eye(3) if axis is None else np.asarray(axis, float).reshape(1, 3) / np.linalg.norm(axis)
+    names = tuple(q.name for q in PARAMETERS[:3]) if axis is None else ("momentum",)
+
+    def internal(t, z, p):
+        h = np.interp(np.real(t), times, rates / largest)
+        return tuple(h * sum(p[k] * float(ways[k, i]) for k in range(len(ways))) for i in range(3))
+
+    def momentum_columns(t, R, w, held):
+        return {"internal": np.interp(t, times, rates / largest)[:, None, None] * ways.T}
+
+    return {
+        "FORMULA": "momentum inside = momentum rate(t) / largest rate",
+        "PARAMETERS": tuple(Parameter(n, "rad s^-1", 1e-2, 1e5) for n in names),
+        "MOMENTUM_UNKNOWNS": names,
+        "internal": internal,
+        "momentum_columns": momentum_columns,
+        "corners": None,
+        "penalty": None,
+        "longer_starts": None,
+    }

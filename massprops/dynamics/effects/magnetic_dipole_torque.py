@@ -8,6 +8,7 @@ SENTENCE = "A magnetic moment fixed in the body is turned by the field around it
 FORMULA = "torque = dipole x B"
 PARAMETERS = tuple(Parameter(f"dipole_{a}", "rad s^-2 T^-1", 1.0, 1e9) for a in "xyz")
 NEEDS = ("magnetic field",)
+BODY = ("dipole_x", "dipole_y", "dipole_z")
 
 
 def torque(t, q, w, p, inertia, environment):

@@ -44,6 +44,7 @@ PARAMETERS = tuple(
     for kind, axis in (("push", "x"), ("push", "y"), ("push", "z"), ("mirror", "u"), ("mirror", "v"))
 )
 NEEDS = ("sun direction",)
+BODY = tuple(q.name for q in PARAMETERS)
 SEARCHED = False  # the balance of momentum finds it
 LARGEST_TURN = 0.2
 """[rad] in a step of the derivatives: a face turns dark within SOFT; 0.4 leaves 2e-3 of their size, 0.2 4e-5."""

@@ -8,6 +8,7 @@ SENTENCE = "Sunlight pushes on the body at a centre of pressure that is not its 
 FORMULA = "torque = pressure x (-s), s toward the Sun"
 PARAMETERS = tuple(Parameter(f"pressure_{a}", "rad s^-2", 1e-4, 1.0) for a in "xyz")
 NEEDS = ("sun direction",)
+BODY = ("pressure_x", "pressure_y", "pressure_z")
 
 
 def torque(t, q, w, p, inertia, environment):

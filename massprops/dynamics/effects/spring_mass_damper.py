@@ -27,6 +27,7 @@ PARAMETERS = (
 )
 """Of a body that is not much heavier, the mass in `NOTE` is the reduced one."""
 NEEDS = ()
+BODY = (*(f"{part}_{a}" for part in ("arm", "along") for a in "xyz"), "frequency", "damping")
 STATES = 3  # displacement, its momentum, none
 SEARCHED = False  # the balance of momentum finds it
 
@@ -213,8 +214,8 @@ def _oscillators(t, w, lever, outward, softer, spring, start):
     """(n, m) displacement and speed of m oscillators, driven by the body's motion.
 
     Args:
-        lever: (m, 3); outward, softer: (n, m) centrifugal drive and loss of stiffness; spring: (m, 2) frequency, damping;
-        start: (m, 2) displacement, speed.
+        lever: (m, 3); outward, softer: (n, m) centrifugal drive and loss of stiffness; spring: (m, 2) frequency, damping; these and
+        `softer` may be one of all. start: (m, 2) displacement, speed.
     """
     from massprops.dynamics.linear_recurrence import recurrence
 
@@ -225,10 +226,16 @@ def _oscillators(t, w, lever, outward, softer, spring, start):
     middle = 0.5 * (drive[1:] + drive[:-1])
     stiff = frequency**2 - 0.5 * (softer[1:] + softer[:-1])
     half, whole = _transition(0.5 * step, stiff, damping), _transition(step, stiff, damping)
-    added = (whole @ drive[:-1, :, :, None] + 4.0 * (half @ middle[..., None]))[..., 0] + drive[1:]
+    added = _times(whole, drive[:-1]) + 4.0 * _times(half, middle) + drive[1:]
     added *= (step / 6.0)[:, None, None]
+    whole = np.ascontiguousarray(np.broadcast_to(whole, (len(step), m, 2, 2)))
     y = recurrence(whole, added, start + np.stack([np.zeros(m), turning[0]], axis=1))
     return y[:, :, 0], y[:, :, 1] - turning
+
+
+def _times(M, v):
+    """(n, m, 2) products of matrices and vectors of two: one by one they take ten times as long."""
+    return M[..., 0] * v[..., :1] + M[..., 1] * v[..., 1:]
 
 
 def _transition(step, stiff, damping):
@@ -254,15 +261,15 @@ LEVERS = np.array([[S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]] for
 
 
 def _any_way(t, w, frequency, damping):
-    """Columns, (n, 3) each, of products of two of S, and of one of S with a displacement and a speed at the start, for
+    """Columns (n, 3, 63) of products of two of S, and of one of S with a displacement and a speed at the start, for
     small displacements: the drive is linear in S and the answer to a displacement is, too."""
+    from massprops.dynamics.linear_recurrence import in_pairs
+
     drive = np.concatenate([_outward(w, EVERY), np.zeros((len(t), 2))], axis=1)
     lever = np.concatenate([LEVERS, np.zeros((2, 3))])
     start = np.concatenate([np.zeros((9, 2)), np.eye(2)])
-    s, speed = _oscillators(t, w, lever, drive, np.zeros_like(drive), np.array([[frequency, damping]] * 11), start)
-    answer = _grown(w)[:, :, None] * s[:, None, :, None] + LEVERS[:, None] * speed[:, None, :, None]
-    out = [answer[:, a, b] + (answer[:, b, a] if a != b else 0.0) for a, b in PAIRS]
-    return out + [answer[:, a, b] for a in range(9) for b in (9, 10)]
+    s, speed = _oscillators(t, w, lever, drive, np.zeros((len(t), 1)), np.array([[frequency, damping]]), start)
+    return in_pairs(np.ascontiguousarray(_grown(w)), LEVERS, np.ascontiguousarray(s), speed)
 
 
 def _grown(w):

@@ -7,6 +7,7 @@ SENTENCE = "The surroundings brake the rotation in proportion to its rate: a gas
 FORMULA = "torque = -damping w"
 PARAMETERS = (Parameter("damping", "s^-1", 1e-3, 10.0, least=0.0),)
 NEEDS = ()
+BODY = ("damping",)
 
 
 def torque(t, q, w, p, inertia, environment):

@@ -1,0 +1,283 @@
+"""What several records of one body share: the inertia, and the parameters that an effect says are the body's (`BODY`).
+
+Everything else (attitudes, momenta at the start, events, states, a wheel's history, noise) is each record's own and already
+marginalised in that record's fit. A record says of what is common, c, a normal posterior N(m_r, C_r) from a prior N(0, P_r),
+linearised about one common point (`hypothesis_fit.linearised`). With n records and the prior P of all,
+
+    evidence = sum of the records' own + log of the integral of product_r [N(c; m_r, C_r) / N(c; 0, P_r)] N(c; 0, P) dc,
+
+and the joint posterior has the precision sum (C_r^-1 - P_r^-1) + P^-1. Sizes that P holds are found by this evidence, as a record's
+own are. The point moves to the joint solution until it rests (Gauss and Newton's method). An effect that needs another body in
+every record pays for it by the integral. A parameter of the body that a record's fit scans, not solves for, is moved to its best
+for all records, with its 1-sigma by the evidence's curvature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from massprops.diagnosis.criteria import AXIS_SD
+from massprops.diagnosis.effect_columns import Term, term_of
+from massprops.diagnosis.hypothesis_fit import SMALL_STEP, Hypothesis, HypothesisFit, across, linearised
+from massprops.diagnosis.momentum_balance import INERTIA, inertia_of
+from massprops.errors import NotPossible
+
+LEAST_SD = 1e-4
+"""Of a shape's posterior: no record shows a second moment of mass better than a part in ten thousand."""
+PASSES = 8
+RESTS = 1.0
+"""Change of the log evidence in the last pass up to which it decides (`criteria.BEATS_UNKNOWN`)."""
+AXIS = 2
+"""Unknowns of a wheel's axis."""
+LARGEST_STEP = 1.0
+"""Of the inertia's shape in a pass: a factor of e in a second moment of mass."""
+SIZES = 100
+"""Steps of the search for the sizes of priors."""
+FIRST_STEP, STEP_SIGMAS, ROUNDS = 0.1, 2.0, 3
+"""Of the logarithm of a scanned parameter, by which its evidence's slope and curvature are measured: at first, then over its sigma."""
+WIDEST = np.log(3.0)
+"""How far beyond the records' own values of a scanned parameter, in its logarithm, the common one is looked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """A normal law of common unknowns: mean (k,), covariance (k, k), and prior standard deviations sd (k,)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    sd: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """What several records say together.
+
+    Attributes:
+        shape: (5,) of the inertia, covariance: (5, 5), inertia: (3, 3) of trace 3; evidence: log marginal likelihood of all records.
+        parameters, sigma: by effect and name, of the body's own.
+    """
+
+    shape: np.ndarray
+    covariance: np.ndarray
+    inertia: np.ndarray
+    evidence: float
+    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
+    sigma: dict[str, dict[str, float]] = field(default_factory=dict)
+
+
+def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
+    """The law that several laws of the same unknowns make, and the log of the integral above.
+
+    Args:
+        alike: indices (j,) of unknowns whose prior has one size, which is found.
+    """
+    precisions = [np.linalg.inv(law.covariance) for law in laws]
+    rest = np.sum([_of_rows(L, law.sd) for L, law in zip(precisions, laws, strict=True)], axis=0)
+    by = np.sum([L @ law.mean for L, law in zip(precisions, laws, strict=True)], axis=0)
+    sd = laws[0].sd.copy()
+    for own in alike:
+        sd[own] = np.mean([law.sd[own] for law in laws])
+    for _ in range(SIZES if alike else 1):
+        covariance = np.linalg.inv(rest + np.diag(sd**-2))
+        mean = covariance @ by
+        before = sd.copy()
+        for own in alike:
+            sd[own] = np.sqrt(np.mean(mean[own] ** 2 + np.diag(covariance)[own]))
+        if np.allclose(sd, before, rtol=1e-3):
+            break
+    sd = before
+    determinants = sum(
+        np.linalg.slogdet(L)[1] + 2.0 * np.sum(np.log(o.sd)) for L, o in zip(precisions, laws, strict=True)
+    )
+    determinants -= 2.0 * np.sum(np.log(sd)) - np.linalg.slogdet(covariance)[1]
+    squares = sum(float(o.mean @ L @ o.mean) for L, o in zip(precisions, laws, strict=True))
+    gained = 0.5 * (determinants + float(by @ mean) - squares)
+    return Law(mean=mean, covariance=covariance, sd=sd), float(gained)
+
+
+def _of_rows(precision: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """(k, k) what a record's rows know of unknowns: the precision less that of their prior, not below nothing by rounding."""
+    value, vector = np.linalg.eigh(precision * sd * sd[:, None])
+    return np.asarray((vector * np.maximum(value - 1.0, 0.0)) @ vector.T / sd / sd[:, None])
+
+
+def common_of(fits: list[HypothesisFit]) -> Common:
+    """What fits of one hypothesis, each in a record of its own, say together.
+
+    Raises:
+        NotPossible: no common body comes near the records.
+    """
+    scanned = _scanned(next((f for f in fits if of_body(f)), fits[0]))
+    try:
+        return _at_best(fits, *scanned[0]) if len(scanned) == 1 else _at_rest(fits, {})
+    except NotPossible:
+        if any(f.names for f in fits):
+            raise
+    # a body without effects may be another one in each record: what each says about its own best
+    law, gained = joined([_law(f, fits[0]) for f in fits], [])
+    return _common(fits[0], law, gained + sum(f.evidence for f in fits))
+
+
+def of_body(fit: HypothesisFit) -> bool:
+    """Whether an effect of a fit has parameters that belong to the body."""
+    return any(t.of_body for t in fit.hypothesis.terms)
+
+
+def _scanned(fit: HypothesisFit) -> list[tuple[str, str]]:
+    """Effect and name of each of the body's parameters that the fit does not solve for."""
+    return [(t.name, n) for t in fit.hypothesis.terms for n in t.of_body if n not in t.unknowns and n in dict(t.held)]
+
+
+def _at_best(fits: list[HypothesisFit], name: str, parameter: str) -> Common:
+    """At the best of a scanned parameter for all records, with what it leaves open."""
+    from scipy.optimize import minimize_scalar
+
+    held = np.log([dict(t.held)[parameter] for f in fits for t in f.hypothesis.terms if t.name == name])
+
+    def at(x: float) -> Common:
+        return _at_rest(fits, {(name, parameter): float(np.exp(x))})
+
+    ends = (float(held.min() - WIDEST), float(held.max() + WIDEST))
+    best = float(minimize_scalar(lambda x: -at(x).evidence, bounds=ends, method="bounded", options={"xatol": 0.01}).x)
+    step = FIRST_STEP
+    for _ in range(ROUNDS):
+        found, up, down = at(best), at(best + step), at(best - step)
+        sd = max((2.0 * found.evidence - up.evidence - down.evidence) / step**2, WIDEST**-2) ** -0.5
+        slopes = {k: (v - down.parameters[name][k]) / (2.0 * step) for k, v in up.parameters[name].items()}
+        best += float(np.clip(0.5 * (up.evidence - down.evidence) / step * sd**2, -step, step))
+        step = STEP_SIGMAS * sd
+    own = {k: float(np.hypot(s, sd * slopes[k])) for k, s in found.sigma[name].items()}
+    value, sigma = {parameter: float(np.exp(best))}, {parameter: float(sd * np.exp(best))}
+    return replace(
+        found,
+        parameters=found.parameters | {name: found.parameters[name] | value},
+        sigma=found.sigma | {name: own | sigma},
+    )
+
+
+def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> Common:
+    """The common values about which the linearised records agree; given: values of scanned parameters."""
+    own = [f for f in fits if f.axis is not None] or [f for f in fits if of_body(f)] or fits
+    reference = min(own, key=lambda f: float(np.trace(f.posterior.covariance["base"][:INERTIA, :INERTIA])))
+    at = next(k for k, f in enumerate(fits) if f is reference)
+    shape, axis, body = reference.shape, reference.axis, reference.hypothesis.terms
+    hypotheses = [_with(f.hypothesis, body, given) for f in fits]
+    found, previous, before = None, -np.inf, -np.inf
+    for _ in range(PASSES):
+        said = [
+            linearised(f, h, shape, None if f.axis is None else axis) for f, h in zip(fits, hypotheses, strict=True)
+        ]
+        first = said[at]
+        try:
+            law, gained = joined([_law(s, first) for s in said], _alike(first))
+            moved = [_moved(s, law) for s in said]
+            evidence = gained + sum(s.evidence for s in said)
+            found = _common(first, law, evidence)
+        except np.linalg.LinAlgError:
+            raise NotPossible("what the records say of one body does not go together") from None
+        before, previous = previous, evidence
+        step = np.clip(law.mean[:INERTIA] - shape, -LARGEST_STEP, LARGEST_STEP)
+        if np.abs(step).max() < SMALL_STEP and abs(evidence - before) < SMALL_STEP:
+            break
+        shape = shape + step
+        body = moved[at].terms
+        hypotheses = [_with(h, body, given) for h in moved]
+        if axis is not None:
+            axis = axis + across(axis) @ law.mean[INERTIA : INERTIA + AXIS]
+            axis /= np.linalg.norm(axis)
+    assert found is not None
+    if not abs(found.evidence - before) < RESTS:
+        raise NotPossible("what the records say of one body does not come to rest")
+    return found
+
+
+def _with(own: Hypothesis, body: tuple[Term, ...], given: dict[tuple[str, str], float]) -> Hypothesis:
+    """A record's hypothesis with the body's parameters as effects in `body` and `given` hold them."""
+    terms = []
+    for term in own.terms:
+        held = {n: v for other in body if other.name == term.name for n, v in other.held if n in term.of_body}
+        held |= {n: v for (name, n), v in given.items() if name == term.name}
+        terms.append(term_of(term.effect, dict(term.held) | held) if held else term)
+    return replace(own, terms=tuple(terms))
+
+
+def _places(said: HypothesisFit) -> np.ndarray:
+    """Which of a fit's unknowns are common."""
+    starts = dict(zip(said.posterior.mean, np.cumsum([0, *map(len, said.posterior.mean.values())]), strict=False))
+    own = [starts[t.name] + _solved_for(t) for t in said.hypothesis.terms]
+    wheel = [starts["wheel axis"] + np.arange(AXIS)] if said.axis is not None else []
+    return np.concatenate([np.arange(INERTIA), *wheel, *own]).astype(int)
+
+
+def _alike(said: HypothesisFit) -> list[np.ndarray]:
+    """Which of the common unknowns have a prior of one size that is found, by effect."""
+    kinds, out = {b.name: b.kind for b in said.blocks}, []
+    at = INERTIA + (0 if said.axis is None else AXIS)
+    for term in said.hypothesis.terms:
+        count = len(_solved_for(term))
+        if kinds[term.name] == "common" and count:
+            out.append(at + np.arange(count))
+        at += count
+    return out
+
+
+def _solved_for(term: Term) -> np.ndarray:
+    """Which of an effect's unknowns are the body's; with a prior of its own, all or none."""
+    mine = [k for k, name in enumerate(term.unknowns) if name in term.of_body]
+    if term.prior is not None:
+        return np.arange(term.prior.shape[1]) if len(mine) == len(term.unknowns) else np.arange(0)
+    return np.array(mine, int)
+
+
+def _law(said: HypothesisFit, first: HypothesisFit) -> Law:
+    """What a record says of the common unknowns of the first; nothing of a wheel's axis where it has no wheel."""
+    places = _places(said)
+    covariance = said.posterior.joint[np.ix_(places, places)].copy()
+    covariance[range(INERTIA), range(INERTIA)] += LEAST_SD**2
+    mean = np.concatenate(list(said.posterior.mean.values()))[places]
+    sd = np.concatenate(list(said.posterior.sd.values()))[places]
+    if first.axis is not None and said.axis is None:
+        sd = np.insert(sd, INERTIA, [AXIS_SD] * AXIS)
+        mean = np.insert(mean, INERTIA, [0.0] * AXIS)
+        whole = np.diag(sd**2)
+        own = np.delete(np.arange(len(sd)), np.arange(INERTIA, INERTIA + AXIS))
+        whole[np.ix_(own, own)] = covariance
+        covariance = whole
+    return Law(mean=mean, covariance=covariance, sd=sd)
+
+
+def _moved(said: HypothesisFit, law: Law) -> Hypothesis:
+    """A record's hypothesis about values that what is common leads to, for effects that are not linear in theirs."""
+    if said.hypothesis.linear:
+        return said.hypothesis
+    post, places = said.posterior, _places(said)
+    mean = np.concatenate(list(post.mean.values()))
+    mean = mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], law.mean - mean[places])
+    own = dict(zip(post.mean, np.split(mean, np.cumsum([len(m) for m in post.mean.values()])[:-1]), strict=True))
+    return replace(said.hypothesis, terms=tuple(t.moved(own[t.name]) if t.moves else t for t in said.hypothesis.terms))
+
+
+def _common(said: HypothesisFit, law: Law, evidence: float) -> Common:
+    """The law in parameters, those of effects by one record's columns."""
+    shape = law.mean[:INERTIA]
+    parameters: dict[str, dict[str, float]] = {}
+    sigma: dict[str, dict[str, float]] = {}
+    at = INERTIA + (0 if said.axis is None else AXIS)
+    for term in said.hypothesis.terms:
+        own = _solved_for(term)
+        mean = said.posterior.mean[term.name].copy()
+        covariance = np.zeros((len(mean), len(mean)))
+        mean[own] = law.mean[at : at + len(own)]
+        covariance[np.ix_(own, own)] = law.covariance[at : at + len(own), at : at + len(own)]
+        at += len(own)
+        values, spread = term.values(mean, covariance)
+        sd = np.sqrt(np.maximum(np.diag(spread), 0.0))
+        of = {n: k for k, n in enumerate(term.unknowns) if n in term.of_body}
+        parameters[term.name] = {n: float(values[k]) for n, k in of.items()}
+        sigma[term.name] = {n: float(sd[k]) for n, k in of.items()}
+    return Common(
+        shape=shape, covariance=law.covariance[:INERTIA, :INERTIA], inertia=inertia_of(shape), evidence=evidence,
+        parameters=parameters, sigma=sigma,
+    )  # fmt: skip
