@@ -75,6 +75,12 @@ def log_evidence(cut: Cut, shares: np.ndarray, balance: Balance, shift: np.ndarr
     return out
 
 
+def tells(cut: Cut, balance: Balance) -> bool:
+    """Whether how far the fill reaches moves the centre of mass by more than the motion leaves open."""
+    moved = centre_of(cut.membrane, cut.faces) - centre_of(cut.vertices, cut.faces)
+    return bool(moved @ np.linalg.solve(balance.covariance, moved) > 1.0)
+
+
 def balanced(
     cuts: Mapping[float, Cut], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
 ) -> tuple[float, float]:

@@ -17,7 +17,7 @@ See `spread` for what that leaves uncertain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ from massprops.errors import NotPossible
 from massprops.geometry.vectors import sphere
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
-from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of
+from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
@@ -75,8 +75,8 @@ FILLED = Fill()
 """How it is where nothing else says how far an unmeasured side reaches."""
 PULLS = FILL, 0.0
 """Of the hull, between which a free body's motion chooses."""
-Meshes = dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]]
-"""Vertices (v, 3), faces (f, 3) and kinds (v,) of a cut's mesh, by the hull's pull."""
+Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Vertices (v, 3), faces (f, 3) and kinds (v,) of a cut's mesh."""
 
 
 @dataclass(frozen=True)
@@ -154,33 +154,44 @@ def reconstruct_surface(
     first = fill if isinstance(fill, Fill) else FILLED
     given = _Given(thinned, hull, views, masks, cloud, moving, seed, beside, first.pull)
     progress(2, 5, "first cut")
-    pulls = (fill.pull,) if isinstance(fill, Fill) else PULLS
-    meshes = _meshes(given, pulls)
+    meshes = _meshes(given, (first.pull, *(p for p in PULLS if p != first.pull)))
+    mesh = next(meshes)[1]
     progress(4, 5, "cut")
-    surface = _finished(given, meshes, fill) if isinstance(fill, Fill) else _balanced(given, meshes, fill)
+    surface = _finished(given, mesh, fill) if isinstance(fill, Fill) else _balanced(given, mesh, meshes, fill)
     progress(5, 5, "surface")
     return surface
 
 
-def _balanced(given: _Given, meshes: Meshes, balance: Balance) -> Surface:
-    """The surface whose unmeasured sides are filled in so that its centre of mass lies likeliest where the motion shows it."""
-    cuts = {}
-    for pull, (vertices, faces, kinds) in meshes.items():
+def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], balance: Balance) -> Surface:
+    """The surface whose unmeasured sides are filled in so that its centre of mass lies likeliest where the motion shows it.
+
+    Args:
+        mesh: of the usual pull; others: of other pulls, made where they are asked for.
+    """
+
+    def cut_of(mesh: Mesh) -> Cut:
+        vertices, faces, kinds = mesh
         measured = kinds == MEASURED
-        cuts[pull] = Cut(vertices, faces, measured, _hollow(vertices, faces, measured, given.hull.support, 1.0))
+        return Cut(vertices, faces, measured, _hollow(vertices, faces, measured, given.hull.support, 1.0))
+
+    meshes, cuts = {given.pull: mesh}, {given.pull: cut_of(mesh)}
+    if not tells(cuts[given.pull], balance):
+        return _finished(given, mesh, FILLED)
+    for pull, other in others:
+        meshes[pull], cuts[pull] = other, cut_of(other)
     fill, tried = Fill(*balanced(cuts, HOLLOW, balance)), {}
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
     while fill not in tried and len(tried) < 3:
-        tried[fill] = surface = _finished(given, meshes, fill)
+        tried[fill] = surface = _finished(given, meshes[fill.pull], fill)
         cut = cuts[fill.pull]
         shift = centre_of(surface.vertices, surface.faces) - centre_of(cut.at(fill.membrane), cut.faces)
         fill = Fill(*balanced(cuts, HOLLOW, balance, shift))
     return surface
 
 
-def _finished(given: _Given, meshes: Meshes, fill: Fill) -> Surface:
+def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
     """The surface from a cut's mesh: its unmeasured sides in their place, the others in the middle of the noise."""
-    vertices, faces, kinds = meshes[fill.pull]
+    vertices, faces, kinds = mesh
     hull, cloud, h = given.hull, given.cloud, given.thinned.spacing
     support = hull.support
     measured, fixed = kinds == MEASURED, np.isin(kinds, (MEASURED, CONTACT, SHOWN))
@@ -217,9 +228,9 @@ class _Given:
     more: SilhouetteOnly | None = None
 
 
-def _meshes(given: _Given, pulls: Sequence[float]) -> Meshes:
-    """Vertices, faces and the kind of each vertex of the body, for each pull of the hull on what was not measured, of which the
-    first leaves a body, others may not.
+def _meshes(given: _Given, pulls: Sequence[float]) -> Iterator[tuple[float, Mesh]]:
+    """Each pull of the hull on what was not measured, and the mesh of the body that it leaves, made one by one; pulls after the
+    first may leave none.
 
     Once more with what silhouettes show of a still object where a first cut left nothing. What moves freely may be unlit
     there, and its silhouettes uncertain.
@@ -241,17 +252,14 @@ def _meshes(given: _Given, pulls: Sequence[float]) -> Meshes:
         if more is not None:
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
-    meshes = {}
-    for pull in pulls:
+    for k, pull in enumerate(pulls):
         own = costs.pulled(pull - given.pull)
         label = inside if pull == given.pull else minimum_cut(tetra, own)
         body = manifold(tetra, joined(tetra, own, label, given.moving, bool(given.masks)), guard)
-        if body.sum() < 10 and meshes:
-            continue
-        if body.sum() < 10:
+        if body.sum() >= 10:
+            yield pull, _mesh(tetra, kind, body)
+        elif k == 0:
             raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
-        meshes[pull] = _mesh(tetra, kind, body)
-    return meshes
 
 
 def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, Costs, np.ndarray]:

@@ -1,0 +1,55 @@
+"""How far an unmeasured side reaches, by the centre of mass that the motion shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells
+
+USUAL = 1 / 3
+
+
+def half_measured(reach: float) -> Cut:
+    """A ball of which the lower half was not measured: filled to `reach` of its depth, and a membrane across its rim."""
+    ball = trimesh.creation.icosphere(3)
+    vertices = np.asarray(ball.vertices, float)
+    below = vertices[:, 2] < -0.05
+    filled, membrane = vertices.copy(), vertices.copy()
+    filled[below, 2] *= reach
+    membrane[below, 2] = -0.1
+    return Cut(filled, np.asarray(ball.faces), ~below, membrane)
+
+
+def known(cut: Cut, share: float, sigma: float) -> Balance:
+    return Balance(centre_of(cut.at(share), cut.faces), sigma**2 * np.eye(3))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_the_fill_reaches_as_far_as_the_body_balances(share: float) -> None:
+    cut = half_measured(1.6)
+    pull, found = balanced({0.02: cut}, USUAL, known(cut, share, 1e-3))
+    assert pull == 0.02 and found == pytest.approx(share, abs=0.06)
+
+
+def test_a_centre_that_is_hardly_known_leaves_the_usual_fill() -> None:
+    cut = half_measured(1.6)
+    balance = known(cut, 1.0, 10.0)
+    assert not tells(cut, balance)
+    assert balanced({0.02: cut}, USUAL, balance)[1] == pytest.approx(USUAL, abs=0.1)
+
+
+def test_another_pull_is_taken_where_only_its_body_balances() -> None:
+    wide, narrow = half_measured(3.0), half_measured(0.5)
+    wide = Cut(wide.vertices, wide.faces, wide.measured, wide.at(0.2))
+    assert balanced({0.02: wide, 0.0: narrow}, USUAL, known(narrow, 0.3, 1e-3))[0] == 0.0
+    assert balanced({0.02: wide, 0.0: narrow}, USUAL, known(wide, 0.3, 1e-3))[0] == 0.02
+
+
+def test_later_steps_that_move_the_centre_are_counted() -> None:
+    cut, shift = half_measured(1.6), np.array([0.0, 0.0, 0.05])
+    here = known(cut, 0.5, 1e-3)
+    moved = Balance(here.place + shift, here.covariance)
+    assert balanced({0.02: cut}, USUAL, moved, shift)[1] == pytest.approx(0.5, abs=0.06)
+    assert balanced({0.02: cut}, USUAL, moved)[1] > 0.6
