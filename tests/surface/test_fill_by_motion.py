@@ -48,7 +48,7 @@ def test_another_pull_is_taken_where_only_its_body_balances() -> None:
 
 
 def test_later_steps_that_move_the_centre_are_counted() -> None:
-    cut, shift = half_measured(1.6), np.array([0.0, 0.0, 0.05])
+    cut, shift = half_measured(1.6), np.array([0.0, 0.0, 0.12])
     here = known(cut, 0.5, 1e-3)
     moved = Balance(here.place + shift, here.covariance)
     assert balanced({0.02: cut}, USUAL, moved, shift)[1] == pytest.approx(0.5, abs=0.06)
