@@ -8,7 +8,7 @@ covariance, and that of what the fill may be off by besides (`error_modes`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,10 @@ class Balance:
 
     place: np.ndarray
     covariance: np.ndarray
+
+    def widened(self, sigma: float) -> Balance:
+        """The same with an error of its own along each axis."""
+        return replace(self, covariance=self.covariance + sigma**2 * np.eye(3))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,9 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
    that; as far as they scatter about it, it is off in patches and bent as a whole; of a still object, either of the two may be
    wrong in either direction, as silhouettes take in shadows and plain sides are measured too deep: a bottle was 1.0 px too small
    where its outlines said 0.5 outside, a padlock 0.6 px too large where they said 0.8 outside;
-7. tips that stereo did not measure, where the silhouettes of a free body leave room for them.
+7. of a body that moves freely, the centre of mass that its motion shows: what would move the mesh's away from it did not happen
+   (`balancing`);
+8. tips that stereo did not measure, where the silhouettes of a free body leave room for them.
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
 """
@@ -31,6 +33,7 @@ import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
 from massprops.surface.error_modes import COMMON, REACH, SIDE_PIXELS, fill_modes, measured_modes
+from massprops.surface.fill_by_motion import Balance
 from massprops.surface.length import model_length
 from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, Gaps
 from massprops.surface.reconstruct import Surface
@@ -85,14 +88,14 @@ class Doubts:
         focal: relative 1-sigma of the focal length.
         gaps: between the mesh's outlines and the images', or None where outlines alone made the mesh.
         never_lit: what was not measured was never seen lit: the body turns, and the Sun stands.
-        balanced: how far that reaches was chosen by the centre of mass that the motion shows.
+        balance: the centre of mass that the motion shows, by which it was chosen how far that reaches, or None.
         joints: of placements that were joined.
     """
 
     focal: float = 0.0
     gaps: Gaps | None = None
     never_lit: bool = False
-    balanced: bool = False
+    balance: Balance | None = None
     joints: Sequence[Joint] = ()
 
 
@@ -149,12 +152,33 @@ def replicates(
 
     for joint in doubts.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
+    if doubts.balance is not None:
+        rows, lengths = balancing(rows, lengths, mesh_integrals(*mesh), doubts.balance, rng)
 
     lengths += _of_ends(surface, ends, count, rng, doubts.never_lit)
     size = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
     strain = _strains(size, count, rng)
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
+
+
+def balancing(
+    rows: np.ndarray, lengths: np.ndarray, own: np.ndarray, balance: Balance, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Replicates (r, 10) and lengths (r,) of bodies whose centre of mass lies where the motion shows it, to first order: each is moved by
+    what its own centre is off, as far as the others' numbers move with theirs (Matheron's rule, Journel and Huijbregts 1978).
+
+    Args:
+        own: (10,) of the mesh.
+    """
+    centre = own[1:4] / own[0]
+    apart = np.column_stack([rows - own, lengths])
+    at = (apart[:, 1:4] - apart[:, :1] * centre) / own[0]
+    apart, away = apart - apart.mean(axis=0), at - at.mean(axis=0)
+    both, seen = apart.T @ away / len(rows), away.T @ away / len(rows) + balance.covariance
+    noise = rng.multivariate_normal(np.zeros(3), balance.covariance, len(rows), method="cholesky")
+    change = (centre + at + noise - balance.place) @ np.linalg.solve(seen, both.T)
+    return rows - change[:, :10], lengths - change[:, 10]
 
 
 def _of_outlines(count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
@@ -203,7 +227,7 @@ def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: n
         drawn[:, 0] = -np.abs(drawn[:, 0])
         drawn[:, 1:] *= 0.5
     elif doubts.never_lit:
-        drawn[:, 0] = ((0.0 if doubts.balanced else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
+        drawn[:, 0] = ((0.0 if doubts.balance else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
     return drawn
 
 

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells
+from massprops.surface.spread import balancing
 
 USUAL = 1 / 3
 
@@ -53,3 +54,19 @@ def test_later_steps_that_move_the_centre_are_counted() -> None:
     moved = Balance(here.place + shift, here.covariance)
     assert balanced({0.02: cut}, USUAL, moved, shift)[1] == pytest.approx(0.5, abs=0.06)
     assert balanced({0.02: cut}, USUAL, moved)[1] > 0.6
+
+
+def test_replicates_that_do_not_balance_did_not_happen() -> None:
+    """Bodies that differ by the depth of one side: their centres tell which it is, and so the volume."""
+    rng = np.random.default_rng(0)
+    own = np.array([1.0, 0.0, 0.0, 0.2, *np.zeros(6)])
+    depth = 0.2 * rng.standard_normal(2000)
+    rows = own + np.outer(depth, [1.0, 0.0, 0.0, -0.4, *np.zeros(6)])
+    lengths = 2.0 + depth
+    # a depth of 0.1 moves the centre down by 0.06
+    balance = Balance(np.array([0.0, 0.0, 0.14]), 0.006**2 * np.eye(3))
+    moved, longer = balancing(rows, lengths, own, balance, rng)
+    assert moved[:, 0].mean() == pytest.approx(1.1, abs=0.005) and longer.mean() == pytest.approx(2.1, abs=0.005)
+    assert moved[:, 0].std() == pytest.approx(0.01, rel=0.15)
+    same, _ = balancing(rows, lengths, own, balance.widened(100.0), rng)
+    assert same[:, 0].std() == pytest.approx(0.2, rel=0.1)

@@ -106,8 +106,10 @@ def run(job: Job) -> dict[str, Any]:
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
     gaps = _outline_gaps(surface, views, masks, free)
-    balanced = balance is not None and surface.fill is not None
-    doubts = Doubts(_focal_sigma(job), gaps, free, balanced, joints=_joints(place))
+    if balance is not None:
+        # cameras that drift take the centre along
+        balance = balance.widened(gaps.drift * surface.hull.pixel) if surface.fill else None
+    doubts = Doubts(_focal_sigma(job), gaps, free, balance, _joints(place))
     rows, lengths = replicates(surface, len(views), doubts, seed=job.seed)
     others = unjoined(job, place, _focal_sigma(job))
     underside_hollow = underside_may_be_hollow(place, others)
