@@ -68,6 +68,7 @@ class Judgement:
         holds: `interval_90` holds the truth, for each of volume, I1, I2, I3, k1, k2.
         half_width: of the volume's interval, relative.
         confidence: the level that the run states, or an empty text.
+        together: volume, (3,) I / V^(5/3) and (2,) k of what mesh and motion say together, as errors; None where the run gives none.
     """
 
     exit_code: int = -1
@@ -87,6 +88,7 @@ class Judgement:
     holds: dict[str, bool] = field(default_factory=dict)
     half_width: float = float("nan")
     confidence: str = ""
+    together: tuple[float, np.ndarray, np.ndarray] | None = None
 
 
 def fit_cameras(ours: np.ndarray, true: np.ndarray, seed: int = 0) -> CameraFit | None:
@@ -164,6 +166,20 @@ def judge_intervals(document: dict[str, Any], truth: SceneTruth) -> dict[str, An
     return found
 
 
+def judge_together(
+    document: dict[str, Any], truth: SceneTruth, fit: CameraFit | None
+) -> tuple[float, np.ndarray, np.ndarray] | None:
+    """Errors of the recommended values where they are of mesh and motion together: volume, (3,) I / V^(5/3), (2,) k."""
+    values = document.get("recommended") or {}
+    if values.get("source") != "fused":
+        return None
+    moments = np.array(values["principal_moments"]) / float(document["density"])
+    ours, true = (m / v ** (5 / 3) for m, v in ((moments, values["volume"]), (truth.moments, truth.volume)))
+    k = np.array([values["k1"], values["k2"]]) - np.log(truth.moments[:2] / truth.moments[1:])
+    volume = float("nan") if fit is None else float(values["volume"]) * fit.scale**3 / truth.volume - 1
+    return volume, ours / true - 1, k
+
+
 def judge_masks(masks: dict[int, np.ndarray], truth: SceneTruth) -> dict[str, Any]:
     """Intersection over union of silhouettes with the CAD's.
 
@@ -200,6 +216,7 @@ def judge_run(run: Path, truth: SceneTruth, exit_code: int = -1, cpu_seconds: fl
         document = json.loads((run / "massprops.json").read_text())
         found |= judge_intervals(document, truth)
         found["confidence"] = (document.get("confidence") or {}).get("level", "")
+        found["together"] = judge_together(document, truth, fit)
     return Judgement(exit_code=exit_code, cpu_seconds=cpu_seconds, **found, **judge_masks(run_masks(run, truth), truth))
 
 

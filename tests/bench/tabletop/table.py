@@ -18,12 +18,17 @@ def line(name: str, found: Judgement) -> str:
     """One scene in one line; lengths over the greatest extent, errors in per cent, CPU in seconds."""
     shape = " ".join(f"{100 * v:+6.1f}" for v in found.shape)
     fails = " ".join(q for q, ok in found.holds.items() if not ok) or ("none" if found.holds else "-")
+    both = ""
+    if found.together is not None:
+        volume, numbers, k = found.together
+        row = " ".join(f"{100 * v:+6.1f}" for v in numbers)
+        both = f"\n  {'with the motion':<47} {100 * volume:+7.2f} {row} {k[0]:+6.3f} {k[1]:+6.3f}"
     return (
         f"  {name:<16} {found.exit_code:>4} {found.confidence or '-':<6} "
         f"{found.agree:>5}/{found.registered:>3}/{found.images:>3}    {'yes' if found.closed else 'no':<6} "
         f"{100 * found.volume:+7.2f} {shape} {found.k[0]:+6.3f} {found.k[1]:+6.3f} {100 * found.centre:6.2f} "
         f"{100 * found.strays:6.2f}      {found.iou_median:.3f} {found.iou_worst:.3f}  {fails:<16} "
-        f"{100 * found.half_width:5.1f} {found.cpu_seconds:6.0f}"
+        f"{100 * found.half_width:5.1f} {found.cpu_seconds:6.0f}{both}"
     )
 
 
