@@ -9,7 +9,7 @@ from synthetic_dense import boxes, cameras, observe, sphere_directions
 
 from massprops.surface.cut import Costs
 from massprops.surface.join import joined, parts
-from massprops.surface.reconstruct import reconstruct_surface
+from massprops.surface.reconstruct import Fill, reconstruct_surface
 from massprops.surface.tetra import Tetrahedra, tetrahedralise
 
 BUS, ARRAY = ((0.4, 0.4, 0.4), (-0.3, 0, 0)), ((0.3, 0.3, 0.1), (0.2, 0, 0))
@@ -47,7 +47,7 @@ def test_a_piece_beside_a_still_object_is_left(seen):
 
 def test_before_there_are_silhouettes_a_piece_beside_a_still_object_is_left(seen):
     _, views, cloud, _ = seen
-    surface = reconstruct_surface(views, [], cloud, points=6000, moving=False, fill=0.0)
+    surface = reconstruct_surface(views, [], cloud, points=6000, moving=False, fill=Fill(pull=0.0))
     assert np.ptp(surface.vertices[:, 0]) == pytest.approx(0.4, abs=0.015)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from massprops.surface.reconstruct import _hollow
+from massprops.surface.reconstruct import HOLLOW, _hollow
 from massprops.surface.silhouette import make_hull
 from massprops.views import Views
 
@@ -46,6 +46,6 @@ def test_fill_that_hangs_over_a_support_is_a_film(support: tuple[float, ...] | N
     below = np.isclose(vertices[:, 2], -0.2) & (np.hypot(vertices[:, 0], vertices[:, 1]) < 0.99)
     vertices[below, 2] -= 0.9 * (1 - np.hypot(vertices[below, 0], vertices[below, 1]))
     deepest = int(np.argmin(vertices[:, 2]))
-    found = _hollow(vertices, faces, ~below, None if support is None else np.array(support))
+    found = _hollow(vertices, faces, ~below, None if support is None else np.array(support), HOLLOW)
     assert found[deepest, 2] == pytest.approx(-0.2 - depth * 0.9, abs=0.02)
     assert np.array_equal(found[~below], vertices[~below])
