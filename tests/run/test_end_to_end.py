@@ -22,7 +22,7 @@ from massprops.simulation import simulate
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate("asteroid", tmp_path_factory.mktemp("s") / "seq", frames=40, size=(400, 300), rate_deg=6.0, seed=1)
+    return simulate("asteroid", tmp_path_factory.mktemp("s") / "seq", frames=32, size=(360, 270), rate_deg=7.5, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -37,16 +37,16 @@ def test_the_answer_is_near_the_truth(whole: Run, sequence: Path) -> None:
     truth = read_truth(sequence)
     assert truth is not None and whole.exit_code == 0, whole.reason
     p = whole.properties
-    # this body in seeds 1, 2 and 3 (23 to 38 % filled so that it balances): +0.6, -1.1, +0.8 % (moments -4.0 to +0.3 %), and 0.5 %
-    # (1 sigma) between processors; three to four standard deviations of such a fill
+    # 40 images of 400x300 in seeds 1, 2 and 3 (23 to 38 % filled so that it balances): +0.6, -1.1, +0.8 % (moments -4.0 to +0.3 %), and
+    # 0.5 % (1 sigma) between processors; three to four standard deviations of such a fill
     assert p["volume"] == pytest.approx(truth.facts["volume"], rel=0.04)
     assert np.allclose(p["principal_moments"], truth.facts["principal_moments"], rtol=0.08)
-    # 40 images of 400x300 leave a fifth of the surface to be filled in
+    # so few and small images leave a third of the surface to be filled in
     assert p["inertia_ratios"]["k1"] == pytest.approx(truth.facts["k1"], abs=0.05)
     low, high = p["interval_90"]["volume"]
     assert low < truth.facts["volume"] < high and low < p["volume"] < high and (high - low) / p["volume"] < 0.3
     assert p["units"] == {"length": "m", "mass": "kg"} and p["scale"]["source"] == "given"
-    assert p["surface"]["watertight"] and p["surface"]["observed_fraction"] > 0.6
+    assert p["surface"]["watertight"] and p["surface"]["observed_fraction"] > 0.55
 
 
 def test_the_run_folder_is_complete(whole: Run) -> None:
