@@ -53,30 +53,41 @@ class Cut:
         return self.vertices + share * (self.membrane - self.vertices)
 
 
-def log_evidence(cut: Cut, shares: np.ndarray, balance: Balance, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """(k, 4) log density of the centre that the motion shows, under a mesh for each of the shares (k,) of the way to its membrane,
-    and by how much of what is stated (`FACTORS`) its fill is off from place to place.
+@dataclass(frozen=True)
+class Ways:
+    """Centres of mass (k, 3) of a cut by `SHARES`, and the covariance (3, 3) of what its fill may be off by besides."""
+
+    centres: np.ndarray
+    spread: np.ndarray
+
+
+def ways_of(cut: Cut) -> Ways:
+    """The ways of filling in that one cut leaves."""
+    centres = np.array([centre_of(cut.at(float(share)), cut.faces) for share in SHARES])
+    whole, seen = cut.at(float(np.median(SHARES))), cut.measured[cut.faces].all(axis=1)
+    if not seen.any():
+        return Ways(centres, np.zeros((3, 3)))
+    # the first mode is common to all of the fill, as the share is
+    modes = fill_modes(whole, cut.faces, seen, float(np.linalg.norm(np.ptp(whole, axis=0))))[1:]
+    by_volume, by_first = np.split(modes @ offset_response(whole, cut.faces)[:, :4], [1], axis=1)
+    moved = (by_first - by_volume * centre_of(whole, cut.faces)) / mesh_integrals(whole, cut.faces)[0]
+    return Ways(centres, moved.T @ moved)
+
+
+def log_evidence(ways: Ways, balance: Balance, shift: np.ndarray | float = 0.0) -> np.ndarray:
+    """(k, 4) log density of the centre that the motion shows, by the share of the way to the membrane and by how much of what is stated
+    (`FACTORS`) the fill is off from place to place.
 
     Args:
         shift: (3,) by which later steps move the mesh's centre.
     """
-    whole = cut.at(float(np.median(shares)))
-    seen = cut.measured[cut.faces].all(axis=1)
-    if not seen.any():
-        return np.zeros((len(shares), len(FACTORS)))
-    # the first mode is common to all of the fill, as the share is
-    modes = fill_modes(whole, cut.faces, seen, float(np.linalg.norm(np.ptp(whole, axis=0))))[1:]
-    out = np.empty((len(shares), len(FACTORS)))
-    for k, share in enumerate(shares):
-        vertices = cut.at(float(share))
-        ten, response = mesh_integrals(vertices, cut.faces), offset_response(vertices, cut.faces)
-        centre = ten[1:4] / ten[0]
-        moved = (modes @ response[:, 1:4] - (modes @ response[:, :1]) * centre) / ten[0]
-        apart = centre + shift - balance.place
-        for j, factor in enumerate(FACTORS):
-            spread = balance.covariance + factor**2 * moved.T @ moved
-            out[k, j] = -0.5 * (apart @ np.linalg.solve(spread, apart) + np.linalg.slogdet(spread)[1])
-    return out
+    apart = ways.centres + shift - balance.place
+    out = []
+    for factor in FACTORS:
+        spread = balance.covariance + factor**2 * ways.spread
+        square = np.einsum("ki,ki->k", apart, np.linalg.solve(spread, apart.T).T)
+        out.append(-0.5 * (square + np.linalg.slogdet(spread)[1]))
+    return np.stack(out, axis=1)
 
 
 def tells(cut: Cut, balance: Balance) -> bool:
@@ -86,19 +97,16 @@ def tells(cut: Cut, balance: Balance) -> bool:
 
 
 def balanced(
-    cuts: Mapping[float, Cut], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
+    ways: Mapping[float, Ways], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
 ) -> tuple[float, float]:
     """The pull under which the centre lies likeliest where the motion shows it, and the mean share of the way to the membrane.
 
     Args:
-        cuts: by the hull's pull on what was not measured; usual: share that is likeliest where nothing is known, and its 1-sigma.
+        ways: by the hull's pull on what was not measured; usual: share that is likeliest where nothing is known, and its 1-sigma.
         shift: (3,) by which later steps move the mesh's centre.
     """
     prior = -0.5 * ((SHARES - usual) / usual) ** 2
-    log = {
-        pull: np.logaddexp.reduce(log_evidence(cut, SHARES, balance, shift), axis=1) + prior
-        for pull, cut in cuts.items()
-    }
+    log = {pull: np.logaddexp.reduce(log_evidence(way, balance, shift), axis=1) + prior for pull, way in ways.items()}
     best = max(log, key=lambda pull: float(np.logaddexp.reduce(log[pull])))
     weight = np.exp(log[best] - log[best].max())
     return best, round(float(weight @ SHARES / weight.sum()), 2)

@@ -28,7 +28,7 @@ from massprops.errors import NotPossible
 from massprops.geometry.vectors import sphere
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
-from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells
+from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells, ways_of
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import face_normals, fair, measured_faces, membrane, remove_bias, vertex_normals
@@ -179,13 +179,14 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], b
         return _finished(given, mesh, FILLED)
     for pull, other in others:
         meshes[pull], cuts[pull] = other, cut_of(other)
-    fill, tried = Fill(*balanced(cuts, HOLLOW, balance)), {}
+    ways = {pull: ways_of(cut) for pull, cut in cuts.items()}
+    fill, tried = Fill(*balanced(ways, HOLLOW, balance)), {}
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
     while fill not in tried and len(tried) < 3:
         tried[fill] = surface = _finished(given, meshes[fill.pull], fill)
         cut = cuts[fill.pull]
         shift = centre_of(surface.vertices, surface.faces) - centre_of(cut.at(fill.membrane), cut.faces)
-        fill = Fill(*balanced(cuts, HOLLOW, balance, shift))
+        fill = Fill(*balanced(ways, HOLLOW, balance, shift))
     return surface
 
 

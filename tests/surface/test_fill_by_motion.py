@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells
+from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells, ways_of
 from massprops.surface.spread import balancing
 
 USUAL = 1 / 3
@@ -30,7 +30,7 @@ def known(cut: Cut, share: float, sigma: float) -> Balance:
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_the_fill_reaches_as_far_as_the_body_balances(share: float) -> None:
     cut = half_measured(1.6)
-    pull, found = balanced({0.02: cut}, USUAL, known(cut, share, 1e-3))
+    pull, found = balanced({0.02: ways_of(cut)}, USUAL, known(cut, share, 1e-3))
     assert pull == 0.02 and found == pytest.approx(share, abs=0.06)
 
 
@@ -38,22 +38,22 @@ def test_a_centre_that_is_hardly_known_leaves_the_usual_fill() -> None:
     cut = half_measured(1.6)
     balance = known(cut, 1.0, 10.0)
     assert not tells(cut, balance)
-    assert balanced({0.02: cut}, USUAL, balance)[1] == pytest.approx(USUAL, abs=0.1)
+    assert balanced({0.02: ways_of(cut)}, USUAL, balance)[1] == pytest.approx(USUAL, abs=0.1)
 
 
 def test_another_pull_is_taken_where_only_its_body_balances() -> None:
     wide, narrow = half_measured(3.0), half_measured(0.5)
     wide = Cut(wide.vertices, wide.faces, wide.measured, wide.at(0.2))
-    assert balanced({0.02: wide, 0.0: narrow}, USUAL, known(narrow, 0.3, 1e-3))[0] == 0.0
-    assert balanced({0.02: wide, 0.0: narrow}, USUAL, known(wide, 0.3, 1e-3))[0] == 0.02
+    assert balanced({0.02: ways_of(wide), 0.0: ways_of(narrow)}, USUAL, known(narrow, 0.3, 1e-3))[0] == 0.0
+    assert balanced({0.02: ways_of(wide), 0.0: ways_of(narrow)}, USUAL, known(wide, 0.3, 1e-3))[0] == 0.02
 
 
 def test_later_steps_that_move_the_centre_are_counted() -> None:
     cut, shift = half_measured(1.6), np.array([0.0, 0.0, 0.12])
     here = known(cut, 0.5, 1e-3)
     moved = Balance(here.place + shift, here.covariance)
-    assert balanced({0.02: cut}, USUAL, moved, shift)[1] == pytest.approx(0.5, abs=0.06)
-    assert balanced({0.02: cut}, USUAL, moved)[1] > 0.6
+    assert balanced({0.02: ways_of(cut)}, USUAL, moved, shift)[1] == pytest.approx(0.5, abs=0.06)
+    assert balanced({0.02: ways_of(cut)}, USUAL, moved)[1] > 0.6
 
 
 def test_replicates_that_do_not_balance_did_not_happen() -> None:
