@@ -146,8 +146,7 @@ def replicates(
     by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
-    outlined = _outlined(surface, doubts, ends.length)
-    of_fill = fill_modes(*mesh, surface.observed, ends.length, surface.inferred, outlined, surface.slope)
+    of_fill = _of_fill(surface, doubts, ends.length)
     add(_fill_draws(surface, doubts, (count, len(of_fill)), rng), of_fill)
 
     for joint in doubts.joints:
@@ -213,6 +212,12 @@ def _outlined(surface: Surface, doubts: Doubts, length: float) -> np.ndarray | N
     else:
         away = np.minimum(away, length)
     return np.asarray(away + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
+
+
+def _of_fill(surface: Surface, doubts: Doubts, length: float) -> np.ndarray:
+    """(m, f) `fill_modes` of the surface; length: of the body."""
+    mesh, outlined = (surface.vertices, surface.faces), _outlined(surface, doubts, length)
+    return fill_modes(*mesh, surface.observed, length, surface.inferred, outlined, surface.slope)
 
 
 def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
