@@ -16,9 +16,10 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
    that; as far as they scatter about it, it is off in patches and bent as a whole; of a still object, either of the two may be
    wrong in either direction, as silhouettes take in shadows and plain sides are measured too deep: a bottle was 1.0 px too small
    where its outlines said 0.5 outside, a padlock 0.6 px too large where they said 0.8 outside;
-7. of a body that moves freely, the centre of mass that its motion shows: what would move the mesh's away from it did not happen
-   (`balancing`);
-8. tips that stereo did not measure, where the silhouettes of a free body leave room for them.
+7. tips that stereo did not measure, where the silhouettes of a free body leave room for them.
+
+Of a body that moves freely, what would move its centre of mass away from where the motion shows it did not happen (`balancing`). The
+cross-check, which asks whether shape and motion agree at all, goes by the replicates before that.
 
 The greatest length of each replicate is kept beside its integrals, since it is the model unit.
 """
@@ -88,14 +89,14 @@ class Doubts:
         focal: relative 1-sigma of the focal length.
         gaps: between the mesh's outlines and the images', or None where outlines alone made the mesh.
         never_lit: what was not measured was never seen lit: the body turns, and the Sun stands.
-        balance: the centre of mass that the motion shows, by which it was chosen how far that reaches, or None.
+        balanced: how far that reaches was chosen by the centre of mass that the motion shows.
         joints: of placements that were joined.
     """
 
     focal: float = 0.0
     gaps: Gaps | None = None
     never_lit: bool = False
-    balance: Balance | None = None
+    balanced: bool = False
     joints: Sequence[Joint] = ()
 
 
@@ -151,8 +152,6 @@ def replicates(
 
     for joint in doubts.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
-    if doubts.balance is not None:
-        rows, lengths = balancing(rows, lengths, mesh_integrals(*mesh), doubts.balance, rng)
 
     lengths += _of_ends(surface, ends, count, rng, doubts.never_lit)
     size = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
@@ -232,7 +231,7 @@ def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: n
         drawn[:, 0] = -np.abs(drawn[:, 0])
         drawn[:, 1:] *= 0.5
     elif doubts.never_lit:
-        drawn[:, 0] = ((0.0 if doubts.balance else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
+        drawn[:, 0] = ((0.0 if doubts.balanced else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
     return drawn
 
 

@@ -72,16 +72,14 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes surface.npz (vertices, faces, observed, replicate_integrals, replicate_length, outer_integrals) and surface.json; masks/
-    too, where silhouettes were drawn from a shape.
-    """
+    """Writes surface.npz (see `_save`) and surface.json; masks/ too, where silhouettes were drawn from a shape."""
     from massprops.run.unjoined import underside_may_be_hollow, unjoined
     from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
-    from massprops.surface.spread import Doubts, replicates
+    from massprops.surface.spread import Doubts, balancing, replicates
     from massprops.surface.through_holes import with_open_holes
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
@@ -106,21 +104,22 @@ def run(job: Job) -> dict[str, Any]:
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
     gaps = _outline_gaps(surface, views, masks, free)
-    if balance is not None:
+    doubts = Doubts(_focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place))
+    rows, lengths = by_shape = replicates(surface, len(views), doubts, seed=job.seed)
+    body = mesh_integrals(surface.vertices, surface.faces)
+    if balance is not None and doubts.balanced:
         # cameras that drift take the centre along
-        balance = balance.widened(gaps.drift * surface.hull.pixel) if surface.fill else None
-    doubts = Doubts(_focal_sigma(job), gaps, free, balance, _joints(place))
-    rows, lengths = replicates(surface, len(views), doubts, seed=job.seed)
+        balance = balance.widened(gaps.drift * surface.hull.pixel)
+        rows, lengths = balancing(rows, lengths, body, balance, np.random.default_rng([job.seed, 15]))
     others = unjoined(job, place, _focal_sigma(job))
     underside_hollow = underside_may_be_hollow(place, others)
-    body = mesh_integrals(surface.vertices, surface.faces)
     hollow, behind = _hollows(surface, place, underside_hollow), _behind_sides(surface, gaps, place)
     empty, told = _may_be_empty(hollow, behind, holes, float(body[0]))
     rows = with_open_holes(hollowed(rows, body, empty, job.seed), holes.unsure, job.seed)
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     # what the body is within at most, where its replicates leave that open
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
-    _save(job, surface, rows, lengths, outer)
+    _save(job, surface, (rows, lengths), by_shape if doubts.balanced else (rows, lengths), outer)
     overlap = agreement(surface.vertices, surface.faces, views, masks)
     facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
@@ -132,16 +131,23 @@ def run(job: Job) -> dict[str, Any]:
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
 
 
-def _save(job: Job, surface: Surface, rows: np.ndarray, lengths: np.ndarray, outer: np.ndarray) -> None:
-    """Writes surface.npz; rows (r, 10) and lengths (r,) of its replicates, outer (10,) integrals of what it is within at most."""
+Replicates = tuple[np.ndarray, np.ndarray]
+"""Integrals (r, 10) and greatest lengths (r,)."""
+
+
+def _save(job: Job, surface: Surface, drawn: Replicates, by_shape: Replicates, outer: np.ndarray) -> None:
+    """Writes surface.npz; drawn: its replicates; by_shape: those that know nothing of the motion; outer (10,) integrals of what it is
+    within at most."""
     np.savez(
         job.out / "surface.npz",
         vertices=surface.vertices,
         faces=surface.faces,
         observed=surface.observed,
         inferred=surface.inferred,
-        replicate_integrals=rows,
-        replicate_length=lengths,
+        replicate_integrals=drawn[0],
+        replicate_length=drawn[1],
+        shape_integrals=by_shape[0],
+        shape_length=by_shape[1],
         outer_integrals=outer,
     )
 
