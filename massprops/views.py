@@ -58,6 +58,11 @@ class Views:
         """(n, 3) camera centres in the world."""
         return -np.einsum("nij,ni->nj", self.R, self.t)
 
+    @property
+    def of_first_camera(self) -> np.ndarray:
+        """(n,) bool: taken by cam0, or by the cameras of a folder without cameras."""
+        return np.array([n.startswith("cam0/") or "/" not in n for n in self.names], bool)
+
     def take(self, index: np.ndarray) -> Views:
         """The views at `index` (integers or a mask)."""
         index = np.arange(len(self))[index]

@@ -177,7 +177,7 @@ def _centre(folder: Path, mesh: Any, frame: Any) -> tuple[Any, Any]:
         points = SparsePoints.load(folder / "work" / "sfm" / "points.npz")
     except (OSError, ValueError, KeyError):
         return None, None
-    rows = np.flatnonzero([n.startswith("cam0/") or "/" not in n for n in views.names])
+    rows = np.flatnonzero(views.of_first_camera)
     stamps = views.timestamp_ns[rows]
     if not (stamps >= 0).all():
         # images without a clock: the sequence counts them, in the same order

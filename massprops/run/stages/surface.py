@@ -347,7 +347,7 @@ def _balance(views: Views, cloud: Cloud, footage: dict[str, Any]) -> Balance | N
     from massprops.surface.fill_by_motion import Balance
 
     place = {f["name"]: int(f["index"]) for f in footage["frames"]}
-    first = views.take(np.flatnonzero([n.startswith("cam0/") or "/" not in n for n in views.names]))
+    first = views.take(np.flatnonzero(views.of_first_camera))
     stamps = clock(first, np.array([place.get(n, i) for i, n in enumerate(first.names)]))[0]
     order = np.argsort(stamps, kind="stable")
     low, high = np.quantile(cloud.xyz, [0.01, 0.99], axis=0)

@@ -16,7 +16,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     r, views = inputs.range, inputs.views
     if r is None or views is None or inputs.centre_of_mass is None or len(r.range_m) == 0:
         return None
-    own = np.array([n.startswith("cam0/") or "/" not in n for n in views.names])
+    own = views.of_first_camera
     inside = own & (views.timestamp_ns >= r.timestamp_ns.min()) & (views.timestamp_ns <= r.timestamp_ns.max())
     if inside.sum() < 3:
         raise InputError("range0/data.csv: no ranges at the times of the images; check that both use one clock")
