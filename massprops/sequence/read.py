@@ -229,12 +229,7 @@ def _rotor(folder: Path, warnings: list[str]) -> RotorSeries | None:
     if not _there(folder / "data.csv"):
         return None
     table, sensor = _series(folder / "data.csv", ROTOR, warnings), _sensor(RotorFile, folder, warnings)
-    axis = sensor.axis
-    if axis is not None:
-        length = float(np.linalg.norm(axis))
-        if not length > 1e-12:
-            raise InputError(f"{folder / 'sensor.yaml'}: axis has no length: give a direction, or leave it out")
-        axis = axis / length
+    axis = _unit(sensor.axis, f"{folder / 'sensor.yaml'}: axis has no length: give a direction, or leave it out")
     return RotorSeries(table["timestamp"], table["rate"], axis, sensor.inertia_kg_m2)
 
 
@@ -282,16 +277,21 @@ def _body(path: Path) -> Body | None:
     )
 
 
+def _unit(direction: np.ndarray | None, fault: str) -> np.ndarray | None:
+    """(3,) of length 1, or None of none. fault: what is said of one without length."""
+    if direction is None:
+        return None
+    length = float(np.linalg.norm(direction))
+    if not length > 1e-12:
+        raise InputError(fault)
+    return direction / length
+
+
 def _environment(path: Path) -> Environment:
     if not _there(path):
         return Environment()
     document = read(EnvironmentFile, load_yaml(path), str(path))
-    direction = document.sun_direction
-    if direction is not None:
-        length = float(np.linalg.norm(direction))
-        if not length > 1e-12:
-            raise InputError(f"{path}: sun_direction has no length")
-        direction = direction / length
+    direction = _unit(document.sun_direction, f"{path}: sun_direction has no length")
     orbit = document.orbit
     rotation = np.eye(3)
     if orbit is not None and orbit.R_inertial_perifocal is not None:
