@@ -31,12 +31,8 @@ def read_replicates(run: Path) -> Replicates | None:
         with open_arrays(run / "work" / "surface" / "surface.npz") as z:
             vertices, faces, observed = z["vertices"], z["faces"], z["observed"].astype(bool)
             # those that know nothing of the motion, where others do
-            of = (
-                ("shape_integrals", "shape_length")
-                if "shape_integrals" in z
-                else ("replicate_integrals", "replicate_length")
-            )
-            rows, lengths = z[of[0]], z[of[1]]
+            of = "shape" if "shape_integrals" in z else "replicate"
+            rows, lengths = z[f"{of}_integrals"], z[f"{of}_length"]
     except (OSError, ValueError, KeyError):
         return None
     if not _fit_together(vertices, faces, observed, rows, lengths):

@@ -32,7 +32,7 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
         start = first_guess(problem)
     begun = time.process_time()
     found = start.momentum
-    covariance = start.covariance * max(1.0, _widened(problem, start) / problem.alike**2)
+    covariance = start.covariance * (_widened(problem, start) / problem.alike**2)
     sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
     # turns about camera axes are what others compare
     R = rotation_matrix(start.q)
