@@ -55,6 +55,9 @@ STARTS = 3
 """Times that a motion is looked for. On a path-traced CubeSat that shows two sides without a feature in common the first was off by
 4 degrees (4.7 by `WORSE`), the second by 0.3 (1.5)."""
 
+NEARER = 0.9
+"""Least change of that gain by which a further start is worth its time: a body that a torque brakes stays where it is (27.6, 27.5)."""
+
 
 @dataclass(frozen=True)
 class Following:
@@ -79,7 +82,7 @@ def follow_free_motion(
             own, worse = _own_poses(model, tumble, clock, given)
             if worse < WORSE:
                 return model, Following(tumble, clock)
-            if not worse < worst:
+            if not worse < NEARER * worst:
                 return None
             model, worst = own, worse
     except NotPossible:
