@@ -96,10 +96,19 @@ def tells(cut: Cut, balance: Balance) -> bool:
     return bool(moved @ np.linalg.solve(balance.covariance, moved) > 1.0)
 
 
+@dataclass(frozen=True)
+class Likely:
+    """A pull, the mean share of the way to the membrane under it, and the chance of that pull."""
+
+    pull: float
+    membrane: float
+    chance: float
+
+
 def balanced(
     ways: Mapping[float, Ways], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
-) -> tuple[float, float]:
-    """The pull under which the centre lies likeliest where the motion shows it, and the mean share of the way to the membrane.
+) -> list[Likely]:
+    """The pulls under which the centre may lie where the motion shows it, the likeliest first.
 
     Args:
         ways: by the hull's pull on what was not measured; usual: share that is likeliest where nothing is known, and its 1-sigma.
@@ -107,9 +116,13 @@ def balanced(
     """
     prior = -0.5 * ((SHARES - usual) / usual) ** 2
     log = {pull: np.logaddexp.reduce(log_evidence(way, balance, shift), axis=1) + prior for pull, way in ways.items()}
-    best = max(log, key=lambda pull: float(np.logaddexp.reduce(log[pull])))
-    weight = np.exp(log[best] - log[best].max())
-    return best, round(float(weight @ SHARES / weight.sum()), 2)
+    whole = np.logaddexp.reduce(np.concatenate(list(log.values())))
+    found = []
+    for pull, own in log.items():
+        weight = np.exp(own - whole)
+        within = np.exp(own - np.logaddexp.reduce(own))
+        found.append(Likely(pull, round(float(within @ SHARES), 2), float(weight.sum())))
+    return sorted(found, key=lambda way: -way.chance)
 
 
 def centre_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

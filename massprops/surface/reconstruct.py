@@ -26,6 +26,7 @@ import numpy as np
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.geometry.vectors import sphere
+from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells, ways_of
@@ -93,6 +94,7 @@ class Surface:
         spacing: distance between neighbouring vertices where it was measured.
         slope: 1-sigma of the surface's slope where its brightness gave it [rad], None elsewhere.
         fill: how unmeasured space was filled in; None where outlines alone made the surface.
+        rivals: other ways that may be right: the chance of each, and by how much its integrals (10,) are others.
     """
 
     vertices: np.ndarray
@@ -104,6 +106,7 @@ class Surface:
     spacing: float
     slope: float | None = None
     fill: Fill | None = None
+    rivals: tuple[tuple[float, np.ndarray], ...] = ()
 
     @property
     def noise(self) -> float:
@@ -180,14 +183,20 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], b
     for pull, other in others:
         meshes[pull], cuts[pull] = other, cut_of(other)
     ways = {pull: ways_of(cut) for pull, cut in cuts.items()}
-    fill, tried = Fill(*balanced(ways, HOLLOW, balance)), {}
+    likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
-    while fill not in tried and len(tried) < 3:
-        tried[fill] = surface = _finished(given, meshes[fill.pull], fill)
-        cut = cuts[fill.pull]
-        shift = centre_of(surface.vertices, surface.faces) - centre_of(cut.at(fill.membrane), cut.faces)
-        fill = Fill(*balanced(ways, HOLLOW, balance, shift))
-    return surface
+    while (fill := Fill(likely[0].pull, likely[0].membrane)) not in tried and len(tried) < 3:
+        tried.add(fill)
+        surface, cut = _finished(given, meshes[fill.pull], fill), cuts[fill.pull]
+        own = cut.at(fill.membrane)
+        shift = centre_of(surface.vertices, surface.faces) - centre_of(own, cut.faces)
+        likely = balanced(ways, HOLLOW, balance, shift)
+    rivals, body = [], mesh_integrals(own, cut.faces)
+    for way in likely:
+        if surface.fill is not None and way.pull != surface.fill.pull:
+            other_cut = cuts[way.pull]
+            rivals.append((way.chance, mesh_integrals(other_cut.at(way.membrane), other_cut.faces) - body))
+    return replace(surface, rivals=tuple(rivals))
 
 
 def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:

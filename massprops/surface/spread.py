@@ -179,6 +179,19 @@ def balancing(
     return rows - change[:, :10], lengths - change[:, 10]
 
 
+def with_rivals(rows: np.ndarray, rivals: Sequence[tuple[float, np.ndarray]], rng: np.random.Generator) -> np.ndarray:
+    """Replicates (r, 10) of which as many are filled in another way as it is likely.
+
+    Args:
+        rivals: the chance of each such way, and by how much its integrals (10,) are others.
+    """
+    drawn, before, out = rng.random(len(rows)), 0.0, rows.copy()
+    for chance, change in rivals:
+        out[(before <= drawn) & (drawn < before + chance)] += change
+        before += chance
+    return out
+
+
 def _of_outlines(count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
     """(count, 1) shares of the gaps to the outlines by which the mesh is off."""
     drawn = rng.standard_normal((count, 1))

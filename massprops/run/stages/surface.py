@@ -79,7 +79,7 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.silhouette import agreement
-    from massprops.surface.spread import Doubts, balancing, replicates
+    from massprops.surface.spread import Doubts, balancing, replicates, with_rivals
     from massprops.surface.through_holes import with_open_holes
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
@@ -110,7 +110,9 @@ def run(job: Job) -> dict[str, Any]:
     if balance is not None and doubts.balanced:
         # cameras that drift take the centre along
         balance = balance.widened(gaps.drift * surface.hull.pixel)
-        rows, lengths = balancing(rows, lengths, body, balance, np.random.default_rng([job.seed, 15]))
+        rng = np.random.default_rng([job.seed, 15])
+        rows, lengths = balancing(rows, lengths, body, balance, rng)
+        rows = with_rivals(rows, surface.rivals, rng)
     others = unjoined(job, place, _focal_sigma(job))
     underside_hollow = underside_may_be_hollow(place, others)
     hollow, behind = _hollows(surface, place, underside_hollow), _behind_sides(surface, gaps, place)
