@@ -230,6 +230,10 @@ class Balance:
         turn = -np.swapaxes(R, 1, 2) @ integral(self.path.t, R @ shown)
         return np.asarray((shown + self._answer @ turn)[self.rows.at])
 
+    def turned(self, turn: np.ndarray) -> np.ndarray:
+        """(all, 3, k) rows of rates along a path that is turned by (n, 3, k), inertial axes."""
+        return np.asarray((self._answer @ np.swapaxes(self.path.R, 1, 2) @ turn)[self.rows.at])
+
     def columns(self, forcing: Forcing) -> np.ndarray:
         """(all, 3, k) response of the rows to a unit of each unknown."""
         return self.response(self.forced(forcing))
