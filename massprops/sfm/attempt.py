@@ -24,7 +24,7 @@ from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.sfm import pairs as pairing
 from massprops.sfm.chance import drop_chance
-from massprops.sfm.convert import to_views
+from massprops.sfm.convert import take_out_images, to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, match_distinct, repeating
 from massprops.sfm.features import FeatureOptions, extract_all, with_denoising
@@ -33,7 +33,7 @@ from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
 from massprops.sfm.reversed_depth import depth_reversal_resolved
-from massprops.sfm.steady import largest_jump, steady_stretch
+from massprops.sfm.steady import largest_jump, steady_stretch, stretches
 
 ENOUGH = 0.9
 """Share of the images placed from which on no other way is tried."""
@@ -364,6 +364,29 @@ def steady_images(
     ids, R, times = found
     keep = steady_stretch(R, times, np.isin(ids, list(core)))
     return frozenset(ids[keep].tolist())
+
+
+def steady_parts(
+    model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions
+) -> list[pycolmap.Reconstruction]:
+    """The parts of a model between jumps of its rate of turning, the one with most images first; itself where it has none.
+
+    Where a part of the body was taken for another that looks alike, or near for far, the rest of a model turns another way. Each
+    part alone tells near from far better than the mapper did.
+    """
+    order = _in_time(model, footage, mapping)
+    if order is None:
+        return [model]
+    ids, R, times = order
+    parts = [set(ids[own].tolist()) for own in stretches(R, times) if len(own) >= FEWEST]
+    if not parts or len(parts[0]) == len(ids):
+        return [model]
+    out = []
+    for keep in parts:
+        part = pycolmap.Reconstruction(model)
+        take_out_images(part, set(part.reg_image_ids()) - keep)
+        out.append(depth_reversal_resolved(part, mapping))
+    return out
 
 
 def _in_time(

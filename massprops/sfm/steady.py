@@ -47,6 +47,25 @@ def steady_stretch(R: np.ndarray, times: np.ndarray, core: np.ndarray) -> np.nda
     return keep
 
 
+def stretches(R: np.ndarray, times: np.ndarray) -> list[np.ndarray]:
+    """Numbers of the images between jumps, the longest stretch first; the image at a jump belongs to none.
+
+    Args:
+        R: (n, 3, 3) world to camera; times: (n,) ascending, any unit.
+    """
+    out, left = [], [np.arange(len(times))]
+    while left:
+        own = left.pop()
+        if len(own) >= 5:
+            change, usual = _changes(R[own], times[own])
+            if change.max() >= usual:
+                at = int(np.argmax(change)) + 2
+                left += [own[:at], own[at + 1 :]]
+                continue
+        out.append(own)
+    return sorted(out, key=lambda own: (-len(own), own[0]))
+
+
 def _changes(R: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, float]:
     """(n - 4,) changes of the turning rate between chords of two steps, and the median rate."""
     from scipy.spatial.transform import Rotation

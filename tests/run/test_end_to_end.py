@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import trimesh
 import yaml
 
 from massprops.run.reconstruct import Run, reconstruct
+from massprops.run.stages import ORDER
 from massprops.sequence.truth import read_truth
 from massprops.simulation import simulate
 
@@ -83,8 +85,12 @@ def test_killed_in_the_middle_and_continued_gives_the_same(whole: Run, sequence:
     scale = repr(whole.properties["scale"]["metres_per_unit"])
     command = [sys.executable, "-c", "from massprops_cli.main import main; main()", "reconstruct"]
     command += [str(sequence / "cam0" / "data"), "-o", str(tmp_path / "run"), "--scale", scale, "--threads", "2", "-q"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    # as it was before the dense stage was begun
+    shutil.copytree(whole.folder, tmp_path / "run")
     work = tmp_path / "run" / "work"
+    for stage in ORDER[ORDER.index("dense") :]:
+        shutil.rmtree(work / stage)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not (maps := [p for p in work.glob("dense.parts/*/*") if p.suffix != ".tmp"]):
         assert process.poll() is None
         time.sleep(0.05)

@@ -48,7 +48,7 @@ def filmed(dark: float = 1.0) -> Footage:
     One lump reflects `dark` of what the other does."""
     mesh = body()
     v, f = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
-    views = cameras(sphere_directions(48), 6.0, 320.0, SIZE)
+    views = cameras(sphere_directions(28), 6.0, 320.0, SIZE)
     views = replace(views, names=tuple(f"cam0/{i}.png" for i in range(len(views))))
     normal, rng, grey = face_normals(v, f), np.random.default_rng(0), []
     paint = np.where(v[f].mean(axis=1)[:, 0] > 0.4, dark, 1.0)
