@@ -45,6 +45,8 @@ TORQUE_KNOTS = 40
 TORQUE_LENGTH = 0.05
 """Length of the latent torque over the record's. Longer ones let it stand for the slow part of a wheel's history: on the
 odd flights .25 and .1 found wheels a fifth smaller than .04 did, and .04 had the higher evidence or the same."""
+WALK_STEPS = 10
+"""In which the turn of a path by the noise of the rates that it is integrated from is drawn: a random walk."""
 DIRECTIONS = 150
 """Of the Sun along the path, at which a torque that depends on them is known."""
 WHEEL_KNOTS = 60
@@ -437,6 +439,10 @@ def _parts(
     if record.rows.rates or record.rows.gyroscope is not None:
         columns = balance.sensor()
         out.append(("gyroscope", None, columns, sensor_sd(columns.shape[2], hypothesis.scale), "fixed"))
+    if record.walk > 0.0:
+        steps = hats(path.t, np.linspace(path.t[0], path.t[-1], WALK_STEPS + 1))[:, ::-1].cumsum(axis=1)[:, -2::-1]
+        walk_sd = np.sqrt(record.walk * path.span / WALK_STEPS)
+        out.append(("path's turn", None, balance.turned(three_axes(steps)), walk_sd, "fixed"))
     if guess.axis is not None and guess.history is not None:
         axis = guess.axis
         shapes = _wheel_shapes(record, hypothesis.lag)

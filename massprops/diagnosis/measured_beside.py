@@ -9,11 +9,8 @@ import numpy as np
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.mesh_faces import rows_of_mesh
 from massprops.effects import effects, of_record
-from massprops.errors import InputError
-from massprops.sequence.data import RotorSeries, Sequence
-
-MOST_SAMPLES = 2000
-"""Of a wheel's rate: more are taken as means over equal stretches."""
+from massprops.model.measured_wheel import measured_wheel
+from massprops.sequence.data import Sequence
 
 
 def effects_beside(sequence: Sequence) -> list[ModuleType]:
@@ -24,7 +21,7 @@ def effects_beside(sequence: Sequence) -> list[ModuleType]:
     """
     out = []
     if sequence.rotor is not None:
-        out.append(of_record(effects()["internal-rotor"], _of_wheel(sequence.rotor, *_bounds(sequence))))
+        out.append(measured_wheel(sequence.rotor, *_bounds(sequence)))
     corners = _mesh(sequence)
     if corners is not None:
         known = {"mesh", *EnvironmentModel(sequence.environment).known}
@@ -59,31 +56,3 @@ def _bounds(sequence: Sequence) -> tuple[int, int]:
         series = [sequence.attitude or sequence.rates]
     stamps = np.concatenate([s.timestamp_ns for s in series if s is not None] or [np.zeros(1, np.int64)])
     return int(stamps.min(initial=2**62)), int(stamps.max(initial=0))
-
-
-def _of_wheel(rotor: RotorSeries, first: int, last: int) -> dict[str, object]:
-    """What `internal_rotor.measured` takes."""
-    stamp, rate = rotor.timestamp_ns, rotor.rate
-    if len(stamp) < 2:
-        raise InputError(f"rotor0 holds {len(stamp)} rates: give the wheel's rate over all of the record, or remove it")
-    slack = float(np.median(np.diff(stamp)))
-    if stamp[0] > first + slack or stamp[-1] < last - slack:
-        a, b, end = ((v - first) * 1e-9 for v in (stamp[0], stamp[-1], last))
-        raise InputError(
-            f"rotor0 reaches from {a:.4g} to {b:.4g} s and the record from 0 to {end:.4g} s: give the wheel's rate over all of the "
-            "record, or cut the record to it"
-        )
-    own = slice(max(int(np.searchsorted(stamp, first)) - 1, 0), int(np.searchsorted(stamp, last)) + 2)
-    times, rate = (stamp[own] - first) * 1e-9, rate[own]
-    if not np.any(rate):
-        raise InputError("rotor0 shows no turning wheel in this record: give rates that are not all zero, or remove it")
-    block = max(1, len(times) // MOST_SAMPLES)
-    if block > 1:
-        use = len(times) // block * block
-        times, rate = (x[:use].reshape(-1, block).mean(axis=1) for x in (times, rate))
-    known = {
-        "axis": None if rotor.axis is None else rotor.axis.tolist(),
-        "inertia_kg_m2": rotor.inertia_kg_m2,
-    }
-    given = {"times_s": times.tolist(), "rate_rad_s": rate.tolist()}
-    return given | {k: v for k, v in known.items() if v is not None}

@@ -11,8 +11,9 @@ Solved for the rate, every row carries the noise of one measurement and no other
 so the noise of rates stands in no column, as it does where measured rates are multiplied by the inertia, which draws the
 estimate toward bodies along whose axes noise is explained by itself. What is left of errors in variables:
 
-- A gyroscope's path is its own rates integrated. White noise of the rates turns it by sigma sqrt(dt t), some 1e-4 rad in
-  a throw, and is left out. Scale and misalignment turn it by a part of the whole angle: they have columns.
+- A gyroscope's path is its own rates integrated. Their white noise turns it by a random walk of sigma sqrt(dt t), next to
+  the noise of a row the root of the turn between two rows times the whole turn. Scale and misalignment turn it by a part of
+  the whole angle. Both have columns.
 - A path through attitudes is off by a turn phi, which is the row itself: phi' = w - u - u x phi, u the path's rate, and
   w answers it by I^-1 (R^T L) x phi. Columns of w and phi come together from one integration along the path; solving again
   along the path that was found is Gauss and Newton's method for the likelihood of the attitudes.
@@ -229,6 +230,10 @@ class Balance:
         R = self.path.R
         turn = -np.swapaxes(R, 1, 2) @ integral(self.path.t, R @ shown)
         return np.asarray((shown + self._answer @ turn)[self.rows.at])
+
+    def turned(self, turn: np.ndarray) -> np.ndarray:
+        """(all, 3, k) rows of rates along a path that is turned by (n, 3, k), inertial axes."""
+        return np.asarray((self._answer @ np.swapaxes(self.path.R, 1, 2) @ turn)[self.rows.at])
 
     def columns(self, forcing: Forcing) -> np.ndarray:
         """(all, 3, k) response of the rows to a unit of each unknown."""

@@ -45,7 +45,7 @@ class Record:
         noise_rows: as how many rows the noise in `rows` counts. speed: typical rate [rad/s].
         environment: what acts from outside, or None where nothing ties the axes to it. stamp: (m,) [ns].
         reach: how far in time a row looks about itself [s]; screen: the same record as rates, where its rows are
-            attitudes, or None.
+            attitudes, or None. walk: variance that the path's turn gains in a second, of the noise it is integrated from [rad^2/s].
     """
 
     path: MotionPath
@@ -57,6 +57,7 @@ class Record:
     stamp: np.ndarray
     reach: float = 0.0
     screen: Record | None = None
+    walk: float = 0.0
 
     @property
     def row_times(self) -> np.ndarray:
@@ -117,6 +118,7 @@ def record_of_rates(series: RateSeries) -> Record:
     return Record(
         path=path, rows=rows, times=times, noise_rows=STATED_ROWS if series.sigma else 1.0, speed=speed, environment=None,
         stamp=stamp[0] + np.round(times * 1e9).astype(np.int64),
+        walk=float(np.median(noise) ** 2 * np.median(np.diff(times))),
     )  # fmt: skip
 
 

@@ -61,6 +61,7 @@ def estimate_all(
         InputError: unknown method, unreadable sequence or prior.
         NotPossible: every method asked for by name needs what the sequence lacks.
     """
+    from massprops.model.measured_wheel import measured_wheel
     from massprops.model.problem import problem_of
     from massprops.sequence.read import read_sequence
 
@@ -73,7 +74,12 @@ def estimate_all(
     problem = problem_of(sequence, MOST_FEATURES if 1 in sequence.cameras else MOST_FEATURES_ONE_CAMERA)
     if not body_known:
         problem = replace(problem, body=None)
-    return run_methods(problem, chosen, given, progress, effects, named)
+    rotor = sequence.rotor
+    wheel = None if rotor is None else measured_wheel(rotor, int(problem.stamp_ns[0]), int(problem.stamp_ns[-1]))
+    if wheel is not None and effects is not None and wheel.NAME not in effects.names:
+        line = f"rotor0 is not used: the model that --model names has no {wheel.NAME}"
+        problem = replace(problem, warnings=(*problem.warnings, line))
+    return run_methods(problem, chosen, given, progress, effects, named, wheel)
 
 
 def run_methods(
@@ -83,6 +89,7 @@ def run_methods(
     progress: Progress = silent,
     model: Any = None,
     named: bool = False,
+    wheel: ModuleType | None = None,
 ) -> Outcome:
     """Runs the methods one after the other; one that gives up does not cost the others.
 
@@ -93,6 +100,7 @@ def run_methods(
         progress: told of each method.
         model: what `massprops.dynamics.model.load_model` gave, or None.
         named: the user named the methods: it is an error if none of them can run.
+        wheel: what `massprops.model.measured_wheel` made of rotor0, or None.
 
     Raises:
         NotPossible: every named method lacks what it needs.
@@ -107,8 +115,7 @@ def run_methods(
         if named:
             raise NotPossible("; ".join(f"{name} {lack}" for name, lack in skipped.items()))
         return Outcome(problem, skipped=skipped, warnings=problem.warnings)
-    bench = _Bench(problem, model)
-    warnings = list(problem.warnings)
+    bench, warnings = _Bench(problem, model, wheel), list(problem.warnings)
     total = len(able) + 1
     progress(0, total, "start")
     start = bench.start(any(getattr(method, "BEGINS_EARLY", False) for method in able))
@@ -181,14 +188,16 @@ def _all_methods() -> dict[str, ModuleType]:
 class _Bench:
     """One problem on which methods run; a method's failure in its arithmetic is a reason, not a crash."""
 
-    def __init__(self, problem: Problem, model: Any) -> None:
-        self.problem, self.model = problem, model
+    def __init__(self, problem: Problem, model: Any, wheel: ModuleType | None) -> None:
+        self.problem, self.model, self.wheel = problem, model, wheel
 
     def start(self, early: bool) -> Any:
         """`first_guess` of the problem, with its early part where a method begins there; the reason when it cannot be
-        had, for methods that need none. Attitudes whose errors hang together are believed less from here on."""
+        had, for methods that need none. Attitudes whose errors hang together are believed less from here on, and a known
+        wheel is the model where the user gave none."""
         from massprops.estimators.attitude_noise import believed
         from massprops.estimators.filters.begin import early_start
+        from massprops.estimators.known_wheel import model_of_wheel
         from massprops.estimators.result import Prior
         from massprops.estimators.start import first_guess
 
@@ -198,6 +207,8 @@ class _Bench:
             if line:
                 whole = first_guess(self.problem)
                 whole = replace(whole, warnings=(*whole.warnings, line))
+            if self.wheel is not None and self.model is None:
+                self.model = model_of_wheel(self.wheel, self.problem, whole)
         except NotPossible as stop:
             return _NoStart(str(stop))
         except BREAKS as error:
@@ -213,6 +224,7 @@ class _Bench:
         import inspect
 
         from massprops.estimators.judgement import judged
+        from massprops.estimators.known_wheel import without_wheel
         from massprops.estimators.result import Prior
 
         if isinstance(start, _NoStart) and getattr(method, "NEEDS_START", True):
@@ -220,11 +232,12 @@ class _Bench:
         takes_model = "model" in inspect.signature(method.estimate).parameters
         extra = {"model": self.model} if self.model is not None and takes_model else {}
         try:
-            return judged(method.estimate(self.problem, prior or Prior(), start, **extra), self.problem)
+            found = judged(method.estimate(self.problem, prior or Prior(), start, **extra), self.problem)
         except MasspropsError as error:
             raise NotPossible(str(error)) from None
         except BREAKS as error:
             raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})") from None
+        return found if self.wheel is None or takes_model else without_wheel(found)
 
 
 @dataclass(frozen=True)
