@@ -17,6 +17,8 @@ from massprops.surface.silhouette import make_hull
 from massprops.surface.spread import Doubts, replicates
 from massprops.views import Views
 
+pytestmark = pytest.mark.usefixtures("scatter_once")
+
 SIZE = (320, 240)
 REACH = 0.3
 

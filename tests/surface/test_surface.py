@@ -172,6 +172,7 @@ def test_points_that_scatter_leave_the_volume_more_uncertain(seen_all_round):
     assert 0.45 * pixel * area < spread[1] < 0.8 * pixel * area
 
 
+@pytest.mark.usefixtures("scatter_once")
 def test_a_placement_that_may_lie_elsewhere_carries_its_side_with_it(seen_all_round):
     """All views moved together move the body and leave its volume; those of one half make it thicker or thinner."""
     surface, views = seen_all_round
