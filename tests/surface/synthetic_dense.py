@@ -46,8 +46,9 @@ def observe(
     seed: int,
     outliers: float = 0.01,
     grazing: float = 0.25,
+    most: int = 150_000,
 ) -> tuple[Cloud, list[np.ndarray]]:
-    """What ideal stereo would measure of a body: points where a pixel's ray meets it, with noise, and silhouettes."""
+    """What ideal stereo would measure of a body: points where a pixel's ray meets it, `most` of them, with noise, and silhouettes."""
     rng = np.random.default_rng(seed)
     w, h = (int(k) for k in views.size[0])
     u, v = np.meshgrid(np.arange(w), np.arange(h))
@@ -68,7 +69,7 @@ def observe(
         hits.append((views.centres[i] + s[good, None] * rays[good], n[good]))
     xyz = np.concatenate([a for a, _ in hits])
     normal = np.concatenate([b for _, b in hits])
-    pick = np.sort(rng.permutation(len(xyz))[:150_000])
+    pick = np.sort(rng.permutation(len(xyz))[:most])
     xyz, normal = xyz[pick], normal[pick]
     seen = np.zeros((len(xyz), len(views)), bool)
     for i in range(len(views)):
