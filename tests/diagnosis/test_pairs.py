@@ -35,7 +35,7 @@ TORQUE = np.array([3.0, -2.0, 1.5])
 
 @pytest.fixture(scope="module")
 def record() -> Record:
-    return record_of_rates(tumble(lambda t, w: -DRAG * w + TORQUE, rate=100.0))
+    return record_of_rates(tumble(lambda t, w: -DRAG * w + TORQUE, rate=60.0))
 
 
 def alone(record: Record, name: str) -> HypothesisFit:
