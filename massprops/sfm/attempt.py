@@ -24,7 +24,7 @@ from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.sfm import pairs as pairing
 from massprops.sfm.chance import drop_chance
-from massprops.sfm.convert import to_views
+from massprops.sfm.convert import take_out_images, to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, match_distinct, repeating
 from massprops.sfm.features import FeatureOptions, extract_all, with_denoising
@@ -33,7 +33,7 @@ from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
 from massprops.sfm.reversed_depth import depth_reversal_resolved
-from massprops.sfm.steady import largest_jump, steady_stretch
+from massprops.sfm.steady import largest_jump, longest_steady, steady_stretch
 
 ENOUGH = 0.9
 """Share of the images placed from which on no other way is tried."""
@@ -364,6 +364,24 @@ def steady_images(
     ids, R, times = found
     keep = steady_stretch(R, times, np.isin(ids, list(core)))
     return frozenset(ids[keep].tolist())
+
+
+def without_jumps(found: Attempt, footage: FootageRecord) -> Attempt:
+    """The models without what lies beyond a jump of the rate of turning, the one with most images first.
+
+    Where a part of the body was taken for another that looks alike, or near for far, the rest of a model turns another way.
+    """
+    models = []
+    for model in found.models:
+        order = _in_time(model, footage, found.mapping)
+        if order is not None:
+            ids, R, times = order
+            keep = ids[longest_steady(R, times)].tolist()
+            if FEWEST <= len(keep) < len(ids):
+                model = pycolmap.Reconstruction(model)
+                take_out_images(model, set(model.reg_image_ids()) - set(keep))
+        models.append(model)
+    return replace(found, models=sorted(models, key=lambda m: -m.num_reg_images()))
 
 
 def _in_time(

@@ -27,6 +27,7 @@ from massprops.sfm.attempt import (
     may_distort,
     steady,
     steady_images,
+    without_jumps,
 )
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import take_out_images, to_points, to_views
@@ -133,17 +134,20 @@ def reconstruct(
             f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "
             "overlap (under 15 degrees between neighbours), sharper or better lit"
         )
+    film = footage.moving_pictures and not footage.rig
+    if found.special and film and footage.motion == "tumbling":
+        found = without_jumps(found, footage)
     settings = refine_options(options, footage, found.mapping)
     options, model = replace(options, refine=settings), found.models[0]
     given = ModelInputs(found, footage, options, work, progress)
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     if found.special:
         model = match_predicted(model, given, work)
-        if footage.moving_pictures and not footage.rig and model.num_reg_images() < len(footage.frames):
+        if film and model.num_reg_images() < len(footage.frames):
             model = _followed(model, given)
     else:
         model = close_loops(model, given)
-    if footage.moving_pictures and footage.motion == "tumbling" and not footage.rig:
+    if film and footage.motion == "tumbling":
         before = model.num_reg_images()
         model = join_pieces(model, _apart(model, found.models), given)
         if model.num_reg_images() > before:

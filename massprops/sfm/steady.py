@@ -47,6 +47,27 @@ def steady_stretch(R: np.ndarray, times: np.ndarray, core: np.ndarray) -> np.nda
     return keep
 
 
+def longest_steady(R: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Numbers of the images of the longest stretch without a jump.
+
+    Args:
+        R: (n, 3, 3) world to camera; times: (n,) ascending, any unit.
+    """
+    longest, stretches = np.zeros(0, int), [np.arange(len(times))]
+    while stretches:
+        own = stretches.pop()
+        if len(own) <= len(longest):
+            continue
+        if len(own) >= 5:
+            change, usual = _changes(R[own], times[own])
+            if change.max() >= usual:
+                at = int(np.argmax(change)) + 2
+                stretches += [own[:at], own[at + 1 :]]
+                continue
+        longest = own
+    return longest
+
+
 def _changes(R: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, float]:
     """(n - 4,) changes of the turning rate between chords of two steps, and the median rate."""
     from scipy.spatial.transform import Rotation

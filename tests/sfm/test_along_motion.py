@@ -10,6 +10,7 @@ from test_free_motion import tumbling
 from test_joined_pieces import filmed, pieces
 
 from massprops.dynamics.rigid_body import propagate
+from massprops.sfm import along_motion
 from massprops.sfm.along_motion import follow_free_motion, refine_along
 from massprops.sfm.assembled import STAYS, Part, assemble
 from massprops.sfm.convert import to_points, to_views
@@ -106,3 +107,18 @@ def test_a_motion_is_the_same_before_its_beginning_and_after():
     q, _ = propagate(*state, _inertia(found.inertia[None])[0], np.array([0.0, 0.5, 3.0]))
     expected = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
     np.testing.assert_allclose(later[[3, 0]], expected[1:], atol=1e-5)
+
+
+def test_where_own_poses_fit_better_the_motion_is_looked_for_from_these(tmp_path, monkeypatch):
+    model, given, truth = apart(tmp_path, tumbling())
+    own_poses, seen = along_motion._own_poses, []
+
+    def doubted(*args):
+        own, worse = own_poses(*args)
+        seen.append(own)
+        return own, along_motion.WORSE + 1 if len(seen) == 1 else worse
+
+    monkeypatch.setattr(along_motion, "_own_poses", doubted)
+    found, _ = follow_free_motion(model, given)
+    assert len(seen) == 2
+    assert test_mapping.attitude_error(to_views(found)[0], truth) < 0.004
