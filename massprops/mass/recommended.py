@@ -28,7 +28,8 @@ def by_mesh(document: dict[str, Any], because: str = MESH_ALONE) -> dict[str, An
 def recommend(document: dict[str, Any], crosscheck: dict[str, Any]) -> dict[str, Any]:
     """The block after the cross-check.
 
-    Mesh and motion together where they agree and the two together are sharper than the mesh; else the mesh.
+    Mesh and motion together where they agree and the two together are sharper than the mesh, in its moments or in their ratios; else
+    the mesh. (A mesh whose unseen sides were chosen by the centre of mass has narrow moments; its ratios know nothing of the motion.)
 
     Args:
         document: `massprops.json`; crosscheck: `crosscheck.json`.
@@ -47,18 +48,17 @@ def recommend(document: dict[str, Any], crosscheck: dict[str, Any]) -> dict[str,
             document,
             "from the mesh alone: the motion agrees, but the run has no replicates with which to combine the two",
         )
-    mesh_width, fused_width = relative_width(document), relative_width(fused)
-    if mesh_width is None or fused_width is None or fused_width >= mesh_width:
+    sharper = _sharper(document, fused)
+    if not sharper:
         return by_mesh(document, "from the mesh alone: the motion agrees with it, but does not make it more certain")
     seen = (document.get("surface") or {}).get("observed_fraction") or 0.0
     if seen > WELL_MEASURED and (left := _left_interval(document, fused)):
         return by_mesh(document, f"from the mesh alone: combined with the motion, {left} would leave the interval of a "
                                  f"mesh that was measured on {100 * seen:.0f} % of its surface")  # fmt: skip
-    because = (
-        f"from mesh and motion ({fused.get('with', 'motion')}) together: they agree, and together they give the principal "
-        f"moments to ±{_percent(fused_width)} % instead of the mesh's ±{_percent(mesh_width)} %"
+    together = (
+        f"from mesh and motion ({fused.get('with', 'motion')}) together: they agree, and together they give {sharper}"
     )
-    return _block("fused", fused, because)
+    return _block("fused", fused, together)
 
 
 def as_recommended(document: dict[str, Any]) -> dict[str, Any]:
@@ -77,6 +77,28 @@ def relative_width(values: dict[str, Any]) -> float | None:
         return None
     halves = [(high - low) / (2 * m) for (low, high), m in zip(bounds, values["principal_moments"], strict=True)]
     return float(sum(halves) / 3)
+
+
+def _sharper(document: dict[str, Any], fused: dict[str, Any]) -> str:
+    """What mesh and motion together give more surely than the mesh, and how surely; empty if nothing."""
+    mesh_width, fused_width = relative_width(document), relative_width(fused)
+    if mesh_width is None or fused_width is None:
+        return ""
+    if fused_width < mesh_width:
+        return f"the principal moments to ±{_percent(fused_width)} % instead of the mesh's ±{_percent(mesh_width)} %"
+    mesh_k, fused_k = _ratio_widths(document), _ratio_widths(fused)
+    if mesh_k is None or fused_k is None or sum(fused_k) >= sum(mesh_k):
+        return ""
+    return f"k1 to ±{fused_k[0]:.2g} and k2 to ±{fused_k[1]:.2g} instead of the mesh's ±{mesh_k[0]:.2g} and ±{mesh_k[1]:.2g}"
+
+
+def _ratio_widths(values: dict[str, Any]) -> tuple[float, float] | None:
+    """Half widths of the 90 % intervals of k1 and k2; None without."""
+    interval = values.get("interval_90") or {}
+    (low1, high1), (low2, high2) = (interval.get(name) or (None, None) for name in ("k1", "k2"))
+    if low1 is None or high1 is None or low2 is None or high2 is None:
+        return None
+    return (high1 - low1) / 2, (high2 - low2) / 2
 
 
 def _left_interval(document: dict[str, Any], fused: dict[str, Any]) -> str:

@@ -33,7 +33,7 @@ from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
 from massprops.sfm.reversed_depth import depth_reversal_resolved
-from massprops.sfm.steady import largest_jump, longest_steady, steady_stretch
+from massprops.sfm.steady import largest_jump, steady_stretch, stretches
 
 ENOUGH = 0.9
 """Share of the images placed from which on no other way is tried."""
@@ -366,22 +366,27 @@ def steady_images(
     return frozenset(ids[keep].tolist())
 
 
-def without_jumps(found: Attempt, footage: FootageRecord) -> Attempt:
-    """The models without what lies beyond a jump of the rate of turning, the one with most images first.
+def steady_parts(
+    model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions
+) -> list[pycolmap.Reconstruction]:
+    """The parts of a model between jumps of its rate of turning, the one with most images first; itself where it has none.
 
-    Where a part of the body was taken for another that looks alike, or near for far, the rest of a model turns another way.
+    Where a part of the body was taken for another that looks alike, or near for far, the rest of a model turns another way. Each
+    part alone tells near from far better than the mapper did.
     """
-    models = []
-    for model in found.models:
-        order = _in_time(model, footage, found.mapping)
-        if order is not None:
-            ids, R, times = order
-            keep = ids[longest_steady(R, times)].tolist()
-            if FEWEST <= len(keep) < len(ids):
-                model = pycolmap.Reconstruction(model)
-                take_out_images(model, set(model.reg_image_ids()) - set(keep))
-        models.append(model)
-    return replace(found, models=sorted(models, key=lambda m: -m.num_reg_images()))
+    order = _in_time(model, footage, mapping)
+    if order is None:
+        return [model]
+    ids, R, times = order
+    parts = [set(ids[own].tolist()) for own in stretches(R, times) if len(own) >= FEWEST]
+    if not parts or len(parts[0]) == len(ids):
+        return [model]
+    out = []
+    for keep in parts:
+        part = pycolmap.Reconstruction(model)
+        take_out_images(part, set(part.reg_image_ids()) - keep)
+        out.append(depth_reversal_resolved(part, mapping))
+    return out
 
 
 def _in_time(

@@ -27,7 +27,7 @@ from massprops.sfm.attempt import (
     may_distort,
     steady,
     steady_images,
-    without_jumps,
+    steady_parts,
 )
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import take_out_images, to_points, to_views
@@ -135,14 +135,14 @@ def reconstruct(
             "overlap (under 15 degrees between neighbours), sharper or better lit"
         )
     film = footage.moving_pictures and not footage.rig
-    if found.special and film and footage.motion == "tumbling":
-        found = without_jumps(found, footage)
     settings = refine_options(options, footage, found.mapping)
     options, model = replace(options, refine=settings), found.models[0]
     given = ModelInputs(found, footage, options, work, progress)
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     if found.special:
         model = match_predicted(model, given, work)
+        if film and footage.motion == "tumbling":
+            model, found = _steady_part(model, given)
         if film and model.num_reg_images() < len(footage.frames):
             model = _followed(model, given)
     else:
@@ -218,6 +218,16 @@ def _apart(model: pycolmap.Reconstruction, models: list[pycolmap.Reconstruction]
     """The smaller models, without those whose images the largest has taken in."""
     placed = {model.image(i).name for i in model.reg_image_ids()}
     return [m for m in models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
+
+
+def _steady_part(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt]:
+    """The largest part of a model that turns steadily, matched by itself, and what was found, with the other parts as models of their
+    own; both as they are where the model has no jump."""
+    first, *others = steady_parts(model, given.footage, given.found.mapping)
+    if first is model:
+        return model, given.found
+    model = match_predicted(first, given, given.work / "steady")
+    return model, replace(given.found, models=[model, *others, *given.found.models[1:]])
 
 
 def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:

@@ -47,25 +47,23 @@ def steady_stretch(R: np.ndarray, times: np.ndarray, core: np.ndarray) -> np.nda
     return keep
 
 
-def longest_steady(R: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Numbers of the images of the longest stretch without a jump.
+def stretches(R: np.ndarray, times: np.ndarray) -> list[np.ndarray]:
+    """Numbers of the images between jumps, the longest stretch first; the image at a jump belongs to none.
 
     Args:
         R: (n, 3, 3) world to camera; times: (n,) ascending, any unit.
     """
-    longest, stretches = np.zeros(0, int), [np.arange(len(times))]
-    while stretches:
-        own = stretches.pop()
-        if len(own) <= len(longest):
-            continue
+    out, left = [], [np.arange(len(times))]
+    while left:
+        own = left.pop()
         if len(own) >= 5:
             change, usual = _changes(R[own], times[own])
             if change.max() >= usual:
                 at = int(np.argmax(change)) + 2
-                stretches += [own[:at], own[at + 1 :]]
+                left += [own[:at], own[at + 1 :]]
                 continue
-        longest = own
-    return longest
+        out.append(own)
+    return sorted(out, key=lambda own: (-len(own), own[0]))
 
 
 def _changes(R: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, float]:

@@ -70,6 +70,15 @@ def test_else_the_mesh_and_why(mesh: dict[str, Any], verdict: dict[str, Any], sa
     assert block["source"] == "mesh" and said in block["because"] and block["mass"] == mesh["mass"]
 
 
+def test_sharper_ratios_are_enough(mesh: dict[str, Any]) -> None:
+    """The mesh's moments are narrow where its unseen sides were chosen by the motion's centre of mass."""
+    both = fused(mesh, 0.3, 1.1)
+    for found, half in ((mesh, 0.2), (both, 0.01)):
+        found["interval_90"] |= {name: [k - half, k + half] for name, k in mesh["inertia_ratios"].items()}
+    block = recommend(mesh, {"verdict": "consistent", "fused": both})
+    assert block["source"] == "fused" and "k1 to ±0.01 and k2 to ±0.01 instead of the mesh's ±0.2" in block["because"]
+
+
 def test_a_well_measured_mesh_is_not_moved_out_of_its_interval(mesh: dict[str, Any]) -> None:
     verdict = {"verdict": "consistent", "fused": fused(mesh, 0.05, 1.3)}
     assert recommend(mesh, verdict)["source"] == "fused"

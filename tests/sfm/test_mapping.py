@@ -13,7 +13,7 @@ from massprops.errors import InputError, NotPossible
 from massprops.sfm import attempt, reconstruct
 from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord, read_footage
 from massprops.sfm.mapping import MappingOptions
-from massprops.sfm.steady import largest_jump, longest_steady, steady_stretch
+from massprops.sfm.steady import largest_jump, steady_stretch, stretches
 
 
 def footage(views, folder=Path(), **camera):
@@ -250,17 +250,18 @@ def test_images_beyond_a_jump_are_left_to_the_next_round():
     assert 6 <= kept[0] <= 8 and 32 <= kept[-1] <= 34 and len(kept) == kept[-1] - kept[0] + 1
     # what was placed before stays
     assert steady_stretch(jumps, times, times < 8)[:8].all()
-    assert np.array_equal(longest_steady(R, times), times)
-    longest = longest_steady(jumps, times)
+    assert [list(own) for own in stretches(R, times)] == [list(times)]
+    longest = stretches(jumps, times)[0]
     assert 6 <= longest[0] <= 8 and 32 <= longest[-1] <= 34 and np.all(np.diff(longest) == 1)
 
 
-def test_a_part_that_turns_back_is_no_part_of_the_longest_stretch():
+def test_a_part_that_turns_back_is_a_stretch_of_its_own():
     """As where near is taken for far: every attitude is like its neighbours, and the rate has the wrong sign."""
     angle = np.concatenate([np.arange(24.0), 24.0 - np.arange(12.0)])
     R = Rotation.from_euler("zyx", np.outer(angle, [5.0, 1.0, 0.5]), degrees=True).as_matrix()
-    longest = longest_steady(R, np.arange(36))
-    assert longest[0] == 0 and 20 <= longest[-1] <= 24
+    first, second, *few = stretches(R, np.arange(36))
+    assert first[0] == 0 and 20 <= first[-1] < 24 < second[0] <= 28 and second[-1] == 35
+    assert sum(len(own) for own in few) <= 6
 
 
 def test_an_imported_model_may_have_the_users_own_names():
