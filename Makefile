@@ -40,8 +40,9 @@ demo: $(VENV)/.installed
 	$(BIN)/massprops reconstruct samples/spacecraft.mp4 -o runs/demo --scale $$(cat samples/spacecraft.length)
 	$(BIN)/massprops compare runs/demo samples/spacecraft.stl -o runs/demo
 
+# What is compiled is kept, whatever the shell says: each process would else rewrite every test's assertions anew, 10 s of it.
 test: $(VENV)/.installed-dev
-	$(THREADS) $(PYTEST)
+	$(THREADS) PYTHONDONTWRITEBYTECODE= $(PYTEST)
 
 # Kernels of BLAS, of numpy, of the compiled loops and of OpenCV that any processor has: other last bits than its own ones
 # give. What a processor lacks can be turned off all the same; nothing is turned on.

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massprops.capture.support import axes
-from massprops.core.robust import MAD_TO_SIGMA
+from massprops.core.robust import MAD_TO_SIGMA, nanmedian
 from massprops.dense.region import Region
 from massprops.geometry.projection import project
 from massprops.surface.cloud import Cloud
@@ -129,13 +129,13 @@ def visibility(colour: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.nd
     level = np.where(there[..., None], colour.astype(np.float32), np.nan)
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        own = np.nanmedian(level, axis=0)
+        own = nanmedian(level, axis=0)
         for _ in range(2):
             gain = np.nanmedian(level / np.maximum(own, 1.0), axis=1)
             gain = np.clip(np.where(np.isfinite(gain), gain, 1.0), 0.4, 2.5)
-            own = np.nanmedian(level / gain[:, None], axis=0)
+            own = nanmedian(level / gain[:, None], axis=0)
         off = np.abs(level / gain[:, None] - own).max(axis=2)
-        scatter = MAD_TO_SIGMA * np.nanmedian(off, axis=0)
+        scatter = MAD_TO_SIGMA * nanmedian(off, axis=0)
     known = there & (there.sum(0) >= LEAST_SEEN) & (scatter < UNSTEADY)
     shows = known & (off < np.maximum(SHOWS * scatter, LEAST_SHOWS))
     hides = known & (off > np.maximum(HIDES * scatter, LEAST_HIDES))

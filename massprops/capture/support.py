@@ -71,11 +71,12 @@ def planes(xyz: np.ndarray, normal: np.ndarray, radius: float, seed: int) -> lis
         if len(index) < max(50, 0.02 * len(xyz)):
             break
         some = rng.choice(index, min(SAMPLE, len(index)), replace=False)
+        place, facing = xyz[some], normal[some]
         best, most = None, 0
         # a point with its normal is a plane already
         for i in some[:TRIALS]:
             plane = np.append(normal[i], -normal[i] @ xyz[i])
-            count = int(on_plane(xyz[some], normal[some], plane, tolerance).sum())
+            count = int(on_plane(place, facing, plane, tolerance).sum())
             if count > most:
                 best, most = plane, count
         if best is None or most * len(index) < 0.02 * len(xyz) * len(some):

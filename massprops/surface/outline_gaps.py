@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.core.robust import nanmedian
 from massprops.surface.refine import face_normals
 from massprops.views import Views
 
@@ -73,7 +74,7 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     said = np.where(told, gap[np.minimum(which, len(gap) - 1)], np.nan)
     enough = told.sum(axis=1) >= FEWEST
     middle = np.full(len(faces), SILHOUETTE_MARGIN)
-    middle[enough] = np.nanmedian(said[enough], axis=1)
+    middle[enough] = nanmedian(said[enough], axis=1)
     whole = float(np.median(gap))
     drift = float(np.sqrt(max(0.0, _spread(gap - whole) ** 2 - SHARP**2)))
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places

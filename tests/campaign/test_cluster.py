@@ -208,7 +208,10 @@ def test_workers_without_massprops_and_no_workers_at_all(
     assert "massprops cannot be used there" in said and len(said.strip().splitlines()) == 1
 
 
-def test_a_scheduler_that_does_not_answer(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_scheduler_that_does_not_answer(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("massprops.campaigns.cluster.ANSWER_S", 1.0)
     (tmp_path / "study.yaml").write_text(yaml.safe_dump({"kind": "drill", "runs": 3}))
     command = ["campaign", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--scheduler"]
 
@@ -268,8 +271,8 @@ def test_a_scheduler_that_ends_or_is_too_slow_while_it_is(monkeypatch: pytest.Mo
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither Dask nor massprops knocks for long."""
-    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
-    monkeypatch.setattr("massprops.campaigns.cluster.REACH_S", 3.0)
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "0.5s")
+    monkeypatch.setattr("massprops.campaigns.cluster.REACH_S", 2.0)
 
 
 def test_a_worker_that_cannot_be_reached_gets_no_work(

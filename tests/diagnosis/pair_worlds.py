@@ -281,16 +281,18 @@ def shows(sequence: Sequence) -> bool:
     return rms(base.residual) > LEAST_SHOWN
 
 
-def _of_mujoco(rng: np.random.Generator, seed: int) -> tuple[Sequence, tuple[str, str]]:
+def _of_mujoco(rng: np.random.Generator, seed: int, rejected: int | None) -> tuple[Sequence, tuple[str, str]]:
+    hidden = 0
     while True:
         world = _world(rng)
         a, b = (str(k) for k in rng.choice(list(MUJOCO), 2, replace=False))
         acting = [MUJOCO[a](rng, world), MUJOCO[b](rng, world)]
         if {a, b} in LIKE:
             continue
-        alone = [_sequence(*moved(world, [x]), world.sun, np.random.default_rng([seed, 79])) for x in acting]
-        if all(shows(s) for s in alone):
+        alone = (_sequence(*moved(world, [x]), world.sun, np.random.default_rng([seed, 79])) for x in acting)
+        if hidden == rejected if rejected is not None else all(shows(s) for s in alone):
             return _sequence(*moved(world, acting), world.sun, np.random.default_rng([seed, 78])), (a, b)
+        hidden += 1
 
 
 def _of_basilisk(rng: np.random.Generator) -> tuple[Sequence, tuple[str, str]]:
@@ -303,9 +305,14 @@ def _of_basilisk(rng: np.random.Generator) -> tuple[Sequence, tuple[str, str]]:
             return recorded(f"{a}+{b}", seed), (a, b)
 
 
-def drawn(seed: int) -> Pair:
-    """The record of one seed: MuJoCo's for two seeds of three, whose kinds are more."""
+def drawn(seed: int, rejected: int | None = None) -> Pair:
+    """The record of one seed: MuJoCo's for two seeds of three, whose kinds are more.
+
+    Args:
+        rejected: how many pairs of MuJoCo's are drawn before it of which an effect does not show, where that is known: finding
+            out takes longer than the record.
+    """
     rng = np.random.default_rng([seed, 97])
     engine = "basilisk" if seed % 3 == 0 else "mujoco"
-    sequence, (a, b) = _of_basilisk(rng) if engine == "basilisk" else _of_mujoco(rng, seed)
+    sequence, (a, b) = _of_basilisk(rng) if engine == "basilisk" else _of_mujoco(rng, seed, rejected)
     return Pair(sequence, (CALLED.get(a, a), CALLED.get(b, b)), engine)

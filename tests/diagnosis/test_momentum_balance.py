@@ -204,7 +204,7 @@ def test_the_command_names_drag_and_writes_what_it_promises(tmp_path, capsys) ->
     from massprops_cli.main import run
 
     truth = np.array([0.6, 0.3, 0.9])
-    sequence = Sequence(rates=tumble(lambda t, w: -truth * w, rate=100.0))
+    sequence = Sequence(rates=tumble(lambda t, w: -truth * w, rate=60.0))
     assert decides(sequence)
     write_sequence(tmp_path / "seq", sequence)
     assert run(["diagnose", str(tmp_path / "seq"), "-o", str(tmp_path / "out"), "-q"]) == 0

@@ -35,7 +35,7 @@ TORQUE = np.array([3.0, -2.0, 1.5])
 
 @pytest.fixture(scope="module")
 def record() -> Record:
-    return record_of_rates(tumble(lambda t, w: -DRAG * w + TORQUE, rate=100.0))
+    return record_of_rates(tumble(lambda t, w: -DRAG * w + TORQUE, rate=60.0))
 
 
 def alone(record: Record, name: str) -> HypothesisFit:
@@ -88,7 +88,7 @@ def test_a_boom_is_found_beside_sunlight_where_an_unknown_torque_leaves_a_needle
     pytest.importorskip("mujoco")
     from diagnosis.pair_worlds import drawn
 
-    sequence = drawn(230).sequence
+    sequence = drawn(230, rejected=0).sequence
     assert sequence.attitude is not None
     record = record_of_attitudes(sequence.attitude, sequence.environment)
     base, unknown = without_effects(record)
@@ -106,7 +106,7 @@ def test_two_events_are_found_at_moments_of_their_own() -> None:
     pytest.importorskip("mujoco")
     from diagnosis.pair_worlds import drawn
 
-    sequence = drawn(233).sequence
+    sequence = drawn(233, rejected=0).sequence
     assert sequence.attitude is not None
     record = record_of_attitudes(sequence.attitude, sequence.environment)
     base, unknown = without_effects(record)
@@ -190,7 +190,7 @@ def test_what_two_effects_share_of_the_noise_is_not_left_to_one() -> None:
     pytest.importorskip("mujoco")
     from diagnosis.pair_worlds import drawn
 
-    found = drawn(106)
+    found = drawn(106, rejected=1)
     assert found.sequence.attitude is not None and set(found.names) == {"constant-body-torque", "viscous-damping"}
     record = record_of_attitudes(found.sequence.attitude, found.sequence.environment)
     base, unknown = without_effects(record)
@@ -207,7 +207,7 @@ def test_a_firing_beside_a_wheel_is_found_where_the_least_momentum_is_left() -> 
     pytest.importorskip("mujoco")
     from diagnosis.pair_worlds import drawn
 
-    sequence = drawn(202).sequence
+    sequence = drawn(202, rejected=1).sequence
     assert sequence.attitude is not None
     record = record_of_attitudes(sequence.attitude, sequence.environment)
     base, unknown = without_effects(record)

@@ -176,8 +176,9 @@ def test_many_large_frames_and_faces_stay_small(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run", count=40)
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 255, (960, 1280, 3), dtype=np.uint8)
+    encoded = cv2.imencode(".png", noise)[1].tobytes()
     for file in (run / "work" / "capture" / "frames" / "cam0").iterdir():
-        cv2.imwrite(str(file), noise)
+        file.write_bytes(encoded)
     from massprops.run.stages.publish import mesh_ply
 
     mesh = spacecraft().subdivide().subdivide().subdivide()

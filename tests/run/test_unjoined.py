@@ -53,8 +53,9 @@ def run_folder(folder: Path, body: trimesh.Trimesh) -> Job:
 
 @pytest.mark.parametrize(("body", "hollow"), [(TRAY, True), (BLOCK, False)])
 def test_a_placement_that_is_left_is_measured_and_its_hollow_seen(
-    tmp_path: Path, body: trimesh.Trimesh, hollow: bool
+    tmp_path: Path, body: trimesh.Trimesh, hollow: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("massprops.run.unjoined.POINTS", 6_000)
     job = run_folder(tmp_path, body)
     place = {"unjoined": [{"images": 5, "placement": 0}, {"images": 18, "placement": 1}]}
     (found,) = unjoined(replace(job, seed=1), place, 0.001)

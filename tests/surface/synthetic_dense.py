@@ -46,40 +46,43 @@ def observe(
     seed: int,
     outliers: float = 0.01,
     grazing: float = 0.25,
+    most: int = 150_000,
 ) -> tuple[Cloud, list[np.ndarray]]:
-    """What ideal stereo would measure of a body: points where a pixel's ray meets it, with noise, and silhouettes."""
+    """What ideal stereo would measure of a body: points where a pixel's ray meets it, `most` of them, with noise, and silhouettes."""
     rng = np.random.default_rng(seed)
     w, h = (int(k) for k in views.size[0])
     u, v = np.meshgrid(np.arange(w), np.arange(h))
     pixels = np.column_stack([u.ravel(), v.ravel(), np.ones(w * h)])
     masks, depths, hits = [], [], []
-    caster = mesh.ray
+    caster, normals, corner = mesh.ray, np.asarray(mesh.face_normals), np.asarray(mesh.triangles)[:, 0]
     for i in range(len(views)):
         rays = pixels @ np.linalg.inv(views.K[i]).T @ views.R[i]
-        origin = np.tile(views.centres[i], (len(rays), 1))
-        face = caster.intersects_first(origin, rays)
-        hit = face >= 0
-        n = mesh.face_normals[face]
-        s = np.einsum("ij,ij->i", mesh.triangles[face][:, 0] - origin, n) / np.einsum("ij,ij->i", rays, n)
-        depth = np.where(hit, s, np.inf)
-        masks.append(np.where(hit, 255, 0).astype(np.uint8).reshape(h, w))
+        face = caster.intersects_first(np.tile(views.centres[i], (len(rays), 1)), rays)
+        hit = np.flatnonzero(face >= 0)
+        rays, n = rays[hit], normals[face[hit]]
+        s = np.einsum("ij,ij->i", corner[face[hit]] - views.centres[i], n) / np.einsum("ij,ij->i", rays, n)
+        depth = np.full(w * h, np.inf)
+        depth[hit] = s
+        masks.append(np.where(face >= 0, 255, 0).astype(np.uint8).reshape(h, w))
         depths.append(depth.reshape(h, w))
-        facing = -np.einsum("ij,ij->i", rays / np.linalg.norm(rays, axis=1, keepdims=True), n)
-        good = hit & (facing > grazing)
-        hits.append((origin[good] + s[good, None] * rays[good], n[good]))
+        good = -np.einsum("ij,ij->i", rays / np.linalg.norm(rays, axis=1, keepdims=True), n) > grazing
+        hits.append((views.centres[i] + s[good, None] * rays[good], n[good]))
     xyz = np.concatenate([a for a, _ in hits])
     normal = np.concatenate([b for _, b in hits])
-    pick = np.sort(rng.permutation(len(xyz))[:150_000])
+    pick = np.sort(rng.permutation(len(xyz))[:most])
     xyz, normal = xyz[pick], normal[pick]
     seen = np.zeros((len(xyz), len(views)), bool)
     for i in range(len(views)):
-        c = xyz @ views.R[i].T + views.t[i]
+        back = views.centres[i] - xyz
+        along = np.einsum("ij,ij->i", back, normal)
+        # few of all face a view
+        own = np.flatnonzero(along > 0)
+        own = own[along[own] / np.sqrt(np.einsum("ij,ij->i", back[own], back[own])) > grazing]
+        c = xyz[own] @ views.R[i].T + views.t[i]
         p = np.rint((c / c[:, 2:]) @ views.K[i].T).astype(int)
         ok = (p[:, 0] >= 0) & (p[:, 1] >= 0) & (p[:, 0] < w) & (p[:, 1] < h)
-        back = views.centres[i] - xyz
-        facing = np.einsum("ij,ij->i", back, normal) / np.linalg.norm(back, axis=1)
         d = depths[i][np.clip(p[:, 1], 0, h - 1), np.clip(p[:, 0], 0, w - 1)]
-        seen[:, i] = ok & (np.abs(d - c[:, 2]) < 0.01 * c[:, 2]) & (facing > grazing)
+        seen[own, i] = ok & (np.abs(d - c[:, 2]) < 0.01 * c[:, 2])
     some = seen.sum(1) >= 2
     xyz, normal, seen = xyz[some], normal[some], seen[some]
     xyz = xyz + noise * rng.standard_normal((len(xyz), 1)) * normal

@@ -66,7 +66,7 @@ def _drawn(mesh: trimesh.Trimesh, views: Views, inside: str) -> list[np.ndarray]
 
 def _closed(inside: str) -> tuple[SimpleNamespace, list[np.ndarray]]:
     """A cylinder whose bore was closed level with its ends, and its dark places."""
-    solid = trimesh.creation.cylinder(OUTER, HEIGHT, sections=48).subdivide_to_size(0.08)
+    solid = trimesh.creation.cylinder(OUTER, HEIGHT, sections=48).subdivide_to_size(0.12)
     tube = trimesh.creation.annulus(INNER, OUTER, HEIGHT, sections=48)
     vertices, faces = np.asarray(solid.vertices, float), np.asarray(solid.faces)
     middle = vertices[faces].mean(axis=1)

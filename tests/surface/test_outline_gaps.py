@@ -17,6 +17,8 @@ from massprops.surface.silhouette import make_hull
 from massprops.surface.spread import Doubts, replicates
 from massprops.views import Views
 
+pytestmark = pytest.mark.usefixtures("scatter_once")
+
 SIZE = (320, 240)
 REACH = 0.3
 
@@ -92,8 +94,8 @@ def test_nothing_is_said_without_silhouettes() -> None:
 def measured() -> tuple[Surface, int]:
     vertices, faces = body()
     views = cameras(sphere_directions(36), 5.0, 400.0, SIZE)
-    cloud, masks = observe(trimesh.Trimesh(vertices, faces), views, 0.002, 1)
-    return reconstruct_surface(views, masks, cloud, points=8_000), len(views)
+    cloud, masks = observe(trimesh.Trimesh(vertices, faces), views, 0.002, 1, most=75_000)
+    return reconstruct_surface(views, masks, cloud, points=5_000), len(views)
 
 
 def _interval(measured: tuple[Surface, int], gaps: Gaps | None, free: bool) -> np.ndarray:
@@ -137,8 +139,8 @@ def test_what_was_never_lit_is_expected_further_in() -> None:
     vertices, faces = body()
     directions = sphere_directions(48)
     views = cameras(directions[directions[:, 2] > 0.1], 5.0, 400.0, SIZE)
-    cloud, masks = observe(trimesh.Trimesh(vertices, faces), views, 0.002, 1)
-    surface = reconstruct_surface(views, masks, cloud, points=8_000)
+    cloud, masks = observe(trimesh.Trimesh(vertices, faces), views, 0.002, 1, most=75_000)
+    surface = reconstruct_surface(views, masks, cloud, points=5_000)
     usual, dark = (np.median(replicates(surface, len(views), Doubts(never_lit=lit))[0][:, 0]) for lit in (False, True))
     assert dark < 0.97 * usual
 

@@ -21,7 +21,7 @@ from massprops.surface.spread import Doubts, replicates
 from massprops.surface.unlit import spare_behind_light
 from massprops.views import Views
 
-SIZE = (200, 150)
+SIZE = (160, 120)
 SUN = np.array([0.65, -0.35, -0.67]) / np.linalg.norm([0.65, -0.35, -0.67])
 """In the camera."""
 
@@ -48,7 +48,7 @@ def filmed(dark: float = 1.0) -> Footage:
     One lump reflects `dark` of what the other does."""
     mesh = body()
     v, f = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
-    views = cameras(sphere_directions(28), 6.0, 320.0, SIZE)
+    views = cameras(sphere_directions(28), 6.0, 256.0, SIZE)
     views = replace(views, names=tuple(f"cam0/{i}.png" for i in range(len(views))))
     normal, rng, grey = face_normals(v, f), np.random.default_rng(0), []
     paint = np.where(v[f].mean(axis=1)[:, 0] > 0.4, dark, 1.0)
@@ -110,7 +110,7 @@ def test_paint_that_differs_widens_the_interval() -> None:
 def test_brightness_that_the_shape_does_not_explain_changes_nothing(footage: Footage) -> None:
     rng = np.random.default_rng(1)
     paint = [
-        np.where(m == 255, np.clip(g.mean() + np.kron(rng.uniform(60, 200, (15, 20)), np.ones((10, 10))), 0, 255), 0)
+        np.where(m == 255, np.clip(g.mean() + np.kron(rng.uniform(60, 200, (12, 16)), np.ones((10, 10))), 0, 255), 0)
         for m, g in zip(footage.masks, footage.grey, strict=True)
     ]
     found = with_brightness(

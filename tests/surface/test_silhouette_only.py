@@ -27,14 +27,14 @@ WHOLE = trimesh.boolean.union([BLOCK, BAR], engine="manifold")
 @cache
 def footage() -> tuple[Views, Cloud, tuple[np.ndarray, ...]]:
     """Silhouettes of block and bar, points of the block alone."""
-    cloud, masks = observe(WHOLE, VIEWS, 0.003, 0, outliers=0.0)
+    cloud, masks = observe(WHOLE, VIEWS, 0.003, 0, outliers=0.0, most=75_000)
     return VIEWS, cloud.take(np.flatnonzero(cloud.xyz[:, 0] < 0.51)), tuple(masks)
 
 
 @cache
 def surface(moving: bool) -> Surface:
     views, cloud, masks = footage()
-    return reconstruct_surface(views, list(masks), cloud, 8000, moving=moving)
+    return reconstruct_surface(views, list(masks), cloud, 5000, moving=moving)
 
 
 def test_a_bar_that_only_silhouettes_show_is_kept() -> None:
@@ -49,9 +49,9 @@ def test_a_bar_that_only_silhouettes_show_is_kept() -> None:
 
 def test_a_bar_of_which_only_the_end_was_measured_is_kept() -> None:
     """It stands beside the block as another piece would, and all silhouettes show the two as one thing."""
-    cloud, masks = observe(WHOLE, VIEWS, 0.003, 0, outliers=0.0)
+    cloud, masks = observe(WHOLE, VIEWS, 0.003, 0, outliers=0.0, most=75_000)
     cloud = cloud.take(np.flatnonzero((cloud.xyz[:, 0] < 0.51) | (cloud.xyz[:, 0] > 0.8)))
-    found = reconstruct_surface(VIEWS, masks, cloud, 8000, moving=False)
+    found = reconstruct_surface(VIEWS, masks, cloud, 5000, moving=False)
     assert 1.1 < found.vertices[:, 0].max() < 1.2
     assert mesh_integrals(found.vertices, found.faces)[0] == pytest.approx(WHOLE.volume, rel=0.01)
 

@@ -33,7 +33,7 @@ def build(
     """Surface of a body seen from those of `count` directions whose height is over `above`."""
     directions = sphere_directions(count)
     views = cameras(directions[directions[:, 2] > above], 3.0, FOCAL, SIZE)
-    cloud, masks = observe(mesh, views, noise, seed)
+    cloud, masks = observe(mesh, views, noise, seed, most=75_000)
     return reconstruct_surface(views, masks, cloud, points=POINTS, seed=seed), len(views)
 
 
@@ -115,7 +115,7 @@ def test_same_seed_gives_the_same_mesh():
 def test_one_wrong_silhouette_does_not_carve():
     mesh = boxes(((0.6, 0.4, 0.3), (0, 0, 0)))
     views = cameras(sphere_directions(36), 3.0, FOCAL, SIZE)
-    cloud, masks = observe(mesh, views, 0.001, 1)
+    cloud, masks = observe(mesh, views, 0.001, 1, most=75_000)
     for i in (3, 20):
         masks[i] = masks[i].copy()
         masks[i][:, : masks[i].shape[1] // 2] = 0
@@ -125,7 +125,7 @@ def test_one_wrong_silhouette_does_not_carve():
 
 def test_points_that_several_views_see_against_the_sky_are_dropped():
     views = cameras(sphere_directions(36), 3.0, FOCAL, SIZE)
-    cloud, masks = observe(trimesh.creation.icosphere(5, radius=0.5), views, 0.001, 1)
+    cloud, masks = observe(trimesh.creation.icosphere(5, radius=0.5), views, 0.001, 1, most=75_000)
     rng = np.random.default_rng(0)
     stray = np.flatnonzero(cloud.xyz[:, 2] > 0.49)
     stray = rng.choice(stray, min(len(stray), len(cloud) // 200), replace=False)
@@ -172,6 +172,7 @@ def test_points_that_scatter_leave_the_volume_more_uncertain(seen_all_round):
     assert 0.45 * pixel * area < spread[1] < 0.8 * pixel * area
 
 
+@pytest.mark.usefixtures("scatter_once")
 def test_a_placement_that_may_lie_elsewhere_carries_its_side_with_it(seen_all_round):
     """All views moved together move the body and leave its volume; those of one half make it thicker or thinner."""
     surface, views = seen_all_round

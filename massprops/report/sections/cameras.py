@@ -7,7 +7,7 @@ import numpy as np
 from massprops.geometry import vectors
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, number, swatch, text
-from massprops.report.svg import curve, dot, drawing, words
+from massprops.report.svg import cloud, curve, dot, drawing, words
 
 TITLE, ORDER = "Camera path and coverage", 4
 SEEN_WITHIN = 35.0
@@ -59,10 +59,9 @@ def _path(offset: np.ndarray, data: RunData, middle: np.ndarray) -> str:
             return np.column_stack([cx + 98 * points[:, a] / reach, 106 - 98 * points[:, b] / reach])
 
         parts.append(f'<rect class="pane" x="{cx - 104}" y="2" width="208" height="208" rx="6"/>')
-        parts.append('<g fill="currentColor" opacity="0.4">')
-        parts += [dot(x, y, 0.7, "") for x, y in at(some)]
+        parts.append(cloud(at(some), 0.7, 'opacity="0.4"'))
         places = at(offset)
-        parts.append("</g>" + curve(places, 'class="s5" opacity="0.6"'))
+        parts.append(curve(places, 'class="s5" opacity="0.6"'))
         for i, (x, y) in enumerate(places):
             t = i / max(1, len(places) - 1)
             colour = f"rgb({38 + 191 * t:.0f},{115:.0f},{217 - 178 * t:.0f})"
