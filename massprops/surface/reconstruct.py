@@ -242,23 +242,19 @@ def _meshes(given: _Given, pulls: Sequence[float]) -> Iterator[tuple[float, Mesh
     """Each pull of the hull on what was not measured, and the mesh of the body that it leaves, made one by one; pulls after the
     first may leave none.
 
-    Once more with what silhouettes show of a still object where a first cut left nothing. What moves freely may be unlit
-    there, and its silhouettes uncertain.
+    Once more with what silhouettes show where a first cut left nothing: of what moves freely, parts that protrude, such as booms.
 
     Raises:
         NotPossible: no closed body.
     """
     tetra, kind, costs, inside = _cut_out(given)
-    if given.masks and not given.moving:
+    if given.masks:
         # another thing that was measured is no part of the object, though a silhouette may show it
         every = joined(tetra, costs, inside, moving=True)
         vertices, faces, _ = _mesh(tetra, kind, every)
         spacing = given.thinned.spacing
-        more = (
-            silhouette_only_space(vertices, faces, given.views, given.masks, given.hull, spacing, given.seed)
-            if len(faces)
-            else None
-        )
+        shown = vertices, faces, given.views, given.masks, given.hull, spacing, given.seed
+        more = silhouette_only_space(*shown, sharp=given.moving) if len(faces) else None
         if more is not None:
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
