@@ -58,7 +58,7 @@ def test_before_black_sky_a_thin_bar_is_a_part_and_a_wide_outline_none() -> None
     cloud, masks = observe(BLOCK, views, 0.003, 0, outliers=0.0)
     hull = make_hull(views, masks, cloud.xyz)
     fine = BLOCK.subdivide_to_size(0.03)
-    smaller = 0.93 * np.asarray(fine.vertices), np.asarray(fine.faces)
+    smaller = 0.95 * np.asarray(fine.vertices), np.asarray(fine.faces)
     assert silhouette_only_space(*smaller, views, masks, hull, 0.02, 0, sharp=True) is None
 
 
