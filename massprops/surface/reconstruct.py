@@ -253,7 +253,7 @@ def _meshes(given: _Given, pulls: Sequence[float]) -> Iterator[tuple[float, Mesh
         every = joined(tetra, costs, inside, moving=True)
         vertices, faces, _ = _mesh(tetra, kind, every)
         spacing = given.thinned.spacing
-        shown = vertices, faces, given.views, given.masks, given.hull, spacing, given.seed
+        shown = (vertices, faces), given.views, given.masks, given.hull, spacing, given.seed
         more = silhouette_only_space(*shown, sharp=given.moving) if len(faces) else None
         if more is not None:
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))

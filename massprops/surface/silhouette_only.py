@@ -58,8 +58,7 @@ class SilhouetteOnly:
 
 
 def silhouette_only_space(
-    vertices: np.ndarray,
-    faces: np.ndarray,
+    mesh: tuple[np.ndarray, np.ndarray],
     views: Views,
     masks: list[np.ndarray],
     hull: Hull,
@@ -70,11 +69,11 @@ def silhouette_only_space(
     """What the silhouettes show beside a mesh; None where there is nothing.
 
     Args:
-        vertices: (v, 3) and faces: (f, 3) of the mesh; views, masks: as for `make_hull`; hull: of these.
+        mesh: its vertices (v, 3) and faces (f, 3); views, masks: as for `make_hull`; hull: of these.
         spacing: of the mesh's vertices; seed: of the draws.
         sharp: silhouettes of a body lit before black sky, of which only parts that protrude are looked for.
     """
-    edge = SHARP_EDGE if sharp else EDGE
+    (vertices, faces), edge = mesh, SHARP_EDGE if sharp else EDGE
     maps = [
         _missing(mask, edge, silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1]))
         for i, mask in enumerate(masks)

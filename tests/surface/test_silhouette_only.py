@@ -52,14 +52,14 @@ def test_before_black_sky_a_thin_bar_is_a_part_and_a_wide_outline_none() -> None
     cloud, masks = observe(trimesh.boolean.union([BLOCK, bar], engine="manifold"), views, 0.003, 0, outliers=0.0)
     hull = make_hull(views, masks, cloud.xyz)
     block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
-    assert silhouette_only_space(*block, views, masks, hull, 0.02, 0) is None
-    found = silhouette_only_space(*block, views, masks, hull, 0.02, 0, sharp=True)
+    assert silhouette_only_space(block, views, masks, hull, 0.02, 0) is None
+    found = silhouette_only_space(block, views, masks, hull, 0.02, 0, sharp=True)
     assert found is not None and found.inside[:, 0].max() > 1.0
     cloud, masks = observe(BLOCK, views, 0.003, 0, outliers=0.0)
     hull = make_hull(views, masks, cloud.xyz)
     fine = BLOCK.subdivide_to_size(0.03)
     smaller = 0.95 * np.asarray(fine.vertices), np.asarray(fine.faces)
-    assert silhouette_only_space(*smaller, views, masks, hull, 0.02, 0, sharp=True) is None
+    assert silhouette_only_space(smaller, views, masks, hull, 0.02, 0, sharp=True) is None
 
 
 def test_a_bar_of_which_only_the_end_was_measured_is_kept() -> None:
@@ -75,9 +75,9 @@ def test_nothing_is_missing_of_a_mesh_that_fills_its_silhouettes() -> None:
     views, cloud, masks = footage()
     hull = make_hull(views, list(masks), cloud.xyz)
     whole = np.asarray(WHOLE.vertices), np.asarray(WHOLE.faces)
-    assert silhouette_only_space(*whole, views, list(masks), hull, 0.02, 0) is None
+    assert silhouette_only_space(whole, views, list(masks), hull, 0.02, 0) is None
     block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
-    found = silhouette_only_space(*block, views, list(masks), hull, 0.02, 0)
+    found = silhouette_only_space(block, views, list(masks), hull, 0.02, 0)
     assert found is not None
     assert np.percentile(np.abs(found.inside[:, 0] - 0.85), 98) < 0.4
     axis = np.hypot(found.outline[:, 1] - 0.1, found.outline[:, 2] - 0.1)
@@ -90,4 +90,4 @@ def test_one_wrong_silhouette_is_no_part() -> None:
     wrong = [masks[0], *true[1:]]
     hull = make_hull(views, wrong, only.xyz)
     block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
-    assert silhouette_only_space(*block, views, wrong, hull, 0.02, 0) is None
+    assert silhouette_only_space(block, views, wrong, hull, 0.02, 0) is None
