@@ -71,8 +71,7 @@ def follow_free_motion(
     model: pycolmap.Reconstruction, given: ModelInputs
 ) -> tuple[pycolmap.Reconstruction, Following] | None:
     """The images placed by one free motion, and that motion; None where the body does not move so, or no such motion is found."""
-    times = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in given.footage.frames}
-    clock, worst = times.__getitem__, np.inf
+    clock, worst = given.footage.times.__getitem__, np.inf
     try:
         for k in range(STARTS):
             found = _followed(model, clock, replace(given, work=given.work / f"start{k}"))

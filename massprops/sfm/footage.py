@@ -104,6 +104,11 @@ class FootageRecord:
         return self.motion == "static"
 
     @property
+    def times(self) -> dict[str, float]:
+        """When each image was taken by name [ns], or its number where it has no clock."""
+        return {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in self.frames}
+
+    @property
     def ordered(self) -> bool:
         """Whether neighbours in the list are neighbours in time."""
         return self.moving_pictures or all(f.timestamp_ns >= 0 for f in self.frames)

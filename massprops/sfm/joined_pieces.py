@@ -143,7 +143,7 @@ def _laid(model: pycolmap.Reconstruction, ids: Sequence[frozenset[int]]) -> _Lai
 def _placed(laid: _Laid, given: ModelInputs) -> tuple[list[Similarity], list[Spread]] | None:
     """Where each piece lies in the first, by the motion, and how well that is known; None where they have no free motion in
     common."""
-    clock = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in given.footage.frames}
+    clock = given.footage.times
     time = np.array([clock[n] for n in laid.views.names])
     pieces, middles, radii = [], [], []
     for k in range(laid.owner.max() + 1):

@@ -45,7 +45,7 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
     units = {n: unit(d) for n, (_, d) in found.features.items()}
     numbers = image_numbers(found.database)
     order = [f.name for f in frames if f.name in found.features]
-    clock = {f.name: float(f.timestamp_ns if f.timestamp_ns >= 0 else f.index) for f in frames}
+    clock = given.footage.times
     for turn in range(MOST_ROUNDS):
         before = model.num_reg_images()
         views, ids = to_views(model)
