@@ -97,7 +97,7 @@ def tells(cut: Cut, balance: Balance) -> bool:
 
 
 @dataclass(frozen=True)
-class Likely:
+class LikelyFill:
     """A pull, the mean share of the way to the membrane under it, and the chance of that pull."""
 
     pull: float
@@ -107,7 +107,7 @@ class Likely:
 
 def balanced(
     ways: Mapping[float, Ways], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
-) -> list[Likely]:
+) -> list[LikelyFill]:
     """The pulls under which the centre may lie where the motion shows it, the likeliest first.
 
     Args:
@@ -116,13 +116,13 @@ def balanced(
     """
     prior = -0.5 * ((SHARES - usual) / usual) ** 2
     log = {pull: np.logaddexp.reduce(log_evidence(way, balance, shift), axis=1) + prior for pull, way in ways.items()}
-    whole = np.logaddexp.reduce(np.concatenate(list(log.values())))
-    found = []
-    for pull, own in log.items():
-        weight = np.exp(own - whole)
-        within = np.exp(own - np.logaddexp.reduce(own))
-        found.append(Likely(pull, round(float(within @ SHARES), 2), float(weight.sum())))
-    return sorted(found, key=lambda way: -way.chance)
+    total = {pull: np.logaddexp.reduce(own) for pull, own in log.items()}
+    whole = np.logaddexp.reduce(list(total.values()))
+    found = [
+        LikelyFill(pull, round(float(np.exp(own - total[pull]) @ SHARES), 2), float(np.exp(total[pull] - whole)))
+        for pull, own in log.items()
+    ]
+    return sorted(found, key=lambda fill: -fill.chance)
 
 
 def centre_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -177,6 +177,9 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], b
         measured = kinds == MEASURED
         return Cut(vertices, faces, measured, _hollow(vertices, faces, measured, given.hull.support, 1.0))
 
+    def integrals(pull: float, membrane_share: float) -> np.ndarray:
+        return mesh_integrals(cuts[pull].at(membrane_share), cuts[pull].faces)
+
     meshes, cuts = {given.pull: mesh}, {given.pull: cut_of(mesh)}
     if not tells(cuts[given.pull], balance):
         return _finished(given, mesh, FILLED)
@@ -187,16 +190,13 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], b
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
     while (fill := Fill(likely[0].pull, likely[0].membrane)) not in tried and len(tried) < 3:
         tried.add(fill)
-        surface, cut = _finished(given, meshes[fill.pull], fill), cuts[fill.pull]
-        own = cut.at(fill.membrane)
-        shift = centre_of(surface.vertices, surface.faces) - centre_of(own, cut.faces)
+        chosen, cut = fill, cuts[fill.pull]
+        surface = _finished(given, meshes[fill.pull], fill)
+        shift = centre_of(surface.vertices, surface.faces) - centre_of(cut.at(fill.membrane), cut.faces)
         likely = balanced(ways, HOLLOW, balance, shift)
-    rivals, body = [], mesh_integrals(own, cut.faces)
-    for way in likely:
-        if surface.fill is not None and way.pull != surface.fill.pull:
-            other_cut = cuts[way.pull]
-            rivals.append((way.chance, mesh_integrals(other_cut.at(way.membrane), other_cut.faces) - body))
-    return replace(surface, rivals=tuple(rivals))
+    body = integrals(chosen.pull, chosen.membrane)
+    less_likely = [way for way in likely if way.pull != chosen.pull]
+    return replace(surface, rivals=tuple((way.chance, integrals(way.pull, way.membrane) - body) for way in less_likely))
 
 
 def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
