@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from massprops.dynamics.quaternion import (
+    chained,
     conjugate,
     from_rotation_vector,
     multiply,
@@ -88,12 +89,7 @@ def path_from_rates(t: np.ndarray, w: np.ndarray) -> MotionPath:
     step = np.diff(points)[:, None]
     # the mean rate over a step by Simpson's rule; the commutator of its two halves is left out: 1e-5 rad a turn
     mean = (spline(points[:-1]) + 4.0 * spline(points[:-1] + 0.5 * step[:, 0]) + spline(points[1:])) / 6.0
-    turns = from_rotation_vector(mean * step)
-    q = np.empty((len(points), 4))
-    q[0] = 1.0, 0.0, 0.0, 0.0
-    for k, turn in enumerate(turns):
-        q[k + 1] = multiply(q[k], turn)
-    return MotionPath(t=points, q=normalise(q), w=spline(points))
+    return MotionPath(t=points, q=normalise(chained(mean * step)), w=spline(points))
 
 
 def path_from_attitudes(t: np.ndarray, q: np.ndarray, w: np.ndarray, more: np.ndarray | None = None) -> MotionPath:

@@ -80,6 +80,15 @@ def from_rotation_vector(v: np.ndarray) -> np.ndarray:
     return np.concatenate([cosine, half_sinc * v], axis=-1)
 
 
+def chained(turns: np.ndarray) -> np.ndarray:
+    """Quaternions (n + 1, 4) from identity on, each turned from the one before by a rotation vector of (n, 3) [rad] in its own axes."""
+    q = np.zeros((len(turns) + 1, 4))
+    q[0, 0] = 1.0
+    for k, turn in enumerate(from_rotation_vector(turns)):
+        q[k + 1] = multiply(q[k], turn)
+    return q
+
+
 def rotation_vector(q: np.ndarray) -> np.ndarray:
     """Rotation vector (..., 3) [rad], at most pi long, of unit quaternions (..., 4)."""
     q = np.asarray(q, float)

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.inertia import DIRECTIONS, physical
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
+from massprops.dynamics.quaternion import chained, multiply, rotation_matrix
 from massprops.estimators.result import Estimate
 from massprops.estimators.start import Start
 from massprops.model import Model
@@ -30,7 +30,7 @@ def model_of_wheel(wheel: ModuleType, problem: Problem, start: Start) -> Model:
     q, w = multiply(chaser_path(problem.environment, start.times).q, start.q), start.w
     if not problem.has_attitude and start.poses is None and start.index is not None:
         w = problem.rates[start.index]
-        q = _integrated(start.times, w)
+        q = chained(0.5 * (w[1:] + w[:-1]) * np.diff(start.times)[:, None])
     turned = np.swapaxes(rotation_matrix(q), 1, 2)
     beside = np.concatenate([-wheel.momentum_columns(start.times, None, w, None)["internal"], turned], axis=2)
 
@@ -54,15 +54,6 @@ def model_of_wheel(wheel: ModuleType, problem: Problem, start: Start) -> Model:
         inertia = better
         x, predicted, cost = linear(inertia)
     return Model((wheel,), (3.0 * x[:-3],), inertia, w[0])
-
-
-def _integrated(times: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """(n, 4) attitude from the first epoch's, by the mean rate of each step."""
-    q = np.zeros((len(times), 4))
-    q[0, 0] = 1.0
-    for k, piece in enumerate(from_rotation_vector(0.5 * (w[1:] + w[:-1]) * np.diff(times)[:, None])):
-        q[k + 1] = multiply(q[k], piece)
-    return q
 
 
 def without_wheel(found: Estimate) -> Estimate:
