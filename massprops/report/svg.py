@@ -33,7 +33,7 @@ def dot(x: float, y: float, radius: float, style: str, title: str = "") -> str:
     return f'<circle {style} cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"{inner}'
 
 
-def cloud(points: np.ndarray, radius: float, style: str) -> str:
+def dots(points: np.ndarray, radius: float, style: str) -> str:
     """Dots at points (n, 2) as one element, which a browser lays out far faster than one for each; style: attributes."""
     places = "".join(f"M{a:.1f} {b:.1f}h0" for a, b in points)
     return f'<path {style} stroke="currentColor" stroke-width="{2 * radius:.1f}" stroke-linecap="round" d="{places}"/>'

@@ -229,8 +229,11 @@ def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, giv
 def _own_poses(
     model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str], float], given: ModelInputs
 ) -> tuple[pycolmap.Reconstruction, float]:
-    """The images at poses of their own, and how much better their observations, as far as any fit within some pixels, fit so than
-    by the motion, over what they would by as many numbers if they were errors alone."""
+    """The images at poses of their own, and what these gain.
+
+    The gain is how much better the observations fit than by the motion, over what so many more numbers would gain by fitting errors
+    alone. Observations that nothing fits within some pixels hardly count.
+    """
     mapping, free_focal = given.found.mapping, not given.found.mapping.fixed_intrinsics
     both = [pycolmap.Reconstruction(model), pycolmap.Reconstruction(model)]
     loss = robust_loss(model, given.options.refine)

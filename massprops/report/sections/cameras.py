@@ -7,7 +7,7 @@ import numpy as np
 from massprops.geometry import vectors
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, number, swatch, text
-from massprops.report.svg import cloud, curve, dot, drawing, words
+from massprops.report.svg import curve, dot, dots, drawing, words
 
 TITLE, ORDER = "Camera path and coverage", 4
 SEEN_WITHIN = 35.0
@@ -59,7 +59,7 @@ def _path(offset: np.ndarray, data: RunData, middle: np.ndarray) -> str:
             return np.column_stack([cx + 98 * points[:, a] / reach, 106 - 98 * points[:, b] / reach])
 
         parts.append(f'<rect class="pane" x="{cx - 104}" y="2" width="208" height="208" rx="6"/>')
-        parts.append(cloud(at(some), 0.7, 'opacity="0.4"'))
+        parts.append(dots(at(some), 0.7, 'opacity="0.4"'))
         places = at(offset)
         parts.append(curve(places, 'class="s5" opacity="0.6"'))
         for i, (x, y) in enumerate(places):
