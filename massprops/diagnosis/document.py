@@ -217,15 +217,16 @@ def parameters(fit: HypothesisFit, name: str) -> tuple[dict[str, float], dict[st
     for unknown, v, sd in zip(term.unknowns, fit.values[term.name], spread, strict=True):
         value[unknown], sigma[unknown] = float(v), float(sd)
     if "span" in value:
-        value["span"] = fit.record.path.span
+        value["span"] = float(fit.record.path.t[-1])
     return value, sigma
 
 
 def _wheel_parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, float]]:
-    """Mean momentum, and the history at even corners over it less one: constants are the mean's, so shapes have none."""
+    """Mean momentum, and the history at even corners, from the time from which times count, over it less one: constants are the
+    mean's, so shapes have none."""
     assert fit.axis is not None and fit.history is not None and fit.history_sd is not None
     t = fit.record.path.t
-    corners = np.linspace(t[0], t[-1], SHAPES)
+    corners = np.linspace(0.0, t[-1], SHAPES)
     h, sd = np.interp(corners, t, fit.history), np.interp(corners, t, fit.history_sd)
     weight = np.full(SHAPES, 1.0 / (SHAPES - 1))
     weight[[0, -1]] /= 2
@@ -236,7 +237,7 @@ def _wheel_parameters(fit: HypothesisFit) -> tuple[dict[str, float], dict[str, f
     for k in range(SHAPES):
         value[f"shape_{k + 1}"] = float(h[k] / size - 1.0)
         sigma[f"shape_{k + 1}"] = float(sd[k] / abs(size))
-    return value | {"span": fit.record.path.span}, sigma | {"span": 0.0}
+    return value | {"span": float(t[-1])}, sigma | {"span": 0.0}
 
 
 def where(s: Selection) -> list[dict[str, Any]]:

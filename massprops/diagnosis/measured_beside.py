@@ -21,7 +21,7 @@ def effects_beside(sequence: Sequence) -> list[ModuleType]:
     """
     out = []
     if sequence.rotor is not None:
-        out.append(measured_wheel(sequence.rotor, *_bounds(sequence)))
+        out.append(measured_wheel(sequence.rotor, *_bounds(sequence), sequence.first_ns))
     corners = _mesh(sequence)
     if corners is not None:
         known = {"mesh", *EnvironmentModel(sequence.environment).known}

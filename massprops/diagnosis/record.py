@@ -69,7 +69,7 @@ class Record:
     def row_stamp(self) -> np.ndarray:
         """(all,) of every row [ns]."""
         more = self.row_times[len(self.times) :]
-        return np.concatenate([self.stamp, self.stamp[0] + np.round(more * 1e9).astype(np.int64)])
+        return np.concatenate([self.stamp, self.stamp[0] + np.round((more - self.times[0]) * 1e9).astype(np.int64)])
 
     @property
     def stated(self) -> bool:
@@ -140,7 +140,7 @@ def local_noise(values: np.ndarray) -> np.ndarray:
 
 def record_of_attitudes(series: AttitudeSeries, given: Environment, rates: RateSeries | None = None) -> Record:
     """A record of attitudes, turned into inertial axes by the chaser's own, with a gyroscope's rates beside them or
-    without.
+    without. Times count from the first timestamp of both.
 
     Raises:
         NotPossible: too few attitudes.
@@ -155,7 +155,8 @@ def record_of_attitudes(series: AttitudeSeries, given: Environment, rates: RateS
         raise NotPossible(
             f"attitude0 holds {len(stamp)} attitudes and a diagnosis needs at least {FEWEST_ROWS}: give a longer record"
         )
-    times = (stamp - stamp[0]) * 1e-9
+    first = min(int(s.timestamp_ns[0]) for s in (series, rates) if s is not None and len(s.timestamp_ns))
+    times = (stamp - first) * 1e-9
     q = multiply(chaser_path(given, times).q, q)
     local = from_attitude(times, q, sigma[:, None, None] ** 2 * np.eye(3))
     fine = np.isfinite(local.w).all(axis=1)
@@ -165,7 +166,7 @@ def record_of_attitudes(series: AttitudeSeries, given: Environment, rates: RateS
         )
     w = np.stack([np.interp(times, times[fine], local.w[fine, k]) for k in range(3)], axis=1)
     # the attitudes themselves, not smoothed: smoothing bends the path where something happens at once
-    gyroscope = None if rates is None else _beside(times, rates, series.timestamp_ns[0])
+    gyroscope = None if rates is None else _beside(times, rates, first)
     path = path_from_attitudes(times, q, w, None if gyroscope is None else gyroscope.times)
     at = np.asarray(np.searchsorted(path.t, times))
     environment = EnvironmentModel(given)
@@ -199,7 +200,7 @@ def _beside(times: np.ndarray, rates: RateSeries, first: int) -> _Gyroscope | No
     """The rates within the times (m,) of attitudes, as means over stretches in which the body turns little; None of none.
 
     Args:
-        first: stamp of the first attitude [ns].
+        first: stamp from which times count [ns].
     """
     since = (rates.timestamp_ns - first) * 1e-9
     own = (since >= times[0]) & (since <= times[-1])

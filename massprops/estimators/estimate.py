@@ -75,7 +75,8 @@ def estimate_all(
     if not body_known:
         problem = replace(problem, body=None)
     rotor = sequence.rotor
-    wheel = None if rotor is None else measured_wheel(rotor, int(problem.stamp_ns[0]), int(problem.stamp_ns[-1]))
+    first, last = problem.stamp_ns[[0, -1]]
+    wheel = None if rotor is None else measured_wheel(rotor, int(first), int(last), problem.first_ns)
     if wheel is not None and effects is not None and wheel.NAME not in effects.names:
         line = f"rotor0 is not used: the model that --model names has no {wheel.NAME}"
         problem = replace(problem, warnings=(*problem.warnings, line))

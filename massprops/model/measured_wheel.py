@@ -14,8 +14,8 @@ MOST_SAMPLES = 2000
 """Of a wheel's rate: more are taken as means over equal stretches."""
 
 
-def measured_wheel(rotor: RotorSeries, first: int, last: int) -> ModuleType:
-    """`internal-rotor` with the measured rate, of a record from `first` to `last` [ns].
+def measured_wheel(rotor: RotorSeries, first: int, last: int, zero: int) -> ModuleType:
+    """`internal-rotor` with the measured rate, of a record from `first` to `last` [ns], whose times count from `zero` [ns].
 
     Raises:
         InputError: the rate does not reach over the record, or the wheel stands still.
@@ -31,7 +31,7 @@ def measured_wheel(rotor: RotorSeries, first: int, last: int) -> ModuleType:
             "record, or cut the record to it"
         )
     own = slice(max(int(np.searchsorted(stamp, first)) - 1, 0), int(np.searchsorted(stamp, last)) + 2)
-    times, rate = (stamp[own] - first) * 1e-9, rate[own]
+    times, rate = (stamp[own] - zero) * 1e-9, rate[own]
     if not np.any(rate):
         raise InputError("rotor0 shows no turning wheel in this record: give rates that are not all zero, or remove it")
     block = max(1, len(times) // MOST_SAMPLES)

@@ -87,6 +87,11 @@ class Problem:
         return replace(self, **changed)
 
     @property
+    def first_ns(self) -> int:
+        """The timestamp from which `times` count [ns]: the sequence's first, before the first of means of rates."""
+        return int(self.stamp_ns[0] - np.round(self.times[0] * 1e9))
+
+    @property
     def seen(self) -> np.ndarray:
         """(n, c, m) True where a feature was measured."""
         return np.asarray(np.isfinite(self.uv[..., 0]))
@@ -123,7 +128,7 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
         InputError: nothing that moves was measured, too few epochs, tracks without intrinsics, or a baseline of zero.
     """
     warnings = list(sequence.warnings)
-    memory = 1
+    memory, first = 1, sequence.first_ns
     if sequence.rates is not None and sequence.rates.sigma is None and len(sequence.rates.w) >= LONG_ENOUGH:
         rates_given, memory = _thinned(sequence.rates, warnings)
         sequence = replace(sequence, rates=rates_given)
@@ -149,7 +154,7 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
         attitude[at], sigma_attitude[at] = sequence.attitude.q, sequence.attitude.sigma
     return Problem(
         stamp_ns=stamp,
-        times=(stamp - stamp[0]) * 1e-9,
+        times=(stamp - first) * 1e-9,
         cameras=cameras,
         uv=uv,
         sigma_px=sigma_px,

@@ -136,3 +136,9 @@ class Sequence:
     warnings: tuple[str, ...] = ()
     folder: Path | None = None
     rotor: RotorSeries | None = None
+
+    @property
+    def first_ns(self) -> int:
+        """First time of what was measured of the motion, from which times in models count [ns]; 0 without any."""
+        series = [s for s in (self.tracks, self.range, self.rates, self.attitude) if s is not None]
+        return min((int(s.timestamp_ns.min()) for s in series if len(s.timestamp_ns)), default=0)

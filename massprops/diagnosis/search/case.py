@@ -108,7 +108,7 @@ def case_of(problem: Problem, inflation: float = 1.0, own_attitudes: bool = True
         scored,
         inertia_prior,
         frozenset(_there(problem, environment, first)),
-        float(problem.times[-1] - problem.times[0]),
+        float(problem.times[-1]),
         float(np.median(np.linalg.norm(guess.w, axis=1))),
         tuple(warnings),
         _attitudes(problem, guess, first),

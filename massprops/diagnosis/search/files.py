@@ -71,10 +71,9 @@ def _residual_table(d: Diagnosis) -> str:
     rows("rate", m.rate_at, b.rates, a.rates, "xyz")
     rows("attitude", m.attitude_at, b.attitude, a.attitude, "xyz")
     if d.torque is not None:
-        first = int(stamp[0])
         for t, v in zip(d.torque["times"], d.torque["torque"], strict=True):
             for name, value in zip("xyz", v, strict=True):
-                lines.append(f"{first + int(t * 1e9)},torque [rad s^-2],,,{name},{value:.6g},")
+                lines.append(f"{problem.first_ns + int(t * 1e9)},torque [rad s^-2],,,{name},{value:.6g},")
     return "\n".join(lines) + "\n"
 
 
