@@ -31,7 +31,7 @@ record can show."""
 SUN = "sun direction"
 """What effects need that follow the Sun."""
 BESIDE_UNKNOWN = 4
-"""Effects, the best by themselves, that are fitted beside a latent torque as well."""
+"""Effects, the best by themselves, that are fitted beside a latent torque as well; and those that follow what was measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,10 +126,12 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         with suppress(NotPossible):
             tried.append(wheel_of_any_history(record if record.rows.rates else unknown.record))
     tried.sort(key=lambda c: -c.alone.evidence)
-    for k, one in enumerate(tried[:BESIDE_UNKNOWN]):
-        if one.with_latent is not None:
+    for k, one in enumerate(tried):
+        # what was measured acts, however little the rest of the motion lets it explain by itself
+        measured = any(follows_measured(t.effect) for t in one.alone.hypothesis.terms)
+        if one.with_latent is not None or not (k < BESIDE_UNKNOWN or measured):
             continue
-        watch(f"beside an unknown torque: {one.name}", k, BESIDE_UNKNOWN)
+        watch(f"beside an unknown torque: {one.name}", min(k, BESIDE_UNKNOWN - 1), BESIDE_UNKNOWN)
         tried[k] = Candidate(alone=one.alone, with_latent=_beside_unknown(record, one.alone, unknown))
     tried = _with_other_laws(record, base, tried)
     alike = _by_errors_alike(base, unknowns, tried)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from massprops.diagnosis import selection
 from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_by_balance
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.measured_beside import effects_beside
@@ -98,6 +99,16 @@ def test_a_known_axis_leaves_one_number() -> None:
     assert [q.name for q in wheel.PARAMETERS] == ["momentum"]
     np.testing.assert_allclose(wheel.internal(100.0, (), [0.5]), 0.5 * along)
     assert faults(wheel) == ""
+
+
+def test_beside_an_unknown_torque_it_is_asked_whatever_leads(
+    found: tuple[BalanceDiagnosis, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (wheel,) = effects_beside(spun())
+    monkeypatch.setattr(selection, "BESIDE_UNKNOWN", 0)
+    monkeypatch.setattr(selection, "usable_effects", lambda record: ([effects()["constant-body-torque"], wheel], {}))
+    tried = {c.name: c.with_latent for c in selection.select(found[0].record).tried}
+    assert tried["internal-rotor"] is not None and tried["constant-body-torque"] is None
 
 
 def test_its_rate_must_reach_over_the_record() -> None:
