@@ -11,7 +11,7 @@ import numpy as np
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term, follows_measured, scan, simpler, steps, term_of, variants
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.screen import Screened, screened
 from massprops.errors import NotPossible
@@ -44,9 +44,15 @@ def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothe
         begun += [(t, s) for t, _ in begun[:1] for s in _stiff(record, t)]
     found = [admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
     fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
-    # more than one: a scan stands at different moments of the same event
-    best_one = max((moved_to_best(f, gap) for f in fits[:SCANNED]), key=lambda f: f.evidence, default=None)
+    # more than one: a scan stands at different moments of the same event; but one fit that two starts led to once
+    apart = [f for k, f in enumerate(fits[:SCANNED]) if not any(_same(f, other) for other in fits[:k])]
+    best_one = max((moved_to_best(f, gap) for f in apart), key=lambda f: f.evidence, default=None)
     return None if best_one is None else _or_simpler(best_one, gap)
+
+
+def _same(a: HypothesisFit, b: HypothesisFit) -> bool:
+    """Whether two fits of one hypothesis have come to the same solution."""
+    return a.hypothesis == b.hypothesis and abs(a.evidence - b.evidence) < SETTLED
 
 
 def _stiff(record: Record, term: Term) -> list[Start]:
@@ -130,7 +136,8 @@ def moved_to_best(found: HypothesisFit, gap: float, which: int = 0) -> Hypothesi
     minimize(cost, np.zeros(len(names)), method="Nelder-Mead",
              options={"maxfev": 25 * len(names), "xatol": 0.02, "fatol": 0.1,
                       "initial_simplex": np.concatenate([np.zeros((1, len(names))), np.eye(len(names))])})  # fmt: skip
-    return admissible(best.record, best.hypothesis, again(best), best.hypothesis.latent) or best
+    last = admissible(best.record, best.hypothesis, again(best), best.hypothesis.latent) or best
+    return last if last.evidence > found.evidence - SETTLED else found
 
 
 def again(fit: HypothesisFit) -> Start:

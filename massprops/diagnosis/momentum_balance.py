@@ -50,7 +50,12 @@ def inertia_of(shape: np.ndarray) -> np.ndarray:
 
     I = tr(P) - P with the second moments P = exp(sum shape_k E_k), scaled; zeros are a ball.
     """
-    value, vector = _principal(np.asarray(shape, float).tobytes())
+    return _inertia(np.asarray(shape, float).tobytes()).copy()
+
+
+@lru_cache(maxsize=16)
+def _inertia(shape: bytes) -> np.ndarray:
+    value, vector = _principal(shape)
     P = 1.5 * np.exp(value - value.max())
     return np.asarray(1.5 * np.eye(3) - (vector * P / np.sum(np.exp(value - value.max()))) @ vector.T)
 

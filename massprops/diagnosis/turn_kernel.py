@@ -18,7 +18,9 @@ def turned(
     """
     n, k = len(t), rate.shape[2]
     out = np.empty((n, 3, k))
-    out[0] = first
+    for a in range(3):  # not all at once, which takes numba two seconds more to compile
+        for c in range(k):
+            out[0, a, c] = first[a, c]
     push, ahead, left, step = np.empty((3, k)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for i in range(n - 1):
         half = 0.5 * (t[i + 1] - t[i])
