@@ -137,7 +137,7 @@ def moved_to_best(found: HypothesisFit, gap: float, which: int = 0) -> Hypothesi
              options={"maxfev": 25 * len(names), "xatol": 0.02, "fatol": 0.1,
                       "initial_simplex": np.concatenate([np.zeros((1, len(names))), np.eye(len(names))])})  # fmt: skip
     last = admissible(best.record, best.hypothesis, again(best), best.hypothesis.latent) or best
-    return last if last.evidence > found.evidence - SETTLED else found
+    return last if last.verified > found.verified - SETTLED else found
 
 
 def again(fit: HypothesisFit) -> Start:

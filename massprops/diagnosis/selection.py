@@ -426,10 +426,12 @@ def _verdict(
     base: HypothesisFit, unknowns: tuple[HypothesisFit, ...], tried: list[Candidate]
 ) -> tuple[str, list[Candidate]]:
     something = max([*(u.evidence for u in unknowns), *(c.evidence for c in tried)])
-    if something < base.evidence + criteria.BEATS_NOTHING + np.log(1 + len(tried)):
+    enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
+    if something < base.evidence + enough:
         return "none", []
     good = _predicting([c for c in tried if may_be_named(c, base, *unknowns)], base)
-    if not good:
+    smooth = max(u.evidence for u in unknowns if not u.hypothesis.by_sun)
+    if not good or good[0].evidence < smooth + enough:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
     # what an unknown torque beside them hides: how much each explains by itself

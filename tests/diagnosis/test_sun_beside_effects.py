@@ -82,3 +82,17 @@ def test_a_fit_that_fails_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(selection, "fit_hypothesis", fit)
     monkeypatch.setattr(selection, "again", lambda found: None)
     assert not selection.has_likelier_sun_torque(_found("viscous-damping"), TRIED)
+
+
+@pytest.mark.parametrize(("lead", "verdict"), [(4.0, "unexplained"), (7.0, "named")])
+def test_what_is_named_is_told_from_a_smooth_torque_of_any_form(
+    lead: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of several effects one is a few likelier by chance. A torque that jumps as it likes with the Sun is another matter."""
+    monkeypatch.setattr(selection, "may_be_named", lambda c, base, *unknowns: True)
+    monkeypatch.setattr(selection, "held_out_rms", lambda fit, noise: 1.0 if fit is found else 2.0)
+    found = _found("constant-body-torque", left=1.0)
+    base = SimpleNamespace(evidence=0.0)
+    unknown = SimpleNamespace(evidence=found.evidence - lead, hypothesis=Hypothesis())
+    jumping = SimpleNamespace(evidence=found.evidence - 1.0, hypothesis=Hypothesis(by_sun=True))
+    assert selection._verdict(base, (unknown, jumping), [selection.Candidate(alone=found)])[0] == verdict  # type: ignore[arg-type]
