@@ -94,7 +94,8 @@ def reason(s: Selection) -> str:
     if s.verdict == "named":
         return _sentence(s.named[0])
     if s.verdict == "ambiguous":
-        names = ", ".join(c.name for c in s.named)
+        unknown = ["a torque that nothing is known of"] if len(s.named) == 1 else []
+        names = ", ".join([c.name for c in s.named] + unknown)
         return f"this record cannot tell apart: {names}; a longer record, or one with another start, may"
     best = s.tried[0]
     null = max(s.unknowns, key=lambda f: f.evidence)

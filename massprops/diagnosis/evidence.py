@@ -135,7 +135,8 @@ def solve(
     """
     search = _Search(_rows(blocks, y, group), blocks, noise_rows)
     enough = SPARSE_GAIN if search.sparse else SMALL_GAIN
-    sizes, path, best = search.begun(noise), [], None
+    sizes, best = search.begun(noise), None
+    path: list[np.ndarray] = []
     for _ in range(steps):
         own = search.step(sizes)
         gain = np.inf if best is None else own.evidence - best.evidence
@@ -149,7 +150,7 @@ def solve(
         path = [*path[-1:], sizes]
         sizes = own.moved
         if search.sparse and len(path) == 2:
-            sizes, path = _ahead(*path, sizes), []
+            sizes, path = _ahead(path[0], path[1], sizes), []
     assert best is not None
     count = len(best.mean)
     covariance, sd = _covariance(best.factor, best.at), best.moved[:count]
@@ -170,7 +171,7 @@ def _ahead(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> np.ndarr
     to nothing so slowly that the steps alone end up to ten short in log evidence."""
     step = np.log(second / first)
     change = np.log(third / second) - step
-    length = max(1.0, float(np.linalg.norm(step) / max(np.linalg.norm(change), 1e-300)))
+    length = max(1.0, float(np.linalg.norm(step)) / max(float(np.linalg.norm(change)), 1e-300))
     return np.asarray(first * np.exp(np.clip(2.0 * length * step + length**2 * change, -FARTHEST, FARTHEST)))
 
 

@@ -13,7 +13,7 @@ KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": 
 MEANS = {
     "none": "a free rigid body is enough: no effect is missing in its model",
     "named": "this effect explains what a free rigid body does not",
-    "ambiguous": "each of several effects explains what a free rigid body does not",
+    "ambiguous": "what a free rigid body does not explain has several explanations",
     "unexplained": "no known effect explains what a free rigid body does not",
 }
 GAP = "Root-mean-square residuals over the stated noise: 1 is as good as can be."

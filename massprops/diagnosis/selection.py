@@ -430,14 +430,15 @@ def _verdict(
     if something < base.evidence + enough:
         return "none", []
     good = _predicting([c for c in tried if may_be_named(c, base, *unknowns)], base)
-    smooth = max(u.evidence for u in unknowns if not u.hypothesis.by_sun)
-    if not good or good[0].evidence < smooth + enough:
+    if not good:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
     # what an unknown torque beside them hides: how much each explains by itself
     alone = max(near, key=lambda c: c.alone.evidence)
     near = [alone, *(c for c in near if c is not alone and c.alone.evidence > alone.alone.evidence - criteria.ALIKE)]
-    return ("named" if len(near) == 1 else "ambiguous"), near
+    # of several effects one is a little likelier than a torque of any smooth form by chance
+    alike = good[0].evidence < enough + max(u.evidence for u in unknowns if not u.hypothesis.by_sun)
+    return ("ambiguous" if alike or len(near) > 1 else "named"), near
 
 
 def _predicting(candidates: list[Candidate], base: HypothesisFit) -> list[Candidate]:

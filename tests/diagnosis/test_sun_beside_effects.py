@@ -84,7 +84,7 @@ def test_a_fit_that_fails_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not selection.has_likelier_sun_torque(_found("viscous-damping"), TRIED)
 
 
-@pytest.mark.parametrize(("lead", "verdict"), [(4.0, "unexplained"), (7.0, "named")])
+@pytest.mark.parametrize(("lead", "verdict"), [(4.0, "ambiguous"), (7.0, "named")])
 def test_what_is_named_is_told_from_a_smooth_torque_of_any_form(
     lead: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
