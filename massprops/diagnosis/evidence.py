@@ -20,6 +20,8 @@ DEGREES = 1.0
 STEPS = 60
 SMALL_GAIN, SPARSE_GAIN = 0.02, 0.005
 """Rise of the log evidence in a step at which the search for the sizes ends, and where there are sparse blocks."""
+WIDE = 60
+"""Unknowns of one size from which on these are set apart: as many as a latent torque has, not as an effect."""
 FARTHEST = 3.0
 """Of a logarithm of a size, ahead of two steps."""
 
@@ -152,8 +154,11 @@ def solve(
         if search.sparse and len(path) == 2:
             sizes, path = _ahead(path[0], path[1], sizes), []
     assert best is not None
-    count = len(best.mean)
-    covariance, sd = _covariance(best.factor, best.at), best.moved[:count]
+    at, sd = best.sizes[: search.count], best.moved[: search.count]
+    factor = (
+        best.factor if best.factor is not None else _unknowns(search.rows, at, best.sizes[-len(search.rows.n) :])[3]
+    )
+    covariance = _covariance(factor, at)
     return Posterior(
         evidence=best.evidence,
         mean={b.name: best.mean[p] for b, p in search.places},
@@ -177,12 +182,12 @@ def _ahead(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> np.ndarr
 
 @dataclass(frozen=True)
 class _Step:
-    """A step of expectation maximisation. evidence, mean (k,), factor (k, k): at prior sd `at` (k,); moved: (s,) sizes that it leads to."""
+    """A step of expectation maximisation. evidence, mean (k,), factor (k, k) or None: at sizes (s,); moved: (s,) sizes that it leads to."""
 
     evidence: float
     mean: np.ndarray
-    factor: np.ndarray
-    at: np.ndarray
+    factor: np.ndarray | None
+    sizes: np.ndarray
     moved: np.ndarray
 
 
@@ -199,6 +204,8 @@ class _Search:
         self.places = [(b, slice(int(end) - b.count, int(end))) for b, end in zip(blocks, ends, strict=True)]
         self.sparse = [b.name for b in blocks if b.kind == "sparse"]
         self.squares: _Squares | None = None
+        wide = [p for b, p in self.places if b.kind == "common" and b.count >= WIDE]
+        self.wide = _Wide(rows.G[0], rows.by[0], wide[0]) if wide and len(rows.G) == 1 else None
 
     def begun(self, noise: np.ndarray | None) -> np.ndarray:
         """(s,) the sizes that the blocks begin with."""
@@ -214,11 +221,16 @@ class _Search:
         """
         rows, believed = self.rows, self.noise_rows
         at, scale, noise = np.split(sizes, [self.count, self.count + len(self.sparse)])
-        mean, variance, taken, factor = _unknowns(rows, at, noise)
+        factor = None
+        if self.wide is None:
+            mean, variance, taken, factor = _unknowns(rows, at, noise)
+            size = float(np.log(factor.diagonal()).sum())
+        else:
+            mean, variance, taken, size = self.wide.unknowns(at, float(noise[0]))
         self.squares = self.squares or _Squares.about(rows, mean)
         left = self.squares.of(rows, mean)
         over = mean / at
-        evidence = -0.5 * float(over @ over) - float(np.log(factor.diagonal()).sum())
+        evidence = -0.5 * float(over @ over) - size
         for n, s, square in zip(rows.n.tolist(), noise.tolist(), left.tolist(), strict=True):
             evidence -= (n + believed) * log(s) + 0.5 * (square + believed) / s**2 - 0.5 * believed
         moved, scales = at.copy(), dict(zip(self.sparse, scale.tolist(), strict=True))
@@ -226,7 +238,48 @@ class _Search:
         noise = np.sqrt((left + taken + believed) / (rows.n + believed))
         if not np.isfinite(evidence) or not np.isfinite(moved).all():
             raise FloatingPointError("the unknowns leave all bounds")
-        return _Step(evidence, mean, factor, at, np.concatenate([moved, list(scales.values()), noise]))
+        return _Step(evidence, mean, factor, sizes, np.concatenate([moved, list(scales.values()), noise]))
+
+
+class _Wide:
+    """The unknowns of one noise factor where a wide block has a single size: along the axes of that block's own inner products, each of
+    its unknowns is solved for by a division, which leaves a system of the others."""
+
+    def __init__(self, G: np.ndarray, by: np.ndarray, own: slice) -> None:
+        """G: (k, k) and by: (k,) inner products of all columns with themselves and with the rows; own: the wide block's."""
+        rest = np.r_[: own.start, own.stop : len(by)]
+        self.own, self.rest = own, rest
+        value, self.axes = np.linalg.eigh(G[own, own])
+        self.value = np.maximum(value, 0.0)
+        self.across, self.by = self.axes.T @ G[own][:, rest], self.axes.T @ by[own]
+        self.G, self.by_rest = G[np.ix_(rest, rest)], by[rest]
+
+    def unknowns(self, sd: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """As `_unknowns`, but the wide block's variances are their mean, and half the logarithm of the determinant stands in
+        place of the factor."""
+        from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
+
+        size, r, over = float(sd[self.own.start]), sd[self.rest], noise**-2
+        diagonal = 1.0 + size**2 * over * self.value
+        across = (size * over) * self.across * r
+        part = across / diagonal[:, None]
+        whole = over * r[:, None] * self.G * r - across.T @ part
+        whole[np.diag_indices(len(r))] += 1.0
+        factor, failed = dpotrf(whole, lower=1)
+        if failed:
+            raise np.linalg.LinAlgError("the precision of the unknowns is not positive definite")
+        y = (size * over) * self.by
+        x = dpotrs(factor, over * r * self.by_rest - part.T @ y, lower=1)[0]
+        inverse = dtrtri(factor, lower=1)[0]
+        share, wide = (
+            np.einsum("ij,ij->j", inverse, inverse),
+            float(np.sum(1.0 / diagonal) + np.sum((part @ inverse.T) ** 2)),
+        )
+        mean, variance = np.empty(len(sd)), np.empty(len(sd))
+        mean[self.rest], mean[self.own] = r * x, size * (self.axes @ ((y - across @ x) / diagonal))
+        variance[self.rest], variance[self.own] = r**2 * share, size**2 * wide / len(y)
+        taken = noise**2 * (len(sd) - float(share.sum()) - wide)
+        return mean, variance, taken, float(np.log(factor.diagonal()).sum() + 0.5 * np.log(diagonal).sum())
 
 
 @dataclass(frozen=True)

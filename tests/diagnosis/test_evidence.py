@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from massprops.diagnosis import evidence
 from massprops.diagnosis.evidence import Block, _covariance, _rows, _unknowns, solve
 
 
@@ -41,3 +44,20 @@ def test_few_steps_among_many_are_found_from_whatever_size_it_begins_at(seed: in
     y = X @ steps + rng.standard_normal(len(t))
     found = [solve([Block(name="a", columns=X, sd=sd, kind="sparse")], y, 100.0).evidence for sd in (0.01, 100.0)]
     assert abs(found[0] - found[1]) < 0.3
+
+
+def test_a_wide_block_set_apart_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    X, y = rng.standard_normal((80, 25)), rng.standard_normal(80)
+    kinds: list[tuple[str, slice, Any]] = [
+        ("a", slice(0, 5), "fixed"),
+        ("b", slice(5, 15), "common"),
+        ("c", slice(15, 25), "sparse"),
+    ]
+    blocks = [Block(name=n, columns=X[:, own], sd=0.5, kind=kind) for n, own, kind in kinds]
+    whole = solve(blocks, y, 3.0)
+    monkeypatch.setattr(evidence, "WIDE", 10)
+    apart = solve(blocks, y, 3.0)
+    assert apart.evidence == pytest.approx(whole.evidence, abs=1e-9)
+    assert np.allclose(apart.joint, whole.joint, atol=1e-9) and np.allclose(apart.noise, whole.noise, atol=1e-9)
+    assert all(np.allclose(apart.mean[n], whole.mean[n], atol=1e-9) for n, _, _ in kinds)
