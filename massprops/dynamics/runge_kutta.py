@@ -19,19 +19,19 @@ def step(slope: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarr
 
 def record(
     slope: Callable[[int, int, list[Any]], list[Any]], y0: list[Any], size: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """States before and after each step (s + 1, n), and at its four stages (s, 4, n), component by component.
+) -> tuple[np.ndarray, list[list[Any]]]:
+    """States before and after each step (s + 1, n), and at the four stages of each, 4 s of them, component by component.
 
     Args:
         slope: derivative, from the number of the step, of the stage (start, middle, middle, end), and the state there.
         size: (s,) steps.
     """
-    y, states, stages = y0, [y0], np.empty((len(size), 4, len(y0)))
+    y, states, stages = y0, [y0], list[list[Any]]()
     for k, h in enumerate(size.tolist()):
         slopes: list[list[Any]] = []
         for stage, reach in enumerate((0.0, 0.5 * h, 0.5 * h, h)):
             z = [a + reach * b for a, b in zip(y, slopes[-1], strict=True)] if slopes else y
-            stages[k, stage] = z
+            stages.append(z)
             slopes.append(slope(k, stage, z))
         y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *slopes, strict=True)]
         states.append(y)
