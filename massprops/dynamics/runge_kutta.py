@@ -19,8 +19,8 @@ def step(slope: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarr
 
 def record(
     slope: Callable[[int, int, list[Any]], list[Any]], y0: list[Any], size: np.ndarray
-) -> tuple[np.ndarray, list[list[Any]]]:
-    """States before and after each step (s + 1, n), and at the four stages of each, 4 s of them, component by component.
+) -> tuple[np.ndarray, np.ndarray]:
+    """States before and after each step (s + 1, n), and at its four stages (s, 4, n), component by component.
 
     Args:
         slope: derivative, from the number of the step, of the stage (start, middle, middle, end), and the state there.
@@ -35,7 +35,7 @@ def record(
             slopes.append(slope(k, stage, z))
         y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *slopes, strict=True)]
         states.append(y)
-    return np.array(states), stages
+    return np.array(states), np.array(stages, float).reshape(len(size), 4, len(y0))
 
 
 def transition(F: np.ndarray, h: np.ndarray) -> np.ndarray:

@@ -78,8 +78,7 @@ def _fall(
         l = leader[(stage + 1) // 2][k]
         return [y[3], y[4], y[5], *differential_gravity(environment.mu, l[0], l[1], l[2], y[0], y[1], y[2])]
 
-    states, found = record(slope, [*map(float, r0), *map(float, v0)], size)
-    stages = np.array(found).reshape(len(size), 4, 6)
+    states, stages = record(slope, [*map(float, r0), *map(float, v0)], size)
     A = np.zeros((len(size), 4, 6, 6))
     A[..., :3, 3:] = np.eye(3)
     pulls = np.stack([np.array(leader[0]), np.array(leader[1]), np.array(leader[1]), np.array(leader[2])], axis=1)
