@@ -87,10 +87,10 @@ def _propagated(
     from massprops.dynamics.free_body_kernel import propagated
 
     shape = y0.shape
-    given = [np.ascontiguousarray(y0, float).reshape(-1, 7)]
-    for I in (inertia, inverse):
-        given.append(np.ascontiguousarray(np.broadcast_to(I, (*shape[:-1], 3, 3)), float).reshape(-1, 3, 3))
-    path = propagated(*given, np.ascontiguousarray(times, float), largest_turn).reshape(-1, *shape)
+    both = [np.ascontiguousarray(np.broadcast_to(I, (*shape[:-1], 3, 3)), float) for I in (inertia, inverse)]
+    I, J = (x.reshape(-1, 3, 3) for x in both)
+    start, at = np.ascontiguousarray(y0, float).reshape(-1, 7), np.ascontiguousarray(times, float)
+    path = np.asarray(propagated(start, I, J, at, largest_turn)).reshape(-1, *shape)
     return path[..., :4], path[..., 4:]
 
 
