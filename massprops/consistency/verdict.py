@@ -286,6 +286,11 @@ def hints_of(
         )
     apart = tests.get("centre of mass")
     if apart is not None and apart < SIGNIFICANT and centre is not None:
+        if mesh.fill_reaches(centre.place):
+            hints.append(
+                f"an unseen side: {100 * mesh.unseen:.0f} % of the surface was filled in, and its shape may carry the centre of "
+                "mass as far"
+            )
         off = float(np.linalg.norm(centre.place - mesh.centre))
         size = mesh.document.get("units", {}).get("length", "model")
         hints.append(

@@ -18,7 +18,7 @@ from massprops.consistency.crosscheck import crosscheck
 from massprops.consistency.free_rotation import free_rotation_residuals
 from massprops.consistency.mesh_side import read_mesh_side
 from massprops.consistency.motion_side import Centre, Tumble, centre_of_motion, tumble_of
-from massprops.consistency.verdict import decide
+from massprops.consistency.verdict import decide, hints_of
 from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import from_rotation_matrix, from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
@@ -267,3 +267,5 @@ def test_centre_of_mass_contradicts_without_the_ratios_but_confirms_nothing(tmp_
         doubtful = decide([], filled, centre, tumble, {})
         assert doubtful.verdict == "unobservable" and "46 % of the surface was filled in" in doubtful.reason
         assert decide([], replace(filled, fill=0.5 * filled.fill), centre, tumble, {}).verdict == said
+        first, second = hints_of(None, filled, centre, {"centre of mass": 1e-4}, {})
+        assert first.startswith("an unseen side: 46 %") and second.startswith("density")
