@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.core.outputs import Outputs
 from massprops.exchange.alignment import Similarity
-from massprops.mass.properties import MassProperties, inertia_ratios, principal_frame
+from massprops.mass.properties import MassProperties
 
 SAME = 1e-9
 """Difference of k1 up to which the cross-check is of this mesh."""
@@ -45,8 +45,4 @@ def in_frame(fused: dict[str, Any], transform: Similarity, density: float) -> Ma
     s, place = transform.scale, np.array([*fused["center_of_mass"], 1.0])
     R = transform.matrix[:3, :3] / s
     inertia = s**5 * R @ np.array(fused["inertia"], float) @ R.T
-    moments, axes = principal_frame(inertia)
-    k = inertia_ratios(moments)
-    volume = s**3 * float(fused["volume"])
-    centre = (transform.matrix @ place)[:3]
-    return MassProperties(density, volume, density * volume, centre, inertia, moments, axes, float(k[0]), float(k[1]))
+    return MassProperties.of(density, s**3 * float(fused["volume"]), (transform.matrix @ place)[:3], inertia)

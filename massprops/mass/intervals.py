@@ -75,10 +75,6 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
     ratios = inertia_ratios(moments)
     middle = inertia_ratios(estimate.principal_moments)
 
-    def bounds(draws: np.ndarray, value: np.ndarray | float) -> Any:
-        low, high = np.quantile(draws, [TAIL, 1.0 - TAIL], axis=0)
-        return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
-
     def within(draws: np.ndarray, value: np.ndarray | float, most: np.ndarray | float) -> Any:
         known = np.array(bounds(draws, value))
         if vague:
@@ -104,6 +100,12 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
         "k1": ratio(0),
         "k2": ratio(1),
     }
+
+
+def bounds(draws: np.ndarray, value: np.ndarray | float) -> Any:
+    """Ends (..., 2), in lists, of the interval of draws (r, ...), widened where it does not hold the value (...)."""
+    low, high = np.quantile(draws, [TAIL, 1.0 - TAIL], axis=0)
+    return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
 
 
 def may_be_equal(inertia: np.ndarray, axes: np.ndarray) -> tuple[bool, bool]:

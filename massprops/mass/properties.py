@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,6 +46,24 @@ class MassProperties:
     principal_axes: np.ndarray
     k1: float
     k2: float
+
+    @classmethod
+    def of(cls, density: float, volume: float, centre: np.ndarray, inertia: np.ndarray) -> MassProperties:
+        """Those of a volume, a centre of mass (3,) and an inertia about it (3, 3)."""
+        moments, axes = principal_frame(inertia)
+        return cls(density, volume, density * volume, centre, inertia, moments, axes, *inertia_ratios(moments).tolist())
+
+    def values(self) -> dict[str, Any]:
+        """All but the density, by the keys and in the plain numbers of `massprops.json`."""
+        return {
+            "volume": self.volume,
+            "mass": self.mass,
+            "center_of_mass": self.center_of_mass.tolist(),
+            "inertia": self.inertia.tolist(),
+            "principal_moments": self.principal_moments.tolist(),
+            "principal_axes": self.principal_axes.tolist(),
+            "inertia_ratios": {"k1": self.k1, "k2": self.k2},
+        }
 
 
 def principal_frame(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,17 +129,14 @@ def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
         raise InputError(
             f"mesh encloses a volume of {row[0]:.3g}, not above 0: turn its faces outward, or close its holes"
         )
-    mass, centre, inertia = central_inertia(row, density)
-    moments, axes = principal_frame(inertia)
-    if not is_physical(moments):
-        said = ", ".join(f"{m:.4g}" for m in moments)
+    _, centre, inertia = central_inertia(row, density)
+    found = MassProperties.of(float(density), float(row[0]), centre, inertia)
+    if not is_physical(found.principal_moments):
+        said = ", ".join(f"{m:.4g}" for m in found.principal_moments)
         raise InputError(
             f"mesh has moments {said}, which no body has: it intersects itself or is inside out; export it as a solid"
         )
-    k1, k2 = inertia_ratios(moments)
-    return MassProperties(
-        float(density), float(row[0]), float(mass), centre, inertia, moments, axes, float(k1), float(k2)
-    )
+    return found
 
 
 def mass_properties(mesh: trimesh.Trimesh, density: float = 1000.0) -> MassProperties:
