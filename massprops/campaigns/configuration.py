@@ -13,10 +13,9 @@ from typing import Any
 
 from massprops.campaigns.draws import check_draw, extremes
 from massprops.campaigns.kinds import kinds, load_kind
-from massprops.campaigns.nearest import unknown
 from massprops.core.files import hash_of, plain
 from massprops.documents.campaign import LARGEST_SEED, CampaignFile
-from massprops.documents.fields import keys, read
+from massprops.documents.fields import keys, read, unknown
 from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.campaigns.kinds import always
-from massprops.campaigns.nearest import unknown
 from massprops.core.linalg import normalised_square
-from massprops.documents.fields import read
+from massprops.documents.fields import read, unknown
 from massprops.documents.loading import excerpt
 from massprops.dynamics.quaternion import nearest_rotation
 from massprops.errors import InputError, NotPossible

@@ -6,8 +6,8 @@ import copy
 from pathlib import Path
 from typing import Any
 
-from massprops.campaigns.nearest import unknown
 from massprops.campaigns.papers import checked_case, load_paper, papers
+from massprops.documents.fields import unknown
 from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 

@@ -12,12 +12,14 @@ line of what else is missing, or an empty string. An `estimate` that takes `mode
 
 from __future__ import annotations
 
+import inspect
+import re
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from massprops.estimators.method_contract import faults
+from massprops.estimators.needs import SAID
 from massprops.packaged import packaged
 
 
@@ -44,3 +46,19 @@ def refused() -> dict[str, str]:
 @cache
 def _packaged() -> tuple[dict[str, ModuleType], dict[str, str]]:
     return packaged("massprops.estimators", faults, own())
+
+
+def faults(method: ModuleType) -> str:
+    """What is wrong with an estimator in one line that says what to do; empty when nothing is."""
+    name = getattr(method, "NAME", None)
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
+        return "NAME must be small letters and digits joined by hyphens, such as 'range-ukf'"
+    if not isinstance(getattr(method, "SENTENCE", None), str):
+        return "SENTENCE must be a text"
+    needs = getattr(method, "NEEDS", None)
+    if not isinstance(needs, tuple) or any(word not in SAID for entry in needs for word in str(entry).split("|")):
+        return f"NEEDS must be a tuple of any of: {', '.join(SAID)}; alternatives parted by |; () for nothing"
+    function = getattr(method, "estimate", None)
+    if not callable(function) or list(inspect.signature(function).parameters)[:3] != ["problem", "prior", "start"]:
+        return "it must have a function estimate(problem, prior, start)"
+    return ""
