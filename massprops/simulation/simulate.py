@@ -176,7 +176,7 @@ def _under_effects(
     from massprops.dynamics.quaternion import rotation_matrix
     from massprops.model import Model
     from massprops.model.state import BatchState
-    from massprops.simulation.effects import effects_model, moved_by
+    from massprops.simulation.effect_size import effects_model, moved_by
 
     if scenario.motion != "tumbling":
         raise InputError("effects act on a tumbling body: choose a scenario with motion: tumbling")
@@ -257,5 +257,5 @@ def write_video(path: Path, images: list[Path], rate_hz: float, crf: int = 15) -
     """H.264 of grey images."""
     import cv2
 
-    grey = (cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in images)
+    grey = (np.asarray(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)) for file in images)
     encode(path, grey, rate_hz, "libx264", "yuv420p", {"crf": str(crf), "preset": "slow"})
