@@ -130,14 +130,14 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
     rows, times = rows[used], problem.times[rows[used]]
     q, origin = motion.q[used], motion.origin[used]
     fit, w, found = _inertia(problem, times, q, motion.covariance[used][:, :3, :3], motion.shared[used])
-    path = centre.centre_of_mass(times, q, origin, motion.covariance[used][:, 3:, 3:])
+    offset, position, velocity = centre.centre_of_mass(times, q, origin, motion.covariance[used][:, 3:, 3:])
     start = _of_fit(times, rows, fit, w, found, warnings)
     return replace(
         start,
-        position=path.position,
-        velocity=path.velocity[0],
-        velocities=path.velocity,
-        features=motion.points - path.offset,
+        position=position,
+        velocity=velocity[0],
+        velocities=velocity,
+        features=motion.points - offset,
         outliers=motion.outliers + start.outliers,
         poses=Poses(rows, q, np.sqrt(np.einsum("nii->n", motion.covariance[used][:, :3, :3]) / 3.0)),
     )
