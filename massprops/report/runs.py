@@ -15,6 +15,7 @@ from massprops.mass.recommended import as_recommended, quantities
 from massprops.report.data import read_json
 from massprops.report.html import Safe, data_uri, number, table, text
 from massprops.report.page import of_sections
+from massprops.report.thumbnail import thumbnail
 
 OWNER, NAME = "view", "runs.html"
 QUANTITIES = ("volume", "mass", "I1", "I2", "I3", "k1", "k2")
@@ -119,10 +120,8 @@ class _Run:
             image = cv2.imread(str(frames[len(frames) // 2])) if frames else None
         if image is None:
             return Safe("")
-        small = cv2.resize(
-            image, (120, max(1, round(120 * image.shape[0] / image.shape[1]))), interpolation=cv2.INTER_AREA
-        )
-        return Safe(f'<img alt="a frame of {text(self.path.name)}" width="120" class="thumb" src="{data_uri(small)}">')
+        small = data_uri(thumbnail(image, None, 120))
+        return Safe(f'<img alt="a frame of {text(self.path.name)}" width="120" class="thumb" src="{small}">')
 
     @property
     def name(self) -> Safe:
