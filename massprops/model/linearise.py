@@ -40,28 +40,19 @@ class Residuals:
     attitude: np.ndarray
 
     @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Each kind as (k, dimension)."""
+        return self.tracks, self.range[:, None], self.rates, self.attitude
+
+    @property
     def norms(self) -> np.ndarray:
         """Length of each residual over the root of its dimension: what robust weights go by."""
-        return np.concatenate(
-            [
-                np.sqrt(np.mean(self.tracks**2, axis=1)),
-                np.abs(self.range),
-                np.sqrt(np.mean(self.rates**2, axis=1)),
-                np.sqrt(np.mean(self.attitude**2, axis=1)),
-            ]
-        )
+        return np.concatenate([np.sqrt(np.mean(part**2, axis=1)) for part in self.parts])
 
     @property
     def squares(self) -> np.ndarray:
         """Sum of squares of each residual, in the order of `norms`."""
-        return np.concatenate(
-            [
-                np.sum(self.tracks**2, axis=1),
-                self.range**2,
-                np.sum(self.rates**2, axis=1),
-                np.sum(self.attitude**2, axis=1),
-            ]
-        )
+        return np.concatenate([np.sum(part**2, axis=1) for part in self.parts])
 
 
 def predict(problem: Problem, state: BatchState, environment: EnvironmentModel) -> Predicted:
@@ -133,7 +124,7 @@ class Linear:
 
 def linearise(problem: Problem, m: Measurements, at: Predicted, environment: EnvironmentModel) -> Linear:
     """Residuals and derivatives at a predicted state."""
-    by = _Slopes(problem, at, environment)
+    by = Slopes(problem, at, environment)
     blocks, values = [], []
     point, tracks = np.zeros((0, 2, 3)), np.zeros((0, 2))
     if len(m.uv):
@@ -163,7 +154,7 @@ def linearise(problem: Problem, m: Measurements, at: Predicted, environment: Env
     )
 
 
-class _Slopes:
+class Slopes:
     """Derivatives of rotation and rate (n, 3, columns) by the parameters, and the place of these columns, and of those
     of the path, among all parameters."""
 
@@ -189,7 +180,7 @@ class _Slopes:
 
 
 def _of_tracks(
-    problem: Problem, m: Measurements, at: Predicted, by: _Slopes
+    problem: Problem, m: Measurements, at: Predicted, by: Slopes
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals (o, 2) of the pixels, and their derivatives by the shared parameters and by their point, over 1-sigma."""
     model = at.state.model
@@ -212,7 +203,7 @@ def _of_tracks(
     return (m.uv - slopes.uv) / m.sigma[:, None], J, slopes.point / m.sigma[:, None, None]
 
 
-def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) -> np.ndarray:
+def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: Slopes) -> np.ndarray:
     """(k, p) [m]."""
     sensed, ps = at.state.model.sensed, at.state.model.flat(False)
     J = np.zeros((len(m.range_at), by.size))
@@ -228,7 +219,7 @@ def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) ->
     return J
 
 
-def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) -> np.ndarray:
+def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: Slopes) -> np.ndarray:
     """(k, 3, p) over 1-sigma."""
     sensed, ps = at.state.model.sensed, at.state.model.flat(False)
     J = np.zeros((len(m.attitude_at), 3, by.size))
