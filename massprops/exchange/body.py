@@ -101,13 +101,11 @@ def read_body(
     if mass is not None and not (np.isfinite(mass) and mass > 0):
         raise InputError(f"--mass {mass}: give a number of kilograms above 0")
     if source.is_dir():
-        mesh_file, document_file = source / "mesh.ply", source / "massprops.json"
-        if not document_file.is_file() or not mesh_file.is_file():
-            missing = document_file.name if not document_file.is_file() else mesh_file.name
-            raise InputError(f"{source}: no {missing} in this run: finish it with 'massprops reconstruct' first")
+        files = mesh_file, document_file = source / "mesh.ply", source / "massprops.json"
+        if missing := [file.name for file in reversed(files) if not file.is_file()]:
+            raise InputError(f"{source}: no {missing[0]} in this run: finish it with 'massprops reconstruct' first")
         verify(source, *READ)
         document = read_document(document_file)
-        files = (mesh_file, document_file)
         mesh = read_mesh(mesh_file, process=False)
         if not mesh.is_volume:
             raise InputError(f"{mesh_file}: not watertight or inside out: make the run again, or repair the mesh")

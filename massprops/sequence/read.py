@@ -267,7 +267,14 @@ def _body(path: Path) -> Body | None:
     low, middle, high = np.linalg.eigvalsh(inertia)
     if not low > SMALLEST_MOMENT or low + middle < high * (1 - 1e-6):
         raise InputError(f"{path}: principal moments {low:.4g}, {middle:.4g}, {high:.4g} break the triangle inequality")
-    return Body(**{**vars(document), "inertia": 0.5 * (inertia + inertia.T), "source": document.source or ""})
+    return Body(
+        inertia=0.5 * (inertia + inertia.T),
+        inertia_units=document.inertia_units,
+        mass_kg=document.mass_kg,
+        centre_of_mass_m=document.centre_of_mass_m,
+        source=document.source or "",
+        inertia_sigma=document.inertia_sigma,
+    )
 
 
 def _unit(direction: np.ndarray | None, fault: str) -> np.ndarray | None:
