@@ -29,9 +29,10 @@ import numpy as np
 from massprops.consistency.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.consistency.replicates import read_replicates
 from massprops.documents.scale_json import has_scale, read_scale
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.mass.integrals import central_inertia
 from massprops.mass.intervals import OWN_LENGTH, bounds, scaled_replicates
-from massprops.mass.ratio_space import chi_square, p_value
+from massprops.mass.ratio_space import chi_square, log_inertia, p_value
 
 TO_RATIOS = np.array(
     [[1.0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]
@@ -113,9 +114,7 @@ def with_own_size(spread: np.ndarray, own: np.ndarray, rng: np.random.Generator)
 
 def ten_numbers(volume: Any, centre: np.ndarray, inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(..., 10) as in `Draws`."""
-    moments, own = np.linalg.eigh(inertia)
-    turned = axes.T @ own
-    L = np.einsum("...ik,...k,...jk->...ij", turned, np.log(moments), turned)
+    L = log_inertia(inertia, axes)
     parts = [L[..., 0, 0], L[..., 1, 1], L[..., 2, 2], L[..., 1, 2], L[..., 0, 2], L[..., 0, 1]]
     return np.concatenate([np.log(volume)[..., None], centre, np.stack(parts, axis=-1)], axis=-1)
 
@@ -242,14 +241,14 @@ def fuse(draws: Draws, mesh: MeshSide, motion: Measured) -> dict[str, Any]:
     Args:
         draws: of `read_draws`. mesh: the mesh's side. motion: of `measured`.
     """
-    from massprops.mass.properties import MassProperties, inertia_ratios
+    from massprops.mass.properties import MassProperties
 
     x, replicates = averaged(draws, motion)
     density = float(mesh.document["density"])
     found = MassProperties.of(density, float(np.exp(x[0])), x[1:4], inertia_from(x, mesh.axes))
     volumes, inertias = np.exp(replicates[:, 0]), inertia_from(replicates, mesh.axes)
     moments = np.linalg.eigvalsh(inertias)
-    k = inertia_ratios(moments)
+    k = ratios_of_moments(moments)
     interval = {
         "volume": bounds(volumes, found.volume),
         "mass": bounds(density * volumes, found.mass),

@@ -10,8 +10,9 @@ import numpy as np
 from massprops.documents.fields import as_written, read
 from massprops.documents.loading import load_json
 from massprops.documents.massprops_json import FORMAT, MassFile, RecommendedFile
+from massprops.dynamics.inertia import is_physical
 from massprops.errors import InputError
-from massprops.mass.properties import MassProperties, is_physical
+from massprops.mass.properties import MassProperties
 from massprops.mass.recommended import by_mesh
 
 FRAME = (

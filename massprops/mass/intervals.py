@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.mass.integrals import central_inertia, scale_integrals
-from massprops.mass.properties import MassProperties, inertia_ratios
+from massprops.mass.properties import MassProperties
 
 OWN_LENGTH = ("none", "given")
 """Scale sources whose metres refer to the body's greatest length."""
@@ -72,8 +73,8 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
     vague, rows = collapsed(valid), rows[valid]
     mass, centre, inertia = central_inertia(rows, estimate.density)
     moments = np.linalg.eigvalsh(inertia)
-    ratios = inertia_ratios(moments)
-    middle = inertia_ratios(estimate.principal_moments)
+    ratios = ratios_of_moments(moments)
+    middle = ratios_of_moments(estimate.principal_moments)
 
     def within(draws: np.ndarray, value: np.ndarray | float, most: np.ndarray | float) -> Any:
         known = np.array(bounds(draws, value))

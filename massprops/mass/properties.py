@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import is_physical, ratios_of_moments
 from massprops.errors import InputError
 from massprops.mass.integrals import central_inertia, mesh_integrals
 
@@ -51,7 +52,9 @@ class MassProperties:
     def of(cls, density: float, volume: float, centre: np.ndarray, inertia: np.ndarray) -> MassProperties:
         """Those of a volume, a centre of mass (3,) and an inertia about it (3, 3)."""
         moments, axes = principal_frame(inertia)
-        return cls(density, volume, density * volume, centre, inertia, moments, axes, *inertia_ratios(moments).tolist())
+        return cls(
+            density, volume, density * volume, centre, inertia, moments, axes, *ratios_of_moments(moments).tolist()
+        )
 
     def values(self) -> dict[str, Any]:
         """All but the density, by the keys and in the plain numbers of `massprops.json`."""
@@ -103,18 +106,6 @@ def _nearest_in_plane(normal: np.ndarray) -> np.ndarray:
 def _positive(axis: np.ndarray) -> np.ndarray:
     """The same line with its largest component positive; rounding makes near ties go to the first."""
     return axis * np.sign(axis[int(np.argmax(np.round(np.abs(axis), 9)))])
-
-
-def inertia_ratios(moments: np.ndarray) -> np.ndarray:
-    """(..., 2) k1 = ln(I1/I2) and k2 = ln(I2/I3) of moments (..., 3)."""
-    logs = np.log(moments)
-    return np.stack([logs[..., 0] - logs[..., 1], logs[..., 1] - logs[..., 2]], axis=-1)
-
-
-def is_physical(moments: np.ndarray) -> bool:
-    """Whether a distribution of positive mass can have these moments: positive, and the triangle inequality."""
-    low, middle, high = np.sort(np.asarray(moments, float))
-    return bool(low > 0 and low + middle >= high * (1 - 1e-12))
 
 
 def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
