@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from massprops.dynamics import rotation, translation
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, rotation_vector
 from massprops.dynamics.sensitivities import sensitivities
+from massprops.dynamics.translation import in_rows, ways
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
 from massprops.model.state import BatchState, inertia_directions
@@ -72,7 +71,7 @@ def body_points(at: Predicted, m: Measurements) -> np.ndarray:
     p = model.flat(True)
     for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
-            points = points + _columns(effect.shift(at.motion.times, p[place]), len(at.motion.times))[m.seen.epoch]
+            points = points + in_rows(effect.shift(at.motion.times, p[place]), len(at.motion.times))[m.seen.epoch]
     return np.asarray(points)
 
 
@@ -196,7 +195,7 @@ def _of_tracks(
         J[:, :, by.path_columns] += slopes.velocity @ at.dv[e]
     for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
-            for k, way in enumerate(_ways(effect.shift, problem.times, pm[place])):
+            for k, way in enumerate(ways(effect.shift, problem.times, pm[place])):
                 J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
     J[:, :, by.sensed_from :] = slopes.effect
     J /= m.sigma[:, None, None]
@@ -227,18 +226,6 @@ def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: Slopes) 
     for effect, place in sensed.hooks("turn"):
         # the camera's own turn is small: a change of it turns the body the other way in cam0's axes
         whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
-        for k, way in enumerate(_ways(effect.turn, problem.times, ps[place])):
+        for k, way in enumerate(ways(effect.turn, problem.times, ps[place])):
             J[:, :, by.sensed_from + place.start + k] = -np.einsum("nji,nj->ni", whole, way)[m.attitude_at]
     return np.asarray(J / problem.sigma_attitude[m.attitude_at, None, None])
-
-
-def _ways(function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
-    """Derivatives (n, 3) of an effect's `function(times, values)` by each of its values, by the complex step."""
-    own = [float(x) for x in values]
-    for k in range(len(own)):
-        moved = [x + (1e-30j if i == k else 0) for i, x in enumerate(own)]
-        yield np.imag(_columns(function(times, moved), len(times))) / 1e-30
-
-
-def _columns(parts: tuple[Any, ...], n: int) -> np.ndarray:
-    return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)

@@ -55,7 +55,7 @@ def estimate_of(
         principal_axes=None if hidden else axes,
         axes_covariance=None if hidden else axes_covariance,
         times=problem.times,
-        q=multiply(from_rotation_matrix(cam), found.predicted.q) if environment.lvlh else found.predicted.q,
+        q=multiply(from_rotation_matrix(cam), found.predicted.q),
         w=motion.w,
         position=np.einsum("nij,nj->ni", cam, motion.r) if tracked else None,
         velocity=np.einsum("nij,nj->ni", cam, motion.v) if tracked else None,
