@@ -19,7 +19,7 @@ def pages() -> dict[str, str | bytes]:
         "# The papers",
         "",
         "`massprops reproduce PAPER CASE` runs a case and prints our numbers beside those of the paper. The results are in "
-        "[accuracy and limits](accuracy.md#the-papers).",
+        "[all measurements](measurements.md#the-papers).",
         "",
     ]
     for name, reference in REFERENCES.items():

@@ -7,7 +7,7 @@ measures eight combinations of them: two ratios, three axes, three of the centre
 along its own uncertainty to where the motion is explained: the best linear estimate (Kalman 1960) with the
 covariance of the replicates. The size, which the motion does not show, follows by what it shares with the ratios: what
 reaches further out on an unseen side moves ratios, centre and volume alike. Kept as the mesh has it, the moments of sixty
-bodies are off by twice as much (docs/accuracy.md).
+bodies are off by twice as much (docs/measurements.md).
 
 Neither covariance is known as it stands. Well-measured meshes are off by a third of what their replicates allow, and
 errors of motions, which come from images one like the next, are larger than their noise. So both are multiplied by
@@ -49,7 +49,7 @@ from images are about twice what their noise makes of them (docs/accuracy.md, Li
 SHAPE_PRIOR, SHAPE_AS_STATED = (np.log(0.4), 0.6), (0.0, 0.6)
 """The same of the shape's factor, for the estimate and for the interval about it. Meshes of 50 bodies with truth, made from
 images, had all volumes and moments within their 90 % intervals, so they are off by less than they state. Checked on 120 bodies
-without images (docs/accuracy.md, Shape against motion): with meshes off by 0.35 of what they state the first prior leaves
+without images (docs/measurements.md, Shape against motion): with meshes off by 0.35 of what they state the first prior leaves
 moments off by 1.30 % in the mean and the second by 1.46 (the meshes 1.56); with meshes off by all of it 2.47 and 2.56 (4.34).
 Intervals by the second hold the moments of 98 % of the latter, by the first of 94 %."""
 SIZE_OF_ITS_OWN = 0.5

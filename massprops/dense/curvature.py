@@ -2,7 +2,7 @@
 
 A plane has an inverse depth that is linear in the pixel. A window that is matched as a plane on a surface that bends
 away from the camera fits best where the plane lies a little deep: the depth found is that of the window's mean. On a
-small convex thing this is the greatest error of the middle (`docs/accuracy.md`), and the same in all views.
+small convex thing this is the greatest error of the middle (`docs/measurements.md`), and the same in all views.
 """
 
 from __future__ import annotations

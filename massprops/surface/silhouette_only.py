@@ -43,18 +43,20 @@ class SilhouetteOnly:
     """Rays that meet nothing.
 
     Attributes:
-        views: n views; maps: n (h, w) bool, pixels of the silhouettes on which nothing was drawn.
+        views: n views; maps: n (h, w) bool, pixels of the silhouettes on which nothing was drawn; sky: n (h, w) bool, pixels
+            outside the silhouettes.
         inside: (k, 3) places of the hull on such rays, of three views or more; outline: (m, 3) places on its outside.
     """
 
     views: Views
     maps: list[np.ndarray]
+    sky: list[np.ndarray]
     inside: np.ndarray
     outline: np.ndarray
 
     def share(self, xyz: np.ndarray) -> np.ndarray:
-        """(m,) share of the views in which each point (m, 3) lies on a ray that meets nothing."""
-        return _views_showing(self.views, self.maps, xyz) / len(self.maps)
+        """(m,) share of the views in which each point (m, 3) lies on a ray that meets nothing; 0 where as many show it as sky."""
+        return _views_for(self.views, self.maps, self.sky, xyz) / len(self.maps)
 
 
 def silhouette_only_space(
@@ -78,6 +80,7 @@ def silhouette_only_space(
         _missing(mask, edge, silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1]))
         for i, mask in enumerate(masks)
     ]
+    sky = [mask == 0 for mask in masks]
     step = max(1, round(2 * spacing / hull.pixel))
     low, high = vertices.min(0), vertices.max(0)
     reach = float(np.linalg.norm(high - low))
@@ -86,7 +89,7 @@ def silhouette_only_space(
     if len(xyz) < LEAST_RAYS:
         return None
     xyz = xyz[np.unique(np.floor(xyz / spacing).astype(np.int64), axis=0, return_index=True)[1]]
-    xyz = xyz[_views_showing(views, maps, xyz) >= FEWEST_AGREE]
+    xyz = xyz[_views_for(views, maps, sky, xyz) >= FEWEST_AGREE]
     if len(xyz) < LEAST_RAYS or (sharp and not _protrudes(xyz, vertices, PROTRUDES * reach)):
         return None
     rng = np.random.default_rng([seed, 14])
@@ -98,7 +101,7 @@ def silhouette_only_space(
     outline = outline[_views_showing(views, maps, outline) > 0]
     if not len(outline):
         return None
-    return SilhouetteOnly(views, maps, xyz, outline)
+    return SilhouetteOnly(views, maps, sky, xyz, outline)
 
 
 def inside_reward(
@@ -148,6 +151,18 @@ def _along(
     deep = np.arange(max(depth - extent, 0.05 * depth), depth + extent, spacing)
     camera = (ray[:, None] * deep[:, None]).reshape(-1, 3)
     return np.asarray((camera - views.t[i]) @ views.R[i])
+
+
+def _views_for(views: Views, maps: list[np.ndarray], sky: list[np.ndarray], xyz: np.ndarray) -> np.ndarray:
+    """(m,) in how many views each point (m, 3) falls on a pixel of the maps; 0 where it falls on sky in as many.
+
+    A hull that must spare points in many views, or a place that few images have in their frame, is not told to be empty by
+    that many: rods that end at the frame's edge made a horn of it, twice as long as the body.
+    """
+    out = _views_showing(views, maps, xyz)
+    some = np.flatnonzero(out)
+    out[some[_views_showing(views, sky, xyz[some]) >= out[some]]] = 0
+    return out
 
 
 def _views_showing(views: Views, maps: list[np.ndarray], xyz: np.ndarray) -> np.ndarray:

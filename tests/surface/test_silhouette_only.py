@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -91,3 +92,18 @@ def test_one_wrong_silhouette_is_no_part() -> None:
     hull = make_hull(views, wrong, only.xyz)
     block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
     assert silhouette_only_space(block, views, wrong, hull, 0.02, 0) is None
+
+
+def test_what_more_views_show_as_sky_is_no_part() -> None:
+    """However many views must agree that a place is empty, as where an unlit side looks like sky."""
+    views, _, _ = footage()
+    ball = trimesh.creation.icosphere(3, 0.12)
+    ball.apply_translation([1.0, 0.5, 0.4])
+    only, masks = observe(BLOCK, views, 0.003, 0, outliers=0.0)
+    other = observe(trimesh.util.concatenate([BLOCK, ball]), views, 0.003, 0, outliers=0.0)[1]
+    block = np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces)
+    for shown, kept in ((6, False), (26, True)):
+        mixed = [*other[:shown], *masks[shown:]]
+        hull = replace(make_hull(views, mixed, only.xyz), need=len(masks) - 2)
+        found = silhouette_only_space(block, views, mixed, hull, 0.02, 0, sharp=True)
+        assert (found is not None) == kept
