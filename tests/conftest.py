@@ -16,14 +16,29 @@ LONGEST = (
     "run/test_end_to_end",
     "estimators/test_methods",
     "diagnose/test_blind",
-    "surface/test_surface",
+    "report/test_report_in_chromium",
     "diagnosis/test_pairs",
+    "surface/test_surface",
+    "surface/test_shading",
+    "diagnose/test_diagnose_mujoco",
+    "diagnose/test_independent",
+    "sfm/test_across",
+    "exchange/test_compare",
+    "campaign/test_cluster",
+    "surface/test_registration",
+    "sfm/test_along_motion",
+    "cli/test_bad_footage_commands",
+    "dense/test_dense",
+    "estimators/test_known_wheel",
+    "diagnosis/test_momentum_balance",
 )
-"""Files that take the longest: they go first, so that no process is left with one of them at the end."""
+"""Files that take the longest, from a quarter of a minute on: they go first, so that no process is left with one of them at the end.
+`test_methods` takes so long where nothing is compiled yet."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: not any(f"{name}.py" in item.nodeid for name in LONGEST))
+    rank = {f"tests/{name}.py": k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.nodeid.split("::")[0], len(rank)))
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,7 @@ def free_rotation_residuals(times: np.ndarray, q: np.ndarray, sigma: np.ndarray,
     def residual(turn: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(b, n, 3) of a batch of starts."""
         start = multiply(np.broadcast_to(q0, (len(turn), 4)), from_rotation_vector(turn))
-        path, _ = propagate(start, rate, inertia, times, largest_turn=0.1)
+        path, _ = propagate(start, rate, inertia, times, largest_turn=0.1, compiled=True)
         return rotation_vector(multiply(conjugate(np.swapaxes(path, 0, 1)), q[None]))
 
     # the span grows, so that a start that is a little off cannot lose a whole turn by the end

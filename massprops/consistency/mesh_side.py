@@ -3,7 +3,7 @@ or intervals."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ class MeshSide:
         unseen: share of the surface that was filled in.
         factor: final units per unit of the structure from motion.
         length: greatest length of the body [final units]; without replicates that of a ball of its inertia, which is less.
+        fill: (k, 3) how far each filled face may move the centre of mass (`replicates.fill_pulls`) [final units].
     """
 
     document: dict[str, Any]
@@ -52,6 +53,12 @@ class MeshSide:
     unseen: float
     factor: float
     length: float = 0.0
+    fill: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def fill_reaches(self, place: np.ndarray) -> bool:
+        """Whether the filled sides, each off by its distance from what was measured, may carry the centre of mass to a place (3,)."""
+        apart = place - self.centre
+        return bool(np.abs(self.fill @ apart).sum() >= apart @ apart > 0)
 
     @property
     def sigma_k(self) -> np.ndarray:
@@ -101,6 +108,7 @@ def read_mesh_side(run: Path) -> MeshSide:
         0.0 if seen is None else float(1.0 - seen),
         factor,
         _length(document) if found is None else found.length * factor,
+        np.zeros((0, 3)) if found is None else found.fill * factor,
     )
 
 

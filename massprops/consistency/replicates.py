@@ -9,6 +9,7 @@ import numpy as np
 
 from massprops.documents.arrays import open_arrays
 from massprops.errors import InputError
+from massprops.mass.integrals import central_inertia, face_areas, mesh_integrals
 from massprops.surface.length import model_length
 
 LARGEST = 1e12
@@ -17,12 +18,13 @@ LARGEST = 1e12
 
 @dataclass(frozen=True)
 class Replicates:
-    """rows: (r, 10) integrals and lengths: (r,) greatest lengths of bodies that the data allow; length: of the mesh; all
-    in units of the structure from motion."""
+    """rows: (r, 10) integrals and lengths: (r,) greatest lengths of bodies that the data allow; length: of the mesh; fill: see
+    `fill_pulls`; all in units of the structure from motion."""
 
     rows: np.ndarray
     lengths: np.ndarray
     length: float
+    fill: np.ndarray
 
 
 def read_replicates(run: Path) -> Replicates | None:
@@ -39,7 +41,27 @@ def read_replicates(run: Path) -> Replicates | None:
         raise InputError(f"{run / 'work' / 'surface' / 'surface.npz'}: damaged: make the run again")
     length = model_length(vertices, faces, observed)[0]
     good = (np.abs(rows) < LARGEST).all(axis=1) & (rows[:, 0] > 0)
-    return Replicates(rows[good], lengths[good], length) if good.sum() >= 20 else None
+    fill = fill_pulls(vertices, faces, observed)
+    return Replicates(rows[good], lengths[good], length, fill) if good.sum() >= 20 else None
+
+
+def fill_pulls(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    """How far each filled face (k, 3) moves the centre of mass where it is off by its distance from the measured surface.
+
+    Fill that spans a gap may lie as deep as the gap is wide, and nothing that was seen contradicts it.
+
+    Args:
+        vertices: (v, 3), faces: (f, 3) of a closed mesh; observed: (f,) bool, faces that were measured.
+    """
+    from scipy.spatial import cKDTree
+
+    if observed.all() or not observed.any():
+        return np.zeros((0, 3))
+    volume, centre, _ = central_inertia(mesh_integrals(vertices, faces), 1.0)
+    middle = vertices[faces].mean(axis=1)
+    deep = cKDTree(middle[observed]).query(middle[~observed])[0]
+    moved = face_areas(vertices, faces[~observed]) * deep
+    return np.asarray(moved[:, None] * (middle[~observed] - centre) / volume)
 
 
 def _fit_together(

@@ -238,6 +238,11 @@ def _by_centre(silent: str, mesh: MeshSide, centre: Centre | None, p: float | No
     if p is None or p >= SIGNIFICANT:
         return unobservable(silent)
     tests: dict[str, float | None] = {"centre of mass": p}
+    if centre is not None and mesh.fill_reaches(centre.place):
+        unseen = f"{100 * mesh.unseen:.0f} % of the surface was filled in"
+        return unobservable(
+            f"{ELSEWHERE}, which its shape may explain, as {unseen}, or its density ({silent})", tests=tests
+        )
     hints = hints_of(None, mesh, centre, tests, free)
     return Verdict("inconsistent", p, f"{ELSEWHERE}: {hints[0]} ({silent})", hints, facts={"tests": tests})
 
@@ -281,6 +286,11 @@ def hints_of(
         )
     apart = tests.get("centre of mass")
     if apart is not None and apart < SIGNIFICANT and centre is not None:
+        if mesh.fill_reaches(centre.place):
+            hints.append(
+                f"an unseen side: {100 * mesh.unseen:.0f} % of the surface was filled in, and its shape may carry the centre of "
+                "mass as far"
+            )
         off = float(np.linalg.norm(centre.place - mesh.centre))
         size = mesh.document.get("units", {}).get("length", "model")
         hints.append(

@@ -78,10 +78,10 @@ class Plan:
 def noncentrality(unknowns: int) -> float:
     """Noncentrality at which a chi-square test of so many unknowns at `SIGNIFICANT` has the power `POWER`."""
     from scipy.optimize import brentq
-    from scipy.stats import chi2, ncx2
+    from scipy.special import chdtri, chndtr  # scipy.stats takes a second to load
 
-    limit = chi2.isf(SIGNIFICANT, unknowns)
-    return float(brentq(lambda x: ncx2.sf(limit, unknowns, x) - POWER, 1e-3, 1e4))
+    limit = chdtri(unknowns, SIGNIFICANT)
+    return float(brentq(lambda x: 1.0 - chndtr(limit, unknowns, x) - POWER, 1e-3, 1e4))
 
 
 def plan(record: Record, inertia: np.ndarray) -> Plan:

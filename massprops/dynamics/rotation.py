@@ -270,8 +270,10 @@ def _integrated_plainly(
     """`integrate` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
     times = (start[:, None] + np.stack([INSIDE * size, 0.5 * size, 0.5 * size, size - INSIDE * size], axis=1)).tolist()
 
+    still = None if active.orbiting else environment.state(0.0, False)
+
     def slope(k: int, stage: int, y: list[Any]) -> list[Any]:
         t = times[k][stage]
-        return state_derivative(t, y, six, active, p, environment.state(t, active.orbiting))
+        return state_derivative(t, y, six, active, p, still or environment.state(t))
 
     return record(slope, y0, size)[0]

@@ -26,16 +26,16 @@ def record(
         slope: derivative, from the number of the step, of the stage (start, middle, middle, end), and the state there.
         size: (s,) steps.
     """
-    y, states, stages = y0, [y0], np.empty((len(size), 4, len(y0)))
+    y, states, stages = y0, [y0], list[list[Any]]()
     for k, h in enumerate(size.tolist()):
         slopes: list[list[Any]] = []
         for stage, reach in enumerate((0.0, 0.5 * h, 0.5 * h, h)):
             z = [a + reach * b for a, b in zip(y, slopes[-1], strict=True)] if slopes else y
-            stages[k, stage] = z
+            stages.append(z)
             slopes.append(slope(k, stage, z))
         y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *slopes, strict=True)]
         states.append(y)
-    return np.array(states), stages
+    return np.array(states), np.array(stages, float).reshape(len(size), 4, len(y0))
 
 
 def transition(F: np.ndarray, h: np.ndarray) -> np.ndarray:

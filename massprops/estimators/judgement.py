@@ -68,14 +68,14 @@ def without_ratios(found: Estimate) -> Estimate:
 
 def against(found: Estimate, reference: Estimate) -> Estimate:
     """The estimate, unreliable where it contradicts a reliable reference (the smoother, on the same data)."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc  # scipy.stats takes a second to load
 
     if not (found.reliable and reference.reliable) or found.k_covariance is None:
         return found
     assert found.k1 is not None and found.k2 is not None and reference.k1 is not None and reference.k2 is not None
     apart = np.array([found.k1 - reference.k1, found.k2 - reference.k2])
     square = float(apart @ np.linalg.pinv(found.k_covariance, hermitian=True) @ apart)
-    if chi2.sf(square, 2) >= UNLIKELY:
+    if chdtrc(2, square) >= UNLIKELY:
         return found
     because = (
         f"its ratios lie {np.sqrt(square):.1f} of its own sigmas from those of {reference.name}, which reads all "
@@ -185,7 +185,7 @@ def corrections(found: Estimate, problem: Problem) -> np.ndarray | None:
 
 def _halves(found: Estimate) -> str:
     """Why parts of the record contradict each other; empty when they do not."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc  # scipy.stats takes a second to load
 
     if found.halves is not None:
         (a, A), (b, B) = found.halves
@@ -199,5 +199,5 @@ def _halves(found: Estimate) -> str:
     else:
         return ""
     square = float(apart @ np.linalg.pinv(spread, hermitian=True) @ apart)
-    p = float(chi2.sf(square, len(apart))) if np.isfinite(square) else 0.0
+    p = float(chdtrc(len(apart), square)) if np.isfinite(square) else 0.0
     return f"{what} (p = {p:.1g}): {INCOMPLETE}" if p < UNLIKELY else ""

@@ -95,12 +95,12 @@ def together(outcomes: dict[str, Outcome]) -> list[Together]:
 
 
 def _together(name: str, laws: dict[str, tuple[np.ndarray, np.ndarray]]) -> Together:
-    from scipy.stats import chi2
+    from scipy.special import chdtrc  # scipy.stats takes a second to load
 
     weights = [np.linalg.inv(covariance) for _, covariance in laws.values()]
     covariance = np.linalg.inv(np.sum(weights, axis=0))
     k = covariance @ np.sum([w @ own for w, (own, _) in zip(weights, laws.values(), strict=True)], axis=0)
     square = sum(float((own - k) @ w @ (own - k)) for w, (own, _) in zip(weights, laws.values(), strict=True))
     return Together(
-        name=name, k=k, covariance=covariance, records=tuple(laws), p_value=float(chi2.sf(square, 2 * (len(laws) - 1)))
+        name=name, k=k, covariance=covariance, records=tuple(laws), p_value=float(chdtrc(2 * (len(laws) - 1), square))
     )  # fmt: skip

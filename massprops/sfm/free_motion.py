@@ -77,7 +77,7 @@ class FreeRotation:
         for side in (clock >= 0, clock < 0):
             own = np.flatnonzero(side)
             own = own[np.argsort(np.abs(clock[own]), kind="stable")]
-            q, _ = propagate(q0, rate, inertia, np.r_[0.0, clock[own]], largest_turn=STEP_RAD)
+            q, _ = propagate(q0, rate, inertia, np.r_[0.0, clock[own]], largest_turn=STEP_RAD, compiled=True)
             R = Turn.from_quat(q[1:].reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix() if len(own) else np.zeros((0, 3, 3))
             out[:, own] = R.reshape(len(own), len(x), 3, 3).transpose(1, 0, 2, 3)
         return out

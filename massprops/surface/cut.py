@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from massprops.surface.tetra import Tetrahedra
 
@@ -82,16 +83,29 @@ def manifold(tetra: Tetrahedra, inside: np.ndarray, never: np.ndarray | None = N
 
 
 def components(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
-    """(t,) number of the component of equal labels that each tetrahedron belongs to."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
+    """(t,) number of the component of equal labels that each tetrahedron belongs to, in the order of their first ones."""
+    return np.asarray(_components(tetra.neighbours, np.ascontiguousarray(inside, bool)))
 
-    t, k = np.nonzero(tetra.neighbours >= 0)
-    other = tetra.neighbours[t, k]
-    same = inside[t] == inside[other]
-    shape = (len(inside), len(inside))
-    links = coo_matrix((np.ones(int(same.sum()), np.int8), (t[same], other[same])), shape=shape)
-    return connected_components(links, directed=False)[1]
+
+@njit(cache=True)
+def _components(neighbours: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    part, waiting, count = np.full(len(inside), -1, np.int32), np.empty(len(inside), np.int64), 0
+    for first in range(len(inside)):
+        if part[first] >= 0:
+            continue
+        part[first] = count
+        waiting[0], left = first, 1
+        while left > 0:
+            left -= 1
+            t = waiting[left]
+            for k in range(4):
+                other = neighbours[t, k]
+                if other >= 0 and part[other] < 0 and inside[other] == inside[t]:
+                    part[other] = count
+                    waiting[left] = other
+                    left += 1
+        count += 1
+    return part
 
 
 def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
@@ -103,21 +117,27 @@ def _reached_from_outside(tetra: Tetrahedra, inside: np.ndarray) -> np.ndarray:
 def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Edges that more than two surface triangles share: the tetrahedra (k,) about them, and the number (k,) of the edge."""
     faces = surface_faces(tetra, inside)
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     size = len(tetra.points)
-    code, count = np.unique(edges[:, 0] * size + edges[:, 1], return_counts=True)
+    code, count = np.unique(_edges(faces.T, np.roll(faces, -1, axis=1).T, size), return_counts=True)
     bad = code[count > 2]
+    ends = np.zeros(size, bool)
+    ends[bad // size] = ends[bad % size] = True
+    near = np.flatnonzero(ends[tetra.corners].sum(axis=1) > 1)
     about, edge = [], []
     for i in range(4) if len(bad) else ():
         for j in range(i + 1, 4):
-            pair = np.sort(tetra.corners[:, [i, j]], axis=1).astype(np.int64)
-            own = pair[:, 0] * size + pair[:, 1]
+            own = _edges(tetra.corners[near, i], tetra.corners[near, j], size)
             place = np.minimum(np.searchsorted(bad, own), len(bad) - 1)
             here = np.flatnonzero(bad[place] == own)
-            about.append(here)
+            about.append(near[here])
             edge.append(place[here])
     none = np.zeros(0, int)
     return np.concatenate([none, *about]), np.concatenate([none, *edge])
+
+
+def _edges(one: np.ndarray, other: np.ndarray, size: int) -> np.ndarray:
+    """A number for each edge between points `one` and `other`, of `size` points, whichever is named first."""
+    return np.minimum(one, other).astype(np.int64) * size + np.maximum(one, other)
 
 
 def _closed(tetra: Tetrahedra, inside: np.ndarray, about: np.ndarray, edge: np.ndarray) -> np.ndarray:

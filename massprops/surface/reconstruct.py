@@ -348,7 +348,7 @@ def _contact(thinned: Thinned, plane: np.ndarray) -> np.ndarray:
         h *= 1.5
     i, j = np.meshgrid(*(np.arange(a - 2 * h, b + 2 * h, h) for a, b in zip(low, high, strict=True)))
     grid = np.column_stack([i.ravel(), j.ravel()])
-    grid = grid[cKDTree(flat).query(grid)[0] < 6 * h]
+    grid = grid[cKDTree(flat).query(grid, distance_upper_bound=7 * h)[0] < 6 * h]
     return foot[0] + grid @ base
 
 
@@ -361,12 +361,12 @@ def _on_hull(given: _Given, tree: cKDTree, extent: float) -> tuple[np.ndarray, n
     )
     if not len(silhouette):
         return silhouette, silhouette
-    away = tree.query(silhouette)[0]
+    away = tree.query(silhouette, distance_upper_bound=12 * h)[0]
     # A plate seen from one side only: without points in it, no cut could make it thinner than the hull.
     thin_part = (away > 1.2 * h) & (np.linalg.norm(silhouette - begin, axis=1) < 16 * h)
     lower, upper = begin[thin_part], silhouette[thin_part]
     between = np.concatenate([lower + f * (upper - lower) for f in (0.25, 0.5, 0.75)])
-    between = between[tree.query(between)[0] > 0.5 * h]
+    between = between[tree.query(between, distance_upper_bound=h)[0] > 0.5 * h]
     between = _one_per_cell(between, np.full(len(between), h))
     silhouette, away = silhouette[away > 1.2 * h], away[away > 1.2 * h]
     # Fine next to what was measured, where thin parts are, coarser far from it.
@@ -388,12 +388,12 @@ def _tetrahedra(given: _Given) -> tuple[Tetrahedra, np.ndarray]:
     count = 6000
     within = low + (high - low) * rng.random((8 * count, 3))
     within = within[hull.value(within) < 0]
-    within = within[tree.query(within)[0] > 2.5 * h][:count]
+    within = within[tree.query(within, distance_upper_bound=3 * h)[0] > 2.5 * h][:count]
     within = np.concatenate([within, between])
     shown = silhouette[:0]
     if more is not None:
-        within = np.concatenate([within, more.inside[tree.query(more.inside)[0] > h]])
-        shown = more.outline[tree.query(more.outline)[0] > h]
+        within = np.concatenate([within, more.inside[tree.query(more.inside, distance_upper_bound=2 * h)[0] > h]])
+        shown = more.outline[tree.query(more.outline, distance_upper_bound=2 * h)[0] > h]
         shown = _one_per_cell(shown, np.full(len(shown), h))
         low, high = np.minimum(low, more.outline.min(0)), np.maximum(high, more.outline.max(0))
         extent = float(np.linalg.norm(high - low))

@@ -397,9 +397,10 @@ class _Pair:
         if not any(side.rims.rim_error(side.extent, R, t) < worse(side.rim_error) for side, R, t in ways):
             return False
         first, second = self.bodies
+        near = {"distance_upper_bound": 2 * self.tolerance}
         for a, b in ((one, other), (other, one)):
             x = self.moving @ a.R.T + a.t
-            away = np.minimum(first.query(x)[0], second.query((x - b.t) @ b.R)[0])
+            away = np.minimum(first.query(x, **near)[0], second.query((x - b.t) @ b.R, **near)[0])
             if np.mean(away < self.tolerance) < self.least_agreement:
                 return False
         return True

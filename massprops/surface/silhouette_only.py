@@ -125,7 +125,7 @@ def _protrudes(xyz: np.ndarray, vertices: np.ndarray, far: float) -> bool:
     """Whether enough of some places (k, 3) lie that far from every vertex (v, 3)."""
     from scipy.spatial import cKDTree
 
-    return bool(np.count_nonzero(cKDTree(vertices).query(xyz)[0] > far) >= LEAST_RAYS)
+    return bool(np.count_nonzero(cKDTree(vertices).query(xyz, distance_upper_bound=2 * far)[0] > far) >= LEAST_RAYS)
 
 
 def _missing(mask: np.ndarray, edge: float, drawn: np.ndarray) -> np.ndarray:

@@ -127,8 +127,14 @@ class _Painted:
 
     def on(self, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of the points x (m, 3) with normals n lie on measured points, and on which (m,)."""
-        away, index = self.tree.query(x)
+        away, index = self._nearest(x, self.near)
         return (away < self.near) & (np.einsum("ij,ij->i", self.normal[index], n) > FACING), index
+
+    def _nearest(self, x: np.ndarray, within: float) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (m,) and numbers (m,) of the measured points nearest to x (m, 3); beyond `within` infinite, and any number."""
+        # the search may end a little farther out: what lies just within is in it, however it is rounded
+        away, index = self.tree.query(x, distance_upper_bound=1.001 * within)
+        return away, np.where(np.isfinite(away), index, 0)
 
     def paint(self, index: np.ndarray) -> np.ndarray:
         """(m, 3) what is painted at measured points."""
@@ -169,7 +175,7 @@ class _Painted:
         some = self.pick[:: max(1, len(self.pick) // LAID)]
         for scale in self.near * np.geomspace(COARSE, 0.5, ROUNDS):
             x, n = self.xyz[some] @ R.T + t, self.normal[some] @ R.T
-            away, index = self.tree.query(x)
+            away, index = self._nearest(x, REACH * scale)
             use = (np.einsum("ij,ij->i", self.normal[index], n) > FACING) & (away < REACH * scale)
             if use.sum() < LEAST_LAID:
                 break

@@ -8,6 +8,7 @@ point is softened by its noise, 1 - exp(-t^2 / 2 sigma^2).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -29,13 +30,13 @@ class Tetrahedra:
     corners: np.ndarray
     neighbours: np.ndarray
 
-    @property
+    @cached_property
     def volume(self) -> np.ndarray:
         """(t,) volumes."""
         a, b, c, d = (self.points[self.corners[:, k]] for k in range(4))
         return np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6
 
-    @property
+    @cached_property
     def facets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Each facet between two tetrahedra once: t, k (f,) it lies across from corner k of t; other, back (f,) likewise
         from the other side."""

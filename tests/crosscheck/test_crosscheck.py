@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from massprops.consistency.crosscheck import crosscheck
 from massprops.consistency.free_rotation import free_rotation_residuals
 from massprops.consistency.mesh_side import read_mesh_side
 from massprops.consistency.motion_side import Centre, Tumble, centre_of_motion, tumble_of
-from massprops.consistency.verdict import decide
+from massprops.consistency.verdict import decide, hints_of
 from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import from_rotation_matrix, from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
@@ -261,3 +262,10 @@ def test_centre_of_mass_contradicts_without_the_ratios_but_confirms_nothing(tmp_
         assert found.p_value is not None and found.p_value < 1e-3
         assert found.hints[0].startswith("density") and "0.1 " in found.hints[0]
         assert "no estimator" in found.reason
+        # where what was filled in reaches as far, the shape may be the cause as well
+        filled = replace(mesh, fill=np.array([[0.06, 0.0, 0.0], [-0.06, 0.0, 0.0]]), unseen=0.46)
+        doubtful = decide([], filled, centre, tumble, {})
+        assert doubtful.verdict == "unobservable" and "46 % of the surface was filled in" in doubtful.reason
+        assert decide([], replace(filled, fill=0.5 * filled.fill), centre, tumble, {}).verdict == said
+        first, second = hints_of(None, filled, centre, {"centre of mass": 1e-4}, {})
+        assert first.startswith("an unseen side: 46 %") and second.startswith("density")

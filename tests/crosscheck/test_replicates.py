@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
@@ -100,3 +101,18 @@ def test_intervals_without_ends_count_as_none(tmp_path: Path) -> None:
 
 def test_a_run_without_replicates_has_none(tmp_path: Path) -> None:
     assert read_replicates(tmp_path) is None
+
+
+def test_what_was_filled_in_may_carry_the_centre_of_mass_as_far_as_its_gap_is_wide(tmp_path: Path) -> None:
+    """A slab measured but for one end: that it ends half as far out, or reaches as far in, is no density; another way, it would be."""
+    slab = trimesh.creation.box(extents=(4.0, 1.0, 1.0)).subdivide_to_size(0.2)
+    open_end = slab.triangles_center[:, 0] > 1.999
+    side = read_mesh_side(make_run(tmp_path / "a", slab, ~open_end))
+    # the end's middle is half a width from what was measured, and its faces a third of that on average
+    reach = 2.0 * 1.0 * (1.0 / 6.0) / 4.0
+    assert np.abs(side.fill[:, 0]).sum() == pytest.approx(reach, rel=0.1)
+    assert side.fill_reaches(side.centre + [0.8 * reach, 0, 0]) and side.fill_reaches(side.centre - [0.8 * reach, 0, 0])
+    assert not side.fill_reaches(side.centre + [1.3 * reach, 0, 0])
+    assert not side.fill_reaches(side.centre + [0, 0.8 * reach, 0])
+    every = read_mesh_side(make_run(tmp_path / "b", slab, np.ones(len(slab.faces), bool)))
+    assert not len(every.fill) and not every.fill_reaches(every.centre + [1e-6, 0, 0])

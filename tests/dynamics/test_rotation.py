@@ -65,3 +65,12 @@ def test_batch_equals_one_by_one() -> None:
     together = propagate(Q[:4], w0, INERTIA, times, largest_turn=0.01)[1]
     alone = np.stack([propagate(Q[i], w0[i], INERTIA, times, largest_turn=0.01)[1] for i in range(4)], axis=1)
     assert np.allclose(together, alone, atol=1e-9)
+
+
+@pytest.mark.parametrize("bodies", [(), (4,)])
+def test_the_compiled_kernel_and_the_plain_propagation_agree(bodies: tuple[int, ...]) -> None:
+    q, w0 = (Q[:4], 0.3 * RNG.standard_normal((4, 3))) if bodies else (Q[0], np.array([0.4, 0.5, -0.3]))
+    plain, compiled = (propagate(q, w0, INERTIA, np.linspace(0, 5, 6), 0.1, compiled=c) for c in (False, True))
+    assert compiled[0].shape == (6, *bodies, 4) and np.abs(plain[1][-1] - w0).max() > 0.01
+    for one, other in zip(plain, compiled, strict=True):
+        assert np.allclose(one, other, rtol=0, atol=1e-13)

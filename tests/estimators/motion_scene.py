@@ -47,7 +47,7 @@ def scene(
     """`seen_for`: epochs that each feature stays in sight; `missing`, `outliers`: shares of the pixels."""
     rng = np.random.default_rng(seed)
     times = np.arange(epochs) * step
-    q, w = propagate(np.array([1.0, 0, 0, 0]), rate, inertia, times, largest_turn=0.02)
+    q, w = propagate(np.array([1.0, 0, 0, 0]), rate, inertia, times, largest_turn=0.02, compiled=True)
     points = rng.uniform(-1.5, 1.5, (features, 3))
     path = np.array(position) + times[:, None] * np.array(velocity)
     lens = np.array([focal, focal, 0.0, 0.0])

@@ -39,7 +39,7 @@ def scene(
     axes = quaternion.rotation_matrix(quaternion.normalise(rng.standard_normal(4)))
     inertia = axes @ np.diag(moments) @ axes.T
     t = np.arange(n) * dt
-    q, w = propagate(quaternion.normalise(rng.standard_normal(4)), axes @ np.array(spin), inertia, t)
+    q, w = propagate(quaternion.normalise(rng.standard_normal(4)), axes @ np.array(spin), inertia, t, compiled=True)
     r = np.array([0.3, -0.2, 12.0]) + t[:, None] * np.array([0.002, -0.001, 0.003])
     points = rng.uniform(-1.2, 1.2, (10, 3))
     R = quaternion.rotation_matrix(q)

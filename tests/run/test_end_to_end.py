@@ -24,7 +24,7 @@ from massprops.simulation import simulate
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate("asteroid", tmp_path_factory.mktemp("s") / "seq", frames=32, size=(360, 270), rate_deg=7.5, seed=1)
+    return simulate("asteroid", tmp_path_factory.mktemp("s") / "seq", frames=32, size=(320, 240), rate_deg=7.5, seed=1)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from massprops.geometry.rasterise import rasterise
+from massprops.sfm import across
 from massprops.sfm.across import Side, contradicted, lay, side_of
 from massprops.views import Views
 
@@ -75,6 +77,22 @@ def blotches(seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     coarse = [np.kron(rng.normal(size=(n, n, n)), np.ones((64 // n,) * 3)) for n in (16, 32, 64)]
     return np.clip(130 + 45 * sum(coarse), 0, 255)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawn_once() -> Iterator[None]:
+    """What is drawn of a placement from one direction serves all tests."""
+    draw, kept = across._drawn, {}
+
+    def once(side: Side, camera: across._Camera, *where: np.ndarray) -> list[across._Drawn]:
+        key = (id(side), repr(camera), *(x.tobytes() for x in where))
+        if key not in kept:
+            kept[key] = side, draw(side, camera, *where)  # a side that is kept keeps its id
+        return kept[key][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(across, "_drawn", once)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from surface.synthetic_dense import cameras, sphere_directions
 
 from massprops.geometry.rasterise import rasterise
 from massprops.mass.integrals import central_inertia, mesh_integrals
+from massprops.surface import shading
 from massprops.surface.outline_cloud import ball_of_outlines, surface_of_outlines
 from massprops.surface.outline_gaps import outline_gaps
 from massprops.surface.reconstruct import Surface
@@ -61,6 +63,14 @@ def filmed(dark: float = 1.0) -> Footage:
     middle, radius = ball_of_outlines(views, masks)
     ball = middle, 1.4 * radius
     return Footage(mesh, views, masks, grey, surface_of_outlines(views, masks, *ball), ball)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_shadows() -> Iterator[None]:
+    """A map of shadows that is still three times as fine as these small images."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shading, "SHADOW_SIZE", 300)
+        yield
 
 
 @pytest.fixture(scope="module")

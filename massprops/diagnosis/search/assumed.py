@@ -21,12 +21,12 @@ CHANCE = 1e-4
 
 def contradicts(case: Case, s: Scored) -> bool:
     """Whether a fit had to leave the inertia that is assumed: five numbers, as its size is given."""
-    from scipy.stats import chi2
+    from scipy.special import chdtri  # scipy.stats takes a second to load
 
     if case.inertia_prior.inertia is None:
         return False
     value, _ = believed(s.fit.state, case.inertia_prior)
-    return float(value @ value) > float(chi2.isf(CHANCE, 5))
+    return float(value @ value) > float(chdtri(5, CHANCE))
 
 
 def believing(case: Case, s: Scored) -> Scored:

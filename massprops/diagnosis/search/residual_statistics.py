@@ -23,14 +23,14 @@ def _parts(r: Residuals) -> list[tuple[np.ndarray, int]]:
 
 def trimmed(squares: np.ndarray, dimension: int) -> float:
     """Mean square per scalar without the largest, corrected so that normal noise gives 1."""
-    from scipy.stats import chi2
+    from scipy.special import chdtr, gammaincinv  # scipy.stats takes a second to load
 
     if len(squares) < 20:
         return float(np.mean(squares)) / dimension if len(squares) else 0.0
     keep = int(np.ceil((1 - TRIMMED) * len(squares)))
     part = np.sort(squares)[:keep]
-    edge = chi2.ppf(1 - TRIMMED, dimension)
-    expected = dimension * chi2.cdf(edge, dimension + 2) / (1 - TRIMMED)
+    edge = 2 * gammaincinv(dimension / 2, 1 - TRIMMED)
+    expected = dimension * chdtr(dimension + 2, edge) / (1 - TRIMMED)
     return float(part.mean() / expected)
 
 

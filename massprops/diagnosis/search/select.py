@@ -303,7 +303,7 @@ def _constant(case: Case, s: Scored) -> bool:
     The fit moves by what the held-out data know: chi-square of the fitted data rises by a sum of squares, each weighted
     with the share of all that is known of one direction which the held-out data bring (Satterthwaite's approximation).
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri  # scipy.stats takes a second to load
 
     if explained(s) and not s.held > JOINS or not np.isfinite(s.held):
         return True
@@ -316,7 +316,7 @@ def _constant(case: Case, s: Scored) -> bool:
     points = np.full(s.fit.parameters - len(ours), 1.0 - count(s.fit.residuals) / count(whole.fit.residuals))
     share = np.clip(np.concatenate([share, points]), 1e-3, 1.0)
     mean, spread = share.sum(), (share**2).sum()
-    return bool(rise * mean / spread < chi2.isf(SPOILS, mean**2 / spread) and (fits(whole) or not fits(s)))
+    return bool(rise * mean / spread < chdtri(mean**2 / spread, SPOILS) and (fits(whole) or not fits(s)))
 
 
 def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:

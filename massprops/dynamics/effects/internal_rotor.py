@@ -87,12 +87,14 @@ def measured(given):
     ways = np.eye(3) if axis is None else np.asarray(axis, float).reshape(1, 3) / np.linalg.norm(axis)
     names = tuple(q.name for q in PARAMETERS[:3]) if axis is None else ("momentum",)
 
+    share, along = rates / largest, ways.tolist()
+
     def internal(t, z, p):
-        h = np.interp(np.real(t), times, rates / largest)
-        return tuple(h * sum(p[k] * float(ways[k, i]) for k in range(len(ways))) for i in range(3))
+        h = np.interp(np.real(t), times, share)
+        return (h * p[0], h * p[1], h * p[2]) if axis is None else tuple(h * (p[0] * a) for a in along[0])
 
     def momentum_columns(t, R, w, held):
-        return {"internal": np.interp(t, times, rates / largest)[:, None, None] * ways.T}
+        return {"internal": np.interp(t, times, share)[:, None, None] * ways.T}
 
     return {
         "FORMULA": "momentum inside = momentum rate(t) / largest rate",

@@ -42,7 +42,7 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
         NotPossible: no attitude to begin with.
     """
     begun = time.process_time()
-    environment = EnvironmentModel(problem.environment)
+    environment = EnvironmentModel(problem.environment, compiled=True)  # many integrations are to come
     first = batch_start(problem, start, environment)
     if one_camera.applies(problem, start):
         first, found, m = one_camera.fit_tracks(problem, first, start, environment, model)

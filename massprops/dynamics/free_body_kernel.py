@@ -1,0 +1,63 @@
+"""`rigid_body.propagate` compiled, for many bodies at once; import it late, since it loads numba."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from massprops.dynamics.compiled import cross, quaternion_rate
+
+
+@numba.njit(cache=True, error_model="numpy")
+def propagated(
+    y0: np.ndarray, inertia: np.ndarray, inverse: np.ndarray, times: np.ndarray, largest_turn: float
+) -> np.ndarray:
+    """States (n, m, 7) at times (n,), attitude and rate, from y0 (m, 7) at the first of them; inertia, inverse: (m, 3, 3)."""
+    n, m = len(times), len(y0)
+    out, k = np.empty((n, m, 7)), np.empty((4, 7))
+    out[0] = y0
+    for row in range(1, n):
+        speed = 0.0
+        for b in range(m):
+            wx, wy, wz = out[row - 1, b, 4], out[row - 1, b, 5], out[row - 1, b, 6]
+            speed = max(speed, np.sqrt(wx * wx + wy * wy + wz * wz))
+        if not np.isfinite(speed):
+            raise ValueError("the body's rate leaves all bounds")
+        span = times[row] - times[row - 1]
+        steps = max(1, int(np.ceil(speed * abs(span) / largest_turn)))
+        h = span / steps
+        for b in range(m):
+            y = out[row, b]
+            for i in range(7):
+                y[i] = out[row - 1, b, i]
+            for _ in range(steps):
+                _step(y, inertia[b], inverse[b], h, k)
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step(y: np.ndarray, inertia: np.ndarray, inverse: np.ndarray, h: float, k: np.ndarray) -> None:
+    """Moves a state (7,) on by a step of Runge and Kutta's method, in place; k: (4, 7) room for its slopes."""
+    z = np.empty(7)
+    for stage in range(4):
+        reach = h if stage == 3 else 0.5 * h
+        for i in range(7):
+            z[i] = y[i] + reach * k[stage - 1, i] if stage else y[i]
+        _slope(z, inertia, inverse, k[stage])
+    for i in range(7):
+        y[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
+    size = np.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
+    for i in range(4):
+        y[i] /= size
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slope(y: np.ndarray, I: np.ndarray, inverse: np.ndarray, out: np.ndarray) -> None:
+    wx, wy, wz = y[4], y[5], y[6]
+    hx = I[0, 0] * wx + I[0, 1] * wy + I[0, 2] * wz
+    hy = I[1, 0] * wx + I[1, 1] * wy + I[1, 2] * wz
+    hz = I[2, 0] * wx + I[2, 1] * wy + I[2, 2] * wz
+    gx, gy, gz = cross(wx, wy, wz, hx, hy, hz)
+    out[0], out[1], out[2], out[3] = quaternion_rate(y[0], y[1], y[2], y[3], wx, wy, wz)
+    for i in range(3):
+        out[4 + i] = -(inverse[i, 0] * gx + inverse[i, 1] * gy + inverse[i, 2] * gz)
