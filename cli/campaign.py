@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from massprops import campaign
-from massprops_cli.options import Force, Quiet, argument, defaults, option
+from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option
 from massprops_cli.terminal import say, warn
 
 D = defaults(campaign)
@@ -24,7 +24,7 @@ def command(
     ] = None,
     yes: Annotated[bool, option(campaign, "yes", "--yes")] = D.yes,
     force: Force = False,
-    json_output: Annotated[bool, typer.Option("--json", help="Print table.json to stdout and nothing else.")] = False,
+    json_output: Annotated[bool, as_json("table.json")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run many seeded cases, from a grid or drawn at random, and summarise them in a table and a report.

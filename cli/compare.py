@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from massprops import compare
 from massprops.core.text import table
-from massprops_cli.options import Force, argument, defaults, option
+from massprops_cli.options import Force, argument, as_json, defaults, option
 from massprops_cli.terminal import say, warn
 
 D = defaults(compare)
@@ -22,7 +20,7 @@ def command(
     free_scale: Annotated[bool | None, option(compare, "free_scale", "--free-scale/--fixed-scale")] = D.free_scale,
     cad_unit: Annotated[str, option(compare, "cad_unit")] = D.cad_unit,
     force: Force = False,
-    json_output: Annotated[bool, typer.Option("--json", help="Print compare.json to stdout and nothing else.")] = False,
+    json_output: Annotated[bool, as_json("compare.json")] = False,
 ) -> None:
     """Align a result with a CAD mesh, then measure the distances between the surfaces and the error of every quantity.
 

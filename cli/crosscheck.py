@@ -6,11 +6,9 @@ import json
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from massprops import crosscheck
 from massprops.core.text import table, with_sigma
-from massprops_cli.options import Force, Quiet, argument, defaults, option
+from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option
 from massprops_cli.terminal import say, warn
 
 D = defaults(crosscheck)
@@ -21,9 +19,7 @@ def command(
     sequence: Annotated[Path | None, option(crosscheck, "sequence", metavar="SEQ")] = D.sequence,
     method: Annotated[list[str] | None, option(crosscheck, "method")] = D.method,
     force: Force = False,
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print crosscheck.json to stdout and nothing else.")
-    ] = False,
+    json_output: Annotated[bool, as_json("crosscheck.json")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Test whether mesh and motion agree on the inertia ratios and principal axes.

@@ -10,7 +10,7 @@ import typer
 
 from massprops import diagnose
 from massprops.core.text import table
-from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
+from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option, takes
 from massprops_cli.terminal import say, warn
 
 D = defaults(diagnose)
@@ -36,9 +36,7 @@ class Options:
     ] = None
     effect: Annotated[list[Path] | None, option(diagnose, "effect", metavar="FILE")] = D.effect
     force: Force = False
-    json_output: Annotated[bool, typer.Option("--json", help="Print diagnosis.json to stdout and nothing else.")] = (
-        False
-    )
+    json_output: Annotated[bool, as_json("diagnosis.json")] = False
     quiet: Quiet = False
 
 

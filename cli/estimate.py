@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from massprops import estimate
 from massprops.core.text import table, with_sigma
-from massprops_cli.options import Force, Quiet, argument, defaults, option
+from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option
 from massprops_cli.terminal import say, tell, warn
 
 D = defaults(estimate)
@@ -25,9 +23,7 @@ def command(
     model: Annotated[Path | None, option(estimate, "model", metavar="MODEL_YAML")] = D.model,
     effect: Annotated[list[Path] | None, option(estimate, "effect", metavar="FILE")] = D.effect,
     force: Force = False,
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print estimates.json to stdout and nothing else.")
-    ] = False,
+    json_output: Annotated[bool, as_json("estimates.json")] = False,
     quiet: Quiet = False,
 ) -> int:
     """Estimate the motion and the inertia ratios from tracks, attitudes or body rates.

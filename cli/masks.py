@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from massprops import masks
-from massprops_cli.options import argument, defaults, option
+from massprops_cli.options import argument, as_json, defaults, option
 from massprops_cli.terminal import say
 
 D = defaults(masks)
@@ -19,9 +19,7 @@ def command(
     out: Annotated[Path | None, option(masks, "out", "-o", "--out")] = D.out,
     force: Annotated[bool, option(masks, "force", "--force")] = D.force,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print the list of images to stdout and nothing else.")
-    ] = False,
+    json_output: Annotated[bool, as_json("the list of images")] = False,
 ) -> None:
     """Write a run's silhouettes as images that you can correct, and a page that shows them.
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from massprops import mass_properties
-from massprops_cli.options import Force, argument, defaults, option
+from massprops_cli.options import Force, argument, as_json, defaults, option
 from massprops_cli.terminal import say, warn, warn_of_density
 
 D = defaults(mass_properties)
@@ -21,9 +19,7 @@ def command(
     scale: Annotated[float, option(mass_properties, "scale")] = D.scale,
     scale_sigma: Annotated[float, option(mass_properties, "scale_sigma")] = D.scale_sigma,
     force: Force = False,
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print massprops.json to stdout and nothing else.")
-    ] = False,
+    json_output: Annotated[bool, as_json("massprops.json")] = False,
 ) -> None:
     """Volume, centre of mass and inertia of a finished mesh, with the same report and exports as a reconstruction.
 

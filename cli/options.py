@@ -46,6 +46,11 @@ def option(verb: Callable[..., Any], name: str, *flags: str, **more: Any) -> Any
     return typer.Option(*(flags or (f"--{name.replace('_', '-')}",)), help=help_of(verb, name), **more)
 
 
+def as_json(what: str) -> Any:
+    """The option that prints a document in place of a table."""
+    return typer.Option("--json", help=f"Print {what} to stdout and nothing else.")
+
+
 def argument(verb: Callable[..., Any], name: str, metavar: str) -> Any:
     """The argument of the function's parameter `name`."""
     return typer.Argument(metavar=metavar, help=help_of(verb, name))

@@ -6,12 +6,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from massprops import reconstruct
 from massprops.errors import InputError
 from massprops.run.job import ReconstructOptions
-from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
+from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option, takes
 from massprops_cli.terminal import say, tell, warn, warn_of_density
 
 if TYPE_CHECKING:
@@ -45,9 +43,7 @@ class Options:
     seed: Annotated[int, option(reconstruct, "seed")] = D.seed
     threads: Annotated[int, option(reconstruct, "threads")] = D.threads
     force: Force = False
-    json_output: Annotated[bool, typer.Option("--json", help="Print massprops.json to stdout and nothing else.")] = (
-        False
-    )
+    json_output: Annotated[bool, as_json("massprops.json")] = False
     quiet: Quiet = False
 
 

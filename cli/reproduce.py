@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from massprops import reproduce
-from massprops_cli.options import Quiet, argument, defaults, option, takes
+from massprops_cli.options import Quiet, argument, as_json, defaults, option, takes
 from massprops_cli.terminal import say
 
 D = defaults(reproduce)
@@ -28,7 +28,7 @@ class Options:
     scheduler: Annotated[str | None, option(reproduce, "scheduler", metavar="ADDRESS")] = D.scheduler
     workers: Annotated[int | None, option(reproduce, "workers")] = D.workers
     yes: Annotated[bool, option(reproduce, "yes", "--yes")] = D.yes
-    json_output: Annotated[bool, typer.Option("--json", help="Print the result to stdout and nothing else.")] = False
+    json_output: Annotated[bool, as_json("the result")] = False
     quiet: Quiet = False
 
 

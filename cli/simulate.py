@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from massprops import simulate
 from massprops.errors import InputError
-from massprops_cli.options import Force, Quiet, argument, defaults, option, takes
+from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option, takes
 from massprops_cli.terminal import say
 
 D = defaults(simulate)
@@ -42,9 +40,7 @@ class Options:
     video: Annotated[bool, option(simulate, "video", "--video")] = D.video
     seed: Annotated[int, option(simulate, "seed")] = D.seed
     force: Force = False
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print the folder as JSON to stdout and nothing else.")
-    ] = False
+    json_output: Annotated[bool, as_json("the folder as JSON")] = False
     quiet: Quiet = False
 
 

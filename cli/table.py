@@ -6,7 +6,7 @@ from typing import Any
 
 from massprops.core.text import table
 from massprops.mass.document import METRES_FROM
-from massprops.mass.recommended import as_recommended
+from massprops.mass.recommended import as_recommended, quantities
 
 
 def mass_table(document: dict[str, Any]) -> str:
@@ -14,28 +14,18 @@ def mass_table(document: dict[str, Any]) -> str:
     document = as_recommended(document)
     metric = document["units"]["length"] == "m"
     length = "m" if metric else "unit"
-    interval = document.get("interval_90", {})
-
-    def line(name: str, value: float, bounds: Any, unit: str) -> list[str]:
-        return [name, f"{value:.6g}", f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else "", unit]
-
     trust = document.get("confidence") or {}
     above = [f"confidence {trust['level']}: {'; '.join(trust['because'])}"] if trust else []
     block = document.get("recommended") or {}
     if block.get("source") == "fused":
         above.append(f"values {block['because']}")
+    titles = {"k1": "k1 = ln(I1/I2)", "k2": "k2 = ln(I2/I3)"} | {f"I{i}": f"principal moment I{i}" for i in (1, 2, 3)}
+    units = {"volume": f"{length}^3", "mass": "kg", "k1": "", "k2": "", "I1": "kg m^2", "I2": "kg m^2", "I3": "kg m^2"}
     rows = []
-    rows.append(line("volume", document["volume"], interval.get("volume"), f"{length}^3"))
-    if metric:  # without a length neither mass nor moments mean anything
-        rows.append(line("mass", document["mass"], interval.get("mass"), "kg"))
-    centre = interval.get("center_of_mass") or [None] * 3
-    for axis, value, bounds in zip("xyz", document["center_of_mass"], centre, strict=True):
-        rows.append(line(f"centre of mass {axis}", value, bounds, length))
-    for i, value in enumerate(document["principal_moments"] if metric else []):
-        bounds = (interval.get("principal_moments") or [None] * 3)[i]
-        rows.append(line(f"principal moment I{i + 1}", value, bounds, "kg m^2"))
-    for k, meaning in (("k1", "ln(I1/I2)"), ("k2", "ln(I2/I3)")):
-        rows.append(line(f"{k} = {meaning}", document["inertia_ratios"][k], interval.get(k), ""))
+    for name, (value, bounds) in quantities(document).items():
+        if metric or name not in ("mass", "I1", "I2", "I3"):  # without a length neither mass nor moments mean anything
+            ends = f"[{bounds[0]:.5g}, {bounds[1]:.5g}]" if bounds else ""
+            rows.append([titles.get(name, name), f"{value:.6g}", ends, units.get(name, length)])
     surface, scale = document["surface"], document["scale"]
     rows.append(["measured surface", f"{100 * (surface.get('observed_fraction') or 0):.1f} %"])
     if surface.get("inferred_fraction"):

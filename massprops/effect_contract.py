@@ -114,9 +114,14 @@ def faults(effect: ModuleType) -> str:
     return _columns(effect)
 
 
+def is_hyphenated(name: Any) -> bool:
+    """Whether a name is one of small letters and digits joined by hyphens."""
+    return isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) is not None
+
+
 def _words(effect: ModuleType) -> str:
     name = getattr(effect, "NAME", None)
-    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or len(name) > 60:
+    if not is_hyphenated(name) or len(str(name)) > 60:
         return "NAME must be small letters and digits joined by hyphens, such as 'sunlit-jet'"
     for word, absent in (("SENTENCE", None), ("FORMULA", ""), ("NOTE", "")):
         if not isinstance(getattr(effect, word, absent), str):

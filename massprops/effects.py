@@ -41,14 +41,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from massprops.effect_contract import GIVEN, KNOWN_NEEDS, Parameter, changes_motion, faults
 from massprops.errors import InputError
-from massprops.packaged import packaged
+from massprops.packaged import modules_of, packaged
 
 _added: dict[str, ModuleType] = {}
 """Effects of the user's own files, by name."""
@@ -126,14 +124,8 @@ def _packaged() -> tuple[dict[str, ModuleType], dict[str, str]]:
 @cache
 def catalogue() -> dict[str, ModuleType]:
     """The effects that are files of massprops, by name."""
-    found: dict[str, ModuleType] = {}
-    for room in ("dynamics", "sensing"):
-        folder = Path(__file__).parent / room / "effects"
-        for path in sorted(folder.glob("*.py")):
-            if not path.stem.startswith("_"):
-                module = import_module(f"massprops.{room}.effects.{path.stem}")
-                found[module.NAME] = module
-    return found
+    rooms = ("massprops.dynamics.effects", "massprops.sensing.effects")
+    return {module.NAME: module for room in rooms for module in modules_of(room)}
 
 
 def searched(effect: ModuleType, form: int = 0) -> list[bool]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import stat
+from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -42,6 +43,27 @@ def prepare_numba_cache() -> None:
     except (OSError, AttributeError):
         return
     os.environ["NUMBA_CACHE_DIR"] = str(place)
+
+
+def encode(
+    path: Path, images: Iterable[np.ndarray], rate_hz: float, codec: str, pixels: str, options: dict[str, str]
+) -> None:
+    """A video of images (h, w) grey or (h, w, 3) red, green, blue, uint8, all of one size; codec, format of its pixels and
+    options as FFmpeg names them."""
+    from fractions import Fraction
+
+    import av
+    import numpy as np
+
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=Fraction(rate_hz).limit_denominator(1000))
+        stream.pix_fmt, stream.options = pixels, options
+        for k, image in enumerate(images):
+            if not k:
+                stream.height, stream.width = image.shape[:2]
+            style = "gray" if image.ndim == 2 else "rgb24"
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format=style)))
+        container.mux(stream.encode())
 
 
 def _has_home() -> bool:

@@ -1,9 +1,11 @@
-"""Modules that installed packages bring to a registry, by entry points."""
+"""Modules of a registry: those of a package of massprops, and those that installed packages bring by entry points."""
 
 from __future__ import annotations
 
 import inspect
+import pkgutil
 from collections.abc import Callable, Collection, Mapping
+from importlib import import_module
 from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Any
@@ -41,6 +43,13 @@ def faults_by(wanted: Wanted) -> Callable[[ModuleType], str]:
         return ""
 
     return faults
+
+
+def modules_of(package: str) -> list[ModuleType]:
+    """The modules right in a package of massprops, in the order of their file names; those that begin with _ are parts."""
+    folder = import_module(package).__path__
+    names = sorted(entry.name for entry in pkgutil.iter_modules(folder) if not entry.name.startswith("_"))
+    return [import_module(f"{package}.{name}") for name in names]
 
 
 def packaged(

@@ -78,23 +78,13 @@ def write_frames(path: Path, frames: np.ndarray, rate_hz: float) -> None:
     Raises:
         InputError: other shapes or types.
     """
-    from fractions import Fraction
-
-    import av
     import numpy as np
+
+    from massprops.native import encode
 
     grey = frames.ndim == 3
     if frames.dtype != np.uint8 or not (grey or (frames.ndim == 4 and frames.shape[3] == 3)):
         raise InputError(
             f"frames of shape {frames.shape} and type {frames.dtype}: give (n, h, w) or (n, h, w, 3) uint8"
         )
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("ffv1", rate=Fraction(rate_hz).limit_denominator(1000))
-        stream.height, stream.width = frames.shape[1:3]
-        stream.pix_fmt = "gray" if grey else "bgr0"
-        for image in frames:
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="gray" if grey else "rgb24")
-            for packet in stream.encode(frame):
-                container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)
+    encode(path, frames, rate_hz, "ffv1", "gray" if grey else "bgr0", {})

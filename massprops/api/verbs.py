@@ -8,6 +8,7 @@ write. `progress` is a function that is called as `progress(what, done, total)`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
     from massprops.api.results import Campaign, Diagnosis, Estimates, Simulation, Solid
     from massprops.consistency.crosscheck import CrossCheck
-    from massprops.estimators.outcome import Outcome
     from massprops.estimators.result import Prior
     from massprops.exchange.compare import Comparison
     from massprops.report.masks_page import Sheet
@@ -201,43 +201,25 @@ def estimate(
     """
     from massprops.api.results import Estimates
     from massprops.api.sources import as_path
-    from massprops.core.progress import silent
     from massprops.effect_file import with_effects
     from massprops.estimators.estimate import estimate_all
     from massprops.estimators.several import estimate_several
-    from massprops.report.estimates import write_estimates
+    from massprops.report.estimates import write_estimates, write_together
 
-    given, records = as_path(source), [as_path(s) for s in (source, *more)]
-    methods = [method] if isinstance(method, str) else list(method or ["all"])
-    tell = silent if progress is None else lambda done, total, what: progress(what, done, total)
+    records, methods, tell = [as_path(s) for s in (source, *more)], _methods(method), _told(progress)
     others = tuple(Path(p) for p in (prior, model) if isinstance(p, str | PathLike))
+    write: Callable[[Path], Path]
     with with_effects(_paths(effect)):
         if more:
-            found = estimate_several(records, methods, prior, model, tell)  # type: ignore[arg-type]
-            return _joint(found, [*records, *others], _path(out), force)
-        outcome = estimate_all(given, methods, prior, tell, model)  # type: ignore[arg-type]
-
-    def write(folder: Path) -> Path:
-        return write_estimates(outcome, folder, given, others, force)
-
+            document, outcome = estimate_several(records, methods, prior, model, tell)  # type: ignore[arg-type]
+            inputs = tuple(p for p in (*records, *others) if isinstance(p, Path))
+            write = partial(write_together, document, inputs=inputs, force=force)
+        else:
+            outcome = estimate_all(records[0], methods, prior, tell, model)  # type: ignore[arg-type]
+            write = partial(write_estimates, outcome, source=records[0], more=others, force=force)
     if out is not None:
         write(Path(out))
     return Estimates(outcome, _path(out), write)
-
-
-def _joint(found: tuple[dict[str, Any], Outcome], inputs: list[Any], out: Path | None, force: bool) -> Estimates:
-    """The estimates of several records of one body, written where a folder is given."""
-    from massprops.api.results import Estimates
-    from massprops.report.estimates import write_together
-
-    (document, outcome), places = found, tuple(p for p in inputs if isinstance(p, Path))
-
-    def write(folder: Path) -> Path:
-        return write_together(document, folder, places, force)
-
-    if out is not None:
-        write(out)
-    return Estimates(outcome, out, write)
 
 
 def crosscheck(
@@ -266,11 +248,8 @@ def crosscheck(
     """
     from massprops.api.sources import as_path
     from massprops.consistency.crosscheck import crosscheck as check
-    from massprops.core.progress import silent
 
-    methods = [method] if isinstance(method, str) else list(method or ["all"])
-    tell = silent if progress is None else lambda done, total, what: progress(what, done, total)
-    return check(as_path(run), as_path(sequence), methods, progress=tell, force=force)
+    return check(as_path(run), as_path(sequence), _methods(method), progress=_told(progress), force=force)
 
 
 def diagnose(
@@ -495,10 +474,7 @@ def simulate(scenario: Place, out: Place | None = None, **options: Unpack[Simula
     from massprops.simulation.simulate import simulate as render
 
     given = filled(simulate, options)
-    wanted = changes(given, is_tracks(str(scenario)))
-    progress: Progress | None = given["progress"]
-    if progress is not None:
-        wanted["progress"] = lambda done, total, what: progress(what, done, total)
+    wanted = changes(given, is_tracks(str(scenario))) | {"progress": _told(given["progress"])}
     kept = Kept(_path(out))
     with with_effects(_paths(given["effect"])):
         render(str(scenario), kept.folder, given["video"], force=given["force"], **wanted)
@@ -624,6 +600,17 @@ def sequence_from_arrays(times: np.ndarray, **options: Unpack[ArrayOptions]) -> 
 def _paths(places: Place | Sequence[Place] | None) -> list[Path]:
     given = [places] if isinstance(places, str | PathLike) else places or []
     return [Path(place) for place in given]
+
+
+def _methods(named: str | Sequence[str] | None) -> list[str]:
+    return [named] if isinstance(named, str) else list(named or ["all"])
+
+
+def _told(progress: Progress | None) -> Callable[[int, int, str], None]:
+    """`progress` as the package calls it."""
+    from massprops.core.progress import silent
+
+    return silent if progress is None else lambda done, total, what: progress(what, done, total)
 
 
 def _path(place: Place | None) -> Path | None:

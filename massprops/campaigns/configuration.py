@@ -13,10 +13,9 @@ from typing import Any
 
 from massprops.campaigns.draws import check_draw, extremes
 from massprops.campaigns.kinds import kinds, load_kind
-from massprops.campaigns.nearest import unknown
 from massprops.core.files import hash_of, plain
 from massprops.documents.campaign import LARGEST_SEED, CampaignFile
-from massprops.documents.fields import keys, read
+from massprops.documents.fields import keys, read, unknown
 from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 
@@ -75,6 +74,11 @@ class Plan:
         for values in itertools.product(*self.grid.values()):
             yield dict(zip(self.grid, values, strict=True))
 
+    def laid_out(self) -> Iterator[tuple[int, dict[str, Any], dict[str, Any]]]:
+        """Every point: its number, what the grid sets of it, and that with what is common to all."""
+        for number, cell in enumerate(self.cells()):
+            yield number, cell, {**self.fixed, **cell}
+
     def seeds(self, parameters: dict[str, Any]) -> range:
         """The seeds of a point."""
         count = self.runs if self.runs is not None else load_kind(self.kind).default_runs(parameters)
@@ -85,12 +89,11 @@ class Plan:
         """Number of runs."""
         if self.runs is not None:
             return self.points * self.runs
-        return sum(len(self.seeds({**self.fixed, **cell})) for cell in self.cells())
+        return sum(len(self.seeds(parameters)) for _, _, parameters in self.laid_out())
 
     def chunks(self) -> Iterator[Chunk]:
         """Every chunk in order."""
-        for point, cell in enumerate(self.cells()):
-            parameters = {**self.fixed, **cell}
+        for point, _, parameters in self.laid_out():
             seeds = self.seeds(parameters)
             for first in range(0, len(seeds), self.chunk):
                 yield Chunk(point, parameters, tuple(seeds[first : first + self.chunk]))
@@ -195,7 +198,7 @@ def check_size(plan: Plan, yes: bool) -> None:
     Raises:
         InputError: more than a million runs, and no consent; or seeds beyond the largest.
     """
-    longest = plan.runs if plan.runs is not None else max(len(plan.seeds({**plan.fixed, **c})) for c in plan.cells())
+    longest = plan.runs if plan.runs is not None else max(len(plan.seeds(p)) for _, _, p in plan.laid_out())
     if plan.total > MOST_RUNS and not yes:
         raise InputError(
             f"{plan.where}: this makes {plan.total} runs ({plan.points} points of the grid): give --yes to start them, or "
@@ -224,10 +227,8 @@ def _known_keys(
 
 def _check_values(plan: Plan, kind: ModuleType) -> None:
     """Checks every value of every axis once, at one common point, not all combinations."""
-    first = {name: values[0] for name, values in plan.grid.items()}
-    for name, spec in plan.draw.items():
-        first[name] = extremes(spec)[0]
     axes = {**plan.grid, **{name: extremes(spec) for name, spec in plan.draw.items()}}
+    first = {name: values[0] for name, values in axes.items()}
     kind.check({**plan.fixed, **first}, plan.where)
     for axis, values in axes.items():
         for value in values[1:]:

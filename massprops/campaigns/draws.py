@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.campaigns.nearest import unknown
+from massprops.documents.fields import unknown
 from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 

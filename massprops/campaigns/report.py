@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,13 @@ from massprops.campaigns.boxes import box_plot
 from massprops.campaigns.configuration import Plan
 from massprops.campaigns.kinds import load_kind
 from massprops.campaigns.store import Store
-from massprops.campaigns.table import PERCENTILES, Point, columns_of, cost
+from massprops.campaigns.table import HEAD, MOST_POINTS, Point, columns_of, left_out, percentile_rows
 from massprops.campaigns.text import cell_text
 from massprops.core.files import write_whole
 from massprops.report.html import number, table, text
 from massprops.report.page import of_sections
 
-MOST_POINTS, MOST_COLUMNS, MOST_FAILURES = 60, 24, 100
+MOST_COLUMNS, MOST_FAILURES = 24, 100
 
 
 def write_report(folder: Path, plan: Plan, points: list[Point], result: dict[str, Any], store: Store) -> Path:
@@ -71,21 +72,13 @@ def _title(plan: Plan, column: str) -> str:
 
 
 def _percentiles(plan: Plan, result: dict[str, Any]) -> str:
-    points = result["points"]
-    names = list(dict.fromkeys(name for p in points for name in p["columns"]))[:MOST_COLUMNS]
-    head = ("", "runs", "failed", "mean", *(f"{p} %" if p < 100 else "max" for p in PERCENTILES))
     parts = []
-    for name in names:
-        rows = []
-        for point in points[:MOST_POINTS]:
-            s = point["columns"][name]
-            label = Point(0, point["parameters"], {}).label
-            marks = [number(s[f"p{p}"], 4) for p in PERCENTILES]
-            rows.append((label, s["n"], point["failed"], number(s["mean"], 4), *marks))
+    for name, rows in islice(percentile_rows(result), MOST_COLUMNS):
         title = f"{text(_title(plan, name))} <code>{text(name)}</code>"
-        parts.append(f"<details><summary>{title}</summary>{table(rows, head)}</details>")
-    if len(points) > MOST_POINTS:
-        parts.append(f'<p class="soft">The first {MOST_POINTS} of {len(points)} points; all are in table.json.</p>')
+        shown = table([(*row[:3], *(number(v, 4) for v in row[3:])) for row in rows], HEAD)
+        parts.append(f"<details><summary>{title}</summary>{shown}</details>")
+    if note := left_out(result):
+        parts.append(f'<p class="soft">{note}</p>')
     return "".join(parts)
 
 
@@ -99,16 +92,19 @@ def _failures(points: list[Point]) -> str:
 
 
 def _cost(points: list[Point], store: Store) -> str:
-    spent, hosts = cost(points), {r.worker.rsplit(":", 1)[0] for p in points for r in p.rows}
+    spent, hosts = (
+        [r.cpu_s for p in points for r in p.rows],
+        {r.worker.rsplit(":", 1)[0] for p in points for r in p.rows},
+    )
+    each = sum(spent) / max(1, len(spent))
     rows = [
-        ("processor time", f"{number(spent['cpu_s'], 4)} s, {number(1e3 * spent['cpu_s_per_run'], 3)} ms a run"),
+        ("processor time", f"{number(sum(spent), 4)} s, {number(1e3 * each, 3)} ms a run"),
         ("computers", str(len(hosts))),
     ]
     parts = [table(rows, numeric=())]
-    sessions = list(store.sessions())
     lines = [
         (begun, place, ", ".join(f"{k} {v}" for k, v in versions.items()), count)
-        for begun, place, versions, count in sessions
+        for begun, place, versions, count in store.sessions()
     ]
     if len({line[2] for line in lines if line[3]}) > 1:
         parts.append('<div class="warning">The runs were made with more than one version of the code.</div>')

@@ -135,10 +135,9 @@ def run_alone(plan: Plan, seed: int, out: str | Path | None, scheduler: str | No
     Raises:
         InputError: no point has that seed, or see `backend_of`.
     """
-    cells = [(number, cell, {**plan.fixed, **cell}) for number, cell in enumerate(plan.cells())]
-    chosen = [entry for entry in cells if seed in plan.seeds(entry[2])]
+    chosen = [point for point in plan.laid_out() if seed in plan.seeds(point[2])]
     if not chosen:
-        seeds = plan.seeds(cells[0][2])
+        seeds = plan.seeds(next(plan.laid_out())[2])
         raise InputError(f"--only {seed}: {plan.where} has the seeds {seeds[0]} to {seeds[-1]}")
     backend = backend_of(plan, scheduler, workers)
     rows: dict[int, list[Row]] = {}

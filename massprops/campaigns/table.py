@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,10 @@ from massprops.campaigns.kinds import load_kind
 from massprops.campaigns.store import Row, Store
 
 PERCENTILES = (5, 25, 50, 75, 95, 100)
+HEAD = ["", "runs", "failed", "mean", *(f"{p} %" if p < 100 else "max" for p in PERCENTILES)]
+"""Of the rows of `percentile_rows`."""
+MOST_POINTS = 60
+"""Points that are shown of a grid; all are in `table.json`."""
 MEASURED = ("cpu_", "wall_")
 """Beginnings of columns that hold measured times, which no two runs share."""
 
@@ -34,7 +39,7 @@ class Point:
     @property
     def label(self) -> str:
         """What tells this point from the others."""
-        return ", ".join(f"{name} {_short(value)}" for name, value in self.cell.items()) or "all"
+        return _label(self.cell)
 
     @property
     def failed(self) -> int:
@@ -52,6 +57,10 @@ class Point:
         return array[np.isfinite(array)]
 
 
+def _label(cell: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {_short(value)}" for name, value in cell.items()) or "all"
+
+
 def _short(value: Any) -> str:
     if isinstance(value, list):
         return "+".join(_short(v) for v in value) or "none"
@@ -66,8 +75,8 @@ def points_of(plan: Plan, store: Store) -> list[Point]:
     """Every point that has runs."""
     known = store.counts()
     return [
-        Point(number, cell, {**plan.fixed, **cell}, store.rows(number))
-        for number, cell in enumerate(plan.cells())
+        Point(number, cell, parameters, store.rows(number))
+        for number, cell, parameters in plan.laid_out()
         if known.get(number)
     ]
 
@@ -131,9 +140,18 @@ def _kind_of(error: str) -> str:
     return error.split(":")[0] if ": " in error else error
 
 
-def cost(points: list[Point]) -> dict[str, float]:
-    """Processor and wall time that the runs took, which differ from machine to machine: sums and means [s]."""
-    cpu = [r.cpu_s for p in points for r in p.rows]
-    wall = [r.wall_s for p in points for r in p.rows]
-    n = max(1, len(cpu))
-    return {"cpu_s": sum(cpu), "wall_s": sum(wall), "cpu_s_per_run": sum(cpu) / n, "wall_s_per_run": sum(wall) / n}
+def percentile_rows(document: dict[str, Any]) -> Iterator[tuple[str, list[list[Any]]]]:
+    """Every column of a campaign with its rows, one for each of the first `MOST_POINTS` points (see `HEAD`)."""
+    for name in dict.fromkeys(name for p in document["points"] for name in p["columns"]):
+        rows = []
+        for point in document["points"][:MOST_POINTS]:
+            s = point["columns"][name]
+            marks = [s[f"p{p}"] for p in PERCENTILES]
+            rows.append([_label(point["parameters"]), s["n"], point["failed"], s["mean"], *marks])
+        yield name, rows
+
+
+def left_out(document: dict[str, Any]) -> str:
+    """What to say below tables of the first `MOST_POINTS` points; empty where these are all."""
+    count = len(document["points"])
+    return f"The first {MOST_POINTS} of {count} points; all are in table.json." if count > MOST_POINTS else ""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from massprops.campaigns.table import PERCENTILES
+from massprops.campaigns.table import HEAD, left_out, percentile_rows
 from massprops.core.text import table
 
-MOST_POINTS, WIDTH = 60, 120
+WIDTH = 120
 
 
 def text_of(document: dict[str, Any]) -> str:
@@ -56,23 +56,8 @@ def folded(head: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def _percentiles(document: dict[str, Any]) -> str:
-    names = list(dict.fromkeys(name for p in document["points"] for name in p["columns"]))
-    head = ["", "runs", "failed", "mean", *(f"{p} %" if p < 100 else "max" for p in PERCENTILES)]
-    shown, blocks = document["points"][:MOST_POINTS], []
-    for name in names:
-        rows = []
-        for point in shown:
-            s = point["columns"][name]
-            cells = [s["mean"], *(s[f"p{p}"] for p in PERCENTILES)]
-            rows.append([label(point["parameters"]), str(s["n"]), str(point["failed"]), *map(cell_text, cells)])
-        blocks.append("\n".join([name, *table(head, rows)]))
-    if len(document["points"]) > MOST_POINTS:
-        blocks.append(f"the first {MOST_POINTS} of {len(document['points'])} points; all are in table.json")
-    return "\n\n".join(blocks)
-
-
-def label(cell: dict[str, Any]) -> str:
-    """A point of the grid in few words."""
-    from massprops.campaigns.table import Point
-
-    return Point(0, cell, cell).label
+    blocks = [
+        "\n".join([name, *table(HEAD, [[cell_text(c) for c in row] for row in rows])])
+        for name, rows in percentile_rows(document)
+    ]
+    return "\n\n".join([*blocks, *filter(None, [left_out(document)])])

@@ -290,7 +290,6 @@ def document(
 
 def _entry(c: Any) -> dict[str, Any]:
     e = c.found
-    sigma = e.sigma_k
 
     def degrees(value: float | None) -> float | None:
         return None if value is None else float(np.degrees(value))
@@ -300,11 +299,7 @@ def _entry(c: Any) -> dict[str, Any]:
         axes = c.turn @ e.principal_axes
     return {
         "name": e.name,
-        "k1": e.k1,
-        "k2": e.k2,
-        "sigma_k1": None if sigma is None else sigma[0],
-        "sigma_k2": None if sigma is None else sigma[1],
-        "k_covariance": e.k_covariance,
+        **e.ratios(),
         "axis_misalignment_deg": degrees(c.misalignment),
         "sigma_axis_deg": degrees(c.sigma_axis),
         "principal_axes": axes,

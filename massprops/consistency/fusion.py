@@ -29,9 +29,10 @@ import numpy as np
 from massprops.consistency.mesh_side import SHAPE_FLOOR, MeshSide
 from massprops.consistency.replicates import read_replicates
 from massprops.documents.scale_json import has_scale, read_scale
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.mass.integrals import central_inertia
-from massprops.mass.intervals import OWN_LENGTH, scaled_replicates
-from massprops.mass.ratio_space import chi_square, p_value
+from massprops.mass.intervals import OWN_LENGTH, bounds, scaled_replicates
+from massprops.mass.ratio_space import chi_square, log_inertia, p_value
 
 TO_RATIOS = np.array(
     [[1.0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]
@@ -113,9 +114,7 @@ def with_own_size(spread: np.ndarray, own: np.ndarray, rng: np.random.Generator)
 
 def ten_numbers(volume: Any, centre: np.ndarray, inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(..., 10) as in `Draws`."""
-    moments, own = np.linalg.eigh(inertia)
-    turned = axes.T @ own
-    L = np.einsum("...ik,...k,...jk->...ij", turned, np.log(moments), turned)
+    L = log_inertia(inertia, axes)
     parts = [L[..., 0, 0], L[..., 1, 1], L[..., 2, 2], L[..., 1, 2], L[..., 0, 2], L[..., 0, 1]]
     return np.concatenate([np.log(volume)[..., None], centre, np.stack(parts, axis=-1)], axis=-1)
 
@@ -242,36 +241,21 @@ def fuse(draws: Draws, mesh: MeshSide, motion: Measured) -> dict[str, Any]:
     Args:
         draws: of `read_draws`. mesh: the mesh's side. motion: of `measured`.
     """
-    from massprops.mass.properties import inertia_ratios, principal_frame
+    from massprops.mass.properties import MassProperties
 
     x, replicates = averaged(draws, motion)
-    inertia = inertia_from(x, mesh.axes)
-    moments, axes = principal_frame(inertia)
-    volume, density = float(np.exp(x[0])), float(mesh.document["density"])
-    drawn_inertia = inertia_from(replicates, mesh.axes)
-    drawn = np.linalg.eigvalsh(drawn_inertia)
-    k, k_drawn = inertia_ratios(moments), inertia_ratios(drawn)
-
-    def bounds(values: np.ndarray, at: np.ndarray | float) -> Any:
-        low, high = np.quantile(values, [0.05, 0.95], axis=0)
-        return np.stack([np.minimum(low, at), np.maximum(high, at)], axis=-1).tolist()
-
-    volumes = np.exp(replicates[:, 0])
-    return {
-        "volume": volume,
-        "mass": density * volume,
-        "center_of_mass": x[1:4].tolist(),
-        "inertia": inertia.tolist(),
-        "principal_moments": moments.tolist(),
-        "principal_axes": axes.tolist(),
-        "inertia_ratios": {"k1": float(k[0]), "k2": float(k[1])},
-        "interval_90": {
-            "volume": bounds(volumes, volume),
-            "mass": bounds(density * volumes, density * volume),
-            "center_of_mass": bounds(replicates[:, 1:4], x[1:4]),
-            "inertia": bounds(drawn_inertia, inertia),
-            "principal_moments": bounds(drawn, moments),
-            "k1": bounds(k_drawn[:, 0], float(k[0])),
-            "k2": bounds(k_drawn[:, 1], float(k[1])),
-        },
+    density = float(mesh.document["density"])
+    found = MassProperties.of(density, float(np.exp(x[0])), x[1:4], inertia_from(x, mesh.axes))
+    volumes, inertias = np.exp(replicates[:, 0]), inertia_from(replicates, mesh.axes)
+    moments = np.linalg.eigvalsh(inertias)
+    k = ratios_of_moments(moments)
+    interval = {
+        "volume": bounds(volumes, found.volume),
+        "mass": bounds(density * volumes, found.mass),
+        "center_of_mass": bounds(replicates[:, 1:4], found.center_of_mass),
+        "inertia": bounds(inertias, found.inertia),
+        "principal_moments": bounds(moments, found.principal_moments),
+        "k1": bounds(k[:, 0], found.k1),
+        "k2": bounds(k[:, 1], found.k2),
     }
+    return {**found.values(), "interval_90": interval}

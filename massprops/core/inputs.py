@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from massprops.core.files import files_below, hash_file, hash_of, plain
 from massprops.core.outputs import OWN
 from massprops.core.processes import silenced_stderr
 from massprops.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 
 def read_image(path: Path, kind: int = 1) -> Any:

@@ -366,6 +366,11 @@ def no_key(key: str, known: Iterable[str], what: str = "key") -> str:
     return f"no {what} {excerpt(key)!r}; {hint}"
 
 
+def unknown(what: str, given: object, known: Iterable[str], where: str = "") -> InputError:
+    """The error for a name that is not known."""
+    return InputError(f"{where + ': ' if where else ''}{no_key(str(given), known, what)}")
+
+
 def _message(kind: type, error: Any, where: str) -> str:
     """One line of one of pydantic's errors."""
     place = [part for part in error["loc"] if isinstance(part, int) or not part.startswith("function-")]

@@ -68,6 +68,16 @@ def ratios(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ratios_of_moments(moments), axes
 
 
+def is_physical(moments: np.ndarray, slack: float = 1e-12) -> bool:
+    """Whether a distribution of positive mass can have these moments: positive, and the triangle inequality.
+
+    Args:
+        slack: share of the largest by which the other two may fall short of it.
+    """
+    low, middle, high = np.sort(np.asarray(moments, float))
+    return bool(low > 0 and low + middle >= high * (1 - slack))
+
+
 def physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.ndarray:
     """The nearest body of trace 1 with positive moments that meet the triangle inequalities.
 

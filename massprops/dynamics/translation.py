@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from massprops.dynamics.kernels import differential_gravity
 from massprops.dynamics.rotation import ActiveEffects
 from massprops.dynamics.runge_kutta import record, transition
 
+STEP = 1e-30
+"""Of derivatives by the complex step."""
 STEP_OF_ORBIT = 0.02
 """Longest step over the orbit's radian time sqrt(a^3 / mu)."""
 
@@ -42,22 +45,29 @@ def path(
     else:
         r, v, Phi = _fall(times, r0, v0, environment)
         dr[:, :, :6], dv[:, :, :6] = Phi[:, :3], Phi[:, 3:]
-    step = 1e-30
     for effect, place, _ in active:
         if not hasattr(effect, "displacement"):
             continue
         own = [float(x) for x in p[place]]
-        r = r + _rows(effect.displacement(times, own), n)
+        r = r + in_rows(effect.displacement(times, own), n)
         # the velocity that goes with a displacement is its time derivative
-        v = v + np.imag(_rows(effect.displacement(times + 1j * step, own), n)) / step
-        for k in range(len(own)):
-            moved = [x + (1j * step if i == k else 0) for i, x in enumerate(own)]
-            dr[:, :, 6 + place.start + k] = np.imag(_rows(effect.displacement(times, moved), n)) / step
+        v = v + np.imag(in_rows(effect.displacement(times + 1j * STEP, own), n)) / STEP
+        for k, way in enumerate(ways(effect.displacement, times, p[place])):
+            dr[:, :, 6 + place.start + k] = way
     return r, v, dr, dv
 
 
-def _rows(parts: tuple[Any, ...], n: int) -> np.ndarray:
+def in_rows(parts: tuple[Any, ...], n: int) -> np.ndarray:
+    """(n, 3) of the three components, each (n,) or one number, that an effect gives."""
     return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)
+
+
+def ways(function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
+    """Derivatives (n, 3) of an effect's `function(times, values)` by each of its values, by the complex step."""
+    own = [float(x) for x in values]
+    for k in range(len(own)):
+        moved = [x + (1j * STEP if i == k else 0) for i, x in enumerate(own)]
+        yield np.imag(in_rows(function(times, moved), len(times))) / STEP
 
 
 def _fall(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprops.core.linalg import inverse_of
@@ -19,17 +17,11 @@ LARGEST_SIGMA_AXES = 0.5
 """1-sigma [rad] of the turn of the principal axes above which they are undetermined."""
 
 
-@dataclass(frozen=True)
-class Displayed:
-    """What attitudes would tell. sigma_k (2,); sigma_axes (3,) [rad] about the principal axes; reason: '' if enough."""
-
-    sigma_k: np.ndarray
-    sigma_axes: np.ndarray
-    reason: str
-
-
-def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarray, inertia: np.ndarray) -> Displayed:
-    """The Cramer-Rao limit of ratios and axes for torque-free motion seen through its attitude.
+def shown_by(
+    times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarray, inertia: np.ndarray
+) -> tuple[np.ndarray, str]:
+    """The Cramer-Rao limit of k1, k2 (2,) for torque-free motion seen through its attitude, and why that, or that of the axes,
+    is too wide; '' where it is not.
 
     Args:
         times: (n,) [s]; weight: (n,) one over the variance of the attitude at each [rad^-2], 0 where unseen.
@@ -47,7 +39,7 @@ def shown_by(times: np.ndarray, weight: np.ndarray, q0: np.ndarray, w0: np.ndarr
     moments, axes = principal_axes(inertia)
     spread = [np.einsum("ai,ij,aj->a", J, covariance, J) for J in ratio_derivatives(moments, axes, DIRECTIONS)]
     sigma_k, sigma_axes = (np.sqrt(np.maximum(square, 0.0)) for square in spread)
-    return Displayed(sigma_k, sigma_axes, hidden_by(sigma_k, float(sigma_axes.max()), w0, axes))
+    return sigma_k, hidden_by(sigma_k, float(sigma_axes.max()), w0, axes)
 
 
 def hidden_by(

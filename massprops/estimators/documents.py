@@ -38,7 +38,6 @@ def document(outcome: Outcome, source: str = "") -> dict[str, Any]:
 
 def entry(found: Estimate, cpu_seconds: float | None = None) -> dict[str, Any]:
     """One estimator's result as plain numbers."""
-    sigma = found.sigma_k
     rate = None
     if found.w is not None and len(found.w) and np.isfinite(found.w[-1]).all():
         last = None if found.sigma_w is None else found.sigma_w[-1]
@@ -50,11 +49,7 @@ def entry(found: Estimate, cpu_seconds: float | None = None) -> dict[str, Any]:
         "reliable": bool(found.reliable),
         "because": found.because,
         "reason": found.reason,
-        "k1": found.k1,
-        "k2": found.k2,
-        "sigma_k1": None if sigma is None else sigma[0],
-        "sigma_k2": None if sigma is None else sigma[1],
-        "k_covariance": found.k_covariance,
+        **found.ratios(),
         "inertia": found.inertia,
         "principal_axes": found.principal_axes,
         "axes_covariance_rad2": found.axes_covariance,

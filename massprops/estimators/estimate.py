@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from massprops.core.log import log
 from massprops.core.outputs import verify
+from massprops.core.progress import Progress, silent
 from massprops.documents.loading import excerpt
 from massprops.errors import InputError, MasspropsError, NotPossible
 from massprops.estimators.outcome import Outcome
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     from massprops.model.problem import Problem
     from massprops.sequence.data import Sequence
 
-Progress = Callable[[int, int, str], None]
-"""`progress(done, total, what)`."""
-
 REFERENCE = "smoother"
 """The method that the others are measured against, and that judges a prior."""
 
@@ -32,10 +30,6 @@ BREAKS = (ArithmeticError, ValueError, IndexError)
 
 MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
 """Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
-
-
-def silent(done: int, total: int, what: str = "") -> None:
-    """Progress that says nothing."""
 
 
 def estimate_all(
@@ -61,13 +55,14 @@ def estimate_all(
         InputError: unknown method, unreadable sequence or prior.
         NotPossible: every method asked for by name needs what the sequence lacks.
     """
+    from massprops.model import load_model
     from massprops.model.measured_wheel import measured_wheel
     from massprops.model.problem import problem_of
     from massprops.sequence.read import read_sequence
 
     chosen, named = chosen_methods(methods)
     given = _read_prior(prior)
-    effects = _read_model(model)
+    effects = None if model is None else load_model(model)
     if isinstance(source, str | Path):
         verify(Path(source), "sequence/")
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
@@ -149,11 +144,12 @@ def _judged_prior(
     prior: FilterPrior, bench: _Bench, able: list[ModuleType], start: Any, warnings: list[str]
 ) -> PriorTest:
     """What the data say of the prior, by the reference method where it can run; warnings are added to the list."""
+    from massprops.estimators.methods import methods
     from massprops.estimators.needs import unmet
     from massprops.estimators.prior import judge
 
     reference = None
-    judges = [m for m in _all_methods().values() if m.NAME == REFERENCE and not unmet(m, bench.problem)] or able[:1]
+    judges = [m for m in methods().values() if m.NAME == REFERENCE and not unmet(m, bench.problem)] or able[:1]
     try:
         reference = bench.run(judges[0], None, start)
     except NotPossible as stop:
@@ -169,7 +165,9 @@ def chosen_methods(names: Iterable[str]) -> tuple[list[ModuleType], bool]:
     Raises:
         InputError: no such method.
     """
-    known = _all_methods()
+    from massprops.estimators.methods import methods
+
+    known = methods()
     wanted = [names] if isinstance(names, str) else list(names)
     wanted = [part for name in wanted for part in name.replace(",", " ").split()] or ["all"]
     for name in wanted:
@@ -178,12 +176,6 @@ def chosen_methods(names: Iterable[str]) -> tuple[list[ModuleType], bool]:
     if "all" in wanted:
         return list(known.values()), False
     return [module for name, module in known.items() if name in wanted], True
-
-
-def _all_methods() -> dict[str, ModuleType]:
-    from massprops.estimators import methods
-
-    return methods.methods()
 
 
 class _Bench:
@@ -258,13 +250,3 @@ def _read_prior(prior: str | Path | Prior | None) -> FilterPrior | None:
     if isinstance(prior, Prior):
         return FilterPrior(prior)
     return read_filter(prior)
-
-
-def _read_model(path: str | Path | None) -> Any:
-    if path is None:
-        return None
-    if not Path(path).is_file():
-        raise InputError(f"--model {path}: no such file; massprops diagnose writes one")
-    from massprops.model import load_model
-
-    return load_model(path)

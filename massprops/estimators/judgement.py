@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
-from massprops.dynamics.inertia import ratios
+from massprops.dynamics.inertia import is_physical, ratios
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
 from massprops.dynamics.rigid_body import propagate
 from massprops.estimators.result import Estimate
@@ -101,8 +101,7 @@ def _possible(found: Estimate) -> Estimate:
             found, f"the ratios ran away (k1 {found.k1:.1f}, k2 {found.k2:.1f}): the motion hardly shows them"
         )
     if found.inertia is not None:
-        moments = np.linalg.eigvalsh(found.inertia)
-        if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+        if not is_physical(np.linalg.eigvalsh(found.inertia), 1e-6):
             return _refused(found, "its inertia breaks the triangle inequality")
         if found.principal_axes is None:
             found = replace(found, principal_axes=ratios(found.inertia)[1])

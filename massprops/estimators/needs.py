@@ -15,17 +15,14 @@ SAID = {
 }
 
 
-def has(problem: Problem, word: str) -> bool:
-    """Whether the sequence holds what one word of `NEEDS` asks for."""
-    return bool(
-        {
-            "tracks": problem.has_tracks,
-            "stereo": problem.stereo,
-            "range": problem.has_range,
-            "rates": problem.has_rates,
-            "attitude": problem.has_attitude,
-        }[word]
-    )
+HOW = {
+    "tracks": "has_tracks",
+    "stereo": "stereo",
+    "range": "has_range",
+    "rates": "has_rates",
+    "attitude": "has_attitude",
+}
+"""What of a problem tells whether the sequence holds what a word of `NEEDS` asks for."""
 
 
 def unmet(method: ModuleType, problem: Problem) -> str:
@@ -33,7 +30,7 @@ def unmet(method: ModuleType, problem: Problem) -> str:
     missing = []
     for entry in method.NEEDS:
         words = entry.split("|")
-        if not any(has(problem, word) for word in words):
+        if not any(getattr(problem, HOW[word]) for word in words):
             missing.append(" or ".join(SAID[word] for word in words))
     if missing:
         return "needs " + ", and ".join(missing)

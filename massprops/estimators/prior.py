@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.dynamics.alignment import similarity
-from massprops.dynamics.inertia import ratios
+from massprops.dynamics.inertia import is_physical, ratios
 from massprops.errors import InputError
 from massprops.estimators.result import Prior
 from massprops.mass.ratio_space import (
@@ -150,7 +150,7 @@ def _inertia(path: Path, document: FilterFile) -> np.ndarray | None:
     moments = np.linalg.eigvalsh(inertia)
     if moments[0] <= 0:
         raise InputError(f"{path}: inertia has a principal moment of {moments[0]:.4g}; all three must be above 0")
-    if moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+    if not is_physical(moments, 1e-6):
         said = ", ".join(f"{m:.4g}" for m in moments / moments.sum())
         raise InputError(
             f"{path}: principal moments in the ratio {said} break the triangle inequality: correct inertia"

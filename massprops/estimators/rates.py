@@ -10,6 +10,7 @@ import numpy as np
 
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.quaternion import (
+    chained,
     conjugate,
     from_rotation_vector,
     multiply,
@@ -76,32 +77,21 @@ def from_attitude(
     if n < 4:
         nothing = np.full((n, 6, 6), np.nan)
         return LocalFit(q.copy(), np.full((n, 3), np.nan), nothing, n, 1.0, np.ones(n, bool))
-    use = np.ones(n, bool)
-    information = inverse_of(covariance)
+    information, every = inverse_of(covariance), np.arange(n)
 
-    def fit(rows: np.ndarray, size: int, wanted: bool = False) -> tuple[np.ndarray, ...]:
+    def fit(rows: np.ndarray, size: int, use: np.ndarray, wanted: bool) -> tuple[np.ndarray, ...]:
         return _attitude_fit(times, q, information, rows, size, use, near, wanted)
 
-    size = _best_size(lambda rows, L: fit(rows, L)[2:4], n, _sweep(q))
-    for _ in range(3):
-        every = np.arange(n)
-        c, spread, square, freedom, own, influence = fit(every, size, True)
-        scale = _scale(square, freedom)
-        bad = own > LARGEST_SQUARE * max(scale, 1e-12)
-        if (bad == ~use).all():
-            break
-        use = ~bad
+    size = _best_size(lambda rows, L: fit(rows, L, np.ones(n, bool), False)[2:4], n, _sweep(q))
+    (c, spread, _, freedom, _, influence), scale, use = _consistent(lambda use: fit(every, size, use, True), n)
     theta, slope = c[:, 0], c[:, 1]
     w = slope - 0.5 * np.cross(theta, slope)
     if near is not None:
         w = w + near[1]
-    out = np.zeros((n, 6, 6))
-    out[:, :3, :3], out[:, :3, 3:] = spread[:, :3, :3], spread[:, :3, 3:6]
-    out[:, 3:, :3], out[:, 3:, 3:] = spread[:, 3:6, :3], spread[:, 3:6, 3:6]
+    out = spread.copy()
     thin = freedom <= 0
     smooth = normalise(multiply(q, from_rotation_vector(theta)))
     smooth[thin], w[thin], out[thin] = np.nan, np.nan, np.nan
-    scale = max(scale, 1e-6)
     index = _windows(times, every, size)[0]
     common = None if shared is None else np.einsum("nlxj,nljs->nxs", influence, shared[index], optimize=True)
     return LocalFit(smooth, w, out * scale, size, scale, use, index, influence, covariance * scale, common)
@@ -116,30 +106,37 @@ def from_rates(times: np.ndarray, w: np.ndarray, sigma: float) -> LocalFit:
         times: (n,) [s]; w: (n, 3) measured [rad/s]; sigma: of one component.
     """
     n = len(times)
-    use = np.ones(n, bool)
+    every = np.arange(n)
     turned = float(np.sum(np.linalg.norm(w, axis=1)[:-1] * np.diff(times))) / max(n - 1, 1)
-    size = _best_size(lambda rows, L: _rate_fit(times, w, sigma, rows, L, use)[2:4], n, turned)
-    for _ in range(3):
-        c, spread, square, freedom, own = _rate_fit(times, w, sigma, np.arange(n), size, use)
-        scale = _scale(square, freedom)
-        bad = own > LARGEST_SQUARE * max(scale, 1e-12)
-        if (bad == ~use).all():
-            break
-        use = ~bad
+    size = _best_size(lambda rows, L: _rate_fit(times, w, sigma, rows, L, np.ones(n, bool))[2:4], n, turned)
+    (c, spread, *_), scale, use = _consistent(lambda use: _rate_fit(times, w, sigma, every, size, use), n)
     smooth, slope = c[:, 0], c[:, 1]
     step = np.diff(times)[:, None]
     before, after = smooth[:-1], smooth[1:]
     turn = step / 2 * (before + after) + step**2 / 12 * (slope[:-1] - slope[1:])
     turn += step**2 / 12 * np.cross(before, after)
-    q = np.empty((n, 4))
-    q[0] = [1.0, 0, 0, 0]
-    for k, piece in enumerate(from_rotation_vector(turn)):
-        q[k + 1] = normalise(multiply(q[k], piece))
     out = np.zeros((n, 6, 6))
     walk = sigma**2 * np.median(np.diff(times)) * (times - times[0])
     out[:, :3, :3] = walk[:, None, None] * np.eye(3)
     out[:, 3:, 3:] = spread[:, None, None] * np.eye(3)
-    return LocalFit(q, smooth, out * max(scale, 1e-6), size, scale, use)
+    return LocalFit(normalise(chained(turn)), smooth, out * scale, size, scale, use)
+
+
+def _consistent(
+    fit: Callable[[np.ndarray], tuple[np.ndarray, ...]], n: int
+) -> tuple[tuple[np.ndarray, ...], float, np.ndarray]:
+    """A fit to the samples (n,) that agree with it, the factor that its residuals ask for, and which samples these are."""
+    use = np.ones(n, bool)
+    for _ in range(3):
+        found = fit(use)
+        square, freedom, own = found[2:5]
+        ok = freedom > 0
+        scale = float(np.median(square[ok] / freedom[ok])) if ok.any() else 1.0
+        bad = own > LARGEST_SQUARE * max(scale, 1e-12)
+        if (bad == ~use).all():
+            break
+        use = ~bad
+    return found, max(scale, 1e-6), use
 
 
 def _sweep(q: np.ndarray) -> float:
@@ -258,8 +255,3 @@ def _rate_fit(
     own = np.sum(((w[rows] - c[:, 0]) / sigma) ** 2, axis=1)
     c[:, 1] /= unit
     return c, sigma**2 * inverse[:, 0, 0], square, 3.0 * (taken.sum(axis=1) - 3), own
-
-
-def _scale(square: np.ndarray, freedom: np.ndarray) -> float:
-    ok = freedom > 0
-    return float(np.median(square[ok] / freedom[ok])) if ok.any() else 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -103,6 +104,12 @@ class Estimate(Displayed):
     def sigma_k(self) -> np.ndarray | None:
         """(2,) 1-sigma of k1 and k2."""
         return None if self.k_covariance is None else np.sqrt(np.diag(self.k_covariance))
+
+    def ratios(self) -> dict[str, Any]:
+        """k1 and k2 with their uncertainty, by the keys of a document."""
+        sigma = (None, None) if self.sigma_k is None else self.sigma_k
+        either = {"k1": self.k1, "k2": self.k2, "sigma_k1": sigma[0], "sigma_k2": sigma[1]}
+        return {**either, "k_covariance": self.k_covariance}
 
     @property
     def interval(self) -> dict[str, np.ndarray]:

@@ -59,30 +59,16 @@ def estimate_several(
     joint = [
         Estimate(f.name, True, True, reliable=True, k1=f.k[0], k2=f.k[1], k_covariance=f.covariance) for f in found
     ]
-    document = _document(found, outcomes)
-    return document, Outcome(next(iter(outcomes.values())).problem, joint, warnings=tuple(document["warnings"]))
-
-
-def _document(found: list[Together], outcomes: dict[str, Outcome]) -> dict[str, Any]:
-    """The content of `estimates.json`."""
-    return {
+    document: dict[str, Any] = {
         "format": "massprops-estimates-together/1",
         "estimators": [
-            {
-                "name": f.name,
-                "k1": f.k[0],
-                "k2": f.k[1],
-                "sigma_k1": np.sqrt(f.covariance[0, 0]),
-                "sigma_k2": np.sqrt(f.covariance[1, 1]),
-                "k_covariance": f.covariance,
-                "p_value": f.p_value,
-                "records": f.records,
-            }
-            for f in found
+            {"name": f.name, **e.ratios(), "p_value": f.p_value, "records": f.records}
+            for f, e in zip(found, joint, strict=True)
         ],
         "records": {name: document_of(o, name) for name, o in outcomes.items()},
         "warnings": [f"{name}: {w}" for name, o in outcomes.items() for w in o.warnings],
     }
+    return document, Outcome(next(iter(outcomes.values())).problem, joint, warnings=tuple(document["warnings"]))
 
 
 def together(outcomes: dict[str, Outcome]) -> list[Together]:

@@ -21,7 +21,7 @@ FEWEST = 6
 PASSES = 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Start:
     """k epochs, m features.
 
@@ -48,14 +48,14 @@ class Start:
     times: np.ndarray
     q: np.ndarray
     w: np.ndarray
-    position: np.ndarray | None
-    velocity: np.ndarray | None
-    features: np.ndarray | None
     inertia: np.ndarray | None
-    body_frame: str
     sigma_w: float
     warnings: tuple[str, ...]
     covariance: np.ndarray
+    position: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    features: np.ndarray | None = None
+    body_frame: str = "own"
     momentum: Momentum | None = None
     window: int = 1
     scaled: bool = True
@@ -130,26 +130,15 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
     rows, times = rows[used], problem.times[rows[used]]
     q, origin = motion.q[used], motion.origin[used]
     fit, w, found = _inertia(problem, times, q, motion.covariance[used][:, :3, :3], motion.shared[used])
-    path = centre.centre_of_mass(times, q, origin, motion.covariance[used][:, 3:, 3:])
-    features = motion.points - path.offset
-    return Start(
-        times,
-        fit.q,
-        w,
-        path.position,
-        path.velocity[0],
-        features,
-        None if found is None else found.inertia,
-        "own",
-        _sigma_w(fit),
-        tuple(warnings),
-        fit.covariance,
-        found,
-        fit.window,
-        True,
-        motion.outliers + int((~fit.good).sum()),
-        rows,
-        path.velocity,
+    offset, position, velocity = centre.centre_of_mass(times, q, origin, motion.covariance[used][:, 3:, 3:])
+    start = _of_fit(times, rows, fit, w, found, warnings)
+    return replace(
+        start,
+        position=position,
+        velocity=velocity[0],
+        velocities=velocity,
+        features=motion.points - offset,
+        outliers=motion.outliers + start.outliers,
         poses=Poses(rows, q, np.sqrt(np.einsum("nii->n", motion.covariance[used][:, :3, :3]) / 3.0)),
     )
 
@@ -179,23 +168,13 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
                 warnings.append(
                     "one camera without ranges (range0) shows no lengths: positions have no unit; inertia ratios need none"
                 )
-    return Start(
-        times,
-        fit.q,
-        w,
-        position,
-        velocity,
-        features,
-        None if found is None else found.inertia,
-        "attitude0",
-        _sigma_w(fit),
-        tuple(warnings),
-        fit.covariance,
-        found,
-        fit.window,
-        scaled,
-        int((~fit.good).sum()),
-        rows,
+    return replace(
+        _of_fit(times, rows, fit, w, found, warnings),
+        position=position,
+        velocity=velocity,
+        features=features,
+        body_frame="attitude0",
+        scaled=scaled,
         poses=Poses(rows, q, sigma),
         unexplained=min(fit.scale, 1.0) if stated else 1.0,
     )
@@ -207,24 +186,31 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
     fit = rates.from_rates(times, w, problem.sigma_rate)
     block = _blocks(times, fit)
     found = momentum_inertia(fit.q, fit.w, within(fit.covariance, block), block, fit.window)
+    said = "attitude integrated from body rates, from the body's axes at the first epoch"
+    return replace(_of_fit(times, rows, fit, fit.w, found, [said]), block=block)
+
+
+def _of_fit(
+    times: np.ndarray,
+    rows: np.ndarray,
+    fit: rates.LocalFit,
+    w: np.ndarray,
+    found: Momentum | None,
+    warnings: list[str],
+) -> Start:
+    """The start in the fit's own body axes, without a path: its epochs `rows`, rates w, and the inertia where it was found."""
     return Start(
-        times,
-        fit.q,
-        fit.w,
-        None,
-        None,
-        None,
-        None if found is None else found.inertia,
-        "own",
-        _sigma_w(fit),
-        ("attitude integrated from body rates, from the body's axes at the first epoch",),
-        fit.covariance,
-        found,
-        fit.window,
-        True,
-        int((~fit.good).sum()),
-        rows,
-        block=block,
+        times=times,
+        q=fit.q,
+        w=w,
+        inertia=None if found is None else found.inertia,
+        sigma_w=float(np.sqrt(np.nanmedian(np.einsum("nii->n", fit.covariance[:, 3:, 3:]) / 3.0))),
+        warnings=tuple(warnings),
+        covariance=fit.covariance,
+        momentum=found,
+        window=fit.window,
+        outliers=int((~fit.good).sum()),
+        index=rows,
     )
 
 
@@ -277,10 +263,6 @@ def within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:
     return out
 
 
-def _sigma_w(fit: rates.LocalFit) -> float:
-    return float(np.sqrt(np.nanmedian(np.einsum("nii->n", fit.covariance[:, 3:, 3:]) / 3.0)))
-
-
 def _complete(start: Start) -> Start:
     """Without the epochs whose rates nothing shows."""
     ok = np.isfinite(start.w).all(axis=1) & np.isfinite(start.q).all(axis=1)
@@ -288,15 +270,7 @@ def _complete(start: Start) -> Start:
         return start
     if ok.sum() < FEWEST:
         raise NotPossible(f"fewer than {FEWEST} epochs stand close enough together to show rates")
-    return replace(
-        start,
-        times=start.times[ok],
-        q=start.q[ok],
-        w=start.w[ok],
-        position=None if start.position is None else start.position[ok],
-        velocities=None if start.velocities is None else start.velocities[ok],
-        covariance=start.covariance[ok],
-        index=None if start.index is None else start.index[ok],
-        block=None if start.block is None else start.block[ok],
-        warnings=(*start.warnings, f"{int((~ok).sum())} lone epochs left out of the first guess"),
-    )
+    each = ("times", "q", "w", "position", "velocities", "covariance", "index", "block")
+    kept = {name: values[ok] for name in each if (values := getattr(start, name)) is not None}
+    line = f"{int((~ok).sum())} lone epochs left out of the first guess"
+    return replace(start, **kept, warnings=(*start.warnings, line))

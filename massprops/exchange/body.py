@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,6 @@ from massprops.core.outputs import verify
 from massprops.errors import InputError
 from massprops.mass.document import document as make_document
 from massprops.mass.document import read_document
-from massprops.mass.properties import is_physical
 from massprops.mass.recommended import as_recommended
 
 if TYPE_CHECKING:
@@ -102,13 +101,11 @@ def read_body(
     if mass is not None and not (np.isfinite(mass) and mass > 0):
         raise InputError(f"--mass {mass}: give a number of kilograms above 0")
     if source.is_dir():
-        mesh_file, document_file = source / "mesh.ply", source / "massprops.json"
-        if not document_file.is_file() or not mesh_file.is_file():
-            missing = document_file.name if not document_file.is_file() else mesh_file.name
-            raise InputError(f"{source}: no {missing} in this run: finish it with 'massprops reconstruct' first")
+        files = mesh_file, document_file = source / "mesh.ply", source / "massprops.json"
+        if missing := [file.name for file in reversed(files) if not file.is_file()]:
+            raise InputError(f"{source}: no {missing[0]} in this run: finish it with 'massprops reconstruct' first")
         verify(source, *READ)
         document = read_document(document_file)
-        files = (mesh_file, document_file)
         mesh = read_mesh(mesh_file, process=False)
         if not mesh.is_volume:
             raise InputError(f"{mesh_file}: not watertight or inside out: make the run again, or repair the mesh")
@@ -129,33 +126,17 @@ def read_body(
         )
     if recommended:
         document = as_recommended(document)
-    return replace(body_of(document, mesh, name, run, mass), files=files)
-
-
-def body_of(
-    document: dict[str, Any], mesh: trimesh.Trimesh, name: str, run: Path | None = None, mass: float | None = None
-) -> Body:
-    """A checked `Body` of a `massprops.json` document.
-
-    Raises:
-        InputError: mass not positive, or moments that break the triangle inequality.
-    """
-    try:
-        own, com, inertia = document["mass"], document["center_of_mass"], document["inertia"]
-        metric = document["units"]["length"] == "m"
-        com, inertia = np.array(com, float).reshape(3), np.array(inertia, float).reshape(3, 3)
-    except (KeyError, TypeError, ValueError):
-        raise InputError("massprops.json lacks mass, center_of_mass, inertia or units: make the run again") from None
-    if not (np.isfinite(own) and own > 0):
-        raise InputError(f"mass {own} is not a positive number: check --density, or make the run again")
-    if not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0):
-        raise InputError("inertia in massprops.json is not a finite symmetric matrix: make the run again")
-    moments = np.linalg.eigvalsh(inertia)
-    if not is_physical(moments):
-        said = ", ".join(f"{m:.4g}" for m in moments)
-        raise InputError(
-            f"principal moments {said} break the triangle inequality, so no body has them: make the run again"
-        )
+    inertia, factor = np.array(document["inertia"], float), 1.0
     if mass is not None:
-        inertia, own, document = inertia * (mass / own), mass, {**document, "density_assumed": False}
-    return Body(name, metric, float(own), com, inertia, document, mesh, run)
+        factor, document = mass / document["mass"], {**document, "density_assumed": False}
+    return Body(
+        name=name,
+        metric=document["units"]["length"] == "m",
+        mass=float(document["mass"] if mass is None else mass),
+        center_of_mass=np.array(document["center_of_mass"], float),
+        inertia=inertia * factor,
+        document=document,
+        mesh=mesh,
+        run=run,
+        files=files,
+    )

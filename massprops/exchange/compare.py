@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.core.displayed import Displayed, number
+from massprops.core.outputs import Outputs
 from massprops.exchange.mesh_files import in_metres, read_solid
 
 if TYPE_CHECKING:
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
 
 LIKE_MOMENTS = 0.005
 """Relative difference of two of the CAD's moments below which their axes are compared as a plane only."""
+
+SAME = 1e-9
+"""Difference of k1 up to which the cross-check is of this mesh."""
 
 LEAST_MEASURED = 0.2
 """Share of measured faces below which the alignment takes the filled ones too."""
@@ -128,7 +133,6 @@ def _compared(body: Body, target: trimesh.Trimesh, free: bool, seed: int, notes:
     """A body against a CAD mesh in metres; notes: warnings so far."""
     from massprops.exchange.alignment import align
     from massprops.exchange.distances import Surface, surface_distances
-    from massprops.exchange.fused import in_frame, read_fused
     from massprops.mass.integrals import greatest_length
     from massprops.mass.properties import mass_properties
 
@@ -242,3 +246,37 @@ def axis_angles(ours: np.ndarray, cad: np.ndarray, moments: np.ndarray) -> np.nd
         outside = np.linalg.norm(cad[:, ~like].T @ ours[:, i])
         out[i] = np.degrees(np.arctan2(outside, inside))
     return out
+
+
+def read_fused(run: Path | None, document: dict[str, Any]) -> dict[str, Any] | None:
+    """`fused` of a run's `crosscheck.json`; None where there is none, or it is of an earlier mesh.
+
+    Args:
+        run: the run folder, or None for a bare mesh.
+        document: its `massprops.json`.
+    """
+    if run is None or not Outputs(run).intact("crosscheck.json"):
+        return None
+    try:
+        found = json.loads((run / "crosscheck.json").read_text())
+        fused, k1 = found["fused"], float(found["mesh"]["k1"])
+        own = float(document["inertia_ratios"]["k1"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return fused if isinstance(fused, dict) and abs(k1 - own) < SAME else None
+
+
+def in_frame(fused: dict[str, Any], transform: Similarity, density: float) -> MassProperties:
+    """The fused body's mass properties after a similarity x -> s R x + t of its mesh.
+
+    Args:
+        fused: of `read_fused`, in the mesh's axes.
+        transform: to the other frame.
+        density: [kg/m^3].
+    """
+    s, place = transform.scale, np.array([*fused["center_of_mass"], 1.0])
+    R = transform.matrix[:3, :3] / s
+    inertia = s**5 * R @ np.array(fused["inertia"], float) @ R.T
+    from massprops.mass.properties import MassProperties
+
+    return MassProperties.of(density, s**3 * float(fused["volume"]), (transform.matrix @ place)[:3], inertia)

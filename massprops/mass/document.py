@@ -9,9 +9,10 @@ import numpy as np
 
 from massprops.documents.fields import as_written, read
 from massprops.documents.loading import load_json
-from massprops.documents.massprops_json import FORMAT, MassFile
+from massprops.documents.massprops_json import FORMAT, MassFile, RecommendedFile
+from massprops.dynamics.inertia import is_physical
 from massprops.errors import InputError
-from massprops.mass.properties import MassProperties, is_physical
+from massprops.mass.properties import MassProperties
 from massprops.mass.recommended import by_mesh
 
 FRAME = (
@@ -55,13 +56,7 @@ def document(
         "units": {"length": "m", "mass": "kg"} if metric else {"length": "model", "mass": "model"},
         "density": properties.density,
         "density_assumed": density_assumed,
-        "volume": properties.volume,
-        "mass": properties.mass,
-        "center_of_mass": properties.center_of_mass.tolist(),
-        "inertia": properties.inertia.tolist(),
-        "principal_moments": properties.principal_moments.tolist(),
-        "principal_axes": properties.principal_axes.tolist(),
-        "inertia_ratios": {"k1": properties.k1, "k2": properties.k2},
+        **properties.values(),
         "interval_90": interval_90,
         "scale": {k: scale.get(k) for k in ("source", "metres_per_unit", "relative_sigma")},
         "surface": surface,
@@ -83,17 +78,33 @@ def read_document(path: Path) -> dict[str, Any]:
         found = read(MassFile, content, str(path))
     except InputError as error:
         raise InputError(f"{error}: make the run again") from None
-    inertia = found.inertia
+    for body in (found, found.recommended):
+        if body is not None and (wrong := _impossible(body)):
+            raise InputError(f"{path}: {wrong}: make the run again")
+    # what holds for any body of one density, where the file leaves it out
+    content = {**_in_rows(content, found), "density": found.density or found.mass / found.volume}
+    if found.recommended is not None:
+        content["recommended"] = _in_rows(content["recommended"], found.recommended)
+    return content
+
+
+def _in_rows(content: dict[str, Any], body: MassFile | RecommendedFile) -> dict[str, Any]:
+    """The content with its arrays as lists of rows, in whatever form the file had them."""
+    keys = ("center_of_mass", "inertia", "principal_moments", "principal_axes")
+    return {**content, **{key: getattr(body, key).tolist() for key in keys}}
+
+
+def _impossible(body: MassFile | RecommendedFile) -> str:
+    """Why no body has these values; empty where one may."""
+    inertia, axes = body.inertia, body.principal_axes
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=1e-12 * float(np.abs(inertia).max())):
-        raise InputError(f"{path}: inertia is not symmetric: make the run again")
+        return "inertia is not symmetric"
     moments = np.linalg.eigvalsh(inertia)
     if not is_physical(moments):
         said = ", ".join(f"{m:.4g}" for m in moments)
-        raise InputError(
-            f"{path}: principal moments {said} break the triangle inequality, so no body has them: make the run again"
-        )
-    axes = found.principal_axes
-    if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6):
-        raise InputError(f"{path}: principal_axes are not unit vectors at right angles: make the run again")
-    # what holds for any body of one density, where the file leaves it out
-    return {**content, "density": found.density or found.mass / found.volume}
+        return f"principal moments {said} break the triangle inequality, so no body has them"
+    return (
+        ""
+        if np.allclose(axes.T @ axes, np.eye(3), atol=1e-6)
+        else "principal_axes are not unit vectors at right angles"
+    )

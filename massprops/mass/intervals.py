@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import ratios_of_moments
 from massprops.mass.integrals import central_inertia, scale_integrals
-from massprops.mass.properties import MassProperties, inertia_ratios
+from massprops.mass.properties import MassProperties
 
 OWN_LENGTH = ("none", "given")
 """Scale sources whose metres refer to the body's greatest length."""
@@ -72,12 +73,8 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
     vague, rows = collapsed(valid), rows[valid]
     mass, centre, inertia = central_inertia(rows, estimate.density)
     moments = np.linalg.eigvalsh(inertia)
-    ratios = inertia_ratios(moments)
-    middle = inertia_ratios(estimate.principal_moments)
-
-    def bounds(draws: np.ndarray, value: np.ndarray | float) -> Any:
-        low, high = np.quantile(draws, [TAIL, 1.0 - TAIL], axis=0)
-        return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
+    ratios = ratios_of_moments(moments)
+    middle = ratios_of_moments(estimate.principal_moments)
 
     def within(draws: np.ndarray, value: np.ndarray | float, most: np.ndarray | float) -> Any:
         known = np.array(bounds(draws, value))
@@ -104,6 +101,12 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
         "k1": ratio(0),
         "k2": ratio(1),
     }
+
+
+def bounds(draws: np.ndarray, value: np.ndarray | float) -> Any:
+    """Ends (..., 2), in lists, of the interval of draws (r, ...), widened where it does not hold the value (...)."""
+    low, high = np.quantile(draws, [TAIL, 1.0 - TAIL], axis=0)
+    return np.stack([np.minimum(low, value), np.maximum(high, value)], axis=-1).tolist()
 
 
 def may_be_equal(inertia: np.ndarray, axes: np.ndarray) -> tuple[bool, bool]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.dynamics.inertia import is_physical, ratios_of_moments
 from massprops.errors import InputError
 from massprops.mass.integrals import central_inertia, mesh_integrals
 
@@ -46,6 +47,26 @@ class MassProperties:
     principal_axes: np.ndarray
     k1: float
     k2: float
+
+    @classmethod
+    def of(cls, density: float, volume: float, centre: np.ndarray, inertia: np.ndarray) -> MassProperties:
+        """Those of a volume, a centre of mass (3,) and an inertia about it (3, 3)."""
+        moments, axes = principal_frame(inertia)
+        return cls(
+            density, volume, density * volume, centre, inertia, moments, axes, *ratios_of_moments(moments).tolist()
+        )
+
+    def values(self) -> dict[str, Any]:
+        """All but the density, by the keys and in the plain numbers of `massprops.json`."""
+        return {
+            "volume": self.volume,
+            "mass": self.mass,
+            "center_of_mass": self.center_of_mass.tolist(),
+            "inertia": self.inertia.tolist(),
+            "principal_moments": self.principal_moments.tolist(),
+            "principal_axes": self.principal_axes.tolist(),
+            "inertia_ratios": {"k1": self.k1, "k2": self.k2},
+        }
 
 
 def principal_frame(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -87,18 +108,6 @@ def _positive(axis: np.ndarray) -> np.ndarray:
     return axis * np.sign(axis[int(np.argmax(np.round(np.abs(axis), 9)))])
 
 
-def inertia_ratios(moments: np.ndarray) -> np.ndarray:
-    """(..., 2) k1 = ln(I1/I2) and k2 = ln(I2/I3) of moments (..., 3)."""
-    logs = np.log(moments)
-    return np.stack([logs[..., 0] - logs[..., 1], logs[..., 1] - logs[..., 2]], axis=-1)
-
-
-def is_physical(moments: np.ndarray) -> bool:
-    """Whether a distribution of positive mass can have these moments: positive, and the triangle inequality."""
-    low, middle, high = np.sort(np.asarray(moments, float))
-    return bool(low > 0 and low + middle >= high * (1 - 1e-12))
-
-
 def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
     """Mass properties of the ten integrals of `massprops.mass.integrals`.
 
@@ -111,17 +120,14 @@ def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
         raise InputError(
             f"mesh encloses a volume of {row[0]:.3g}, not above 0: turn its faces outward, or close its holes"
         )
-    mass, centre, inertia = central_inertia(row, density)
-    moments, axes = principal_frame(inertia)
-    if not is_physical(moments):
-        said = ", ".join(f"{m:.4g}" for m in moments)
+    _, centre, inertia = central_inertia(row, density)
+    found = MassProperties.of(float(density), float(row[0]), centre, inertia)
+    if not is_physical(found.principal_moments):
+        said = ", ".join(f"{m:.4g}" for m in found.principal_moments)
         raise InputError(
             f"mesh has moments {said}, which no body has: it intersects itself or is inside out; export it as a solid"
         )
-    k1, k2 = inertia_ratios(moments)
-    return MassProperties(
-        float(density), float(row[0]), float(mass), centre, inertia, moments, axes, float(k1), float(k2)
-    )
+    return found
 
 
 def mass_properties(mesh: trimesh.Trimesh, density: float = 1000.0) -> MassProperties:

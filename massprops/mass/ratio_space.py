@@ -21,12 +21,21 @@ FLIPS = np.array([np.diag(s) for s in product((1.0, -1.0), repeat=3) if np.prod(
 """(4, 3, 3) turns that leave a principal frame principal and right-handed."""
 
 
-def log_components(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """(..., 5) of inertias (..., 3, 3) in the frame whose axes are the columns of `axes` (3, 3)."""
+def log_inertia(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) logarithm of inertias (..., 3, 3) in the frame whose axes are the columns of `axes` (3, 3)."""
     moments, own = np.linalg.eigh(inertia)
     moments = np.maximum(moments, 1e-12 * moments[..., -1:])
     turned = np.swapaxes(axes, -1, -2) @ own
-    L = np.einsum("...ik,...k,...jk->...ij", turned, np.log(moments), turned)
+    return np.einsum("...ik,...k,...jk->...ij", turned, np.log(moments), turned)
+
+
+def log_components(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """(..., 5) of inertias (..., 3, 3) in the frame whose axes are the columns of `axes` (3, 3)."""
+    return _five(log_inertia(inertia, axes))
+
+
+def _five(L: np.ndarray) -> np.ndarray:
+    """The numbers (..., 5) of logarithms (..., 3, 3)."""
     return np.stack(
         [L[..., 0, 0] - L[..., 1, 1], L[..., 1, 1] - L[..., 2, 2], L[..., 1, 2], L[..., 0, 2], L[..., 0, 1]], axis=-1
     )
@@ -66,11 +75,7 @@ def turn_jacobian(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(5, 3) derivative of `log_components` by a small turn of the body about body axes [rad]."""
     moments, own = np.linalg.eigh(inertia)
     L = own @ np.diag(np.log(moments)) @ own.T
-    columns = []
-    for cross in skew(np.eye(3)):
-        M = axes.T @ (cross @ L - L @ cross) @ axes
-        columns.append([M[0, 0] - M[1, 1], M[1, 1] - M[2, 2], M[1, 2], M[0, 2], M[0, 1]])
-    return np.array(columns).T
+    return _five(np.array([axes.T @ (cross @ L - L @ cross) @ axes for cross in skew(np.eye(3))])).T
 
 
 def turn_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:

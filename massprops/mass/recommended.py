@@ -70,6 +70,17 @@ def as_recommended(document: dict[str, Any]) -> dict[str, Any]:
     return {**document, **values, "inertia_ratios": {"k1": block["k1"], "k2": block["k2"]}}
 
 
+def quantities(document: dict[str, Any]) -> dict[str, tuple[float, Any]]:
+    """Value and 90 % interval (None without) of each scalar of a document, by its name for people; I1 to I3 ascend."""
+    bounds = document.get("interval_90") or {}
+    found = {name: (document[name], bounds.get(name)) for name in ("volume", "mass")}
+    for key, name in (("center_of_mass", "centre of mass {}"), ("principal_moments", "I{}")):
+        ends = bounds.get(key) or [None] * 3
+        each = "xyz" if key == "center_of_mass" else "123"
+        found |= {name.format(each[i]): (value, ends[i]) for i, value in enumerate(document[key])}
+    return found | {k: (document["inertia_ratios"][k], bounds.get(k)) for k in ("k1", "k2")}
+
+
 def relative_width(values: dict[str, Any]) -> float | None:
     """Mean half width of the 90 % intervals of the principal moments, over the moments; None without intervals."""
     bounds = (values.get("interval_90") or {}).get("principal_moments")

@@ -17,6 +17,7 @@ import numpy as np
 from massprops.documents.fields import no_key
 from massprops.documents.loading import excerpt
 from massprops.documents.model import FORMAT
+from massprops.dynamics.inertia import is_physical
 from massprops.dynamics.rotation import ActiveEffects
 from massprops.effect_contract import acts
 from massprops.effects import changes_motion, effects, has_pace, of_record
@@ -182,7 +183,7 @@ def load_model(path: str | Path) -> Model:
     inertia = document.inertia
     if inertia is not None:
         moments = np.linalg.eigvalsh(inertia)
-        if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):
+        if not is_physical(moments, 1e-9):
             said = ", ".join(f"{m:.4g}" for m in moments)
             raise InputError(
                 f"{path}: principal moments {said} break the triangle inequality, so no body has them: correct inertia"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from massprops.dynamics import rotation, translation
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, rotation_vector
 from massprops.dynamics.sensitivities import sensitivities
+from massprops.dynamics.translation import in_rows, ways
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
 from massprops.model.state import BatchState, inertia_directions
@@ -40,28 +39,19 @@ class Residuals:
     attitude: np.ndarray
 
     @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Each kind as (k, dimension)."""
+        return self.tracks, self.range[:, None], self.rates, self.attitude
+
+    @property
     def norms(self) -> np.ndarray:
         """Length of each residual over the root of its dimension: what robust weights go by."""
-        return np.concatenate(
-            [
-                np.sqrt(np.mean(self.tracks**2, axis=1)),
-                np.abs(self.range),
-                np.sqrt(np.mean(self.rates**2, axis=1)),
-                np.sqrt(np.mean(self.attitude**2, axis=1)),
-            ]
-        )
+        return np.concatenate([np.sqrt(np.mean(part**2, axis=1)) for part in self.parts])
 
     @property
     def squares(self) -> np.ndarray:
         """Sum of squares of each residual, in the order of `norms`."""
-        return np.concatenate(
-            [
-                np.sum(self.tracks**2, axis=1),
-                self.range**2,
-                np.sum(self.rates**2, axis=1),
-                np.sum(self.attitude**2, axis=1),
-            ]
-        )
+        return np.concatenate([np.sum(part**2, axis=1) for part in self.parts])
 
 
 def predict(problem: Problem, state: BatchState, environment: EnvironmentModel) -> Predicted:
@@ -81,7 +71,7 @@ def body_points(at: Predicted, m: Measurements) -> np.ndarray:
     p = model.flat(True)
     for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
-            points = points + _columns(effect.shift(at.motion.times, p[place]), len(at.motion.times))[m.seen.epoch]
+            points = points + in_rows(effect.shift(at.motion.times, p[place]), len(at.motion.times))[m.seen.epoch]
     return np.asarray(points)
 
 
@@ -133,7 +123,7 @@ class Linear:
 
 def linearise(problem: Problem, m: Measurements, at: Predicted, environment: EnvironmentModel) -> Linear:
     """Residuals and derivatives at a predicted state."""
-    by = _Slopes(problem, at, environment)
+    by = Slopes(problem, at, environment)
     blocks, values = [], []
     point, tracks = np.zeros((0, 2, 3)), np.zeros((0, 2))
     if len(m.uv):
@@ -163,7 +153,7 @@ def linearise(problem: Problem, m: Measurements, at: Predicted, environment: Env
     )
 
 
-class _Slopes:
+class Slopes:
     """Derivatives of rotation and rate (n, 3, columns) by the parameters, and the place of these columns, and of those
     of the path, among all parameters."""
 
@@ -189,7 +179,7 @@ class _Slopes:
 
 
 def _of_tracks(
-    problem: Problem, m: Measurements, at: Predicted, by: _Slopes
+    problem: Problem, m: Measurements, at: Predicted, by: Slopes
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals (o, 2) of the pixels, and their derivatives by the shared parameters and by their point, over 1-sigma."""
     model = at.state.model
@@ -205,14 +195,14 @@ def _of_tracks(
         J[:, :, by.path_columns] += slopes.velocity @ at.dv[e]
     for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
-            for k, way in enumerate(_ways(effect.shift, problem.times, pm[place])):
+            for k, way in enumerate(ways(effect.shift, problem.times, pm[place])):
                 J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
     J[:, :, by.sensed_from :] = slopes.effect
     J /= m.sigma[:, None, None]
     return (m.uv - slopes.uv) / m.sigma[:, None], J, slopes.point / m.sigma[:, None, None]
 
 
-def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) -> np.ndarray:
+def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: Slopes) -> np.ndarray:
     """(k, p) [m]."""
     sensed, ps = at.state.model.sensed, at.state.model.flat(False)
     J = np.zeros((len(m.range_at), by.size))
@@ -228,7 +218,7 @@ def _of_ranges(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) ->
     return J
 
 
-def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: _Slopes) -> np.ndarray:
+def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: Slopes) -> np.ndarray:
     """(k, 3, p) over 1-sigma."""
     sensed, ps = at.state.model.sensed, at.state.model.flat(False)
     J = np.zeros((len(m.attitude_at), 3, by.size))
@@ -236,18 +226,6 @@ def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: _Slopes)
     for effect, place in sensed.hooks("turn"):
         # the camera's own turn is small: a change of it turns the body the other way in cam0's axes
         whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
-        for k, way in enumerate(_ways(effect.turn, problem.times, ps[place])):
+        for k, way in enumerate(ways(effect.turn, problem.times, ps[place])):
             J[:, :, by.sensed_from + place.start + k] = -np.einsum("nji,nj->ni", whole, way)[m.attitude_at]
     return np.asarray(J / problem.sigma_attitude[m.attitude_at, None, None])
-
-
-def _ways(function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
-    """Derivatives (n, 3) of an effect's `function(times, values)` by each of its values, by the complex step."""
-    own = [float(x) for x in values]
-    for k in range(len(own)):
-        moved = [x + (1e-30j if i == k else 0) for i, x in enumerate(own)]
-        yield np.imag(_columns(function(times, moved), len(times))) / 1e-30
-
-
-def _columns(parts: tuple[Any, ...], n: int) -> np.ndarray:
-    return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)

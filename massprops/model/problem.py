@@ -12,7 +12,7 @@ from massprops.core.robust import mad_sigma
 from massprops.errors import InputError
 from massprops.memory import refuse_beyond
 from massprops.sensing.pinhole import Pinhole, pinhole_of
-from massprops.sequence.data import Body, Camera, Environment, RateSeries, Sequence
+from massprops.sequence.data import Body, Camera, Environment, RangeSeries, RateSeries, Sequence
 
 DEFAULT_SIGMA_PX = 0.5
 FEWEST_EPOCHS = 4
@@ -146,8 +146,12 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
                 raise InputError(f"{_name(sequence)}: {apart}")
             warnings.append(apart)
     sigma_px = np.array([_sigma_px(sequence.cameras[k], k, warnings) for k in numbers])
-    ranges, sigma_range = _ranges(sequence, stamp, warnings)
-    rates, sigma_rate = _rates(sequence, stamp, warnings)
+    span = sequence.range or RangeSeries(np.zeros(0, int), np.zeros(0))
+    said = "range0 states no sigma_m: {:.3g} m estimated from the data"
+    ranges, sigma_range = _on_epochs(stamp, span.timestamp_ns, span.range_m, span.sigma_m, said, warnings)
+    turning = sequence.rates or RateSeries(np.zeros(0, int), np.zeros((0, 3)))
+    said = "imu0 states no noise: {:.3g} rad/s estimated from the data"
+    rates, sigma_rate = _on_epochs(stamp, turning.timestamp_ns, turning.w, turning.sigma, said, warnings)
     attitude, sigma_attitude = np.full((n, 4), np.nan), np.full(n, np.nan)
     if sequence.attitude is not None and len(sequence.attitude.q):
         at = np.searchsorted(stamp, sequence.attitude.timestamp_ns)
@@ -233,24 +237,19 @@ def _cameras(sequence: Sequence) -> tuple[list[int], tuple[Pinhole, ...]]:
     return numbers, cameras
 
 
-def _ranges(sequence: Sequence, stamp: np.ndarray, warnings: list[str]) -> tuple[np.ndarray, float]:
-    values, sigma, given = np.full(len(stamp), np.nan), np.nan, sequence.range
-    if given is not None and len(given.range_m):
-        values[np.searchsorted(stamp, given.timestamp_ns)] = given.range_m
-        sigma = given.sigma_m or _spread(given.range_m[:, None])
-        if given.sigma_m is None:
-            warnings.append(f"range0 states no sigma_m: {sigma:.3g} m estimated from the data")
-    return values, sigma
-
-
-def _rates(sequence: Sequence, stamp: np.ndarray, warnings: list[str]) -> tuple[np.ndarray, float]:
-    values, sigma, given = np.full((len(stamp), 3), np.nan), np.nan, sequence.rates
-    if given is not None and len(given.w):
-        values[np.searchsorted(stamp, given.timestamp_ns)] = given.w
-        sigma = given.sigma or _spread(given.w)
-        if given.sigma is None:
-            warnings.append(f"imu0 states no noise: {sigma:.3g} rad/s estimated from the data")
-    return values, sigma
+def _on_epochs(
+    stamp: np.ndarray, at: np.ndarray, values: np.ndarray, stated: float | None, said: str, warnings: list[str]
+) -> tuple[np.ndarray, float]:
+    """Values (k, ...) of the times `at` at all epochs, NaN where there is none, and their 1-sigma, told from the data with a
+    warning where none is stated."""
+    out = np.full((len(stamp), *values.shape[1:]), np.nan)
+    if not len(values):
+        return out, np.nan
+    out[np.searchsorted(stamp, at)] = values
+    sigma = stated or _spread(values.reshape(len(values), -1))
+    if stated is None:
+        warnings.append(said.format(sigma))
+    return out, sigma
 
 
 def _tracks(

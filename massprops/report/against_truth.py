@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from massprops.dynamics.quaternion import (
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import turn_between
 from massprops.model.problem import Problem
-from massprops.sequence.truth import Truth, read_truth
+from massprops.sequence.truth import Truth
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,6 @@ class Errors:
             "k2_error": None if self.k is None else float(self.k[1]),
             "axes_error_deg": None if self.axes is None else float(np.degrees(self.axes)),
         }
-
-
-def truth_of(source: str | Path | None) -> Truth | None:
-    """The truth beside a sequence, if that is what `source` is."""
-    return None if source is None else read_truth(source)
 
 
 def true_ratios(truth: Truth) -> np.ndarray | None:

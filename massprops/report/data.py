@@ -133,15 +133,9 @@ def read_run(folder: Path) -> RunData:
         whole = "/".join(parts[:2])
         return {} if whole in changed else read_json(folder / "/".join(parts))
 
-    facts = {
-        "footage": known("work", "capture", "footage.json"),
-        "sfm": known("work", "sfm", "sfm.json"),
-        "shape": known("work", "shape", "shape.json"),
-        "silhouettes": known("work", "silhouettes", "silhouettes.json"),
-        "dense": known("work", "dense", "dense.json"),
-        "surface": known("work", "surface", "surface.json"),
-        "scale": known("work", "scale", "scale.json"),
-    }
+    stages = ("sfm", "shape", "silhouettes", "dense", "surface", "scale")
+    facts = {stage: known("work", stage, f"{stage}.json") for stage in stages}
+    facts["footage"] = known("work", "capture", "footage.json")
     factor = _factor(facts["scale"])
     try:
         views = None if "work/sfm" in changed else Views.load(folder / "work" / "sfm" / "views.npz")

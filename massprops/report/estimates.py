@@ -14,13 +14,13 @@ from massprops.errors import InputError
 from massprops.estimators.documents import document, history_csv
 from massprops.estimators.outcome import Outcome
 from massprops.estimators.result import Estimate
-from massprops.report.against_truth import Errors, errors, true_ratios, truth_of
+from massprops.report.against_truth import Errors, errors, true_ratios
 from massprops.report.curves import component_style, method_style
 from massprops.report.data import read_json
 from massprops.report.html import number, table, text
 from massprops.report.page import of_sections
 from massprops.report.plot import plot
-from massprops.sequence.truth import Truth
+from massprops.sequence.truth import Truth, read_truth
 
 MOST_POINTS = 400
 """Points of a curve: more than a screen shows would only make the page heavy."""
@@ -60,7 +60,7 @@ def write_estimates(
     source = source if isinstance(source, str | Path) else None
     inputs = more if source is None else (Path(source), *more)
     check_place(folder, inputs, force)
-    truth = None if source is None else truth_of(source)
+    truth = None if source is None else read_truth(source)
     found = {e.name: errors(e, outcome.problem, truth) for e in outcome.estimates} if truth is not None else {}
     content = plain(document(outcome, "" if source is None else str(source)))
     content["against_truth"] = None if truth is None else {n: v.summary() for n, v in found.items() if v is not None}

@@ -11,10 +11,11 @@ from massprops.core.outputs import deliver
 from massprops.core.processes import silenced_stderr
 from massprops.errors import InputError
 from massprops.mass.document import read_document
-from massprops.mass.recommended import as_recommended
+from massprops.mass.recommended import as_recommended, quantities
 from massprops.report.data import read_json
 from massprops.report.html import Safe, data_uri, number, table, text
 from massprops.report.page import of_sections
+from massprops.report.thumbnail import thumbnail
 
 OWNER, NAME = "view", "runs.html"
 QUANTITIES = ("volume", "mass", "I1", "I2", "I3", "k1", "k2")
@@ -67,7 +68,7 @@ class _Run:
         self.path = path
         self.document = _document(path / "massprops.json")
         self.crosscheck, self.verdict = read_json(path / "crosscheck.json"), read_json(path / "report.json")
-        self.best: dict[str, Any] = as_recommended(self.document) if self.document else {}
+        self.values = quantities(as_recommended(self.document)) if self.document else {}
         self.metric = (self.document.get("units") or {}).get("length") == "m"
         try:
             self.link = quote(path.resolve().relative_to(folder.resolve()).as_posix()) + "/report.html"
@@ -75,16 +76,10 @@ class _Run:
             self.link = (path.resolve() / "report.html").as_uri()
 
     def value(self, quantity: str) -> float | None:
-        moments = self.best.get("principal_moments") or [None] * 3
-        known = {**(self.best.get("inertia_ratios") or {}), **{f"I{i + 1}": m for i, m in enumerate(moments)}}
-        return known.get(quantity, self.best.get(quantity))
+        return self.values[quantity][0] if self.values else None
 
-    def bounds(self, quantity: str) -> list[float] | None:
-        interval: dict[str, Any] = self.best.get("interval_90") or {}
-        found: list[float] | None = interval.get(quantity)
-        if quantity.startswith("I"):
-            found = (interval.get("principal_moments") or [None] * 3)[int(quantity[1]) - 1]
-        return found
+    def bounds(self, quantity: str) -> Any:
+        return self.values[quantity][1] if self.values else None
 
     def with_interval(self, quantity: str) -> str:
         value, bounds = self.value(quantity), self.bounds(quantity)
@@ -125,10 +120,8 @@ class _Run:
             image = cv2.imread(str(frames[len(frames) // 2])) if frames else None
         if image is None:
             return Safe("")
-        small = cv2.resize(
-            image, (120, max(1, round(120 * image.shape[0] / image.shape[1]))), interpolation=cv2.INTER_AREA
-        )
-        return Safe(f'<img alt="a frame of {text(self.path.name)}" width="120" class="thumb" src="{data_uri(small)}">')
+        small = data_uri(thumbnail(image, None, 120))
+        return Safe(f'<img alt="a frame of {text(self.path.name)}" width="120" class="thumb" src="{small}">')
 
     @property
     def name(self) -> Safe:

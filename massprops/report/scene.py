@@ -11,6 +11,7 @@ import numpy as np
 from massprops.documents.arrays import open_arrays
 from massprops.report.data import RunData
 from massprops.report.html import data_uri
+from massprops.report.thumbnail import thumbnail
 from massprops.sfm.footage import frame_file
 
 MOST_POINTS, MOST_FRAMES, FILM_WIDTH = 12_000, 60, 220
@@ -111,10 +112,9 @@ def film_of(data: RunData) -> tuple[Frame, ...]:
         image = cv2.imread(str(frame_file(data.folder / "work", data.views.names[i])))
         if image is None:
             continue
-        size = (FILM_WIDTH, max(1, round(FILM_WIDTH * image.shape[0] / image.shape[1])))
         stamp = int(data.views.timestamp_ns[i])
         label = f"{stamp / 1e9:.2f} s" if stamp >= 0 else f"image {len(found) + 1}"
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        small = thumbnail(image, None, FILM_WIDTH)
         found.append(Frame(data_uri(small, quality=60), label, data.views.R[i]))
     return tuple(found) if len(found) > 1 else ()
 

@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
+from massprops.dynamics.translation import in_rows
 from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
@@ -42,6 +43,11 @@ class Motion:
     v: np.ndarray
     turn: np.ndarray
 
+    @property
+    def attitude(self) -> np.ndarray:
+        """(n, 3, 3) body axes to cam0's."""
+        return self.turn @ self.R
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -57,8 +63,7 @@ def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:
     """(n, 3, 3) inertial axes to cam0's, with what the chaser turns besides."""
     C = motion.turn
     for effect, place in sensed.hooks("turn"):
-        parts = effect.turn(motion.times, p[place])
-        x = np.stack([np.broadcast_to(v, motion.times.shape) for v in parts], axis=-1)
+        x = in_rows(effect.turn(motion.times, p[place]), len(motion.times))
         C = np.swapaxes(rotation_matrix(from_rotation_vector(x)), -1, -2) @ C
     return C
 

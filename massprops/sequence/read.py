@@ -292,26 +292,13 @@ def _environment(path: Path) -> Environment:
         return Environment()
     document = read(EnvironmentFile, load_yaml(path), str(path))
     direction = _unit(document.sun_direction, f"{path}: sun_direction has no length")
-    orbit = document.orbit
-    rotation = np.eye(3)
-    if orbit is not None and orbit.R_inertial_perifocal is not None:
-        rotation = orbit.R_inertial_perifocal
+    orbit = None
+    if document.orbit is not None:
+        rotation = np.eye(3) if document.orbit.R_inertial_perifocal is None else document.orbit.R_inertial_perifocal
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
             raise InputError(f"{path}: R_inertial_perifocal is not a rotation")
-    return Environment(
-        chaser_attitude=document.chaser_attitude,
-        orbit=None
-        if orbit is None
-        else Orbit(
-            orbit.mu_m3_s2,
-            orbit.semi_major_axis_m,
-            orbit.eccentricity,
-            orbit.true_anomaly_rad,
-            R_inertial_perifocal=rotation,
-        ),
-        sun_direction=direction,
-        magnetic_field_T=document.magnetic_field_T,
-    )
+        orbit = Orbit(**{**vars(document.orbit), "R_inertial_perifocal": rotation})
+    return Environment(document.chaser_attitude, orbit, direction, document.magnetic_field_T)
 
 
 def _count(warnings: list[str], path: Path, count: int, what: str) -> None:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import os
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from massprops.core.files import plain, write_whole
 from massprops.documents.body import BodyFile
 from massprops.documents.environment import EnvironmentFile
 from massprops.documents.fields import as_written
 from massprops.documents.sensor import CameraFile, GyroscopeFile, RangeFile, RotorFile
 from massprops.documents.tables import ATTITUDE, GYROSCOPE, IMAGES, RANGE, ROTOR, STATE, TRACKS
-from massprops.sequence.data import Body, Camera, Environment, Sequence
+from massprops.sequence.data import Body, Camera, Sequence
 from massprops.sequence.table import stamped_table, table_text
 
 
@@ -37,13 +38,7 @@ def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any]
     if (tracks := sequence.tracks) is not None:
         rows = [
             f"{t},{c},{f},{u:.9g},{v:.9g}"
-            for t, c, f, (u, v) in zip(
-                tracks.timestamp_ns.tolist(),
-                tracks.camera.tolist(),
-                tracks.feature.tolist(),
-                tracks.uv.tolist(),
-                strict=True,
-            )
+            for t, c, f, (u, v) in zip(*(getattr(tracks, k.name).tolist() for k in fields(tracks)), strict=True)
         ]
         _text(folder / "tracks0/data.csv", table_text(TRACKS.header, rows))
     if (series := sequence.range) is not None:
@@ -55,22 +50,14 @@ def write_sequence(folder: str | Path, sequence: Sequence, truth: dict[str, Any]
             _document(GyroscopeFile, folder / "imu0/sensor.yaml", {"sensor_type": "imu", "sigma_rad_s": rates.sigma})
     if (rotor := sequence.rotor) is not None:
         _numbers(folder / "rotor0/data.csv", ROTOR.header, rotor.timestamp_ns, rotor.rate[:, None])
-        content = {
-            "sensor_type": "rotor",
-            "axis": None if rotor.axis is None else rotor.axis.tolist(),
-            "inertia_kg_m2": rotor.inertia_kg_m2,
-        }
+        content = plain({"sensor_type": "rotor", "axis": rotor.axis, "inertia_kg_m2": rotor.inertia_kg_m2})
         _document(RotorFile, folder / "rotor0/sensor.yaml", {k: v for k, v in content.items() if v is not None})
     if (attitude := sequence.attitude) is not None:
-        _numbers(
-            folder / "attitude0/data.csv",
-            ATTITUDE.header,
-            attitude.timestamp_ns,
-            np.column_stack([attitude.q, attitude.sigma]),
-        )
+        columns = np.column_stack([attitude.q, attitude.sigma])
+        _numbers(folder / "attitude0/data.csv", ATTITUDE.header, attitude.timestamp_ns, columns)
     if sequence.body is not None:
         _document(BodyFile, folder / "body.yaml", body_yaml(sequence.body))
-    _document(EnvironmentFile, folder / "environment.yaml", environment_yaml(sequence.environment))
+    _document(EnvironmentFile, folder / "environment.yaml", plain(asdict(sequence.environment)))
     if truth is not None:
         _truth(folder / "truth", dict(truth))
     return folder
@@ -96,39 +83,8 @@ def camera_yaml(camera: Camera) -> dict[str, Any]:
 
 def body_yaml(body: Body) -> dict[str, Any]:
     """`body.yaml`."""
-    return {
-        "inertia": np.asarray(body.inertia, float).tolist(),
-        "inertia_units": body.inertia_units,
-        "mass_kg": body.mass_kg,
-        "centre_of_mass_m": None
-        if body.centre_of_mass_m is None
-        else np.asarray(body.centre_of_mass_m, float).tolist(),
-        "source": body.source,
-        "inertia_sigma": body.inertia_sigma,
-    }
-
-
-def environment_yaml(environment: Environment) -> dict[str, Any]:
-    """`environment.yaml`."""
-
-    def vector(v: np.ndarray | None) -> list[float] | None:
-        return None if v is None else np.asarray(v, float).tolist()
-
-    orbit = environment.orbit
-    return {
-        "chaser_attitude": environment.chaser_attitude,
-        "orbit": None
-        if orbit is None
-        else {
-            "mu_m3_s2": float(orbit.mu_m3_s2),
-            "semi_major_axis_m": float(orbit.semi_major_axis_m),
-            "eccentricity": float(orbit.eccentricity),
-            "true_anomaly_rad": float(orbit.true_anomaly_rad),
-            "R_inertial_perifocal": np.asarray(orbit.R_inertial_perifocal, float).tolist(),
-        },
-        "sun_direction": vector(environment.sun_direction),
-        "magnetic_field_T": vector(environment.magnetic_field_T),
-    }
+    content: dict[str, Any] = plain(asdict(body))
+    return content
 
 
 def _truth(folder: Path, truth: dict[str, Any]) -> None:
@@ -156,6 +112,4 @@ def _yaml(path: Path, content: dict[str, Any]) -> None:
 
 def _text(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    write_whole(path, text)

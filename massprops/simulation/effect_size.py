@@ -1,22 +1,25 @@
-"""Effects in a simulation of tracks: which were asked for, and how large they are."""
+"""Effects in a simulation: which were asked for, how large they are, and how a body of a rendered scenario then moves."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from massprops.documents.fields import no_key
 from massprops.dynamics.environment import EnvironmentModel
-from massprops.effects import effects
+from massprops.dynamics.rotation import trajectory
+from massprops.dynamics.translation import path
+from massprops.effects import changes_motion, effects
 from massprops.errors import InputError
-from massprops.model import lacks, model_of
+from massprops.model import Model, lacks, load_model, model_of
 from massprops.model.linearise import Predicted, predict
-from massprops.model.measurements import Measurements
+from massprops.model.measurements import Measurements, measurements_of
 from massprops.model.problem import Problem
 from massprops.model.state import BatchState
 from massprops.simulation.track_scenario import TrackScenario
-from massprops.simulation.track_view import pixels
+from massprops.simulation.track_view import blank_problem, pixels
 
 
 def asked_for(
@@ -51,6 +54,23 @@ def asked_for(
         if not 0 < moves[name] <= 1000:
             raise InputError(f"effect {text}: give a number of pixels above 0 and at most 1000")
     return sizes, moves
+
+
+def drawn_effects(
+    s: TrackScenario,
+    problem: Problem,
+    state: BatchState,
+    environment: EnvironmentModel,
+    view: Measurements,
+    clean: Predicted,
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    """Parameters of the effects asked for: as given, or as large as moves the tracks so far from their clean places."""
+    given, moves = asked_for(s, problem, environment)
+    return {
+        name: value if value is not None else sized(name, moves[name], problem, state, environment, view, clean, rng)
+        for name, value in given.items()
+    }
 
 
 def available_needs(problem: Problem, environment: EnvironmentModel, ranged: bool, assumed: bool) -> set[str]:
@@ -120,3 +140,53 @@ def sized(
         middle = 0.5 * (low + high)
         low, high = (middle, high) if rms(middle) < target else (low, middle)
     return at(high)
+
+
+def effects_model(
+    texts: tuple[str, ...],
+    model_file: Any,
+    times: np.ndarray,
+    state: BatchState,
+    focal_px: float,
+    environment: EnvironmentModel,
+    seed: int,
+) -> Model:
+    """The model of `--effects` and `--model` for rendering; sizes in pixels are of points at the body's half length.
+
+    Raises:
+        InputError: an unknown effect, one that needs surroundings, or one of the sensors (those act on tracks only).
+    """
+    if model_file is not None:
+        model = load_model(model_file)
+        _only_motion(model.names)
+        return model
+    scenario = TrackScenario(
+        frames=len(times), features=len(state.points), baseline_m=0.0, focal_px=focal_px, effects=texts, orbit=False,
+        sun=False, field=False, seed=seed,
+    )  # fmt: skip
+    problem = blank_problem(scenario, times)
+    _only_motion([t.partition(":")[0] for t in texts])
+    view = measurements_of(problem, observed=np.ones(problem.uv.shape[:3], bool))
+    base = predict(problem, state, environment)
+    return model_of(
+        {**drawn_effects(scenario, problem, state, environment, view, base, np.random.default_rng([seed, 14]))}
+    )
+
+
+def _only_motion(names: Any) -> None:
+    known = effects()
+    for name in names:
+        if name in known and not changes_motion(known[name]):
+            raise InputError(
+                f"effect {name} acts on the sensors: simulate it on tracks, 'massprops simulate tracks --effects {name}'"
+            )
+
+
+def moved_by(
+    times: np.ndarray, state: BatchState, model: Model, environment: EnvironmentModel
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q (n, 4), w (n, 3) and position (n, 3) of the centre of mass under the model."""
+    active, p = model.active, model.flat(True)
+    moved = trajectory(times, state.q0, state.w0, state.inertia, active, p, environment)
+    r, _, _, _ = path(times, state.r0, state.v0, active, p, environment)
+    return moved.q, moved.w, r

@@ -12,6 +12,7 @@ from massprops.core.files import write_image
 from massprops.core.progress import Progress, silent
 from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError
+from massprops.native import encode
 from massprops.sequence import Camera, Environment, RangeSeries, Sequence, write_sequence
 from massprops.simulation.folder import new_sequence
 from massprops.simulation.scenario import Scenario, load_scenario
@@ -175,7 +176,7 @@ def _under_effects(
     from massprops.dynamics.quaternion import rotation_matrix
     from massprops.model import Model
     from massprops.model.state import BatchState
-    from massprops.simulation.effects import effects_model, moved_by
+    from massprops.simulation.effect_size import effects_model, moved_by
 
     if scenario.motion != "tumbling":
         raise InputError("effects act on a tumbling body: choose a scenario with motion: tumbling")
@@ -228,8 +229,7 @@ def _ranges(scenario: Scenario, path: Any, rng: np.random.Generator) -> RangeSer
 
 
 def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float) -> dict[str, Any]:
-    motion = ratios(path.inertia)[0]
-    sun = path.sun[0]
+    motion, own = ratios(path.inertia)[0], body.values()
     return {
         "timestamp_ns": path.timestamp_ns,
         "position": path.position,
@@ -237,42 +237,25 @@ def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float)
         "w": path.w,
         "mesh": "mesh.ply",
         "density": body.density,
-        "volume": body.volume,
-        "mass": body.mass,
+        **{key: own[key] for key in ("volume", "mass")},
         "centre_of_mass_m": [0.0, 0.0, 0.0],
-        "inertia": body.inertia.tolist(),
-        "principal_moments": body.principal_moments.tolist(),
-        "principal_axes": body.principal_axes.tolist(),
-        "k1": body.k1,
-        "k2": body.k2,
+        **{key: own[key] for key in ("inertia", "principal_moments", "principal_axes")},
+        **own["inertia_ratios"],
         "motion_centre_of_mass_m": path.centre.tolist(),
         "motion_inertia": path.inertia.tolist(),
         "motion_k1": float(motion[0]),
         "motion_k2": float(motion[1]),
         "greatest_length_m": length,
         "seen_lit_share": seen,
-        "sun_body_first_frame": sun.tolist(),
+        "sun_body_first_frame": path.sun[0].tolist(),
         "seed": scenario.seed,
         "motion": scenario.motion,
     }
 
 
 def write_video(path: Path, images: list[Path], rate_hz: float, crf: int = 15) -> None:
-    """H.264 of grey images through PyAV."""
-    from fractions import Fraction
-
-    import av
+    """H.264 of grey images."""
     import cv2
 
-    with av.open(str(path), "w") as container:
-        rate = Fraction(rate_hz).limit_denominator(1000)
-        first: np.ndarray = cv2.imdecode(np.fromfile(images[0], np.uint8), cv2.IMREAD_GRAYSCALE)
-        stream = container.add_stream("libx264", rate=rate)
-        stream.width, stream.height, stream.pix_fmt = first.shape[1], first.shape[0], "yuv420p"
-        stream.options = {"crf": str(crf), "preset": "slow"}
-        for file in images:
-            grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-            for packet in stream.encode(av.VideoFrame.from_ndarray(grey, format="gray")):
-                container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)
+    grey = (np.asarray(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)) for file in images)
+    encode(path, grey, rate_hz, "libx264", "yuv420p", {"crf": str(crf), "preset": "slow"})

@@ -39,7 +39,7 @@ from massprops.sequence.data import (
     Sequence,
     Tracks,
 )
-from massprops.simulation.effect_size import asked_for, sized
+from massprops.simulation.effect_size import drawn_effects
 from massprops.simulation.track_scenario import RANGES, TrackScenario
 from massprops.simulation.track_view import blank_problem, cameras_of, pixels, visible
 
@@ -85,12 +85,7 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
     problem = blank_problem(s, times, cameras, given_environment)
     clean = predict(problem, state, environment)
     seen = visible(s, problem, clean)
-    sizes, asked = asked_for(s, problem, environment)
-    drawn: dict[str, np.ndarray] = {}
-    for name, value in sizes.items():
-        drawn[name] = (
-            value if value is not None else sized(name, asked[name], problem, state, environment, seen, clean, rng)
-        )
+    drawn = drawn_effects(s, problem, state, environment, seen, clean, rng)
     given = None if s.model is None else load_model(s.model)
     if given is not None:
         drawn.update({name: given.value(name) for name in given.names})

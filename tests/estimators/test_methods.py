@@ -11,8 +11,7 @@ import pytest
 from tumbling import Scene, scene
 
 from massprops.estimators.estimate import run_methods
-from massprops.estimators.method_contract import faults
-from massprops.estimators.methods import methods, own
+from massprops.estimators.methods import faults, methods, own
 from massprops.estimators.needs import unmet
 from massprops.estimators.result import Estimate
 from massprops.model.problem import Problem

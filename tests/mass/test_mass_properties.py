@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from massprops.dynamics.inertia import is_physical
 from massprops.errors import InputError
 from massprops.mass.integrals import greatest_length, mesh_integrals, offset_response, scale_integrals
-from massprops.mass.properties import is_physical, mass_properties, principal_frame
+from massprops.mass.properties import mass_properties, principal_frame
 from massprops.mass.repair import repair
 
 

@@ -10,7 +10,7 @@ A file has
 where a run may leave files, or None;
 `tables(plan, points)`: tables of its own, [] for none; `boxes(plan)`: columns to draw, None for all;
 `TITLES`, if it likes: columns in words, for the report.
-What is the same whatever is asked is written with `always`.
+What is the same whatever is asked is written with `always`; there are `as_given` and `checked_by`, too.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from massprops.errors import InputError
 
 
 def kinds() -> list[str]:
@@ -35,3 +37,22 @@ def load_kind(name: str) -> ModuleType:
 def always(value: Any) -> Callable[..., Any]:
     """A function of anything that gives `value`."""
     return lambda *_: value
+
+
+def as_given(
+    fixed: dict[str, Any], grid: dict[str, Any], folder: Path, where: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """`prepared` of a kind that fills in nothing."""
+    return fixed, grid
+
+
+def checked_by(made: Callable[[dict[str, Any]], Any]) -> Callable[[dict[str, Any], str], None]:
+    """`check` of a kind that refuses what cannot be made of the values."""
+
+    def check(values: dict[str, Any], where: str) -> None:
+        try:
+            made(values)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+
+    return check

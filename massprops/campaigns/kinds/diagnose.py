@@ -10,32 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from massprops.campaigns.kinds import always, estimate
-from massprops.errors import InputError, NotPossible
+from massprops.campaigns.kinds import always, as_given, checked_by, estimate
+from massprops.errors import NotPossible
 
 SENTENCE = "Simulated tracks with any effects, and whether the diagnosis names them."
 OWN_THREADS = False
 OUTCOMES = ("right", "among", "wrong", "missed", "false_alarm", "unexplained")
 
 
-def prepared(
-    fixed: dict[str, Any], grid: dict[str, Any], folder: Path, where: str
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """As given."""
-    return fixed, grid
+prepared = as_given
+check = checked_by(lambda values: estimate.scenario_of(values, 0))
 
 
 def parameters(fixed: dict[str, Any], grid: dict[str, Any]) -> list[str]:
     """Names that may be set."""
     return [name for name in estimate.parameters(fixed, grid) if name != "estimator"]
-
-
-def check(values: dict[str, Any], where: str) -> None:
-    """Refuses unknown effects and values out of range."""
-    try:
-        estimate.scenario_of(values, 0)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 default_runs = always(10)

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.campaigns.kinds import always
-from massprops.campaigns.nearest import unknown
+from massprops.campaigns.kinds import always, checked_by
 from massprops.core.linalg import normalised_square
-from massprops.documents.fields import read
+from massprops.documents.fields import read, unknown
 from massprops.documents.loading import excerpt
 from massprops.dynamics.quaternion import nearest_rotation
 from massprops.errors import InputError, NotPossible
@@ -57,10 +56,7 @@ def check(values: dict[str, Any], where: str) -> None:
 
     if not isinstance(values["estimator"], str) or values["estimator"] not in methods():
         raise unknown("estimator", values["estimator"], methods(), where)
-    try:
-        scenario_of(values, 0)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+    checked_by(lambda values: scenario_of(values, 0))(values, where)
 
 
 def scenario_of(values: dict[str, Any], seed: int) -> TrackScenario:

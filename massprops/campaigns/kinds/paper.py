@@ -6,8 +6,9 @@ import copy
 from pathlib import Path
 from typing import Any
 
-from massprops.campaigns.nearest import unknown
+from massprops.campaigns.kinds import checked_by
 from massprops.campaigns.papers import checked_case, load_paper, papers
+from massprops.documents.fields import unknown
 from massprops.documents.loading import excerpt
 from massprops.errors import InputError
 
@@ -88,12 +89,7 @@ def _kind_name(value: Any) -> str:
     return "names with values"
 
 
-def check(values: dict[str, Any], where: str) -> None:
-    """Refuses changes that the case does not know."""
-    try:
-        set_up(values)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+check = checked_by(set_up)
 
 
 def default_runs(values: dict[str, Any]) -> int:

@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from massprops.campaigns.nearest import unknown
+from massprops.documents.fields import unknown
 from massprops.packaged import Wanted, faults_by, is_text, packaged, takes
 
 SPEED = "speed"

@@ -7,12 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from massprops.campaigns.papers._pesce2017_columns import COLUMNS
 from massprops.campaigns.papers._pesce2017_curvature import bends, constraint_curvature, image_curvature
 from massprops.campaigns.papers._pesce2017_differentiator import rates_from_flow, slope
 from massprops.campaigns.papers._pesce2017_inertia import from_ratios, principal_prior, ratios_jacobian, ratios_of
 from massprops.campaigns.papers._pesce2017_observation import euler_constraint, for_layout, images
-from massprops.campaigns.papers._pesce2017_state import Layout, State, covariance_of, cross, difference, state_of
+from massprops.campaigns.papers._pesce2017_state import (
+    COLUMNS,
+    Layout,
+    State,
+    covariance_of,
+    cross,
+    difference,
+    state_of,
+)
 from massprops.campaigns.papers._pesce2017_together import update_again, update_together
 from massprops.campaigns.papers._pesce2017_transition import (
     ProcessNoise,

@@ -12,8 +12,7 @@ the four components as in the paper (additive).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,59 +28,31 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.geometry.vectors import skew
 
+COLUMNS = ("rho_m", "rho_dot_m_s", "omega_deg_s", "theta_deg", "k1", "k2")
+"""Errors that a run reports of itself: of place and velocity, angular velocity and attitude, and of the ratios."""
 
-@dataclass(frozen=True)
+
 class Layout:
     """Where each part of an error vector is.
 
     Attributes:
         features: m; additive: the attitude's four components are added.
+        w, u, r, theta, k, x: of W, U, r, the attitude, the inertia's parameters and X; points: of each feature.
+        size: of the whole; free: the same with the attitude's error as a turn.
     """
 
-    features: int
-    additive: bool = False
-
-    @cached_property
-    def w(self) -> slice:
-        return slice(0, 3)
-
-    @cached_property
-    def u(self) -> slice:
-        return slice(3, 6)
-
-    @cached_property
-    def r(self) -> slice:
-        return slice(6, 9)
-
-    @cached_property
-    def theta(self) -> slice:
-        return slice(9, 13 if self.additive else 12)
-
-    @cached_property
-    def k(self) -> slice:
-        return slice(self.theta.stop, self.theta.stop + PARAMETERS)
-
-    @cached_property
-    def x(self) -> slice:
-        return slice(self.k.stop, self.size)
-
-    @cached_property
-    def points(self) -> list[slice]:
-        """Of each feature."""
-        return [slice(self.k.stop + 3 * i, self.k.stop + 3 * i + 3) for i in range(self.features)]
-
-    @cached_property
-    def size(self) -> int:
-        return int(self.k.stop + 3 * self.features)
-
-    @cached_property
-    def free(self) -> Layout:
-        """The same with the attitude's error as a turn."""
-        return Layout(self.features)
+    def __init__(self, features: int, additive: bool = False) -> None:
+        self.features, self.additive = features, additive
+        self.w, self.u, self.r = slice(0, 3), slice(3, 6), slice(6, 9)
+        self.theta = slice(9, 13 if additive else 12)
+        self.k = slice(self.theta.stop, self.theta.stop + PARAMETERS)
+        self.size: int = self.k.stop + 3 * features
+        self.x = slice(self.k.stop, self.size)
+        self.points = [slice(i, i + 3) for i in range(self.k.stop, self.size, 3)]
+        self.free = Layout(features) if additive else self
 
 
-@dataclass(frozen=True)
-class State:
+class State(NamedTuple):
     """B runs: W (B, 3) [rad/s], U (B, 3) [m/s], r (B, 3) [m], q (B, 4) body to inertial, k (B, 2), X (B, m, 3) [m]."""
 
     W: np.ndarray
@@ -103,15 +74,14 @@ class State:
 
     def take(self, which: np.ndarray) -> State:
         """The runs `which` (mask or numbers)."""
-        return State(*(part[which] for part in (self.W, self.U, self.r, self.q, self.k, self.X)))
+        return State(*(part[which] for part in self))
 
     def put(self, which: np.ndarray, other: State) -> State:
         """A copy in which the runs `which` are those of `other`."""
-        parts = {}
-        for name in ("W", "U", "r", "q", "k", "X"):
-            parts[name] = getattr(self, name).copy()
-            parts[name][which] = getattr(other, name)
-        return State(**parts)
+        parts = State(*(part.copy() for part in self))
+        for part, new in zip(parts, other, strict=True):
+            part[which] = new
+        return parts
 
 
 def state_of(
@@ -203,23 +173,20 @@ def covariance_of(
         k: (..., 2, 2) of the inertia parameters.
         features: (..., m, 3, 3), each from the centre of mass in body axes [m^2].
     """
-    B, m = state.X.shape[:2]
     free = layout.free
-    noise = np.zeros((B, free.size, free.size))
+    noise = np.zeros((len(state.W), free.size, free.size))
     for part, block in ((free.w, rate), (free.u, velocity), (free.r, position), (free.theta, attitude), (free.k, k)):
         noise[:, part, part] = block
-    for i in range(m):
-        own = slice(free.x.start + 3 * i, free.x.start + 3 * i + 3)
+    for i, own in enumerate(free.points):
         noise[:, own, own] = features[..., i, :, :]
     # columns: everyday errors (W, v, r, theta, k, p); rows: this file's
-    J = np.zeros((B, free.size, free.size))
-    J[:, np.arange(free.size), np.arange(free.size)] = 1.0
+    J = np.zeros_like(noise)
+    J[:] = np.eye(free.size)
     J[:, free.u, free.w] = skew(state.r)
     J[:, free.u, free.r] = -skew(state.W)
     R = rotation_matrix(state.q)
     points = state.body_features
-    for i in range(m):
-        own = slice(free.x.start + 3 * i, free.x.start + 3 * i + 3)
+    for i, own in enumerate(free.points):
         J[:, own, free.r] = np.eye(3)
         J[:, own, free.theta] = -R @ skew(points[:, i])
         J[:, own, own] = R

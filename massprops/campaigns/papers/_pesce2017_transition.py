@@ -85,7 +85,7 @@ def transition(
     lever = np.einsum("bij,bmj->bmi", turn, state.X - state.r[:, None])
     ahead = State(W1, v1 - cross(W1, r1), r1, q1, state.k, r1[:, None] + lever)
 
-    B, n, m = len(W1), free.size, free.features
+    B, n = len(W1), free.size
     F = np.zeros((B, n, n))
     rows_w, rows_theta = core[:, :3], core[:, 3:]
     F[:, free.w], F[:, free.theta] = rows_w, rows_theta
@@ -107,10 +107,9 @@ def transition(
     swing = R1 @ gained
     fixed = dr1
     fixed[:, :, free.r] -= turn
-    own = -skew(lever) @ swing[:, None] + fixed[:, None]
-    each = np.arange(m)[:, None]
-    own[:, each, :, free.x.start + 3 * each + np.arange(3)] += np.moveaxis(turn, -1, 0)[None, :]
-    F[:, free.x] = own.reshape(B, 3 * m, n)
+    F[:, free.x] = (-skew(lever) @ swing[:, None] + fixed[:, None]).reshape(B, -1, n)
+    for own in free.points:
+        F[:, own, own] += turn
     return (ahead, _additive(layout, F, state.q, q1)) if layout.additive else (ahead, F)
 
 

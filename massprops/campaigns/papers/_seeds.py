@@ -1,4 +1,4 @@
-"""What the runs of a paper share: a row for each seed, a stereo pair, percentiles for people."""
+"""What the runs of a paper share: a row for each seed, a stereo pair, columns, percentiles for people."""
 
 from __future__ import annotations
 
@@ -36,6 +36,16 @@ def stereo_pair(focal: float, baseline: float, R: np.ndarray | None = None) -> t
 def on_circular_orbit(radius: float) -> Environment:
     """A chaser on a circular orbit about the Earth of this radius [m], its cameras' axes inertial."""
     return Environment("inertial", Orbit(MU, radius, 0.0, 0.0))
+
+
+def column(rows: Sequence[Row], name: str) -> np.ndarray:
+    """(n,) a column of rows, NaN where a row lacks it."""
+    return np.array([row.get(name, np.nan) for row in rows], float)
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square of numbers of any shape."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def percentiles(values: Any, which: Sequence[float] = (50, 90, 100)) -> list[str]:

@@ -233,18 +233,11 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         key = name if name == "inertia" else f"{name}_max"
         again = {"attitude": "paper_attitude_max", "rate": "paper_rate_max", "inertia": "paper_inertia_plain"}.get(name)
         shown.append([words, f"< {PRINTED[name]}", *_percentiles(good, key), *_percentiles(good, again, (50, 100))])
-    shown.append(
-        [
-            "inertia, errors in variables on the paper's chain [%]",
-            "",
-            *_percentiles(good, "paper_inertia_weighted"),
-            "",
-            "",
-        ]
-    )
-    shown.append(
-        ["inertia, plain least squares on our rates [%]", "", *_percentiles(good, "inertia_unweighted"), "", ""]
-    )
+    for words, key in (
+        ("inertia, errors in variables on the paper's chain [%]", "paper_inertia_weighted"),
+        ("inertia, plain least squares on our rates [%]", "inertia_unweighted"),
+    ):
+        shown.append([words, "", *_percentiles(good, key), "", ""])
     k = [[row["k1_error"], row["k2_error"], row["k_nees"]] for row in good if "k_nees" in row]
     notes = [
         f"{len(rows)} runs, {len(rows) - len(good)} failed, {len(good) - len(k)} in which the ratios were not shown",

@@ -22,7 +22,7 @@ from massprops.campaigns.papers._hu2024_frames import (
     growing_inertia,
     local_rates,
 )
-from massprops.campaigns.papers._seeds import MU, on_circular_orbit, stereo_pair
+from massprops.campaigns.papers._seeds import MU, column, on_circular_orbit, percentiles, stereo_pair
 from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
@@ -96,9 +96,8 @@ def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]
     for level in configuration["levels_rad"]:
         # in small groups: memory, and the result of a run is the same in any group
         for i in range(0, len(seeds), 25):
-            for row, found in zip(
-                rows[i : i + 25], _frames(configuration, truth, level, seeds[i : i + 25]), strict=True
-            ):
+            group = _frames(configuration, truth, level, seeds[i : i + 25])
+            for row, found in zip(rows[i : i + 25], group, strict=True):
                 row.update({f"{level:.0e} {name}": value for name, value in found.items()})
     return rows
 
@@ -205,13 +204,14 @@ def _frames(c: dict[str, Any], truth: dict[str, np.ndarray], level: float, seeds
 
 def _true_frame(q_true: np.ndarray, q: np.ndarray, early: np.ndarray, rule: SignRule) -> list[np.ndarray]:
     """The true attitude (n, 4) of the unique frame of each run: the published rule on the true axes in frame G."""
-    out = []
-    for b in range(len(q)):
-        turns = multiply(conjugate(q[b, early]), q_true[early])
-        R = rotation_matrix(mean_quaternion(turns))
-        axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, SignRule(rule.x[b], rule.z[b]))[1]
-        out.append(multiply(q_true, from_rotation_matrix(R.T @ axes)))
-    return out
+    frames = [_unique_axes(q[b, early], q_true[early], SignRule(rule.x[b], rule.z[b])) for b in range(len(q))]
+    return [multiply(q_true, from_rotation_matrix(axes)) for axes in frames]
+
+
+def _unique_axes(q: np.ndarray, q_true: np.ndarray, rule: SignRule) -> np.ndarray:
+    """(3, 3) axes of the true unique frame in the true body axes, by a rule in the body axes of attitudes q (n, 4)."""
+    R = rotation_matrix(mean_quaternion(multiply(conjugate(q), q_true)))
+    return np.asarray(R.T @ unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, rule)[1])
 
 
 def _changes(axes: np.ndarray) -> int:
@@ -227,9 +227,8 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
     turn = SYMMETRIES[np.random.default_rng([SEED, seed, len(SYMMETRIES)]).integers(1, len(SYMMETRIES))]
     for level in c["levels_rad"]:
         uv, f = _measured(c, truth, level, seed)
-        problem = Problem.of_tracks(
-            truth["times"], _cameras(c), uv, FOCAL * level, on_circular_orbit(c["orbit_radius_m"])
-        )
+        orbit = on_circular_orbit(c["orbit_radius_m"])
+        problem = Problem.of_tracks(truth["times"], _cameras(c), uv, FOCAL * level, orbit)
         try:
             start = first_guess(problem, until_s=c["start_s"])
             found = {
@@ -239,24 +238,17 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
             }
         except (MasspropsError, np.linalg.LinAlgError, FloatingPointError) as error:
             return {"seed": seed, "error": f"{level:.0e}: {error}"}
-        unique = _unique(truth, start)
+        unique, hidden = _unique(truth, start), _hidden(c, truth["times"])
         for name, run in found.items():
-            row.update(
-                {
-                    f"{level:.0e} {name} {k}": v
-                    for k, v in scores(c, truth, f, run, unique, _hidden(c, truth["times"])).items()
-                }
-            )
+            own = scores(c, truth, f, run, unique, hidden)
+            row.update({f"{level:.0e} {name} {k}": v for k, v in own.items()})
     return row
 
 
 def _unique(truth: dict[str, np.ndarray], start: Any) -> int:
     """Which of the `SYMMETRIES` takes the true axes to the true unique frame, by the start's rule in its body axes."""
-    rows = start.index
-    turns = multiply(conjugate(start.q), truth["q"][rows])
-    R = rotation_matrix(mean_quaternion(turns))
-    axes = unique_frame(R @ np.diag([8.0, 5.0, 4.0]) @ R.T, sign_rule(start.inertia))[1]
-    return int(np.argmax(np.einsum("sij,ij->s", SYMMETRIES, R.T @ axes)))
+    axes = _unique_axes(start.q, truth["q"][start.index], sign_rule(start.inertia))
+    return int(np.argmax(np.einsum("sij,ij->s", SYMMETRIES, axes)))
 
 
 def followed(c: dict[str, Any], problem: Problem, start: Any, turn: np.ndarray | None = None) -> Run:
@@ -308,23 +300,25 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return (_frame_table if case == "frame" else _motion_table)(good, notes)
 
 
+FLIPS = ("flips", "flips memoryless", "flips paper")
+
+
 def _frame_table(rows: list[dict[str, Any]], notes: list[str]) -> dict[str, Any]:
     times = (5, 10, 20, 40, 50, 75, 100)
     columns = ["noise rad", "paper", "adopted at s (50, 100 %)", "never adopted", *[f"RMSE deg {t} s" for t in times]]
     columns += ["runs that flip: mended rule, kept", "mended rule, without memory", "paper's rule"]
     out = []
     for level in LEVELS:
-        get = {
-            k.split(" ", 1)[1]: np.array([r[k] for r in rows], float) for k in rows[0] if k.startswith(f"{level:.0e} ")
-        }
+        get = {name: column(rows, f"{level:.0e} {name}") for name in ("adopted_s", *FLIPS)}
         adopted = get["adopted_s"]
         ok = np.isfinite(adopted)
         line: list[Any] = [f"{level:.0e}", "converges in a few seconds"]
         line += [f"{np.median(adopted[ok]):.1f} {adopted[ok].max():.1f}" if ok.any() else "-", int((~ok).sum())]
         for t in times:
             use = ok & (adopted <= t)
-            line.append(f"{rms(get[f'angle_deg {t}'][use]):.3g} ({int(use.sum())})" if use.any() else "-")
-        line += [int((get[name] > 0).sum()) for name in ("flips", "flips memoryless", "flips paper")]
+            angle = column(rows, f"{level:.0e} angle_deg {t}")
+            line.append(f"{rms(angle[use]):.3g} ({int(use.sum())})" if use.any() else "-")
+        line += [int((get[name] > 0).sum()) for name in FLIPS]
         out.append(line)
     notes.append("RMSE over the runs that had adopted a frame by then (their number in brackets); flips after adoption")
     return {
@@ -367,8 +361,7 @@ def _motion_table(rows: list[dict[str, Any]], notes: list[str]) -> dict[str, Any
             for percent in (50, 90, 100):
                 line: list[Any] = [f"{level:.0e}", label, percent]
                 for key, _ in SHOWN:
-                    values = [r[f"{level:.0e} {name} {key}"] for r in rows]
-                    line.append(f"{np.percentile(values, percent):.3g}")
+                    line += percentiles(column(rows, f"{level:.0e} {name} {key}"), (percent,))
                 out.append([*line, left if percent == 50 else ""])
     notes.append(
         "the first two share start, noise and filter and differ in the frame alone; the third, as filters are usually "
@@ -377,7 +370,7 @@ def _motion_table(rows: list[dict[str, Any]], notes: list[str]) -> dict[str, Any
     notes.append("the paper (figures 6-11): with the frame errors stay near zero, without it they are offset and drift")
     for level in LEVELS:
         for name, label in FILTERS.items():
-            squares = np.array([r[f"{level:.0e} {name} nees"] for r in rows]) * 9
+            squares = column(rows, f"{level:.0e} {name} nees") * 9
             notes.append(consistency(f"{label} at {level:.0e} (rates, place, velocity, each alone)", squares, 9))
     notes.append("the filters' process noise is the paper's, the truth has none")
     return {"title": "hu2024 figures 6-11: through occlusions of 20 s", "columns": columns, "rows": out, "notes": notes}

@@ -14,8 +14,11 @@ import numpy as np
 
 from massprops.campaigns.consistency import consistency
 from massprops.campaigns.papers import kabir2025_model as model
-from massprops.campaigns.papers._seeds import each_seed
+from massprops.campaigns.papers._seeds import column, each_seed, rms
 from massprops.campaigns.papers.kabir2025_setup import POLHODE_S, RATES, configuration, three_periods
+from massprops.campaigns.papers.kabir2025_speed import speed
+
+__all__ = ["POLHODE_S", "RATES", "configuration", "speed"]
 
 PAPER = "kabir2025"
 CASES = {
@@ -77,7 +80,7 @@ def _gp_run(setting: dict[str, Any], seed: int) -> dict[str, Any]:
             value, _, covariance = process.predict(t[rows])
             error = value - clean[rows]
             spread = np.einsum("nii->ni", covariance)[:, :3]
-            row[f"rmse_{span}"] = float(np.sqrt(np.mean(error**2)))
+            row[f"rmse_{span}"] = rms(error)
             row[f"z_{span}"] = float(np.sqrt(np.mean(error**2 / spread)))
         except NotPossible as stop:
             row[f"rmse_{span}"] = float("nan")
@@ -109,7 +112,7 @@ def _occlusion_run(setting: dict[str, Any], seed: int) -> dict[str, Any]:
         run = model.filtered(setting, state, seen[first:], R)
         error = model.errors(setting, run, q[first:], w[first:], dark - first - 1)
         for key in ("w", "attitude", "k1", "k2"):
-            row[f"{name}_{key}"] = float(np.sqrt(np.mean(error[key][hidden] ** 2)))
+            row[f"{name}_{key}"] = rms(error[key][hidden])
         row[f"{name}_nees"] = float(np.mean(error["nees"][hidden]))
         row[f"{name}_finite"] = bool(np.isfinite(run.w).all() and np.isfinite(run.sigma).all())
         if name == "benchmark":
@@ -136,33 +139,13 @@ def _gp_table(case: str, rows: list[dict[str, Any]], done: list[dict[str, Any]])
     limit = model.prediction_limit(set_up, three, set_up["ahead_s"])
     lines = []
     for span in set_up["spans_s"]:
-        rmse = np.array([row.get(f"rmse_{span}", np.nan) for row in done], float)
-        z = np.array([row.get(f"z_{span}", np.nan) for row in done], float)
-        seconds = np.array([row.get(f"train_s_{span}", np.nan) for row in done], float)
-        lines.append(
-            [
-                span,
-                round(span / POLHODE_S[f], 2),
-                *_quantiles(rmse, (0.5, 0.9, 1.0)),
-                int((rmse < 1e-5).sum()),
-                *_quantiles(z, (0.5,)),
-                *_quantiles(seconds, (0.5,)),
-                PRINTED_GP[f].get(span, ""),
-            ]
-        )
+        own = [span, round(span / POLHODE_S[f], 2), *_errors(done, f"rmse_{span}")]
+        own += [*_quantiles(done, f"z_{span}", (0.5,)), *_quantiles(done, f"train_s_{span}", (0.5,))]
+        lines.append([*own, PRINTED_GP[f].get(span, "")])
+    columns = ["training [s]", "polhode periods", "rmse 50 %", "90 %", "100 %", "under 1e-5", "error / own sigma"]
     return {
         "title": f"kabir2025, Figure 4 at {f} Hz: error of the process over the next 2000 s [rad]",
-        "columns": [
-            "training [s]",
-            "polhode periods",
-            "rmse 50 %",
-            "90 %",
-            "100 %",
-            "under 1e-5",
-            "error / own sigma",
-            "training CPU [s]",
-            "the paper says",
-        ],
+        "columns": [*columns, "training CPU [s]", "the paper says"],
         "rows": lines,
         "notes": [
             _count(rows, done),
@@ -177,21 +160,12 @@ def _gp_table(case: str, rows: list[dict[str, Any]], done: list[dict[str, Any]])
 def _polhode_table(rows: list[dict[str, Any]], done: list[dict[str, Any]]) -> dict[str, Any]:
     lines = []
     for f in RATES:
-        rmse = np.array([row.get(f"{f} rmse", np.nan) for row in done], float)
+        *shares, under = _errors(done, f"{f} rmse")
+        rmse = column(done, f"{f} rmse")
         own = configuration("polhode")["at"][str(f)]
         limit = model.prediction_limit(own, three_periods(f), own["ahead_s"])
-        lines.append(
-            [
-                f"{f} Hz",
-                three_periods(f),
-                *_quantiles(rmse, (0.5, 0.9, 1.0)),
-                float(np.sqrt(np.mean(rmse**2))) if len(rmse) else float("nan"),
-                limit,
-                int((rmse < 1e-5).sum()),
-                *_quantiles(np.array([row.get(f"{f} train_s", np.nan) for row in done], float), (0.5,)),
-                "about 1e-5",
-            ]
-        )
+        line = [f"{f} Hz", three_periods(f), *shares, rms(rmse) if len(rmse) else float("nan"), limit, under]
+        lines.append([*line, *_quantiles(done, f"{f} train_s", (0.5,)), "about 1e-5"])
     columns = ["rate", "samples", "rmse [rad] 50 %", "90 %", "100 %", "rms of all", "bound", "under 1e-5"]
     return {
         "title": "kabir2025: error of the process over the next 2000 s from three polhode periods",
@@ -209,15 +183,14 @@ def _occlusion_table(case: str, rows: list[dict[str, Any]], done: list[dict[str,
     f = configuration(case)["tumbling_hz"]
     lines = []
     for name in METHODS:
-        for key, unit in (("w", "rad/s"), ("attitude", "rad"), ("k1", ""), ("k2", "")):
-            values = np.array([row[f"{name}_{key}"] for row in done], float)
+        label = name.replace("_", "-")
+        for key, shown in (("w", "w [rad/s]"), ("attitude", "attitude [rad]"), ("k1", "k1"), ("k2", "k2")):
             printed = PRINTED_FILTER[f].get(f"{name}_{key}", "")
-            lines.append([name.replace("_", "-"), f"{key} [{unit}]" if unit else key, *_quantiles(values), printed])
-        nees = np.array([row[f"{name}_nees"] for row in done], float)
-        lines.append([name.replace("_", "-"), "NEES / 8", *_quantiles(nees / 8.0), "1 when consistent"])
+            lines.append([label, shown, *_quantiles(done, f"{name}_{key}"), printed])
+        nees = [value / 8.0 for value in _quantiles(done, f"{name}_nees")]
+        lines.append([label, "NEES / 8", *nees, "1 when consistent"])
     for key in ("w", "attitude"):
-        values = np.array([row[f"ratio_{key}"] for row in done], float)
-        lines.append(["ukf-gp / benchmark", key, *_quantiles(values), f"at most {WITHIN:.0f} is kept"])
+        lines.append(["ukf-gp / benchmark", key, *_quantiles(done, f"ratio_{key}"), f"at most {WITHIN:.0f} is kept"])
     kept = sum(bool(row["kept"]) for row in done)
     finite = sum(all(row[f"{name}_finite"] for name in METHODS) for row in done)
     return {
@@ -228,13 +201,8 @@ def _occlusion_table(case: str, rows: list[dict[str, Any]], done: list[dict[str,
             _count(rows, done),
             f"kept within {WITHIN:.0f} times the benchmark: {kept} of {len(rows)} runs (paper: {PRINTED_FILTER[f]['kept']})",
             f"all three filters finite in {finite} of {len(rows)} runs",
-            consistency("ukf before the occlusion", np.array([row["seen_nees"] for row in done], float), 8),
-            *(
-                consistency(
-                    f"{name.replace('_', '-')} in it", np.array([row[f"{name}_nees"] for row in done], float), 8
-                )
-                for name in METHODS
-            ),
+            consistency("ukf before the occlusion", column(done, "seen_nees"), 8),
+            *(consistency(f"{name.replace('_', '-')} in it", column(done, f"{name}_nees"), 8) for name in METHODS),
             "the paper's process noise is far larger than the motion's, so every filter here claims less than it knows",
             "the start is least squares, momentum and a fit of Euler's equations on the first "
             f"{configuration(case)['start_s']} s, not the printed one",
@@ -243,20 +211,19 @@ def _occlusion_table(case: str, rows: list[dict[str, Any]], done: list[dict[str,
     }
 
 
-def _quantiles(values: np.ndarray, at: tuple[float, ...] = (0.5, 0.7, 0.9, 1.0)) -> list[float]:
-    values = np.where(np.isfinite(values), values, np.inf)
+def _errors(done: list[dict[str, Any]], name: str) -> list[Any]:
+    """Quantiles of a process's errors, and how many are under 1e-5."""
+    return [*_quantiles(done, name, (0.5, 0.9, 1.0)), int((column(done, name) < 1e-5).sum())]
+
+
+def _quantiles(done: list[dict[str, Any]], name: str, at: tuple[float, ...] = (0.5, 0.7, 0.9, 1.0)) -> list[float]:
+    """Of a column, as numbers that were seen; what is not finite counts as the largest."""
+    values = column(done, name)
     if not len(values):
         return [float("nan")] * len(at)
-    return [float(x) for x in np.quantile(values, at, method="higher")]
+    return [float(x) for x in np.quantile(np.where(np.isfinite(values), values, np.inf), at, method="higher")]
 
 
 def _count(rows: list[dict[str, Any]], done: list[dict[str, Any]]) -> str:
     failed = len(rows) - len(done)
     return f"{len(rows)} runs (paper: 20), {failed} failed"
-
-
-def speed() -> dict[str, Any]:
-    """See `kabir2025_speed.speed`."""
-    from massprops.campaigns.papers.kabir2025_speed import speed
-
-    return speed()

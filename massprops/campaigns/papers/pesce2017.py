@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.campaigns.papers._pesce2017_columns import COLUMNS
+from massprops.campaigns.papers._pesce2017_state import COLUMNS
 
 PAPER = "pesce2017"
 CASES = {

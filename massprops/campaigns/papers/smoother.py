@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.campaigns.papers._seeds import each_seed
+from massprops.campaigns.papers._seeds import column, each_seed, rms
 from massprops.core.linalg import normalised_square
 
 PAPER = "smoother"
@@ -134,19 +134,15 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     failed = [r for r in rows if r.get("error")]
     scored = [r for r in rows if "z_k1" in r]
     lines: list[list[Any]] = []
-
-    def column(name: str) -> np.ndarray:
-        return np.array([r[name] for r in scored if r.get(name) is not None], float)
-
     for k in ("k1", "k2"):
-        z, error, bound = column(f"z_{k}"), column(f"error_{k}"), column(f"bound_{k}")
+        z, error, bound = (column(scored, f"{name}_{k}") for name in ("z", "error", "bound"))
         if len(z):
             share = [float(x) for x in np.quantile(np.abs(z), (0.5, 0.9, 1.0), method="higher")]
-            lines.append([f"{k}: error", float(np.median(np.abs(error))), float(np.median(bound)), _rms(z), *share])
-    both = np.concatenate([column("z_k1"), column("z_k2")])
+            lines.append([f"{k}: error", float(np.median(np.abs(error))), float(np.median(bound)), rms(z), *share])
+    both = np.concatenate([column(scored, "z_k1"), column(scored, "z_k2")])
     if len(both):
-        lines.append(["both", None, None, _rms(both)])
-    chi2, nees = column("chi2"), column("nees")
+        lines.append(["both", None, None, rms(both)])
+    chi2, nees = (column([r for r in scored if name in r], name) for name in ("chi2", "nees"))
     notes = [
         f"{len(rows)} runs, seeds {min(r['seed'] for r in rows)} to {max(r['seed'] for r in rows)}: {len(failed)} failed, "
         f"{sum(not r.get('shown', 1) for r in rows)} whose bound shows no ratios, {len(scored)} scored (a run that did "
@@ -167,7 +163,3 @@ def table(case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         "rows": lines,
         "notes": notes,
     }
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))

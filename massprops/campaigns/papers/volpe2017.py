@@ -27,18 +27,16 @@ from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters, cholesky_ratio_derivatives, ratios
 from massprops.dynamics.quaternion import (
     angle_between,
-    conjugate,
     from_rotation_matrix,
     from_rotation_vector,
     multiply,
     normalise,
     rotate,
     rotation_matrix,
-    rotation_vector,
 )
 from massprops.estimators.filters.gravity import slope_under_gravity
-from massprops.estimators.ranging.batch_start import RangeMotion, fit_first
-from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, range_filtered, to_camera
+from massprops.estimators.ranging.batch_start import fit_first
+from massprops.estimators.ranging.inertial import BASE, RangeData, RangeMotion, RangeStart, range_filtered, to_camera
 
 PAPER = "volpe2017"
 CASES = {
@@ -151,17 +149,8 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     sigma_px = float(np.sqrt(c["sigma_px"] ** 2 + 1.0 / 12.0))
     ranges = np.linalg.norm(truth["r"], axis=1) + c["sigma_range_m"] * rng.standard_normal(len(C))
     start = _start(c, truth, uv[0], rng)
-    lens = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0])
-    data = RangeData(
-        truth["times"],
-        lens,
-        uv,
-        sigma_px,
-        ranges,
-        c["sigma_range_m"],
-        on_circular_orbit(c["orbit_radius_m"]),
-        truth["camera"],
-    )
+    lens, orbit = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0]), on_circular_orbit(c["orbit_radius_m"])
+    data = RangeData(truth["times"], lens, uv, sigma_px, ranges, c["sigma_range_m"], orbit, truth["camera"])
     begin, at = start, 0
     if c["batch_windows"]:
         *windows, n = c["batch_windows"]
@@ -180,14 +169,8 @@ def mirrored(x: RangeMotion) -> RangeMotion:
     flip = np.eye(3) - 2 * np.outer(sight, sight)
     middle = x.f.mean(axis=0)
     w = -flip @ x.w
-    return RangeMotion(
-        x.q,
-        w,
-        cholesky_parameters(flip @ cholesky_inertia(x.s) @ flip),
-        x.r,
-        x.v + R @ np.cross(x.w - w, middle),
-        middle + (x.f - middle) @ flip,
-    )
+    s, v = cholesky_parameters(flip @ cholesky_inertia(x.s) @ flip), x.v + R @ np.cross(x.w - w, middle)
+    return RangeMotion(x.q, w, s, x.r, v, middle + (x.f - middle) @ flip)
 
 
 def _start(c: dict[str, Any], truth: dict[str, np.ndarray], uv: np.ndarray, rng: np.random.Generator) -> RangeStart:
@@ -221,7 +204,7 @@ def _start(c: dict[str, Any], truth: dict[str, np.ndarray], uv: np.ndarray, rng:
         s = slice(BASE + 3 * i, BASE + 3 * i + 3)
         lateral = (depth / c["focal_px"]) ** 2
         P[s, s] += c["start_sigma_depth_m"] ** 2 * np.outer(along, along) + lateral * np.eye(3)
-    return RangeStart(q, w, tensor, r, np.zeros(3), f, P)
+    return RangeStart(q, w, cholesky_parameters(tensor), r, np.zeros(3), f, P)
 
 
 def _inertia_spread(tensor: np.ndarray, sigma: float) -> np.ndarray:
@@ -240,52 +223,47 @@ def _inertia_spread(tensor: np.ndarray, sigma: float) -> np.ndarray:
 def _scores(
     c: dict[str, Any], truth: dict[str, np.ndarray], points: np.ndarray, start: RangeStart, run: Any
 ) -> dict[str, Any]:
-    k_true = ratios(np.diag(c["inertia_kg_m2"]))[0]
-    k, camera, last = ratios(cholesky_inertia(run.k[-1]))[0], truth["camera"][-1], run.last
+    true = {name: truth[name][-1] for name in ("q", "w", "r", "v", "camera")}
+    camera, last = true["camera"], run.last
     q, r, v = multiply(camera, last.q), rotate(camera, last.position), rotate(camera, last.velocity)
-    T, by_k = to_camera(camera), cholesky_ratio_derivatives(run.k[-1])[0]
-    block = T.T @ last.P[:BASE, :BASE] @ T
-    k_cov = by_k @ block[6:11, 6:11] @ by_k.T
-    k0 = ratios(start.tensor)[0]
+    found = RangeMotion(q, last.w, run.k[-1], r, v, last.features)
+    block = to_camera(camera).T @ last.P[:BASE, :BASE] @ to_camera(camera)
+    by_k = cholesky_ratio_derivatives(found.s)[0]
     row: dict[str, Any] = {
-        "position start": np.linalg.norm(start.r - truth["r"][0]),
-        "velocity start": np.linalg.norm(start.v - truth["v"][0]),
-        "rate start": np.degrees(np.linalg.norm(start.w - truth["w"][0])),
-        "body rate start": np.degrees(np.linalg.norm(start.w - truth["w"][0])),
-        "points start": np.sqrt(np.mean(np.sum((start.f - points) ** 2, axis=1))),
-        "k1 start": abs(k0[0] - k_true[0]),
-        "k2 start": abs(k0[1] - k_true[1]),
-        "axes start": _axes_error(start.tensor),
-        "position end": np.linalg.norm(r - truth["r"][-1]),
-        "velocity end": np.linalg.norm(v - truth["v"][-1]),
-        "attitude end": np.degrees(angle_between(q, truth["q"][-1])),
-        "rate end": np.degrees(np.linalg.norm(rotate(q, last.w) - rotate(truth["q"][-1], truth["w"][-1]))),
-        "body rate end": np.degrees(np.linalg.norm(last.w - truth["w"][-1])),
-        "points end": np.sqrt(np.mean(np.sum((last.features - points) ** 2, axis=1))),
-        "k1 end": abs(k[0] - k_true[0]),
-        "k2 end": abs(k[1] - k_true[1]),
-        "axes end": _axes_error(cholesky_inertia(run.k[-1])),
+        **_errors(c, truth, points, start, 0, "start"),
+        **_errors(c, truth, points, found, -1, "end"),
+        "attitude end": np.degrees(angle_between(q, true["q"])),
         "innovation": run.nis.sum() / max(run.used.sum(), 1),
     }
-    error = np.concatenate(
-        [
-            rotation_vector(multiply(conjugate(q), truth["q"][-1])),
-            truth["w"][-1] - last.w,
-            cholesky_parameters(np.diag(c["inertia_kg_m2"])) - run.k[-1],
-            truth["r"][-1] - r,
-            truth["v"][-1] - v,
-        ]
+    exact = RangeMotion(
+        true["q"], true["w"], cholesky_parameters(np.diag(c["inertia_kg_m2"])), true["r"], true["v"], points
     )
+    error = exact.minus(found)
     for name, part in PARTS.items():
         row[f"nees {name}"] = normalised_square(error[part], block[part, part])
-    row["nees k"] = normalised_square(k - k_true, k_cov)
+    off = ratios(cholesky_inertia(found.s))[0] - ratios(np.diag(c["inertia_kg_m2"]))[0]
+    row["nees k"] = normalised_square(off, by_k @ block[6:11, 6:11] @ by_k.T)
     return {name: float(value) for name, value in row.items()}
 
 
-def _axes_error(tensor: np.ndarray) -> float:
-    """Largest angle [deg] of the principal axes from the true ones, the body's."""
-    V = np.linalg.eigh(tensor)[1]
-    return float(np.degrees(np.arccos(np.clip(np.abs(np.diag(V)), 0, 1)).max()))
+def _errors(
+    c: dict[str, Any], truth: dict[str, np.ndarray], points: np.ndarray, x: RangeMotion, at: int, when: str
+) -> dict[str, Any]:
+    """Errors of a state against the truth of an epoch."""
+    q, w, tensor = truth["q"][at], truth["w"][at], cholesky_inertia(x.s)
+    k = np.abs(ratios(tensor)[0] - ratios(np.diag(c["inertia_kg_m2"]))[0])
+    found = {
+        "position": np.linalg.norm(x.r - truth["r"][at]),
+        "velocity": np.linalg.norm(x.v - truth["v"][at]),
+        "rate": np.degrees(np.linalg.norm(rotate(x.q, x.w) - rotate(q, w))),
+        "body rate": np.degrees(np.linalg.norm(x.w - w)),
+        "points": np.sqrt(np.mean(np.sum((x.f - points) ** 2, axis=1))),
+        "k1": k[0],
+        "k2": k[1],
+        # largest angle of the principal axes from the true ones, the body's
+        "axes": np.degrees(np.arccos(np.clip(np.abs(np.diag(np.linalg.eigh(tensor)[1])), 0, 1)).max()),
+    }
+    return {f"{name} {when}": value for name, value in found.items()}
 
 
 PARTS = {

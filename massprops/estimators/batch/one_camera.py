@@ -78,18 +78,15 @@ def fit_tracks(
     channels = ("tracks", "range") if problem.has_range else ("tracks",)
     m = replace(measurements_of(problem, observed=observed, channels=channels), may_slide=True)
     found = fit(problem, m, state, environment, free)
-    found = fit(problem, m, _in_axes_of_attitudes(problem, found, environment), environment, free)
+    found = fit(problem, m, _in_axes_of_attitudes(problem, found), environment, free)
     begun = replace(first, state=state, free=free, channels=channels, observed=observed, notes=())
     return begun, found, m
 
 
-def _in_axes_of_attitudes(problem: Problem, found: Fit, environment: EnvironmentModel) -> BatchState:
+def _in_axes_of_attitudes(problem: Problem, found: Fit) -> BatchState:
     """The state with its body axes turned onto those of attitude0, as the mean over all epochs has it."""
     state, rows = found.state, np.flatnonzero(np.isfinite(problem.attitude).all(axis=1))
-    seen = rotation_matrix(found.predicted.q[rows])
-    if environment.lvlh:
-        seen = found.predicted.motion.turn[rows] @ seen
-    turns = np.swapaxes(rotation_matrix(problem.attitude[rows]), 1, 2) @ seen
+    turns = np.swapaxes(rotation_matrix(problem.attitude[rows]), 1, 2) @ found.predicted.motion.attitude[rows]
     return in_axes(state, nearest_rotation(turns.sum(axis=0)))
 
 
@@ -114,7 +111,7 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environm
     values, vectors = np.linalg.eigh(found.information / scale[:, None] / scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / scale[:, None] / scale
     seen = Scores(score, np.sqrt(w)[..., None] * slope, (vectors / np.sqrt(np.maximum(values, 1e-12))).T / scale)
-    middle = multiway_meat(seen, _alike(problem, m, found, environment))
+    middle = multiway_meat(seen, _alike(problem, m, found))
     plain = inverse * max(1.0, found.chi2 / found.freedom)
     # sums and differences need not be a covariance: no direction may fall below independent errors
     own = at_least(plain, inverse @ middle @ inverse)
@@ -123,13 +120,10 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environm
     return out
 
 
-def _alike(problem: Problem, m: Measurements, found: Fit, environment: EnvironmentModel) -> tuple[np.ndarray, ...]:
+def _alike(problem: Problem, m: Measurements, found: Fit) -> tuple[np.ndarray, ...]:
     """Labels (o,) of observations whose errors may be alike: by place on the body, by time, and by where the surface is before
     the camera."""
     who, at = np.unique(m.seen.feature, return_inverse=True)
     places = found.state.points[who]
-    turn = rotation_matrix(found.predicted.q)
-    if environment.lvlh:
-        turn = found.predicted.motion.turn @ turn
-    before = np.einsum("oij,oj->oi", turn[m.seen.epoch], places[at])
+    before = np.einsum("oij,oj->oi", found.predicted.motion.attitude[m.seen.epoch], places[at])
     return in_places(places)[at], in_blocks(m.seen.epoch, len(problem.times), at), in_places(before, SIDES)

@@ -6,14 +6,14 @@ import numpy as np
 
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
-from massprops.dynamics.sensitivities import sensitivities
 from massprops.estimators.attitude_information import hidden_by
 from massprops.estimators.batch.solve import Fit, covariance_of
 from massprops.estimators.batch.start import BatchStart
 from massprops.estimators.judgement import INCOMPLETE
 from massprops.estimators.result import Estimate
+from massprops.model.linearise import Slopes
 from massprops.model.problem import Problem
-from massprops.model.state import inertia_directions, ratio_slopes
+from massprops.model.state import ratio_slopes
 
 LARGEST_SIGMA_K = 0.18
 """1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""
@@ -55,7 +55,7 @@ def estimate_of(
         principal_axes=None if hidden else axes,
         axes_covariance=None if hidden else axes_covariance,
         times=problem.times,
-        q=multiply(from_rotation_matrix(cam), found.predicted.q) if environment.lvlh else found.predicted.q,
+        q=multiply(from_rotation_matrix(cam), found.predicted.q),
         w=motion.w,
         position=np.einsum("nij,nj->ni", cam, motion.r) if tracked else None,
         velocity=np.einsum("nij,nj->ni", cam, motion.v) if tracked else None,
@@ -78,27 +78,15 @@ def _sigmas(
     problem: Problem, found: Fit, environment: EnvironmentModel, covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """1-sigma (n, 3) of attitude, rates, position and velocity."""
-    state = found.state
-    turn, rate = sensitivities(
-        problem.times,
-        found.predicted.trajectory,
-        state.q0,
-        state.w0,
-        state.inertia,
-        inertia_directions(state.inertia),
-        state.model.active,
-        state.model.flat(True),
-        environment,
-    )
-    nm = state.motion_count
-    by_turn, by_path = np.r_[0:6, 12:17, 17 : 17 + nm], np.r_[6:12, 17 : 17 + nm]
+    by = Slopes(problem, found.predicted, environment)
 
     def spread(J: np.ndarray, rows: np.ndarray) -> np.ndarray:
         own = covariance[np.ix_(rows, rows)]
         return np.asarray(np.sqrt(np.maximum(np.einsum("nij,jk,nik->ni", J, own, J), 0.0)))
 
     at = found.predicted
-    return spread(turn, by_turn), spread(rate, by_turn), spread(at.dr, by_path), spread(at.dv, by_path)
+    turning, path = by.turn_columns, by.path_columns
+    return spread(by.turn, turning), spread(by.rate, turning), spread(at.dr, path), spread(at.dv, path)
 
 
 def _unfit(found: Fit) -> str:

@@ -10,16 +10,12 @@ import numpy as np
 from massprops.core.levenberg_marquardt import Damping, descend
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.rotation import six_of
-from massprops.estimators.batch.track_weights import track_weights
+from massprops.estimators.batch.track_weights import track_weights, weight_of
 from massprops.model.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
 from massprops.model.state import BatchState, inertia_directions, log_shape, moved
 
-HUBER = 3.0
-"""Residual, in units of the noise or of the bulk's misfit, beyond which a measurement counts linearly."""
-GATE = 5.0
-"""Beyond this it is an outlier, left out of the result and counted."""
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
 MOST_QUICKENED, MOST_TURNED = 10.0, 100.0
@@ -202,7 +198,7 @@ def _fit_of(here: _Descent, free: np.ndarray, converged: bool, iterations: int) 
         free=free,
         cost=here.cost,
         chi2=float(np.sum(left.squares[kept])),
-        count=int(_dimensions(m)[kept].sum()),
+        count=int(np.concatenate([np.full(len(part), part.shape[1]) for part in left.parts])[kept].sum()),
         parameters=int(free.sum()) + 3 * placed,
         converged=converged,
         iterations=iterations,
@@ -233,21 +229,15 @@ def robust(r: Residuals, m: Measurements) -> np.ndarray:
         return norms
     weights = np.ones_like(norms)
     at = 0
-    for part, median in ((r.tracks, 0.83), (r.range, 0.674), (r.rates, 0.888), (r.attitude, 0.888)):
+    for part, median in zip(r.parts, (0.83, 0.674, 0.888, 0.888), strict=True):
         own = slice(at, at + len(part))
         at += len(part)
         if len(part):
             spread = max(1.0, float(np.median(norms[own])) / median)
-            x = norms[own] / spread
-            weights[own] = np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
+            weights[own] = weight_of(norms[own] / spread)
     if m.may_slide:
         weights[: len(r.tracks)] *= track_weights(r.tracks, m.seen.feature)
     return weights
-
-
-def _dimensions(m: Measurements) -> np.ndarray:
-    sizes = ((len(m.uv), 2), (len(m.range_at), 1), (len(m.rate_at), 3), (len(m.attitude_at), 3))
-    return np.concatenate([np.full(n, d) for n, d in sizes]).astype(int)
 
 
 def _cost(r: Residuals, weights: np.ndarray, state: BatchState, inertia_prior: InertiaPrior) -> float:

@@ -246,7 +246,7 @@ def _ray_rows(problem: Problem, at: Predicted, m: Measurements) -> tuple[np.ndar
     """(o, 2, 3) and (o, 2): a body point P lies on its ray where rows P = right-hand side."""
     rows, right = np.zeros((len(m.uv), 2, 3)), np.zeros((len(m.uv), 2))
     e = m.seen.epoch
-    turn = at.motion.turn[e] @ at.motion.R[e]
+    turn = at.motion.attitude[e]
     place = np.einsum("oij,oj->oi", at.motion.turn[e], at.motion.r[e])
     for k, camera in enumerate(problem.cameras):
         own = m.seen.camera == k

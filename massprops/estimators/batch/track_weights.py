@@ -10,7 +10,13 @@ import numpy as np
 from massprops.core.robust import mad_sigma
 
 HUBER, GATE = 3.0, 5.0
-"""Standard deviations of the tracks' own misfits beyond which a track counts less, and not at all."""
+"""Residual, in units of the noise or of the bulk's misfit, beyond which a measurement, or a whole track, counts linearly, and
+beyond which it is an outlier, left out of the result and counted."""
+
+
+def weight_of(x: np.ndarray) -> np.ndarray:
+    """Weights of residuals in these units."""
+    return np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
 
 
 def track_weights(residuals: np.ndarray, feature: np.ndarray) -> np.ndarray:
@@ -31,6 +37,4 @@ def track_weights(residuals: np.ndarray, feature: np.ndarray) -> np.ndarray:
     misfit = (root / usual - 1.0) * 2.0 * np.sqrt(count)
     middle = float(np.median(misfit))
     spread = max(1.0, mad_sigma(misfit - middle))
-    x = (misfit - middle) / spread
-    weight = np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
-    return np.asarray(weight[at])
+    return np.asarray(weight_of((misfit - middle) / spread)[at])

@@ -32,20 +32,9 @@ def inertia_of(a: float, b: float, c1: float, c2: float, c3: float) -> tuple[flo
     """As `components.inertia_of`: the six elements of the inertia, then those of its inverse, L^-T D^-1 L^-1."""
     xx, yy, zz, xy, xz, yz = six_elements(a, b, c1, c2, c3)
     i1, i3, e = np.exp(-a), np.exp(b), c1 * c3 - c2
-    return (
-        xx,
-        yy,
-        zz,
-        xy,
-        xz,
-        yz,
-        i1 + c1 * c1 + e * e * i3,
-        1.0 + c3 * c3 * i3,
-        i3,
-        -c1 - e * c3 * i3,
-        e * i3,
-        -c3 * i3,
-    )
+    diagonal = (i1 + c1 * c1 + e * e * i3, 1.0 + c3 * c3 * i3, i3)
+    beside = (-c1 - e * c3 * i3, e * i3, -c3 * i3)
+    return (xx, yy, zz, xy, xz, yz, *diagonal, *beside)
 
 
 def acceleration(inertia: tuple[float, ...], wx: float, wy: float, wz: float) -> tuple[float, float, float]:

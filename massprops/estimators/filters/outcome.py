@@ -12,9 +12,8 @@ from massprops.dynamics.inertia import (
     principal_axes,
     ratios_of_moments,
 )
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
+from massprops.dynamics.quaternion import conjugate, mean_quaternion, multiply, rotation_matrix
 from massprops.estimators.filters import verdict
-from massprops.estimators.filters.body_frame import mean_turn
 from massprops.estimators.filters.features import Passage
 from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Run
@@ -129,3 +128,17 @@ def _body(
     variance = np.square(problem.sigma_attitude[epochs]) + np.sum(run.sigma[:, 3:6] ** 2, axis=1)
     mean, extra = mean_turn(measured, run.q, variance)
     return "attitude0", mean, covariance + extra * np.eye(3)
+
+
+def mean_turn(attitude: np.ndarray, q: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weighted mean turn (4,) from a filter's axes, of attitude q, to those of `attitude`, and the variance of its mean.
+
+    Args:
+        attitude, q: (n, 4), both to cam0; variance: (n,) of their difference [rad^2].
+    """
+    there = np.isfinite(attitude[:, 0]) & np.isfinite(variance)
+    turns = multiply(conjugate(attitude[there]), q[there])
+    # the last epochs know q best, and its early errors are shared by many epochs
+    weight = 1.0 / variance[there] ** 2
+    spread = float(np.sum(weight**2 * variance[there]) / np.sum(weight) ** 2)
+    return mean_quaternion(turns, weight), spread

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -204,6 +205,8 @@ class Run:
     cpu_s: float
 
 
+PARTS = ("w", "q", "k", "axes", "position", "velocity")
+"""Of the mean, in the loop's order; the features follow."""
 Loop = Callable[[np.ndarray, np.ndarray, Steps, Seen, Rule, Record], None]
 """`correction.run_loop`, or another that does the same."""
 
@@ -266,7 +269,7 @@ def filter_epochs(
     settings = settings or Settings()
     n, size, m = len(seen.dt), len(state.P), len(state.features)
     assert seen.z.shape[1] == sum(seen.extras) + m * seen.per_feature, "channels and features disagree"
-    mean = (state.w, state.q, state.k, state.axes, state.position, state.velocity, np.ravel(state.features))
+    mean = [*(getattr(state, name) for name in PARTS), np.ravel(state.features)]
     x, P = np.concatenate(mean).astype(float), np.array(state.P, float)
     b = state.places(settings.additive)["k"].stop
     # where one part of the state ends and the next begins: attitude, inertia, axes, position, velocity, features
@@ -280,18 +283,11 @@ def filter_epochs(
     begin = time.process_time()
     loop(*given)
     spent = time.process_time() - begin
-    w, q, k, axes, position, velocity, features = np.split(x, edges)
-    last = replace(
-        state, w=w, q=q, k=k, axes=axes, position=position, velocity=velocity, features=features.reshape(m, 3), P=P
-    )
-    means = np.split(record.mean, edges[:-1], axis=1)
+    *ends, features = np.split(x, edges)
+    mean_now: dict[str, Any] = dict(zip(PARTS, ends, strict=True))
+    last = replace(state, **mean_now, features=features.reshape(m, 3), P=P)
     return Run(
-        w=means[0],
-        q=means[1],
-        k=means[2],
-        axes=means[3],
-        position=means[4],
-        velocity=means[5],
+        **dict(zip(PARTS, np.split(record.mean, edges[:-1], axis=1), strict=True)),
         sigma=record.sigma,
         block=record.block,
         nis=record.tally[:, 0],

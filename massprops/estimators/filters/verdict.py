@@ -28,7 +28,7 @@ FEWEST_POINTS = 3
 """Features that fix an attitude."""
 
 
-def failure(finite: bool, used: int, refused: int, square: float = 0.0, k: np.ndarray | None = None) -> str:
+def failure(finite: bool, used: int, refused: int, square: float, k: np.ndarray) -> str:
     """Why a run is not to be believed; empty when it may be.
 
     Args:
@@ -41,7 +41,7 @@ def failure(finite: bool, used: int, refused: int, square: float = 0.0, k: np.nd
         return f"{share:.0%} of the measurements were refused"
     if square > LARGEST_SQUARE:
         return f"the innovations are {np.sqrt(square):.1f} times what the stated noise allows"
-    if k is not None and np.abs(k).max() > FARTHEST:
+    if np.abs(k).max() > FARTHEST:
         return "the ratios ran away"
     return ""
 
@@ -123,11 +123,11 @@ def hidden(found: Estimate, weight: np.ndarray, before: float) -> str:
     k, since = np.array([found.k1, found.k2], float), found.times[-1] - found.times[::-1]
     before = max(before, 1e-12)
     # from the end, where a filter's estimate is best: free motion runs backwards with the rates reversed
-    shown = shown_by(since, weight[::-1], found.q[-1], -found.w[-1], found.inertia)
+    shown, dark = shown_by(since, weight[::-1], found.q[-1], -found.w[-1], found.inertia)
     return (
         unlearnt(found.sigma_k, before)
-        or shown.reason
-        or overconfident(found.sigma_k, shown.sigma_k, before)
+        or dark
+        or overconfident(found.sigma_k, shown, before)
         or symmetric(np.abs(k) < SURE * found.sigma_k)
     )
 

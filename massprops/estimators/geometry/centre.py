@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprops.core.linalg import inverse_of
@@ -12,24 +10,9 @@ from massprops.dynamics.quaternion import rotation_matrix
 HIGHEST_DEGREE = 6
 
 
-@dataclass(frozen=True)
-class Centre:
-    """Path of the centre of mass, n epochs.
-
-    Attributes:
-        offset: (3,) from the origin of the body axes, body axes [m]; covariance (3, 3).
-        position, velocity: (n, 3) in the camera [m, m/s].
-        degree: of the polynomial in time that the path asked for; 1 is a straight line.
-    """
-
-    offset: np.ndarray
-    covariance: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    degree: int
-
-
-def centre_of_mass(times: np.ndarray, q: np.ndarray, origin: np.ndarray, covariance: np.ndarray) -> Centre:
+def centre_of_mass(
+    times: np.ndarray, q: np.ndarray, origin: np.ndarray, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The point fixed in the body whose path is a polynomial of the lowest degree that explains the data.
 
     Without force it is a straight line (feng2018 eq 17-20 over the whole record); on an orbit it bends slowly, which
@@ -38,6 +21,9 @@ def centre_of_mass(times: np.ndarray, q: np.ndarray, origin: np.ndarray, covaria
     Args:
         times: (n,) [s]; q: (n, 4) body to camera; origin: (n, 3) of the body axes in the camera [m]; covariance:
         (n, 3, 3) of the origin [m^2].
+
+    Returns:
+        offset (3,) from the origin of the body axes, body axes [m]; position and velocity (n, 3) in the camera [m, m/s].
     """
     R = rotation_matrix(q)
     span = max(float(times[-1] - times[0]), 1e-9)
@@ -45,39 +31,38 @@ def centre_of_mass(times: np.ndarray, q: np.ndarray, origin: np.ndarray, covaria
     n = len(times)
     weight = inverse_of(covariance)
     use = np.ones(n, bool)
-    best: tuple[float, int, np.ndarray, np.ndarray] | None = None
+    best: tuple[float, int, np.ndarray] | None = None
     for degree in range(1, min(HIGHEST_DEGREE, max(1, n - 2)) + 1):
-        x, inverse, each = _fit(R, tau, origin, weight * use[:, None, None], degree)
+        x, each = _fit(R, tau, origin, weight * use[:, None, None], degree)
         if degree == 1:
             use = each < 25.0 * max(float(np.median(each)) / 2.366, 1e-12)
-            x, inverse, each = _fit(R, tau, origin, weight * use[:, None, None], degree)
+            x, each = _fit(R, tau, origin, weight * use[:, None, None], degree)
         square = float(np.sum(each[use]))
         count = 3 * int(use.sum())
         score = count * np.log(max(square / count, 1e-12)) + 3 * (degree + 2) * np.log(count)
         if best is None or score < best[0] - 10.0:
-            best = (score, degree, x, inverse * max(1.0, square / max(count - 3 * (degree + 2), 1)))
+            best = (score, degree, x)
     assert best is not None
-    _, degree, x, inverse = best
+    _, degree, x = best
     c = x[3:].reshape(degree + 1, 3)
     powers = tau[:, None] ** np.arange(degree + 1)
     slopes = np.arange(1, degree + 1) * tau[:, None] ** np.arange(degree) / span
-    return Centre(x[:3], inverse[:3, :3], powers @ c, slopes @ c[1:], degree)
+    return x[:3], powers @ c, slopes @ c[1:]
 
 
 def _fit(
     R: np.ndarray, tau: np.ndarray, origin: np.ndarray, weight: np.ndarray, degree: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """origin = path(t) - R offset: the offset and the path's coefficients, their covariance, squares of each epoch."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """origin = path(t) - R offset: the offset and the path's coefficients, squares of each epoch."""
     n = len(tau)
     J = np.zeros((n, 3, 3 * (degree + 2)))
     J[:, :, :3] = -R
     for a in range(degree + 1):
         J[:, :, 3 + 3 * a : 6 + 3 * a] = (tau**a)[:, None, None] * np.eye(3)
     WJ = weight @ J
-    inverse = inverse_of(np.einsum("nij,nik->jk", J, WJ))
-    x = inverse @ np.einsum("nij,ni->j", WJ, origin)
+    x = inverse_of(np.einsum("nij,nik->jk", J, WJ)) @ np.einsum("nij,ni->j", WJ, origin)
     error = origin - J @ x
-    return x, inverse, np.einsum("ni,nij,nj->n", error, weight, error)
+    return x, np.einsum("ni,nij,nj->n", error, weight, error)
 
 
 def features_on_path(
@@ -116,6 +101,6 @@ def features_on_path(
     placed = (seen & np.isfinite(body).all(axis=-1)).any(axis=1)
     if placed.sum() < 4:
         return None
-    path = centre_of_mass(times[placed], q[placed], origin[placed], spread[placed])
-    position = np.stack([np.interp(times, times[placed], path.position[:, i]) for i in range(3)], axis=1)
-    return position, path.velocity[0], np.where(enough[:, None], body - path.offset, np.nan)
+    offset, path, velocity = centre_of_mass(times[placed], q[placed], origin[placed], spread[placed])
+    position = np.stack([np.interp(times, times[placed], path[:, i]) for i in range(3)], axis=1)
+    return position, velocity[0], np.where(enough[:, None], body - offset, np.nan)

@@ -12,13 +12,13 @@ line of what else is missing, or an empty string. An `estimate` that takes `mode
 
 from __future__ import annotations
 
+import inspect
 from functools import cache
-from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 
-from massprops.estimators.method_contract import faults
-from massprops.packaged import packaged
+from massprops.effect_contract import is_hyphenated
+from massprops.estimators.needs import SAID
+from massprops.packaged import modules_of, packaged
 
 
 @cache
@@ -31,9 +31,7 @@ def methods() -> dict[str, ModuleType]:
 @cache
 def own() -> dict[str, ModuleType]:
     """The estimators that are files of massprops, by name."""
-    files = (p.stem for p in Path(__file__).parent.glob("*.py") if not p.stem.startswith("_"))
-    found = [import_module(f"{__name__}.{stem}") for stem in sorted(files)]
-    return {module.NAME: module for module in found}
+    return {module.NAME: module for module in modules_of(__name__)}
 
 
 def refused() -> dict[str, str]:
@@ -44,3 +42,19 @@ def refused() -> dict[str, str]:
 @cache
 def _packaged() -> tuple[dict[str, ModuleType], dict[str, str]]:
     return packaged("massprops.estimators", faults, own())
+
+
+def faults(method: ModuleType) -> str:
+    """What is wrong with an estimator in one line that says what to do; empty when nothing is."""
+    name = getattr(method, "NAME", None)
+    if not is_hyphenated(name):
+        return "NAME must be small letters and digits joined by hyphens, such as 'range-ukf'"
+    if not isinstance(getattr(method, "SENTENCE", None), str):
+        return "SENTENCE must be a text"
+    needs = getattr(method, "NEEDS", None)
+    if not isinstance(needs, tuple) or any(word not in SAID for entry in needs for word in str(entry).split("|")):
+        return f"NEEDS must be a tuple of any of: {', '.join(SAID)}; alternatives parted by |; () for nothing"
+    function = getattr(method, "estimate", None)
+    if not callable(function) or list(inspect.signature(function).parameters)[:3] != ["problem", "prior", "start"]:
+        return "it must have a function estimate(problem, prior, start)"
+    return ""

@@ -14,11 +14,9 @@ import numpy as np
 
 from massprops.core.compiling import compiled
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
-from massprops.dynamics.inertia import cholesky_inertia, cholesky_parameters
-from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_matrix
-from massprops.dynamics.quaternion import rotation_vector as turn_of
+from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix, rotation_vector
 from massprops.estimators.filters.state import BODY_AXES, GRAVITY
-from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart
+from massprops.estimators.ranging.inertial import BASE, RangeData, RangeMotion, RangeStart
 
 STEPS = np.repeat([1e-5, 1e-7, 1e-5, 1e-3, 1e-6], [3, 3, 5, 3, 3])
 """Central differences of attitude, rate, inertia, position, velocity: error of rounding and of curvature both below 1e-8."""
@@ -65,7 +63,7 @@ def fit_first(
             decide.
     """
     times, task = data.times, _Task(start, data)
-    state = RangeMotion(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
+    state: RangeMotion = start
     rivals = [state]
     for n in (*[k for k in windows if k < len(times)], len(times)):
         solved = [task.solve(x, n) for x in rivals]
@@ -78,39 +76,12 @@ def fit_first(
     return task.result(state, converged)
 
 
-@dataclass(frozen=True)
-class RangeMotion:
-    """State at the first epoch, as of `RangeStart`, with the five numbers s (5,) of its inertia."""
-
-    q: np.ndarray
-    w: np.ndarray
-    s: np.ndarray
-    r: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-
-    def moved(self, d: np.ndarray) -> RangeMotion:
-        return RangeMotion(
-            normalise(multiply(self.q, from_rotation_vector(d[:3]))),
-            self.w + d[3:6],
-            self.s + d[6:11],
-            self.r + d[11:14],
-            self.v + d[14:17],
-            self.f + d[BASE:].reshape(-1, 3),
-        )
-
-    def minus(self, other: RangeMotion) -> np.ndarray:
-        turn = turn_of(multiply(conjugate(other.q), self.q))
-        rest = [self.w - other.w, self.s - other.s, self.r - other.r, self.v - other.v, (self.f - other.f).ravel()]
-        return np.concatenate([turn, *rest])
-
-
 class _Task:
     def __init__(self, start: RangeStart, data: RangeData) -> None:
         self.times, self.lens, self.uv, self.sigma_px = data.times, data.intrinsics, data.uv, data.sigma_px
         self.ranges, self.sigma_range = data.ranges, data.sigma_range
         self.chaser, self.C = data.inertial_steps(), rotation_matrix(data.camera)
-        self.prior_state = RangeMotion(start.q, start.w, cholesky_parameters(start.tensor), start.r, start.v, start.f)
+        self.prior_state = start
         scale = np.sqrt(np.maximum(np.diag(start.P), 1e-24))
         self.prior = np.linalg.pinv(start.P / np.outer(scale, scale), rcond=1e-12, hermitian=True)
         self.prior = self.prior / np.outer(scale, scale)
@@ -127,7 +98,7 @@ class _Task:
         moves[:, :BASE] = np.diag(STEPS)
         y = self.paths([x, *(x.moved(d) for d in moves), *(x.moved(-d) for d in moves)], n)
         up, down = y[1 : BASE + 1], y[BASE + 1 :]
-        turn = turn_of(multiply(conjugate(down[..., :4]), up[..., :4]))
+        turn = rotation_vector(multiply(conjugate(down[..., :4]), up[..., :4]))
         change = np.concatenate([turn, up[..., 4:] - down[..., 4:]], axis=-1) / (2 * STEPS)[:, None, None]
         return y[0], np.moveaxis(change, 0, -1)
 
@@ -227,8 +198,7 @@ class _Task:
         full[:, :6], full[:, 11:] = J[:, :6], J[:, 6:]
         full[:, 6:11, 6:11] = np.eye(5)
         block = full @ P[:BASE, :BASE] @ np.swapaxes(full, 1, 2)
-        tensor = cholesky_inertia(x.s)
-        first = RangeStart(x.q, x.w, tensor, x.r, x.v, x.f, P)
+        first = RangeStart(x.q, x.w, x.s, x.r, x.v, x.f, P)
         # what Huber's loss gives up of the information at normal noise is small: HUBER = 2.5 keeps 99 %
         square = float(np.sum(near**2)) / max(rows - far - len(P), 1)
         return BatchFit(first, self.at_end(x, P, full[-1], y[-1], n), y, block, square, rows, far, converged)
@@ -249,7 +219,7 @@ class _Task:
         moves[:, :BASE] = np.random.default_rng(DRAWS).standard_normal((DRAWS, BASE)) @ root.T
         ahead = self.paths([*(x.moved(d) for d in moves), *(x.moved(-d) for d in moves)], n)[:, -1]
         off = np.zeros((2 * DRAWS, BASE))
-        off[:, :3] = turn_of(multiply(conjugate(y[:4]), ahead[:, :4]))
+        off[:, :3] = rotation_vector(multiply(conjugate(y[:4]), ahead[:, :4]))
         off[:, 3:6], off[:, 11:] = ahead[:, 4:7] - y[4:7], ahead[:, 7:] - y[7:]
         curvature = 0.5 * (off[:DRAWS] + off[DRAWS:])
         mean = curvature.mean(axis=0)
@@ -258,7 +228,7 @@ class _Task:
         last[:, :BASE] = last[:, :BASE] @ J.T
         last[:BASE, :BASE] += (curvature - mean).T @ (curvature - mean) / DRAWS
         z = RangeMotion(y[:4], y[4:7], x.s, y[7:10], y[10:], x.f).moved(np.concatenate([mean, np.zeros(x.f.size)]))
-        return RangeStart(z.q, z.w, cholesky_inertia(z.s), z.r, z.v, z.f, 0.5 * (last + last.T))
+        return RangeStart(z.q, z.w, z.s, z.r, z.v, z.f, 0.5 * (last + last.T))
 
 
 def _huber(size: np.ndarray) -> np.ndarray:

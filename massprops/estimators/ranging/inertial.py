@@ -6,8 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.dynamics.inertia import cholesky_parameters
-from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
+from massprops.dynamics.quaternion import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    normalise,
+    rotation_matrix,
+    rotation_vector,
+)
 from massprops.estimators.filters import Camera, Measurements, Noise, Run, Settings, State, filter_epochs
 from massprops.estimators.filters.setup import chaser_steps
 from massprops.sequence.data import Environment
@@ -21,17 +27,39 @@ SPREAD = 3.0
 
 
 @dataclass(frozen=True)
-class RangeStart:
-    """State and covariance at the first epoch. q (4,) body to inertial; w (3,) body axes [rad/s]; r, v (3,) inertial
-    [m, m/s]; tensor (3, 3) inertia in body axes; f (m, 3) body axes [m]; P (17 + 3 m, 17 + 3 m), the inertia's part by
-    the five numbers of `inertia.cholesky_inertia`."""
+class RangeMotion:
+    """State at the first epoch. q (4,) body to inertial; w (3,) body axes [rad/s]; s (5,) the numbers of
+    `inertia.cholesky_inertia`; r, v (3,) inertial [m, m/s]; f (m, 3) body axes [m]."""
 
     q: np.ndarray
     w: np.ndarray
-    tensor: np.ndarray
+    s: np.ndarray
     r: np.ndarray
     v: np.ndarray
     f: np.ndarray
+
+    def moved(self, d: np.ndarray) -> RangeMotion:
+        """The state by a step (17 + 3 m,) of its error."""
+        return RangeMotion(
+            normalise(multiply(self.q, from_rotation_vector(d[:3]))),
+            self.w + d[3:6],
+            self.s + d[6:11],
+            self.r + d[11:14],
+            self.v + d[14:17],
+            self.f + d[BASE:].reshape(-1, 3),
+        )
+
+    def minus(self, other: RangeMotion) -> np.ndarray:
+        """The step that leads from the other state to this one."""
+        turn = rotation_vector(multiply(conjugate(other.q), self.q))
+        rest = [self.w - other.w, self.s - other.s, self.r - other.r, self.v - other.v, (self.f - other.f).ravel()]
+        return np.concatenate([turn, *rest])
+
+
+@dataclass(frozen=True)
+class RangeStart(RangeMotion):
+    """With the covariance P (17 + 3 m, 17 + 3 m) of its error."""
+
     P: np.ndarray
 
 
@@ -100,8 +128,9 @@ def camera_state(start: RangeStart, camera: np.ndarray) -> State:
     T[:BASE, :BASE] = to_camera(camera)
     R = T[11:14, 11:14]
     q = multiply(conjugate(camera), start.q)
-    k, f = cholesky_parameters(start.tensor), start.f.copy()
-    return State(start.w, q, k, f, T @ start.P @ T.T, position=R @ start.r, velocity=R @ start.v, moving=True)
+    return State(
+        start.w, q, start.s, start.f.copy(), T @ start.P @ T.T, position=R @ start.r, velocity=R @ start.v, moving=True
+    )
 
 
 def to_camera(camera: np.ndarray) -> np.ndarray:

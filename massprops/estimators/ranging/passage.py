@@ -110,7 +110,7 @@ def _as_run(fit: BatchFit, camera: np.ndarray) -> Run:
     return Run(
         w=y[:, 4:7],
         q=multiply(back, y[:, :4]),
-        k=np.tile(cholesky_parameters(fit.last.tensor), (n, 1)),
+        k=np.tile(fit.last.s, (n, 1)),
         axes=np.tile([1.0, 0, 0, 0], (n, 1)),
         position=rotate(back, y[:, 7:10]),
         velocity=rotate(back, y[:, 10:13]),
@@ -163,15 +163,8 @@ def _begin(prior: Prior, start: Any, chosen: np.ndarray, camera: np.ndarray) -> 
         ]
     )
     P[np.diag_indices(len(P))] = diagonal
-    P[6:11, 6:11] = inertia_covariance(cholesky_parameters(tensor), k, axes)
-    velocity = np.zeros(3) if start.velocity is None else start.velocity
-    begun = RangeStart(
-        multiply(camera[0], start.q[0]),
-        start.w[0],
-        tensor,
-        rotate(camera[0], start.position[0]),
-        rotate(camera[0], velocity),
-        f,
-        P,
-    )
-    return begun, k
+    s = cholesky_parameters(tensor)
+    P[6:11, 6:11] = inertia_covariance(s, k, axes)
+    q, r = multiply(camera[0], start.q[0]), rotate(camera[0], start.position[0])
+    v = rotate(camera[0], np.zeros(3) if start.velocity is None else start.velocity)
+    return RangeStart(q, start.w[0], s, r, v, f, P), k

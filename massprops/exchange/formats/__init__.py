@@ -14,12 +14,10 @@ A file of this folder is a format; so is a module that an installed package name
 
 from __future__ import annotations
 
-import pkgutil
 from functools import cache
-from importlib import import_module
 from types import ModuleType
 
-from massprops.packaged import Wanted, faults_by, is_flag, is_text, packaged
+from massprops.packaged import Wanted, faults_by, is_flag, is_text, modules_of, packaged
 
 WANTED: Wanted = {"NAME": is_text, "SUFFIX": is_text, "NEEDS_METRES": is_flag, "MESHES": is_flag, "render": callable}
 
@@ -27,7 +25,6 @@ WANTED: Wanted = {"NAME": is_text, "SUFFIX": is_text, "NEEDS_METRES": is_flag, "
 @cache
 def formats() -> dict[str, ModuleType]:
     """Every format by its name."""
-    own = [import_module(f"{__name__}.{entry.name}") for entry in pkgutil.iter_modules(__path__)]
-    found = {module.NAME: module for module in own}
+    found = {module.NAME: module for module in modules_of(__name__)}
     found |= packaged("massprops.formats", faults_by(WANTED), found)[0]
     return dict(sorted(found.items()))

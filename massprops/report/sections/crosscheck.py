@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.mass.recommended import quantities
 from massprops.report.curves import OWN, method_style
 from massprops.report.data import RunData
 from massprops.report.html import between, number, table, text
@@ -70,15 +71,11 @@ def _together(data: RunData) -> str:
     fused, plain = data.crosscheck.get("fused"), data.document
     if not fused or not plain:
         return ""
-    one, both = plain.get("interval_90") or {}, fused["interval_90"]
-    rows = [("volume", plain["volume"], one.get("volume"), fused["volume"], both["volume"])]
-    for i in range(3):
-        bounds = (one.get("principal_moments") or [None] * 3)[i]
-        moments = fused["principal_moments"][i], both["principal_moments"][i]
-        rows.append((f"I{i + 1}", plain["principal_moments"][i], bounds, *moments))
-    for k in ("k1", "k2"):
-        rows.append((k, plain["inertia_ratios"][k], one.get(k), fused["inertia_ratios"][k], both[k]))
-    shown = [(name, number(a), between(b, 4), number(c), between(d, 4)) for name, a, b, c, d in rows]
+    one, both = quantities(plain), quantities({"mass": plain["mass"], "center_of_mass": [], **fused})
+    shown = [
+        (name, number(one[name][0]), between(one[name][1], 4), number(both[name][0]), between(both[name][1], 4))
+        for name in ("volume", "I1", "I2", "I3", "k1", "k2")
+    ]
     return (
         "<h3>Mesh and motion together</h3>"
         + table(shown, ("", "mesh alone", "90 % interval", "together", "90 % interval"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from massprops.mass.recommended import as_recommended
+from massprops.mass.recommended import as_recommended, quantities
 from massprops.report.data import RunData
 from massprops.report.html import Safe, between, number, table, text
 from massprops.report.svg import GRID, drawing, line
@@ -18,32 +18,23 @@ def render(data: RunData) -> str:
     if not d:
         return ""
     length, mass = data.length_unit, data.mass_unit
-    interval = d.get("interval_90") or {}
     inertia_unit = f"{mass} {length}²" if data.metric else "model"
-    entries = [
-        ("volume", d["volume"], interval.get("volume"), f"{length}³", "Enclosed by the surface."),
-        (
-            "mass",
-            d["mass"],
-            interval.get("mass"),
-            mass,
-            f"Volume at a density of {d['density']:g}{' kg/m³' if data.metric else ''} throughout.",
+    density = f"Volume at a density of {d['density']:g}{' kg/m³' if data.metric else ''} throughout."
+    free = "Independent of scale and density, and visible in free motion."
+    told = {
+        "volume": (f"{length}³", "Enclosed by the surface."),
+        "mass": (mass, density),
+        "I1": (inertia_unit, "About the axis that is easiest to turn about."),
+        "I2": (inertia_unit, "About the middle axis. Free rotation about it is unstable."),
+        "I3": (
+            inertia_unit,
+            "About the axis that is hardest to turn about. Free rotation that loses energy ends up there.",
         ),
-    ]
-    centre = interval.get("center_of_mass") or [None] * 3
-    for axis, value, bounds in zip("xyz", d["center_of_mass"], centre, strict=True):
-        entries.append((f"centre of mass {axis}", value, bounds, length, "In the mesh's axes."))
-    told = (
-        "About the axis that is easiest to turn about.",
-        "About the middle axis. Free rotation about it is unstable.",
-        "About the axis that is hardest to turn about. Free rotation that loses energy ends up there.",
-    )
-    moments = interval.get("principal_moments") or [None] * 3
-    for i, value in enumerate(d["principal_moments"]):
-        entries.append((f"I{i + 1}", value, moments[i], inertia_unit, told[i]))
-    for key, meaning in (("k1", "ln(I1/I2)"), ("k2", "ln(I2/I3)")):
-        explanation = f"{meaning}. Independent of scale and density, and visible in free motion."
-        entries.append((key, d["inertia_ratios"][key], interval.get(key), "", explanation))
+        "k1": ("", f"ln(I1/I2). {free}"),
+        "k2": ("", f"ln(I2/I3). {free}"),
+    }
+    centre = (length, "In the mesh's axes.")
+    entries = [(name, *values, *told.get(name, centre)) for name, values in quantities(d).items()]
     absolute = ("k1", "k2", "centre of mass x", "centre of mass y", "centre of mass z")
     rows = [
         (
@@ -61,7 +52,7 @@ def render(data: RunData) -> str:
         [[axis, *(number(v, 4) for v in row)] for axis, row in zip("xyz", d["principal_axes"], strict=True)],
         ("", "axis of I1", "I2", "I3"),
     )
-    absent = "" if interval else "<p>No intervals: the mesh was given, not measured.</p>"
+    absent = "" if d.get("interval_90") else "<p>No intervals: the mesh was given, not measured.</p>"
     return (
         f'<div class="props">{table(rows, ("quantity", "value and 90 % interval", "relative, on a ruler of ±10 %"), numeric=(1,))}</div>'
         + absent

@@ -53,33 +53,24 @@ def _facts(data: RunData) -> list[tuple[str, str]]:
     sfm, dense, footage = data.facts["sfm"], data.facts["dense"], data.facts["footage"]
     surface, silhouettes = data.facts["surface"], data.facts["silhouettes"]
     models = ", ".join(f"{m.get('images')} images, {m.get('points')} points" for m in sfm.get("models") or [])
-    focal = sfm.get("focal_px")
-    sigma = sfm.get("focal_sigma_relative")
+    focal, sigma, error = (sfm.get(k) for k in ("focal_px", "focal_sigma_relative", "reprojection_error_px"))
+    given, used, placed = footage.get("given"), footage.get("used"), sfm.get("registered", "–")
+    points, observed = dense.get("points"), surface.get("observed_fraction")
+    around = f" ± {number(100 * sigma, 2)} %" if sigma else ""
     found = [
-        (
-            "frames given / used / placed",
-            f"{footage.get('given')} / {footage.get('used')} / {sfm.get('registered', '–')}",
-        )
-        if footage.get("given")
-        else None,
-        ("models found", models) if models else None,
-        ("mean reprojection error", f"{number(sfm['reprojection_error_px'], 3)} px")
-        if sfm.get("reprojection_error_px") is not None
-        else None,
-        ("focal length", f"{number(focal, 6)} px" + (f" ± {number(100 * sigma, 2)} %" if sigma else ""))
-        if isinstance(focal, int | float)
-        else None,
+        ("frames given / used / placed", f"{given} / {used} / {placed}" if given else None),
+        ("models found", models),
+        ("mean reprojection error", None if error is None else f"{number(error, 3)} px"),
+        ("focal length", f"{number(focal, 6)} px{around}" if isinstance(focal, int | float) else None),
         *_cameras(sfm.get("cameras") or []),
-        ("lens", str(sfm["lens"])) if sfm.get("lens") else None,
-        ("shutter", str(sfm["shutter"]["said"])) if (sfm.get("shutter") or {}).get("said") else None,
-        ("method of the silhouettes", str(silhouettes["method"])) if silhouettes.get("method") else None,
-        ("depth maps", str(dense["references"])) if dense.get("references") is not None else None,
-        ("dense points", f"{dense['points']:,}".replace(",", " ")) if isinstance(dense.get("points"), int) else None,
-        ("surface measured", f"{100 * surface['observed_fraction']:.1f} % of its area")
-        if surface.get("observed_fraction") is not None
-        else None,
+        ("lens", sfm.get("lens")),
+        ("shutter", (sfm.get("shutter") or {}).get("said")),
+        ("method of the silhouettes", silhouettes.get("method")),
+        ("depth maps", dense.get("references")),
+        ("dense points", f"{points:,}".replace(",", " ") if isinstance(points, int) else None),
+        ("surface measured", None if observed is None else f"{100 * observed:.1f} % of its area"),
     ]
-    return [row for row in found if row is not None]
+    return [(name, str(value)) for name, value in found if value not in (None, "")]
 
 
 def _cameras(cameras: list[dict[str, Any]]) -> list[tuple[str, str]]:
