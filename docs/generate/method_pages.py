@@ -10,21 +10,21 @@ import numpy as np
 
 import massprops
 from massprops.campaigns.papers._references import REFERENCES
-from massprops.estimators.estimate import _all_methods
+from massprops.estimators.methods import methods
 from massprops.estimators.needs import SAID
 
 SECTION = "Estimators"
 
 
 def nav() -> list[dict[str, str]]:
-    return [{name: f"methods/{name}.md"} for name in _all_methods()]
+    return [{name: f"methods/{name}.md"} for name in methods()]
 
 
 def pages() -> dict[str, str | bytes]:
     seen = massprops.simulate("tracks", frames=240, attitude=2e-3, range=0.02, seed=3)
     found = {e.name: e for e in massprops.estimate(seen)}
     made: dict[str, str | bytes] = {"methods/index.md": overview(found, seen.truth.facts)}
-    for name, method in _all_methods().items():
+    for name, method in methods().items():
         made[f"methods/{name}.md"] = page(name, method, found.get(name), seen.truth.facts)
         if name in found and found[name].w is not None:
             made[f"methods/{name}.svg"] = plot(found[name], seen.truth)
@@ -44,7 +44,7 @@ def overview(found, facts) -> str:
         "| estimator | reads | k1 | k2 | |",
         "|---|---|---|---|---|",
     ]
-    for name, method in _all_methods().items():
+    for name, method in methods().items():
         one = found.get(name)
         k = ("–", "–") if one is None or one.k1 is None else (value(one, "k1"), value(one, "k2"))
         lines.append(f"| [{name}]({name}.md) | {needs(method)} | {k[0]} | {k[1]} | {sentence(method)} |")
