@@ -13,8 +13,8 @@ PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3; 
 VENV := .venv
 BIN := $(VENV)/bin
 THREADS := OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
-# in the order of tests/conftest.py, the longest files first; three processes for two cores, as some tests wait for a browser or a cluster
-PYTEST := $(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "not bench"
+# in the order of tests/conftest.py, the longest files first
+PYTEST := $(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "not bench"
 
 .PHONY: demo test test-other-machine test-without-pycolmap bench fuzz lint docs gallery install clean
 
