@@ -21,7 +21,8 @@ def pages() -> dict[str, str | bytes]:
     made: dict[str, str | bytes] = {"catalogue/index.md": overview()}
     plain = seen(())
     for name, effect in effects().items():
-        made[f"catalogue/{name}.svg"] = plot(plain, seen((f"{name}:{PIXELS}",)))
+        if "mesh" not in effect.NEEDS:  # a scenario of tracks has none
+            made[f"catalogue/{name}.svg"] = plot(plain, seen((f"{name}:{PIXELS}",)))
         made[f"catalogue/{name}.md"] = page(name, effect)
     return made
 
@@ -65,15 +66,19 @@ Here `w` are the body rates. Torques and momenta are divided by the body's mean 
 
 {note}
 
-![What {name} does]({name}.svg)
+{"It acts on the faces of a run's own mesh: `massprops diagnose RUN -o diagnosis`." if "mesh" in effect.NEEDS else shown(name)}
+"""
+
+
+def shown(name: str) -> str:
+    return f"""![What {name} does]({name}.svg)
 
 Above: how far the effect moves the tracks (root mean square over the points at each epoch), for a tumbling body 9 m away, seen
 by two cameras with a focal length of 1000 px. The size of the effect was chosen so that the overall value is {PIXELS} px.
 Below: the true angular velocity with the effect (lines) and without it (dots).
 
     massprops simulate tracks -o seq --effects {name}:{PIXELS}
-    massprops diagnose seq -o diagnosis
-"""
+    massprops diagnose seq -o diagnosis"""
 
 
 def seen(active: tuple[str, ...]):
