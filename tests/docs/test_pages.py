@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import csv
+import importlib
 import importlib.util
 import os
 import re
@@ -19,6 +20,7 @@ import pytest
 import massprops
 from massprops.campaigns.papers import papers
 from massprops.campaigns.papers._references import REFERENCES
+from massprops.effects import effects
 from massprops.sequence import Sequence, read_sequence
 from massprops_cli.main import COMMANDS
 
@@ -59,6 +61,30 @@ def test_every_paper_has_a_reference_and_the_citation_gives_the_same() -> None:
     assert set(REFERENCES) == set(papers()) - {"smoother"}
     for name, reference in REFERENCES.items():
         assert cited[reference.title] == reference.doi, name
+
+
+NAMING = [*(ROOT / "docs/generate").glob("*.py"), *(ROOT / "tests/bench").rglob("*.py")]
+
+
+@pytest.mark.parametrize("path", sorted(NAMING), ids=lambda p: str(p.relative_to(ROOT)))
+def test_what_no_other_test_runs_names_things_of_the_product_that_are_there(path: Path) -> None:
+    """The benches and what makes the pages: a name that moved is seen here, and not when they are run months later."""
+    imported = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom) and n.level == 0]
+    for node in imported:
+        if node.module is not None and node.module.split(".")[0] == "massprops":
+            module = importlib.import_module(node.module)
+            for alias in node.names:
+                if not hasattr(module, alias.name):
+                    importlib.import_module(f"{node.module}.{alias.name}")
+
+
+def test_effects_on_a_mesh_have_a_page_without_a_plot() -> None:
+    page = runpy.run_path(str(ROOT / "docs/generate/effect_pages.py"))["page"]
+    known = effects()
+    on_mesh = [name for name, effect in known.items() if "mesh" in effect.NEEDS]
+    assert on_mesh
+    for name in (*on_mesh, "viscous-damping"):
+        assert (f"({name}.svg)" in page(name, known[name])) == (name not in on_mesh)
 
 
 def test_the_page_of_files_lists_the_keys_that_results_have() -> None:
