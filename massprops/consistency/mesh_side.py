@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.consistency.replicates import Replicates, read_replicates
+from massprops.consistency.replicates import Replicates, fill_pulls, read_replicates
 from massprops.errors import InputError
 from massprops.mass.document import read_document
 from massprops.mass.integrals import central_inertia
@@ -108,7 +108,7 @@ def read_mesh_side(run: Path) -> MeshSide:
         0.0 if seen is None else float(1.0 - seen),
         factor,
         _length(document) if found is None else found.length * factor,
-        np.zeros((0, 3)) if found is None else found.fill * factor,
+        np.zeros((0, 3)) if found is None else fill_pulls(*found.surface) * factor,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from massprops.documents.arrays import open_arrays
 from massprops.errors import InputError
 from massprops.mass.integrals import central_inertia, face_areas, mesh_integrals
+from massprops.surface.error_modes import away_from_measured
 from massprops.surface.length import model_length
 
 LARGEST = 1e12
@@ -18,13 +19,13 @@ LARGEST = 1e12
 
 @dataclass(frozen=True)
 class Replicates:
-    """rows: (r, 10) integrals and lengths: (r,) greatest lengths of bodies that the data allow; length: of the mesh; fill: see
-    `fill_pulls`; all in units of the structure from motion."""
+    """rows: (r, 10) integrals and lengths: (r,) greatest lengths of bodies that the data allow; length: of the mesh; surface: its
+    vertices, faces and which were measured; all in units of the structure from motion."""
 
     rows: np.ndarray
     lengths: np.ndarray
     length: float
-    fill: np.ndarray
+    surface: tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def read_replicates(run: Path) -> Replicates | None:
@@ -41,8 +42,8 @@ def read_replicates(run: Path) -> Replicates | None:
         raise InputError(f"{run / 'work' / 'surface' / 'surface.npz'}: damaged: make the run again")
     length = model_length(vertices, faces, observed)[0]
     good = (np.abs(rows) < LARGEST).all(axis=1) & (rows[:, 0] > 0)
-    fill = fill_pulls(vertices, faces, observed)
-    return Replicates(rows[good], lengths[good], length, fill) if good.sum() >= 20 else None
+    surface = vertices, faces, observed
+    return Replicates(rows[good], lengths[good], length, surface) if good.sum() >= 20 else None
 
 
 def fill_pulls(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray) -> np.ndarray:
@@ -53,14 +54,11 @@ def fill_pulls(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray) ->
     Args:
         vertices: (v, 3), faces: (f, 3) of a closed mesh; observed: (f,) bool, faces that were measured.
     """
-    from scipy.spatial import cKDTree
-
     if observed.all() or not observed.any():
         return np.zeros((0, 3))
     volume, centre, _ = central_inertia(mesh_integrals(vertices, faces), 1.0)
     middle = vertices[faces].mean(axis=1)
-    deep = cKDTree(middle[observed]).query(middle[~observed])[0]
-    moved = face_areas(vertices, faces[~observed]) * deep
+    moved = face_areas(vertices, faces[~observed]) * away_from_measured(middle, observed)
     return np.asarray(moved[:, None] * (middle[~observed] - centre) / volume)
 
 

@@ -239,12 +239,15 @@ def _by_centre(silent: str, mesh: MeshSide, centre: Centre | None, p: float | No
         return unobservable(silent)
     tests: dict[str, float | None] = {"centre of mass": p}
     if centre is not None and mesh.fill_reaches(centre.place):
-        unseen = f"{100 * mesh.unseen:.0f} % of the surface was filled in"
         return unobservable(
-            f"{ELSEWHERE}, which its shape may explain, as {unseen}, or its density ({silent})", tests=tests
+            f"{ELSEWHERE}, which its shape may explain, as {_filled(mesh)}, or its density ({silent})", tests=tests
         )
     hints = hints_of(None, mesh, centre, tests, free)
     return Verdict("inconsistent", p, f"{ELSEWHERE}: {hints[0]} ({silent})", hints, facts={"tests": tests})
+
+
+def _filled(mesh: MeshSide) -> str:
+    return f"{100 * mesh.unseen:.0f} % of the surface was filled in"
 
 
 def _agreement(best: Compared) -> str:
@@ -287,10 +290,7 @@ def hints_of(
     apart = tests.get("centre of mass")
     if apart is not None and apart < SIGNIFICANT and centre is not None:
         if mesh.fill_reaches(centre.place):
-            hints.append(
-                f"an unseen side: {100 * mesh.unseen:.0f} % of the surface was filled in, and its shape may carry the centre of "
-                "mass as far"
-            )
+            hints.append(f"an unseen side: {_filled(mesh)}, and its shape may carry the centre of mass as far")
         off = float(np.linalg.norm(centre.place - mesh.centre))
         size = mesh.document.get("units", {}).get("length", "model")
         hints.append(
@@ -304,8 +304,7 @@ def hints_of(
         difference = log_components(inertia, mesh.axes) - log_components(mesh.inertia, mesh.axes)
         if p_value(*chi_square(difference, wide)) >= SIGNIFICANT:
             hints.append(
-                f"an unseen side: {100 * mesh.unseen:.0f} % of the surface was filled in, and twice its stated "
-                "uncertainty would cover the difference"
+                f"an unseen side: {_filled(mesh)}, and twice its stated uncertainty would cover the difference"
             )
     if best is not None and best.scale is not None and abs(np.log(best.scale)) > 0.05:
         hints.append(f"scale: the mesh is {best.scale:.3f} times as large as the motion's features say")

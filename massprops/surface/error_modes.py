@@ -84,14 +84,12 @@ def fill_modes(
         Zero for measured faces; no rows where everything was measured. The first row is common to all; of a body known
         by its outlines alone it can only be inward: the hull holds the body (Laurentini 1994).
     """
-    from scipy.spatial import cKDTree
-
     hidden = np.flatnonzero(~observed)
     if not len(hidden):
         return np.zeros((0, len(faces)))
     middle = vertices[faces].mean(axis=1)
     if observed.any():
-        away = cKDTree(middle[observed]).query(middle[hidden])[0]
+        away = away_from_measured(middle, observed)
         away = away if outlined is None else np.minimum(away, outlined[hidden])
     else:
         # what no image shows in outline lies as far in as a side that nothing was measured on, beside what outlines cannot show
@@ -104,6 +102,13 @@ def fill_modes(
     modes[0, hidden] = COMMON * away
     modes[1:, hidden] = LOCAL * away * bump.T
     return modes
+
+
+def away_from_measured(middle: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    """(k,) distance of each unmeasured face from the nearest of those `observed` (f,) bool; middle: (f, 3) of all faces."""
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(middle[observed]).query(middle[~observed])[0])
 
 
 def hidden_depth(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
