@@ -70,6 +70,7 @@ class Placed:
         pixel: size of a pixel at the object [world units].
         rim_error: mean distance by which its rims miss its own silhouettes [px]: how far these can be relied on.
         photographs: where the other placement's points are looked for, or None.
+        up: (3,) unit, off what it stood on, or None.
     """
 
     cloud: Cloud
@@ -81,6 +82,7 @@ class Placed:
     pixel: float
     rim_error: float
     photographs: Photographs | None = None
+    up: np.ndarray | None = None
 
 
 def placed(
@@ -107,7 +109,8 @@ def placed(
     own = extent(hull, shape)
     rng = np.random.default_rng([seed, 32])
     rims, every = (rim_rays(views, masks, own, RIMS, rng, touches) for touches in (TOUCHES, MOST))
-    return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.rim_error(own))
+    up = None if support is None else support[:3]
+    return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.rim_error(own), up=up)
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,8 @@ class Registration:
         symmetric: other rotations make the same body and fit as well.
         own_px: mean distance by which the placements' rims miss their own silhouettes.
         candidates: (R, t) of this answer, and of those that paint and silhouettes favour after it.
+        turned: (R, t) of the best of those other rotations after which the body lies on another side than in the first
+            placement, where in this answer it lies on the same; else None.
     """
 
     R: np.ndarray
@@ -137,6 +142,7 @@ class Registration:
     symmetric: bool = False
     own_px: float = 0.0
     candidates: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+    turned: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def painted(self) -> bool:
@@ -216,6 +222,8 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
     noise = _noise(others)
     alike = [a for a in others if both.one_body(best, a)]
     rivals = [a.outside for a in others if a not in alike]
+    as_good = [a for a in alike if a.outside < worse(best.outside)]
+    turned = [a for a in as_good if not same_side(first, second, a.R)] if same_side(first, second, best.R) else []
     return Registration(
         best.R,
         best.t,
@@ -224,10 +232,18 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
         best.colour,
         max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=0.0),
         noise,
-        any(a.outside < worse(best.outside) for a in alike),
+        bool(as_good),
         0.5 * (first.rim_error + second.rim_error),
         _candidates(best, answers),
+        (_chosen(turned).R, _chosen(turned).t) if turned else None,
     )
+
+
+def same_side(first: Placed, second: Placed, R: np.ndarray) -> bool:
+    """Whether the body, the second placement turned by R (3, 3), lies on the same side in both; False where that is unknown."""
+    if first.up is None or second.up is None:
+        return False
+    return bool(first.up @ R @ second.up > np.cos(np.deg2rad(APART_DEG)))
 
 
 def _candidates(best: _Answer, answers: list[_Answer]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:

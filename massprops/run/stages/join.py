@@ -18,7 +18,7 @@ from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
 if TYPE_CHECKING:
-    from massprops.sfm.across import Side
+    from massprops.sfm.across import Laid, Side
     from massprops.surface.registration import Placed, Registration
 
 READS = ("capture", "sfm", "shape", "silhouettes")
@@ -35,6 +35,10 @@ TOO_COARSE = "only the outline of one of them is known, and that is too coarse t
 LOOKS_ALIKE = (
     "turned the way that fits best, both would show the same sides, and yet they have next to no features in common: two "
     "sides of the object look alike"
+)
+ALIKE = (
+    "two sides of the object look alike, and it is taken to have been turned over between the photographs: its shape holds, "
+    "but which mark is on which side may be wrong"
 )
 HOLDS_MORE = 0.01
 """Share of the measured points by which a silhouette must hold more to take another's place. Of a machined part and a toy
@@ -185,6 +189,10 @@ def _laid(
     found = register(base[0], other[0], job.seed)
     laid = lay(base[1], other[1], found.candidates, anywhere=not found.clear)
     said = {**_said(found), "features": 0}
+    if found.turned is not None and _only_alike(base, other, found, laid):
+        # it was turned to be seen from below: of a body that looks the same from there, all such turns give the same body
+        job.warn(ALIKE)
+        return said | {"alike": True, "joint": _rough(other[0], *found.turned)}, *found.turned
     if laid is None and not found.clear:
         return {**said, "fits": found.fits, "reason": _reason(found)}, found.R, found.t
     R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
@@ -206,11 +214,24 @@ def _laid(
         }
         said["joint"] = {"about": laid.about.tolist(), "covariance": laid.covariance.tolist()}
         return said, laid.R, laid.t
-    radius = 0.5 * float(np.linalg.norm(np.ptp(other[0].shape, axis=0)))
-    sigma = ROUGH_PX * other[0].pixel * np.repeat([1.0 / radius, 1.0], 3)
-    about = found.R @ other[0].middle + found.t
-    said["joint"] = {"about": about.tolist(), "covariance": np.diag(sigma**2).tolist()}
+    said["joint"] = _rough(other[0], found.R, found.t)
     return said, found.R, found.t
+
+
+def _only_alike(base: tuple[Placed, Side], other: tuple[Placed, Side], found: Registration, laid: Laid | None) -> bool:
+    """Whether a placement was laid so that both show the same side of the body, while what they show only looks alike."""
+    from massprops.sfm.across import same_surface
+    from massprops.surface.registration import same_side
+
+    R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
+    return same_side(base[0], other[0], R) and not same_surface(base[1], other[1], R, t)
+
+
+def _rough(other: Placed, R: np.ndarray, t: np.ndarray) -> dict[str, Any]:
+    """How well is known where a placement lies that was laid by R x + t without features."""
+    radius = 0.5 * float(np.linalg.norm(np.ptp(other.shape, axis=0)))
+    sigma = ROUGH_PX * other.pixel * np.repeat([1.0 / radius, 1.0], 3)
+    return {"about": (R @ other.middle + t).tolist(), "covariance": np.diag(sigma**2).tolist()}
 
 
 def _reason(found: Registration) -> str:
