@@ -66,7 +66,7 @@ def test_a_symmetric_body_is_joined_by_colour_or_by_what_all_answers_share(paint
     found = register(*sides)
     assert found.clear and found.symmetric
     # whichever of the turns that make the same body fits best, one of those given has another side up
-    ways = [found.R] if found.turned is None else [found.R, found.turned[0]]
+    ways = [found.R] if found.turned is None else [found.R, found.turned.R]
     assert [same_side(*sides, R) for R in ways] in ([False], [True, False])
     if painted:
         assert error_deg(found.R, first, second) < 2
