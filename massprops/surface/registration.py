@@ -135,7 +135,7 @@ class Registration:
         covariance: (6, 6) of a small turn [rad] about where the second placement's middle lies, and a shift.
         candidates: (R, t) of this answer, and of those that paint and silhouettes favour after it.
         turned: the same of the answers that lay the body on another side than in the first placement, where this one lays it on
-            the same and fits no better; else None.
+            the same and fits not clearly better; else None.
     """
 
     R: np.ndarray
@@ -251,8 +251,7 @@ def _turned(both: _Pair, best: _Answer, answers: list[_Answer]) -> Registration 
     if not same_side(first, second, best.R):
         return None
     others = [a for a in answers if not same_side(first, second, a.R)]
-    found = _registration(both, others) if others else None
-    return found if found is not None and found.outside_px < worse(best.outside) else None
+    return _registration(both, others) if any(a.outside < worse(best.outside) for a in others) else None
 
 
 def same_side(first: Placed, second: Placed, R: np.ndarray) -> bool:
