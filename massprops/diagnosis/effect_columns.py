@@ -174,7 +174,7 @@ def variants(term: Term, gap: float) -> list[Term]:
     return [] if offered is None else [term_of(term.effect, held) for held in offered(dict(term.held), gap)]
 
 
-def alike(term: Term) -> list[Term]:
+def lookalikes(term: Term) -> list[Term]:
     """The effect at other values that look nearly the same."""
     offered = getattr(term.effect, "momentum_alike", None)
     return [] if offered is None else [term_of(term.effect, held) for held in offered(dict(term.held))]

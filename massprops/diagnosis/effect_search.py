@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start
-from massprops.diagnosis.effect_columns import Term, alike, follows_measured, scan, steps, term_of, variants
+from massprops.diagnosis.effect_columns import Term, follows_measured, lookalikes, scan, steps, term_of, variants
 from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.screen import Screened, screened
@@ -66,7 +66,7 @@ def _or_alike(found: HypothesisFit, gap: float) -> HypothesisFit:
     """The likeliest of a fit of one effect and of fits of the effect at values that look nearly the same, begun there: a push in parts
     finds a contact's bounds, within which one even push may do; a mass on a spring looks much as one whose arm and way are exchanged."""
     best = found
-    for other in alike(found.hypothesis.terms[0]):
+    for other in lookalikes(found.hypothesis.terms[0]):
         fit = admissible(found.record, replace(found.hypothesis, terms=(other,)), again(found), latent=False)
         if fit is not None:
             fit = moved_to_best(fit, gap)
