@@ -234,9 +234,12 @@ class _Solution:
 
     def follows(self, before: _Solution) -> bool:
         """Whether the step of the pass before may stand: the measurements are hardly less likely after it, or it is so short that what
-        they are less likely by is the path's, which the pass before had not reached. Passes with other unknowns do not compare."""
-        other = len(self.step) != len(before.step)
-        return other or before.gain < SETTLED or self.density > before.density - SETTLED
+        they are less likely by is the path's, which the pass before had not reached. Passes with other unknowns do not compare. An
+        effect's own values may cross a curved valley in long steps: they are asked within about a sigma of each unknown."""
+        count = len(self.step)
+        far = count > INERTIA and before.gain > count
+        return count != len(before.step) or far or before.gain < SETTLED or self.density > before.density - SETTLED
+
 
     def near(self, before: _Solution) -> bool:
         """Whether nothing that decides is left to gain after the pass before."""
@@ -258,7 +261,8 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     found: HypothesisFit | None = None
     best: _Solution | None = None
     damped = 1.0
-    for k in range(passes):
+    # what is linearised about its own values takes about twice as many to its end
+    for k in range(passes if hypothesis.linear or passes < PASSES else 2 * passes):
         before, settled = found, False
         # about rates as measured, noise stands in the columns of the inertia, and a wheel answers for it: first the motion alone
         motion = hypothesis.wheel and k == 0
