@@ -63,13 +63,14 @@ class Trimap:
     evidence: np.ndarray | None = None
 
 
-def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray) -> Trimap:
+def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray, closed: bool = False) -> Trimap:
     """Object, surroundings and what the image has to decide.
 
     Args:
         depth: (h, w) of the shape, infinite where it is not.
         uv: (m, 2) pixels and z (m,) depths of points that are not the object's, in front of the camera.
         shows: (m,) bool, the image has the point's colour there (`shows_points`).
+        closed: the shape is the body's whole surface, made with all images; then nothing of it is farther off than the band.
     """
     import cv2
 
@@ -96,7 +97,7 @@ def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray) 
     surely = (cv2.distanceTransform(solid, cv2.DIST_L2, 5) > band) & ~gap
     outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5) if drawn.any() else np.full((h, w), np.inf)
     enclosed = ~_reached(~drawn)
-    reach = np.where(hidden, FAR * size, UNKNOWN * size)
+    reach = band if closed else np.where(hidden, FAR * size, UNKNOWN * size)
     away = ((outside > reach) & ~enclosed) | (other & (outside > band))
     return Trimap(drawn, surely, away, hidden & ~away)
 

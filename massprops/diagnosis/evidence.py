@@ -92,15 +92,15 @@ class _Rows:
     """The rows as inner products, by noise factor.
 
     Attributes:
-        X: (r, k) columns of all blocks; y: (r,); groups: which rows have each factor; G: (k, k) and by: (k,) of each
+        X: (r, k) columns of all blocks; y: (r,); groups: which rows have each factor; G: (g, k, k) and by: (g, k) of each
             group's columns with themselves and with y; n: (g,) rows of each.
     """
 
     X: np.ndarray
     y: np.ndarray
     groups: list[np.ndarray | slice]
-    G: list[np.ndarray]
-    by: list[np.ndarray]
+    G: np.ndarray
+    by: np.ndarray
     n: np.ndarray
 
 
@@ -110,10 +110,10 @@ def _rows(blocks: list[Block], y: np.ndarray, group: np.ndarray | None) -> _Rows
     groups: list[np.ndarray | slice] = [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
     if len(groups) == 1:
         groups = [slice(None)]  # no copy of the columns
-    Gs, bys = [X[own].T @ X[own] for own in groups], [X[own].T @ y[own] for own in groups]
-    if not all(np.isfinite(G).all() for G in Gs):
+    G, by = np.stack([X[own].T @ X[own] for own in groups]), np.stack([X[own].T @ y[own] for own in groups])
+    if not np.isfinite(G).all():
         raise FloatingPointError("the columns leave all bounds")
-    return _Rows(X=X, y=y, groups=groups, G=Gs, by=bys, n=np.array([len(y[own]) for own in groups]))
+    return _Rows(X=X, y=y, groups=groups, G=G, by=by, n=np.array([len(y[own]) for own in groups]))
 
 
 def solve(
@@ -283,25 +283,24 @@ class _Wide:
 
 @dataclass(frozen=True)
 class _Squares:
-    """The rows' squared residuals about unknowns mean (k,): squares (g,) there, by: (k,) of each group's columns with them. So the
+    """The rows' squared residuals about unknowns mean (k,): squares (g,) there, by: (g, k) of each group's columns with them. So the
     rows are not touched again, and no large numbers stand against each other."""
 
     mean: np.ndarray
     squares: np.ndarray
-    by: list[np.ndarray]
+    by: np.ndarray
 
     @staticmethod
     def about(rows: _Rows, mean: np.ndarray) -> _Squares:
         residual = rows.y - rows.X @ mean
         own = [residual[group] for group in rows.groups]
-        by = [rows.X[group].T @ left for group, left in zip(rows.groups, own, strict=True)]
+        by = np.stack([rows.X[group].T @ left for group, left in zip(rows.groups, own, strict=True)])
         return _Squares(mean, np.array([float(left @ left) for left in own]), by)
 
     def of(self, rows: _Rows, mean: np.ndarray) -> np.ndarray:
         """(g,) at other unknowns (k,)."""
         d = mean - self.mean
-        more = [float(d @ (G @ d - 2.0 * by)) for G, by in zip(rows.G, self.by, strict=True)]
-        return np.maximum(self.squares + more, 0.0)
+        return np.maximum(self.squares + (rows.G @ d - 2.0 * self.by) @ d, 0.0)
 
 
 def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -310,13 +309,12 @@ def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarra
     over the prior's."""
     from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
-    if len(rows.groups) == 1:
-        G, by = rows.G[0] / noise[0] ** 2, rows.by[0] / noise[0] ** 2
-    else:
-        G = np.add.reduce([g / s**2 for g, s in zip(rows.G, noise, strict=True)])
-        by = np.add.reduce([b / s**2 for b, s in zip(rows.by, noise, strict=True)])
+    G, by = rows.G[0] / noise[0] ** 2, rows.by[0] / noise[0] ** 2
+    for own, across, s in zip(rows.G[1:], rows.by[1:], noise[1:].tolist(), strict=True):
+        G += own / s**2
+        by += across / s**2
     whole = sd[:, None] * G * sd
-    whole[np.diag_indices(len(sd))] += 1.0
+    whole.flat[:: len(sd) + 1] += 1.0
     if not np.isfinite(whole).all():
         raise FloatingPointError("the unknowns leave all bounds")
     # LAPACK itself: solved tens of thousands of times, mostly for a few unknowns
@@ -330,8 +328,7 @@ def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarra
         share = np.einsum("ij,ij->j", inverse, inverse)
         return mean, sd**2 * share, noise**2 * float(np.sum(1.0 - share)), factor
     covariance = _covariance(factor, sd)
-    taken = np.array([float(np.sum(covariance * g)) for g in rows.G])
-    return mean, np.diag(covariance), taken, factor
+    return mean, covariance.diagonal(), (rows.G * covariance).reshape(len(noise), -1).sum(axis=1), factor
 
 
 def _covariance(factor: np.ndarray, sd: np.ndarray) -> np.ndarray:
@@ -339,7 +336,9 @@ def _covariance(factor: np.ndarray, sd: np.ndarray) -> np.ndarray:
     from scipy.linalg.lapack import dpotri
 
     half = dpotri(factor, lower=1)[0]
-    return sd[:, None] * (half + np.tril(half, -1).T) * sd
+    whole = half + half.T
+    whole.flat[:: len(sd) + 1] *= 0.5
+    return sd[:, None] * whole * sd
 
 
 def _moved_sizes(

@@ -139,16 +139,18 @@ def _slopes_of_slopes(
     ends[:, 1] += h[:, None] / 8.0 * (rates[:, 0] - rates[:, 2])
     F = np.zeros((*t.shape, ny, ny + 6 + d + len(p)))
 
-    def put(column: int, y: list[Any], six: list[Any], p: list[Any]) -> None:
-        for i, value in enumerate(state_derivative(t, y, six, active, p, environment_state)):
-            F[..., i, column] = np.imag(value) / STEP
+    def ways(y: list[Any], six: list[Any], p: list[Any]) -> np.ndarray:
+        found = state_derivative(t, y, six, active, p, environment_state)
+        return np.stack(np.broadcast_arrays(*(np.imag(value) for value in found)), axis=-1) / STEP
 
-    for j in range(ny):
-        put(j, stepped(stage, j), flat_six, p)
-    for j in range(d):
-        put(ny + 6 + j, stage, list(six + 1j * STEP * moves[j]), p)
+    # the state and the inertia in one go, a step of each along a first axis: as many calls would take several times as long
+    apart = np.zeros((ny + 6, ny + d, 1, 1))
+    apart[:ny, :ny, 0, 0], apart[ny:, ny:, 0, 0] = np.eye(ny), moves.T
+    every = [v + 1j * STEP * way for v, way in zip([*stage, *flat_six], apart, strict=True)]
+    found = np.moveaxis(ways(every[:ny], every[ny:], p), 0, -1)
+    F[..., :ny], F[..., ny + 6 : ny + 6 + d] = found[..., :ny], found[..., ny:]
     for j in sorted(_of_effects(active, tuple(active.hooks)) - _fixed(active)):
-        put(ny + 6 + d + j, stage, flat_six, stepped(p, j))
+        F[..., ny + 6 + d + j] = ways(stage, flat_six, stepped(p, j))
     return F
 
 
@@ -247,16 +249,17 @@ def _outputs(
     t = times + INSIDE
     y = [at[:, i] for i in range(at.shape[1])]
 
-    def velocity(y: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
+    def ways(y: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
         w = angular_velocity(t, y, s, active, v)
-        return np.stack([np.imag(np.broadcast_to(x, t.shape)) for x in w], axis=-1) / STEP
+        return np.stack(np.broadcast_arrays(*(np.imag(x) for x in w)), axis=-1) / STEP
 
-    W_y = np.zeros((len(t), 3, at.shape[1]))
-    for j in range(4, at.shape[1]):
-        W_y[..., j] = velocity(stepped(y, j), list(six), p)
-    rate = W_y @ S
-    for j in range(d):
-        rate[..., 6 + j] += velocity(y, list(six + 1j * STEP * moves[j]), p)
+    ny = at.shape[1]
+    apart = np.zeros((ny + 6, ny + d, 1))
+    apart[:ny, :ny, 0], apart[ny:, ny:, 0] = np.eye(ny), moves.T
+    every = [v + 1j * STEP * way for v, way in zip([*y, *six], apart, strict=True)]
+    found = np.moveaxis(ways(every[:ny], every[ny:], p), 0, -1)
+    rate = found[..., :ny] @ S
+    rate[..., 6 : 6 + d] += found[..., ny:]
     for j in sorted(_of_effects(active, ("inertia", "internal", "moving_inertia")) - fixed):
-        rate[..., 6 + d + j] += velocity(y, list(six), stepped(p, j))
+        rate[..., 6 + d + j] += ways(y, list(six), stepped(p, j))
     return turn, rate

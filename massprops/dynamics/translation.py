@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -76,13 +77,8 @@ def _fall(
     """Differential gravity by Runge-Kutta, with the transition matrix (n, 6, 6)."""
     from scipy.interpolate import CubicHermiteSpline
 
-    o = environment.orbit
-    assert o is not None
-    longest = STEP_OF_ORBIT * float(np.sqrt((o.semi_major_axis_m * (1 - o.eccentricity)) ** 3 / o.mu_m3_s2))
-    count = max(2, int(np.ceil((times[-1] - times[0]) / longest)))
-    grid_times = np.linspace(times[0], times[-1], count + 1)
-    start, size = grid_times[:-1], np.diff(grid_times)
-    leader = [np.stack(environment.position(start + c * size), axis=-1).tolist() for c in (0.0, 0.5, 1.0)]
+    grid_times, places = _chaser(environment, float(times[0]), float(times[-1]))
+    size, leader = np.diff(grid_times), places.tolist()
 
     def slope(k: int, stage: int, y: list[Any]) -> list[Any]:
         l = leader[(stage + 1) // 2][k]
@@ -91,12 +87,11 @@ def _fall(
     states, stages = record(slope, [*map(float, r0), *map(float, v0)], size)
     A = np.zeros((len(size), 4, 6, 6))
     A[..., :3, 3:] = np.eye(3)
-    pulls = np.stack([np.array(leader[0]), np.array(leader[1]), np.array(leader[1]), np.array(leader[2])], axis=1)
-    for j in range(3):
-        # Battin's form holds powers of large numbers: a complex step of a metre's size stays exact
-        moved = [stages[..., i] + (1e-20j if i == j else 0) for i in range(3)]
-        pull = differential_gravity(environment.mu, *(pulls[..., i] for i in range(3)), *moved)
-        A[..., 3:, j] = np.stack([np.imag(x) for x in pull], axis=-1) / 1e-20
+    pulls = places[[0, 1, 1, 2]].swapaxes(0, 1)
+    # Battin's form holds powers of large numbers: a complex step of a metre's size stays exact
+    moved = [stages[..., i] + 1e-20j * np.eye(3)[i][:, None, None] for i in range(3)]
+    pull = differential_gravity(environment.mu, *(pulls[..., i] for i in range(3)), *moved)
+    A[..., 3:, :3] = np.moveaxis(np.imag(np.stack(pull, axis=-1)), 0, -1) / 1e-20
     M = transition(A, size)
     Phi = np.empty((len(size) + 1, 6, 6))
     Phi[0] = np.eye(6)
@@ -106,3 +101,15 @@ def _fall(
     path = CubicHermiteSpline(grid_times, every[:, :3], every[:, 3:])  # it bends little within a step
     r, v = path(times), path(times, 1)
     return r[:, :, 0], v[:, :, 0], np.concatenate([r[:, :, 1:], v[:, :, 1:]], axis=1)
+
+
+@lru_cache(maxsize=8)
+def _chaser(environment: EnvironmentModel, first: float, last: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (s + 1,) of steps from a time to another [s], and where the chaser is (3, s, 3) at the start, middle and end of each
+    [m]: the same for every path that is tried."""
+    o = environment.orbit
+    assert o is not None
+    longest = STEP_OF_ORBIT * float(np.sqrt((o.semi_major_axis_m * (1 - o.eccentricity)) ** 3 / o.mu_m3_s2))
+    ends = np.linspace(first, last, max(2, int(np.ceil((last - first) / longest))) + 1)
+    start, size = ends[:-1], np.diff(ends)
+    return ends, np.stack([np.stack(environment.position(start + c * size), axis=-1) for c in (0.0, 0.5, 1.0)])

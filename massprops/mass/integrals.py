@@ -126,14 +126,16 @@ def greatest_length(vertices: np.ndarray) -> tuple[float, int, int]:
     index = index[away + away.max() >= reach * (1 - 1e-9)]
     corner = vertices[index]
     x, best, top = corner - corner.mean(axis=0), (-1.0, 0, 0), 0.0
+    square_away = (x**2).sum(axis=1)
     for start in range(0, len(corner), 512):
-        # quickly for all, and to the last digit for those that may be the farthest
-        block = x[start : start + 512]
-        about = (block**2).sum(axis=1)[:, None] + (x**2).sum(axis=1) - 2.0 * (block @ x.T)
+        # quickly for all that come after, and to the last digit for those that may be the farthest
+        about = x[start : start + 512] @ (-2.0 * x[start:].T)
+        about += square_away[start : start + 512, None]
+        about += square_away[start:]
         top = max(top, float(about.max()))
         i, j = np.nonzero(about >= top * (1 - 1e-9))
-        square = ((corner[start + i] - corner[j]) ** 2).sum(-1)
+        square = ((corner[start + i] - corner[start + j]) ** 2).sum(-1)
         if len(square) and square.max() > best[0]:
             k = int(np.argmax(square))
-            best = (float(square[k]), int(index[start + i[k]]), int(index[j[k]]))
+            best = (float(square[k]), int(index[start + i[k]]), int(index[start + j[k]]))
     return float(np.sqrt(best[0])), best[1], best[2]

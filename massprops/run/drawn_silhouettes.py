@@ -37,6 +37,7 @@ class Visible:
         own, own_colour: (n, 3) the object's dense points and their colours, uint8 BGR.
         other, other_colour: (m, 3) those of what is not the object.
         painted: colours of the object, which tell what a silhouette may lack; None where none was measured.
+        closed: the shape is the body's whole surface.
     """
 
     vertices: np.ndarray
@@ -47,6 +48,7 @@ class Visible:
     other: np.ndarray
     other_colour: np.ndarray
     painted: Paint | None = None
+    closed: bool = False
 
     def moved(self, R: np.ndarray, t: np.ndarray) -> Visible:
         """The same after x -> R x + t."""
@@ -123,7 +125,7 @@ def drawn_silhouette(
     far = far_from(depth)
     colours = np.concatenate([shown.other_colour[ahead], shown.own_colour])
     seen = shows_points(image, np.concatenate([uv, at]), colours, far)
-    known = trimap(depth, uv, z, seen[: len(uv)])
+    known = trimap(depth, uv, z, seen[: len(uv)], shown.closed)
     if shown.measured is not None:
         # what the votes of all images put to the shape is a hull, and no point of it is sure
         sure = np.isfinite(rasterise(shown.vertices, shown.measured, K, R, t, size)[0])

@@ -70,6 +70,11 @@ BORNE_OUT = 0.33
 """Part of the agreeing share to be expected below which features speak against a turn. A padlock of layered plates, laid the
 wrong way round, has the same stripes (correlation of the paint .45) and 0.13 of its matches agreeing, where 0.77 were to be
 expected; of a printed tin laid rightly 0.89 agree."""
+SAME_SURFACE = 0.5
+"""Agreeing matches, over those between the photographs of one placement, from which on both placements show the same side of a
+body that has others alike. One is expected. Of a screwdriver with the same plate and hole on both sides of its handle, laid
+half a turn wrong, 0.2 agreed, within 0.3 px; they differed by what is printed on the plates.
+"""
 LEAST_SCALE = 0.3
 """Least scale of the robust loss [px]."""
 OUTLYING = 4.0
@@ -219,13 +224,29 @@ def contradicted(first: Side, second: Side, R: np.ndarray, t: np.ndarray, overla
     Args:
         overlap: share of the measured points of either that the other's photographs would show.
     """
+    found = _borne_out(first, second, R, t)
+    return found is not None and found[0] < BORNE_OUT * overlap
+
+
+def same_surface(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> bool:
+    """Whether as many features agree on how the second placement is laid, x by R x + t, as if both showed the same side."""
+    found = _borne_out(first, second, R, t)
+    return found is not None and found[1] > SAME_SURFACE
+
+
+def _borne_out(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> tuple[float, float] | None:
+    """Share and number of the matches between two placements that agree, each over that between every other photograph of
+    the first; None of too few.
+    """
     matches = _Both(first, second).matches(R, t)
     own = _Both(*(first.take(np.arange(k, len(first.views), 2)) for k in (0, 1))).matches(np.eye(3), np.zeros(3))
     if min(len(matches[0]), len(own[0])) < LEAST_COMPARED:
-        return False
+        return None
     near = AGREES_PX * first.pixel
-    agree, usual = (_consensus(*m, near, np.random.default_rng(51))[0].mean() for m in (matches, own))
-    return bool(agree < BORNE_OUT * overlap * usual)
+    agree, usual = (_consensus(*m, near, np.random.default_rng(51))[0] for m in (matches, own))
+    if not usual.any():
+        return None
+    return float(agree.mean() / usual.mean()), float(agree.sum() / usual.sum())
 
 
 class _Agreed(NamedTuple):

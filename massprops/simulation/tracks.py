@@ -78,7 +78,8 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
     rng = np.random.default_rng([s.seed, 11])
     times = np.arange(s.frames) / s.rate_hz
     given_environment = _environment(s, rng)
-    environment = EnvironmentModel(given_environment)
+    # the size of an effect is looked for in 50 motions
+    environment = EnvironmentModel(given_environment, compiled=bool(s.effects))
     inertia, axes = _inertia(s, rng)
     state = _start(s, rng, inertia, axes)
     cameras = cameras_of(s)

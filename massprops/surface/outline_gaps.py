@@ -79,7 +79,7 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     drift = float(np.sqrt(max(0.0, _spread(gap - whole) ** 2 - SHARP**2)))
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
     wrong = min(1.0, float(np.hypot(drift, _beyond_margin(np.array(whole)))) / SHARP)
-    agree = face[_beyond_margin(gap) == 0]
+    agree = np.unique(face[_beyond_margin(gap) == 0])
     away = cKDTree(place[agree]).query(place)[0] if len(agree) else np.full(len(faces), np.inf)
     elsewhere = float(middle[enough].mean()) if enough.any() else 0.0
     return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, elsewhere), away)

@@ -22,6 +22,8 @@ FEWEST, MOST = 20, 200
 SAMPLES = 2000
 """Points about which the scatter is taken."""
 ROUNDS = 3
+FLAT = 1e-12
+"""Of an eigenvalue of the normal equations over the largest, below which the places do not show it."""
 
 
 def face_scatter(
@@ -41,36 +43,42 @@ def face_scatter(
     from scipy.spatial import cKDTree
 
     tree, some = cKDTree(cloud.xyz), np.sort(rng.permutation(len(cloud))[:SAMPLES])
-    away = np.full(len(some), np.nan)
+    about, inside = np.zeros((len(some), MOST), int), np.zeros((len(some), MOST), bool)
     for n, (i, near) in enumerate(zip(some, tree.query_ball_point(cloud.xyz[some], radius), strict=True)):
         alike = np.array(near)
         alike = alike[cloud.normal[alike] @ cloud.normal[i] > 0.5]
         if len(alike) > MOST:
             alike = rng.choice(alike, MOST, replace=False)
         if len(alike) >= FEWEST:
-            away[n] = _about_quadric((cloud.xyz[alike] - cloud.xyz[i]) / radius, cloud.normal[i]) * radius
-    some, away = some[np.isfinite(away)], away[np.isfinite(away)]
+            about[n, : len(alike)], inside[n, : len(alike)] = alike, True
+    some, about, inside = (x[inside[:, 0]] for x in (some, about, inside))
     if not len(some):
         return np.zeros(len(middle))
+    away = radius * _about_quadrics((cloud.xyz[about] - cloud.xyz[some, None]) / radius, inside, cloud.normal[some])
     near = cKDTree(cloud.xyz[some]).query(middle, k=min(8, len(some)))[1].reshape(len(middle), -1)
     return np.where(observed, away[near].mean(axis=1), 0.0)
 
 
-def _about_quadric(place: np.ndarray, up: np.ndarray) -> float:
-    """Median distance of places (n, 3) along up (3,) from the surface of second order that most of them lie on."""
-    across = np.linalg.svd(up[None])[2][1:]
-    (u, v), height = across @ place.T, place @ up
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    weight = np.ones(len(u))
+def _about_quadrics(place: np.ndarray, inside: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Median distances (p,) of places (p, n, 3), of those `inside` (p, n), along up (p, 3) from surfaces of second order that most
+    of them lie on."""
+    across = np.linalg.svd(up[:, None])[2][:, 1:]
+    u, v = np.moveaxis(place @ np.swapaxes(across, 1, 2), -1, 0)
+    height = np.einsum("pni,pi->pn", place, up)
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    weight = inside.astype(float)
     for _ in range(ROUNDS):
-        found = np.linalg.lstsq(terms * weight[:, None], height * weight, rcond=None)[0]
-        off = np.abs(height - terms @ found)
-        middle = _median(off)
-        weight = 1 / np.sqrt(1 + (off / (3.0 * middle + 1e-12)) ** 2)
+        own = np.swapaxes(terms * weight[..., None], 1, 2)
+        # of the least length where places on a line leave it open
+        found = np.linalg.pinv(own @ terms, rcond=FLAT, hermitian=True) @ (own @ height[..., None])
+        off = np.abs(height - (terms @ found)[..., 0])
+        middle = _medians(off, inside)
+        weight = inside / (1 + (off / (3.0 * middle[:, None] + 1e-12)) ** 2)
     return middle
 
 
-def _median(few: np.ndarray) -> float:
-    """As numpy's, which takes several times as long for so few numbers (n,)."""
-    ordered = np.sort(few)
-    return float((ordered[(len(few) - 1) // 2] + ordered[len(few) // 2]) / 2)
+def _medians(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """(p,) of each row of values (p, n), of those `inside` (p, n)."""
+    ordered, count = np.sort(np.where(inside, values, np.inf), axis=1), inside.sum(axis=1)
+    row = np.arange(len(values))
+    return np.asarray((ordered[row, (count - 1) // 2] + ordered[row, count // 2]) / 2)

@@ -265,7 +265,7 @@ def _step(
 ) -> np.ndarray:
     """(v,) offsets of the vertices along their normals, by Gauss-Newton; outlines: of `on_outlines`."""
     from scipy.sparse import diags, identity
-    from scipy.sparse.linalg import spsolve
+    from scipy.sparse.linalg import splu
 
     edge, pixel = film.edge, film.hull.pixel
     size = len(vertices)
@@ -283,7 +283,9 @@ def _step(
     system = system + (laplacian.T @ laplacian) / (BENDS * edge) ** 2
     wanted = wanted + (laplacian.T @ inward) / (BENDS * edge) ** 2
     system = system + DAMPED * system.diagonal().mean() * identity(size)
-    return np.asarray(np.clip(spsolve(system.tocsc(), wanted), -LONGEST_STEP * edge, LONGEST_STEP * edge))
+    # symmetric and positive definite: no pivots are looked for
+    factor = splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return np.asarray(np.clip(factor.solve(wanted), -LONGEST_STEP * edge, LONGEST_STEP * edge))
 
 
 def _by_brightness(

@@ -87,6 +87,21 @@ def test_the_image_decides_where_the_outline_is() -> None:
     assert overlap(found, truth) > 0.98 > overlap(rough, truth)
 
 
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_shadow_of_its_colour_is_left_out_beside_a_closed_surface(closed: bool) -> None:
+    rng = np.random.default_rng(5)
+    truth, shadow = disc(160, 110, 50), disc(160, 150, 30)
+    image = np.where((truth | shadow)[..., None], [60, 65, 70], [120, 150, 170]) + 6.0 * rng.standard_normal(
+        (*SHAPE, 3)
+    )
+    points = everywhere()
+    points = points[np.hypot(points[:, 0] - 160, points[:, 1] - 120) > 80]
+    seen = np.full(len(points), 2.0), np.ones(len(points), bool)
+    known = trimap(depth_of(truth), points, *seen, closed=closed)
+    found = refine(np.clip(image, 0, 255).astype(np.uint8), known)
+    assert (overlap(found, truth) > 0.92) is closed
+
+
 def test_a_side_that_was_not_measured_is_found_by_what_it_hides() -> None:
     """The table's points lie behind it, but the image does not have their colour."""
     rng = np.random.default_rng(1)

@@ -54,7 +54,7 @@ def test_a_torque_outside_the_catalogue_is_not_misnamed(tmp_path: Path, seed: in
 def test_two_hidden_effects_are_both_named(tmp_path: Path) -> None:
     """Each is large enough to show on its own: the pair drawn at random in the bench need not be."""
     names = ("viscous-damping", "focal-length-error")
-    scenario = TrackScenario(frames=FRAMES, rate_deg=4.0, seed=41, effects=tuple(f"{n}:8" for n in names))
+    scenario = TrackScenario(frames=100, rate_deg=6.4, seed=41, effects=tuple(f"{n}:8" for n in names))
     write_sequence(tmp_path / "seq", simulate_tracks(scenario).sequence)
     document = _diagnose(tmp_path / "seq", tmp_path / "out")
     assert {e["name"] for e in document["effects"]} == set(names)

@@ -37,7 +37,7 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     base = tmp_path_factory.mktemp("dist")
     copy = base / "copy"
     left_out = shutil.ignore_patterns(
-        ".git", ".venv", "runs", "build", "dist", "site", "__pycache__", "*.egg-info", ".*_cache"
+        ".git", ".venv", "runs", "bench-out", "build", "dist", "site", "__pycache__", "*.egg-info", ".*_cache"
     )
     shutil.copytree(ROOT, copy, ignore=left_out)
     sdist = build("sdist", copy, base / "sdist")

@@ -95,7 +95,8 @@ WIDTHS = (390, 768, 1400)
 
 
 def fits(page: Path, folder: Path) -> list[dict[str, Any]]:
-    """How a page lies in windows of three widths. Headless Chromium has none under 500 px, so the page is in frames."""
+    """How a page lies in windows of three widths. Headless Chromium has none under 500 px, so the page is in frames, in a window
+    that shows next to nothing of them: what lies in them is the same, and it need not be painted."""
     codes = [FITS]
     if AXE is not None and AXE.submodule_search_locations:
         codes.insert(0, (Path(AXE.submodule_search_locations[0]) / "axe.min.js").read_text())
@@ -108,7 +109,7 @@ def fits(page: Path, folder: Path) -> list[dict[str, Any]]:
         'const p = document.createElement("pre"); p.id = "probe"; '
         "p.textContent = JSON.stringify(all); document.body.appendChild(p); });</script>"
     )
-    out, console, _ = browse(frame, folder, "--dump-dom", "--virtual-time-budget=10000", size="2600,900")
+    out, console, _ = browse(frame, folder, "--dump-dom", "--virtual-time-budget=10000", size="400,300")
     assert console == ""
     return sorted(answer(out), key=lambda found: found["width"])
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from massprops.geometry.rasterise import rasterise
 from massprops.sfm import across
-from massprops.sfm.across import Side, contradicted, lay, side_of
+from massprops.sfm.across import Side, contradicted, lay, same_surface, side_of
 from massprops.views import Views
 
 FOCAL, AWAY, SHOTS = 600.0, 5.0, 8
@@ -141,6 +141,17 @@ def test_features_speak_against_the_wrong_way_round_and_not_where_nothing_is_sha
     assert contradicted(upright, second, over @ TURNED.T, np.zeros(3), overlap=0.6)
     assert not contradicted(upright, second, over @ TURNED.T, np.zeros(3), overlap=0.02)
     assert not contradicted(upright, second, TURNED.T, np.zeros(3), overlap=0.6)
+
+
+@pytest.mark.parametrize(("alike", "same"), [(1.0, True), (0.3, False)])
+def test_a_side_that_looks_alike_in_part_is_not_taken_for_the_same(alike: float, same: bool) -> None:
+    """Both sides of a tool's handle have the same plate, and not the same letters on it."""
+    about = Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix()
+    paint, other = blotches(1), blotches(2)
+    n = round(alike * len(paint))
+    other[:n] = paint[:n]
+    first, second = (photographed(p, R, k, coarser=2) for k, (p, R) in enumerate([(paint, np.eye(3)), (other, about)]))
+    assert same_surface(first, second, about.T, np.zeros(3)) is same
 
 
 def test_a_placement_that_shows_no_feature_is_not_laid() -> None:

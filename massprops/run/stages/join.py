@@ -18,15 +18,12 @@ from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
 if TYPE_CHECKING:
-    from massprops.sfm.across import Side
+    from massprops.sfm.across import Laid, Side
     from massprops.surface.registration import Placed, Registration
 
 READS = ("capture", "sfm", "shape", "silhouettes")
 OPTIONS = ()
 
-ROUGH_PX = 1.0
-"""1-sigma at the object's rim of what was laid by shape and paint alone, turn and shift [px]: a printed tin was 0.5 degrees,
-1.0 px, off by points, and 0.9 degrees by points and silhouettes."""
 AROUND = 1.5
 """Sparse points farther than this from the object's middle, in its radii, do not say how deep it lies in a view."""
 
@@ -35,6 +32,10 @@ TOO_COARSE = "only the outline of one of them is known, and that is too coarse t
 LOOKS_ALIKE = (
     "turned the way that fits best, both would show the same sides, and yet they have next to no features in common: two "
     "sides of the object look alike"
+)
+ALIKE = (
+    "two sides of the object look alike, and it is taken to have been turned over between the photographs: if it was only moved, "
+    "give one series of them alone"
 )
 HOLDS_MORE = 0.01
 """Share of the measured points by which a silhouette must hold more to take another's place. Of a machined part and a toy
@@ -185,11 +186,17 @@ def _laid(
     found = register(base[0], other[0], job.seed)
     laid = lay(base[1], other[1], found.candidates, anywhere=not found.clear)
     said = {**_said(found), "features": 0}
+    alike = found.turned is not None and _only_alike(base, other, found, laid)
+    if found.turned is not None and alike:
+        # it was turned to be seen from below
+        found, laid = found.turned, None
+        said = {**_said(found), "features": 0, "alike": True}
     if laid is None and not found.clear:
         return {**said, "fits": found.fits, "reason": _reason(found)}, found.R, found.t
     R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
     # without paint, features are of light and shade, which stay where they are when the body is turned
-    if laid is None and not found.unpainted:
+    # nor do those of a body that looks alike from below tell which turn it was, and all give the same body
+    if laid is None and not (found.unpainted or alike and found.symmetric):
         # what stereo measured of one placement only, such as a plate's rims, the other's photographs show too
         both = base[1].beside(other[1], R, t), other[1].beside(base[1], R.T, -R.T @ t)
         laid = lay(*both, [(R, t)], anywhere=False)
@@ -197,6 +204,8 @@ def _laid(
     exact = laid is not None or not (found.symmetric or found.unpainted)
     if exact and contradicted(base[1], other[1], R, t, overlap(base[0], other[0], R, t)):
         return {**said, "fits": True, "reason": LOOKS_ALIKE}, R, t
+    if alike:
+        job.warn(ALIKE)
     if laid is not None:
         said |= {
             "features": laid.tracks,
@@ -206,11 +215,18 @@ def _laid(
         }
         said["joint"] = {"about": laid.about.tolist(), "covariance": laid.covariance.tolist()}
         return said, laid.R, laid.t
-    radius = 0.5 * float(np.linalg.norm(np.ptp(other[0].shape, axis=0)))
-    sigma = ROUGH_PX * other[0].pixel * np.repeat([1.0 / radius, 1.0], 3)
     about = found.R @ other[0].middle + found.t
-    said["joint"] = {"about": about.tolist(), "covariance": np.diag(sigma**2).tolist()}
+    said["joint"] = {"about": about.tolist(), "covariance": found.covariance.tolist()}
     return said, found.R, found.t
+
+
+def _only_alike(base: tuple[Placed, Side], other: tuple[Placed, Side], found: Registration, laid: Laid | None) -> bool:
+    """Whether a placement was laid so that both show the same side of the body, while what they show only looks alike."""
+    from massprops.sfm.across import same_surface
+    from massprops.surface.registration import same_side
+
+    R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
+    return same_side(base[0], other[0], R) and not same_surface(base[1], other[1], R, t)
 
 
 def _reason(found: Registration) -> str:
