@@ -240,7 +240,6 @@ class _Solution:
         far = count > INERTIA and before.gain > count
         return count != len(before.step) or far or before.gain < SETTLED or self.density > before.density - SETTLED
 
-
     def near(self, before: _Solution) -> bool:
         """Whether nothing that decides is left to gain after the pass before."""
         small = self.gain < SETTLED or (len(self.step) == INERTIA and self.largest < SMALL_STEP)
