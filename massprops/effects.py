@@ -23,6 +23,7 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
 - `penalty(p)`: numbers, linear in p, that are zero give or take 1 where the data say nothing;
 - `starts(span, speed)`: parameter vectors to begin a search with, where zero will not do;
 - `LAW_OF`: name of the effect of the same cause whose other law this is; it is tried where that one leads;
+- `BESIDE`: name of the effect that this one is only told beside, as alone it would be the same;
 - `LARGEST_TURN`: rotation [rad] within which the torque changes little, where that is less than 0.4.
 
 Where something that an effect follows was measured beside the motion, `measured(given)` makes the effect of that record: `given`

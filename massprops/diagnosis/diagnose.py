@@ -141,9 +141,9 @@ def write_several(document: dict[str, Any], out: Path, inputs: Iterable[Path], f
 def _record(sequence: Sequence) -> tuple[Record, Lever | None]:
     if sequence.attitude is None:
         assert sequence.rates is not None
-        record = record_of_rates(sequence.rates)
+        record = record_of_rates(sequence.rates, sequence.first_ns)
         return record, check_free_flight(sequence, record)
-    return record_of_attitudes(sequence.attitude, sequence.environment, sequence.rates), None
+    return record_of_attitudes(sequence.attitude, sequence.environment, sequence.rates, sequence.first_ns), None
 
 
 def _blind(turn: float) -> str:

@@ -10,11 +10,12 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 - `MOMENTUM_UNKNOWNS`: names of the parameters that the columns belong to;
 - `momentum_scan(t, w)`: the values of `held` to try: a time, a time constant;
 - `momentum_variants(held, gap)`: others worth a fit once one is found, gap the time between measurements [s];
-- `momentum_simpler(held)`: the same in a simpler form, tried from where the best fit came to, or None;
+- `momentum_alike(held)`: others that look nearly the same, such as a simpler form, tried from where the best fit came to;
 - `momentum_steps(held, gap)`: by name, the step with which a value that was scanned is moved to its best.
 
 - `momentum_moved(held, unknowns)`: for unknowns that do not enter linearly, whose columns are derivatives about `held`: the values
-  that the unknowns lead to, by name, about which the next pass is linearised. Their number may change with `held`.
+  that the unknowns lead to, by name, about which the next pass is linearised. Their number may change with `held`;
+- `momentum_here(held)`: the unknowns that lead to `held` itself, zeros where it is missing; None where they enter linearly.
 
 - `unit_torques(t, q, w, environment)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each;
 - `momentum_prior()`: (k, j) matrix that makes the k parameters of j unknowns which are independent and of one size, where
@@ -95,6 +96,13 @@ class Term:
         """Whether the values that its columns belong to move with every pass."""
         return hasattr(self.effect, "momentum_moved")
 
+    def here(self, count: int) -> np.ndarray | None:
+        """(count,) unknowns that lead to the present values, about which the columns are derivatives; None where they enter linearly."""
+        if not self.moves:
+            return None
+        offered = getattr(self.effect, "momentum_here", None)
+        return np.zeros(count) if offered is None else offered(dict(self.held))
+
     def moved(self, unknowns: np.ndarray) -> Term:
         """The effect about the values that the unknowns lead to."""
         return term_of(self.effect, self.effect.momentum_moved(dict(self.held), unknowns))
@@ -166,11 +174,10 @@ def variants(term: Term, gap: float) -> list[Term]:
     return [] if offered is None else [term_of(term.effect, held) for held in offered(dict(term.held), gap)]
 
 
-def simpler(term: Term) -> Term | None:
-    """The effect in a simpler form at the same values, or None where it has none."""
-    offered = getattr(term.effect, "momentum_simpler", None)
-    held = None if offered is None else offered(dict(term.held))
-    return None if held is None else term_of(term.effect, held)
+def lookalikes(term: Term) -> list[Term]:
+    """The effect at other values that look nearly the same."""
+    offered = getattr(term.effect, "momentum_alike", None)
+    return [] if offered is None else [term_of(term.effect, held) for held in offered(dict(term.held))]
 
 
 def steps(term: Term, gap: float) -> dict[str, float]:

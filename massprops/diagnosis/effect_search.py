@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start
-from massprops.diagnosis.effect_columns import Term, follows_measured, scan, simpler, steps, term_of, variants
+from massprops.diagnosis.effect_columns import Term, follows_measured, lookalikes, scan, steps, term_of, variants
 from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.screen import Screened, screened
@@ -47,7 +47,7 @@ def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothe
     # more than one: a scan stands at different moments of the same event; but one fit that two starts led to once
     apart = [f for k, f in enumerate(fits[:SCANNED]) if not any(_same(f, other) for other in fits[:k])]
     best_one = max((moved_to_best(f, gap) for f in apart), key=lambda f: f.evidence, default=None)
-    return None if best_one is None else _or_simpler(best_one, gap)
+    return None if best_one is None else _or_alike(best_one, gap)
 
 
 def _same(a: HypothesisFit, b: HypothesisFit) -> bool:
@@ -62,17 +62,16 @@ def _stiff(record: Record, term: Term) -> list[Start]:
     return []
 
 
-def _or_simpler(found: HypothesisFit, gap: float) -> HypothesisFit:
-    """The more likely of a fit of one effect and of the effect in its simpler form, begun at the same values: a push in parts
-    finds a contact's bounds, within which one even push may do."""
-    other = simpler(found.hypothesis.terms[0])
-    if other is None:
-        return found
-    fit = admissible(found.record, replace(found.hypothesis, terms=(other,)), again(found), latent=False)
-    if fit is None:
-        return found
-    fit = moved_to_best(fit, gap)
-    return fit if fit.evidence > found.evidence else found
+def _or_alike(found: HypothesisFit, gap: float) -> HypothesisFit:
+    """The likeliest of a fit of one effect and of fits of the effect at values that look nearly the same, begun there: a push in parts
+    finds a contact's bounds, within which one even push may do; a mass on a spring looks much as one whose arm and way are exchanged."""
+    best = found
+    for other in lookalikes(found.hypothesis.terms[0]):
+        fit = admissible(found.record, replace(found.hypothesis, terms=(other,)), again(found), latent=False)
+        if fit is not None:
+            fit = moved_to_best(fit, gap)
+            best = fit if fit.evidence > best.evidence else best
+    return best
 
 
 def _with_variants(

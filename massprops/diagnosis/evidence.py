@@ -64,25 +64,24 @@ class Posterior:
     noise: np.ndarray
     residual: np.ndarray
 
-    def shifts(self, change: np.ndarray) -> dict[str, np.ndarray]:
-        """By how much the likeliest values of all unknowns move, by block, with a change of the first ones (f,)."""
-        f = len(change)
-        moved = self.joint[:, :f] @ np.linalg.solve(self.joint[:f, :f], change)
+    def shifts(self, change: np.ndarray, at: np.ndarray) -> dict[str, np.ndarray]:
+        """By how much the likeliest values of all unknowns move, by block, with a change (f,) of those at places (f,) of all."""
+        moved = self.joint[:, at] @ np.linalg.solve(self.joint[np.ix_(at, at)], change)
         ends = np.cumsum([len(m) for m in self.mean.values()])
         return dict(zip(self.mean, np.split(moved, ends[:-1]), strict=True))
 
-    def square(self, change: np.ndarray) -> float:
-        """A change of the first unknowns (f,) over their covariance, squared."""
-        f = len(change)
-        return float(change @ np.linalg.solve(self.joint[:f, :f], change))
+    def square(self, change: np.ndarray, at: np.ndarray) -> float:
+        """A change (f,) of the unknowns at places (f,) over their covariance, squared."""
+        return float(change @ np.linalg.solve(self.joint[np.ix_(at, at)], change))
 
-    def moved(self, change: np.ndarray, blocks: list[Block]) -> Posterior:
-        """The likeliest unknowns with the first ones (f,) moved away from theirs by a change, and what that costs; spreads stay."""
-        shift = self.shifts(change)
+    def moved(self, change: np.ndarray, at: np.ndarray, blocks: list[Block]) -> Posterior:
+        """The likeliest unknowns with those at places (f,) moved away from theirs by a change (f,), and what that costs; spreads
+        stay."""
+        shift = self.shifts(change, at)
         lost = np.add.reduce([b.columns @ shift[b.name] for b in blocks])
         return replace(
             self,
-            evidence=self.evidence - 0.5 * self.square(change),
+            evidence=self.evidence - 0.5 * self.square(change, at),
             mean={name: m + shift[name] for name, m in self.mean.items()},
             residual=self.residual - lost,
         )

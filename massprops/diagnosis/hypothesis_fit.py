@@ -182,25 +182,48 @@ class _Solution:
     posterior: Posterior
 
     @cached_property
+    def bent(self) -> tuple[np.ndarray, np.ndarray]:
+        """(f,) places among all unknowns of those that do not enter linearly, the inertia's shape first, and (f,) where the guess has
+        them."""
+        ends = dict(zip(self.posterior.mean, np.cumsum([b.count for b in self.blocks]), strict=True))
+        at, here = [np.arange(INERTIA)], [self.guess.shape]
+        for term in self.hypothesis.terms:
+            count = len(self.posterior.mean[term.name])
+            own = term.here(count)
+            if own is not None:
+                at.append(np.arange(ends[term.name] - count, ends[term.name]))
+                here.append(own)
+        return np.concatenate(at), np.concatenate(here)
+
+    @cached_property
     def step(self) -> np.ndarray:
-        """(5,) of the inertia's shape to its likeliest."""
-        return np.asarray(self.posterior.mean["base"][:INERTIA] - self.guess.shape)
+        """(f,) of what does not enter linearly to its likeliest."""
+        at, here = self.bent
+        return np.asarray(np.concatenate(list(self.posterior.mean.values()))[at] - here)
+
+    @property
+    def largest(self) -> float:
+        """Of the step of the inertia's shape."""
+        return float(np.abs(self.step[:INERTIA]).max())
 
     @property
     def longest(self) -> float:
         """Part of the step that a pass may take."""
-        return min(1.0, LARGEST_STEP / max(float(np.abs(self.step).max()), 1e-12))
+        return min(1.0, LARGEST_STEP / max(self.largest, 1e-12))
 
     @cached_property
     def gain(self) -> float:
         """Of the log evidence by that step, if the model is linear so far."""
-        return 0.5 * self.posterior.square(self.step)
+        return 0.5 * self.posterior.square(self.step, self.bent[0])
 
     @cached_property
     def density(self) -> float:
-        """Log density of the rows together with the guess's shape: what else is unknown is marginalised, the noise too (Student's
-        law). It does not lean on how the rows answer to another inertia, so passes compare by it."""
-        spread = self.posterior.joint[:INERTIA, :INERTIA]
+        """Log density of the rows together with what does not enter linearly as the guess has it, over its prior's spread: what
+        else is unknown is marginalised, the noise too (Student's law). It does not lean on how the rows answer to other values,
+        so passes compare by it."""
+        at = self.bent[0]
+        sd = np.concatenate(list(self.posterior.sd.values()))[at]
+        spread = self.posterior.joint[np.ix_(at, at)] / np.outer(sd, sd)
         return float(self.posterior.evidence - self.unverified - 0.5 * np.linalg.slogdet(2.0 * np.pi * spread)[1])
 
     @property
@@ -209,17 +232,26 @@ class _Solution:
         count = len(self.y) + self.record.noise_rows
         return float(0.5 * count * np.log1p(2.0 * self.gain / count))
 
+    def follows(self, before: _Solution) -> bool:
+        """Whether the step of the pass before may stand: the measurements are hardly less likely after it, or it is so short that what
+        they are less likely by is the path's, which the pass before had not reached. Passes with other unknowns do not compare. An
+        effect's own values may cross a curved valley in long steps: they are asked within about a sigma of each unknown."""
+        count = len(self.step)
+        far = count > INERTIA and before.gain > count
+        return count != len(before.step) or far or before.gain < SETTLED or self.density > before.density - SETTLED
+
     def near(self, before: _Solution) -> bool:
         """Whether nothing that decides is left to gain after the pass before."""
-        small = float(np.abs(self.step).max()) < SMALL_STEP or (self.hypothesis.linear and self.gain < SETTLED)
+        small = self.gain < SETTLED or (len(self.step) == INERTIA and self.largest < SMALL_STEP)
         return small and abs(self.posterior.evidence - before.posterior.evidence) < SETTLED
 
 
 def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes: int = PASSES) -> HypothesisFit:
     """The hypothesis at its most likely, from a start that it stays near.
 
-    A record that hardly shows the inertia lets a step lead far beyond where the model is linear, to a needle or a plate: a
-    step after which the measurements are less likely is taken back, and a part of it tried.
+    A record that hardly shows the inertia lets a step lead far beyond where the model is linear, to a needle or a plate, and a flat
+    valley of an effect's own values lets it lead across: a step after which the measurements are less likely is taken back, and a
+    part of it tried.
 
     Raises:
         NotPossible: the start leads nowhere.
@@ -228,14 +260,15 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     found: HypothesisFit | None = None
     best: _Solution | None = None
     damped = 1.0
-    for k in range(passes):
+    # what is linearised about its own values takes about twice as many to its end
+    for k in range(passes if hypothesis.linear or passes < PASSES else 2 * passes):
         before, settled = found, False
         # about rates as measured, noise stands in the columns of the inertia, and a wheel answers for it: first the motion alone
         motion = hypothesis.wheel and k == 0
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 own = _solved(record, hypothesis, guess)
-                if best is None or not hypothesis.linear or own.density > best.density - SETTLED:
+                if best is None or own.follows(best):
                     settled = best is not None and own.near(best)
                     best, damped = own, min(1.0, 2.0 * damped)
                 else:
@@ -302,7 +335,7 @@ def _moved(found: HypothesisFit) -> Hypothesis:
 
 def _widened(found: HypothesisFit, last: _Solution) -> HypothesisFit:
     """A fit that did not settle, with what its effects would move by with the step that was left in their covariance."""
-    shift, post = last.posterior.shifts(last.step), found.posterior
+    shift, post = last.posterior.shifts(last.step, last.bent[0]), found.posterior
     covariance = dict(post.covariance)
     for term in found.hypothesis.terms:
         covariance[term.name] = covariance[term.name] + np.outer(shift[term.name], shift[term.name])
@@ -347,10 +380,9 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, _Guess]:
     """The fit after a part of the step of the inertia, all else as that inertia has it, and the next guess."""
     record, hypothesis, guess, balance = own.record, own.hypothesis, own.guess, own.balance
     path, rows = record.path, record.rows
-    stays = part == 1.0 or not hypothesis.linear
-    post = own.posterior if stays else own.posterior.moved((part - 1.0) * own.step, own.blocks)
+    post = own.posterior if part == 1.0 else own.posterior.moved((part - 1.0) * own.step, own.bent[0], own.blocks)
     base = post.mean["base"]
-    shape = guess.shape + part * own.step
+    shape = guess.shape + part * own.step[:INERTIA]
     turn = None if rows.rates else base[INERTIA + 3 :]
     whole, phi = balance.motion(_rate_along(own.parts, post, balance, guess), turn)
     axis, history, history_sd = _wheel_found(record, hypothesis, guess, post)

@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.conserved_start import Start, conserved_across, left_across, with_mean_moment_about_axis
-from massprops.diagnosis.effect_columns import has_known_rate, steps, term_of, variants
+from massprops.diagnosis.effect_columns import has_known_rate, in_balance, steps, term_of, variants
 from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pair_scan import KEPT, Scanned, Terms, least_left, scanned
@@ -58,7 +58,10 @@ def pairs(
     # an effect that is not linear in its unknowns bends to what sunlight on faces leaves: the two passed for a periodic torque
     linear = [m for m in usable if not hasattr(m, "momentum_moved")]
     forced = [scanned(along, effect, unknown, alone.get(effect.NAME)) for effect in linear]
-    tried = sorted((least_left(along, a, b) for a, b in combinations(forced, 2)), key=lambda t: t[0][1].left)
+    firsts = {own.name: own for own in forced}
+    seconds = [m for m in in_balance() if getattr(m, "BESIDE", None) in firsts]
+    both = [*combinations(forced, 2), *((firsts[m.BESIDE], scanned(along, m, unknown, None)) for m in seconds)]
+    tried = sorted((least_left(along, a, b) for a, b in both), key=lambda t: t[0][1].left)
     begun = [_begun(along, own, gap) for own in tried[:SCREENED]]
     begun = sorted((f for f in begun if f and can_be(f[0])), key=lambda f: -f[0].evidence)
     found = [_finished(along, fits, starts) for fits in begun[:FINISHED]]

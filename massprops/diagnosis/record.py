@@ -88,8 +88,11 @@ class Record:
         return None if self.environment is None else self.environment.state(self.path.t)
 
 
-def record_of_rates(series: RateSeries) -> Record:
+def record_of_rates(series: RateSeries, first_ns: int | None = None) -> Record:
     """A record of a gyroscope.
+
+    Args:
+        first_ns: timestamp from which times count [ns]; else its own first.
 
     Raises:
         NotPossible: too few samples, or the body turns too far between two of them, or an axis stands still.
@@ -101,7 +104,8 @@ def record_of_rates(series: RateSeries) -> Record:
         raise NotPossible(
             f"imu0 holds {len(stamp)} rates and a diagnosis needs at least {FEWEST_ROWS}: give a longer record"
         )
-    seconds = (stamp - stamp[0]) * 1e-9
+    first = int(stamp[0]) if first_ns is None else first_ns
+    seconds = (stamp - first) * 1e-9
     check_moving(seconds, w)
     times = seconds[: count * block].reshape(count, block).mean(axis=1)
     rates = w[: count * block].reshape(count, block, 3).mean(axis=1)
@@ -117,7 +121,7 @@ def record_of_rates(series: RateSeries) -> Record:
     rows = Rows(at=at, measured=rates, sigma=noise, rates=True)
     return Record(
         path=path, rows=rows, times=times, noise_rows=STATED_ROWS if series.sigma else 1.0, speed=speed, environment=None,
-        stamp=stamp[0] + np.round(times * 1e9).astype(np.int64),
+        stamp=first + np.round(times * 1e9).astype(np.int64),
         walk=float(np.median(noise) ** 2 * np.median(np.diff(times))),
     )  # fmt: skip
 
@@ -138,9 +142,15 @@ def local_noise(values: np.ndarray) -> np.ndarray:
     return np.maximum(np.sqrt((window * near + WHOLE_COUNTS * whole) / (window + WHOLE_COUNTS)), 1e-12)
 
 
-def record_of_attitudes(series: AttitudeSeries, given: Environment, rates: RateSeries | None = None) -> Record:
+def record_of_attitudes(
+    series: AttitudeSeries, given: Environment, rates: RateSeries | None = None, first_ns: int | None = None
+) -> Record:
     """A record of attitudes, turned into inertial axes by the chaser's own, with a gyroscope's rates beside them or
-    without. Times count from the first timestamp of both.
+    without.
+
+    Args:
+        first_ns: timestamp from which times count [ns], those of what acts from outside and of a measured wheel too; else the
+            first of both.
 
     Raises:
         NotPossible: too few attitudes.
@@ -155,7 +165,8 @@ def record_of_attitudes(series: AttitudeSeries, given: Environment, rates: RateS
         raise NotPossible(
             f"attitude0 holds {len(stamp)} attitudes and a diagnosis needs at least {FEWEST_ROWS}: give a longer record"
         )
-    first = min(int(s.timestamp_ns[0]) for s in (series, rates) if s is not None and len(s.timestamp_ns))
+    begins = (int(s.timestamp_ns[0]) for s in (series, rates) if s is not None and len(s.timestamp_ns))
+    first = min(begins) if first_ns is None else first_ns
     times = (stamp - first) * 1e-9
     q = multiply(chaser_path(given, times).q, q)
     local = from_attitude(times, q, sigma[:, None, None] ** 2 * np.eye(3))

@@ -383,7 +383,7 @@ def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
     known = set() if record.environment is None else set(record.environment.known)
     usable, skipped = [], {}
     for effect in in_balance():
-        if hasattr(effect, "LAW_OF"):
+        if hasattr(effect, "LAW_OF") or hasattr(effect, "BESIDE"):
             continue
         missing = [n for n in effect.NEEDS if n not in known]
         if missing:

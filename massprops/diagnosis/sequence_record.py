@@ -10,17 +10,19 @@ from massprops.sequence.data import AttitudeSeries, Sequence
 
 
 def record_of_sequence(sequence: Sequence) -> Record:
-    """The record of attitudes where there are some, from stereo tracks too, else of body rates.
+    """The record of attitudes where there are some, from stereo tracks too, else of body rates. Times count from the first of all
+    that was measured.
 
     Raises:
         NotPossible: nothing shows the rotation, or too little of it.
     """
+    given, first = sequence.environment, sequence.first_ns
     if sequence.attitude is not None and len(sequence.attitude.q):
-        return record_of_attitudes(sequence.attitude, sequence.environment)
+        return record_of_attitudes(sequence.attitude, given, first_ns=first)
     if sequence.tracks is not None and len(sequence.tracks.feature):
-        return record_of_attitudes(_attitudes_of_tracks(sequence), sequence.environment)
+        return record_of_attitudes(_attitudes_of_tracks(sequence), given, first_ns=first)
     if sequence.rates is not None and len(sequence.rates.w):
-        return record_of_rates(sequence.rates)
+        return record_of_rates(sequence.rates, first)
     raise NotPossible(
         "the sequence holds no attitudes, no body rates and no stereo tracks: give it attitude0, imu0 or tracks0"
     )

@@ -15,6 +15,7 @@ from massprops.diagnosis.measured_beside import effects_beside
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search import diagnose
 from massprops.diagnosis.selection import significance, within_noise, without_effects
+from massprops.diagnosis.sequence_record import record_of_sequence
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_vector, multiply
 from massprops.dynamics.rotation import trajectory
@@ -23,7 +24,7 @@ from massprops.effects import effects, of_record
 from massprops.errors import InputError
 from massprops.model import Model, document_of, load_model
 from massprops.sequence import read_sequence, write_sequence
-from massprops.sequence.data import AttitudeSeries, Environment, RotorSeries, Sequence
+from massprops.sequence.data import AttitudeSeries, Environment, RangeSeries, RotorSeries, Sequence
 
 INERTIA = np.diag([0.8, 1.0, 1.2])
 MOMENTUM = np.array([0.04, -0.02, 0.05])
@@ -109,6 +110,18 @@ def test_beside_an_unknown_torque_it_is_asked_whatever_leads(
     monkeypatch.setattr(selection, "usable_effects", lambda record: ([effects()["constant-body-torque"], wheel], {}))
     tried = {c.name: c.with_latent for c in selection.select(found[0].record).tried}
     assert tried["internal-rotor"] is not None and tried["constant-body-torque"] is None
+
+
+def test_times_count_from_ranges_that_begin_before() -> None:
+    whole = spun()
+    assert whole.attitude is not None
+    first = int(whole.attitude.timestamp_ns[0]) - 20 * 10**9
+    ranged = replace(whole, range=RangeSeries(first + 10**9 * np.arange(30), np.full(30, 9.0)))
+    record = record_of_sequence(ranged)
+    assert ranged.first_ns == first and record.times[0] == 20.0 and record.stamp[0] == whole.attitude.timestamp_ns[0]
+    (wheel,) = effects_beside(ranged)
+    fit = best_fit(record, wheel, without_effects(record)[0])
+    assert fit is not None and within_noise(fit)
 
 
 def test_its_rate_must_reach_over_the_record() -> None:

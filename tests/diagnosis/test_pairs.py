@@ -27,7 +27,12 @@ from massprops.diagnosis.selection import (
     within_noise,
     without_effects,
 )
+from massprops.dynamics.environment import EnvironmentModel
+from massprops.dynamics.quaternion import from_rotation_vector, multiply
+from massprops.dynamics.rotation import trajectory
 from massprops.effects import effects
+from massprops.model import model_of
+from massprops.sequence.data import AttitudeSeries, Environment
 
 DRAG = np.array([0.6, 0.3, 0.9])
 TORQUE = np.array([3.0, -2.0, 1.5])
@@ -117,6 +122,34 @@ def test_two_events_are_found_at_moments_of_their_own() -> None:
     held = dict(found.hypothesis.term("impulse").held)
     assert dict(found.hypothesis.term("inertia-change").held)["time"] == pytest.approx(620.6, abs=3.0)
     assert held["time"] + 0.5 * held["duration"] == pytest.approx(494.6, abs=1.0)
+
+
+def test_what_strikes_twice_is_a_second_knock_beside_the_first() -> None:
+    times, first, second = np.arange(0.0, 100.0, 0.5), np.array([0.02, -0.01, 0.015]), np.array([-0.01, 0.02, 0.01])
+    sizes = {
+        "impulse": np.array([30.2, *first, 0, 0, 0, 1.0]),
+        "second-impulse": np.array([61.3, *second, 0, 0, 0, 1.0]),
+    }
+    acting = model_of(sizes)
+    moved = trajectory(
+        times, np.array([1.0, 0, 0, 0]), np.array([0.1, 0.15, -0.08]), np.diag([0.8, 1.0, 1.2]), acting.active, acting.flat(True),
+        EnvironmentModel(Environment()),
+    )  # fmt: skip
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((len(times), 3))
+    q = multiply(moved.q, from_rotation_vector(noise))
+    series = AttitudeSeries(np.round(times * 1e9).astype(np.int64), q, np.full(len(times), 1e-3))
+    record = record_of_attitudes(series, Environment())
+    assert "second-impulse" not in {m.NAME for m in usable_effects(record)[0]}
+    base, unknown = without_effects(record)
+    found = pairs(record, unknown, [base], [effects()["impulse"]])[0]
+    assert set(found.names) == set(sizes) and rms(found.residual) < 1.05
+    knocks = sorted(
+        (dict(t.held)["time"] + 0.5 * dict(t.held).get("duration", 0.0), found.values[t.name])
+        for t in found.hypothesis.terms
+    )
+    for (middle, kick), truth, when in zip(knocks, (first, second), (30.7, 61.8), strict=True):
+        assert middle == pytest.approx(when, abs=0.3)
+        np.testing.assert_allclose(kick, truth, atol=1e-3)
 
 
 def test_sigmas_grow_where_neighbours_are_alike() -> None:

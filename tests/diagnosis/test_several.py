@@ -173,7 +173,7 @@ def test_a_damped_sphere_has_one_coupling_in_two_records() -> None:
     )
     found = common_of(fits)
     assert _off(found, "energy-dissipation", {"share": share, "coupling": coupling}) < 3.0
-    alone = [f.held_sd["energy-dissipation"]["coupling"] for f in fits]
+    alone = [common_of([f]).sigma["energy-dissipation"]["coupling"] for f in fits]
     assert found.sigma["energy-dissipation"]["coupling"] < 1.02 * np.sum(np.array(alone) ** -2.0) ** -0.5
 
 

@@ -24,7 +24,7 @@ from massprops.sequence.data import Environment, Orbit
 NAMES = {
     "gravity-gradient-torque", "constant-body-torque", "viscous-damping", "eddy-current-torque",
     "solar-radiation-torque", "magnetic-dipole-torque", "energy-dissipation", "internal-rotor", "impulse",
-    "inertia-change", "nonuniform-density", "drag-by-axis", "spring-mass-damper", "solar-pressure-on-facets", "drag-by-rate-squared",
+    "inertia-change", "nonuniform-density", "drag-by-axis", "spring-mass-damper", "solar-pressure-on-facets", "drag-by-rate-squared", "second-impulse",
     "solar-pressure-on-mesh", "air-drag-on-mesh", "lens-distortion", "focal-length-error", "baseline-error",
     "stereo-time-offset", "chaser-rotation-drift", "rolling-shutter", "range-bias",
 }  # fmt: skip

@@ -75,7 +75,8 @@ def _selected(case: Case, watch: Watch) -> Selection | None:
         return None
     if not case.balance:
         try:
-            case.balance.append(select(record_of_attitudes(case.shown, case.problem.environment), watch))
+            given, first = case.problem.environment, case.problem.first_ns
+            case.balance.append(select(record_of_attitudes(case.shown, given, first_ns=first), watch))
         except NotPossible:
             case.balance.append(None)
     return case.balance[0]

@@ -68,9 +68,9 @@ def momentum_variants(held, gap):
     return [{"time": held["time"] - 0.5 * n * gap, "duration": n * gap, "parts": p} for n, p in CONTACTS]
 
 
-def momentum_simpler(held):
-    """One even push in place of parts that differ; None of one part."""
-    return held | {"parts": 1} if held.get("parts", 1) > 1 else None
+def momentum_alike(held):
+    """One even push in place of parts that differ."""
+    return [held | {"parts": 1}] if held.get("parts", 1) > 1 else []
 
 
 def momentum_steps(held, gap):

@@ -122,6 +122,23 @@ def momentum_moved(held, unknowns):
     return dict(zip(MOMENTUM_UNKNOWNS, _moved(now, step).tolist(), strict=True))
 
 
+def momentum_alike(held):
+    """Arm and way in each other's place: the drive of the swing and the lever of its momentum are then the same but for a sign, so that
+    each has a likeliest fit of its own. The displacement may begin on either side."""
+    if "arm_x" not in held:
+        return []
+    now = _values(held)
+    arm, u, size = now[:3], now[5:8] / np.sqrt(np.sum(now[5:8] ** 2)), _size(now)
+    places = [f"{part}_{a}" for part in ("arm", "along") for a in "xyz"]
+    turned = held | dict(zip(places, [*(size * u).tolist(), *(arm / size).tolist()], strict=True))
+    return [turned, turned | {k: -held[k] for k in ("displacement", "velocity")}]
+
+
+def momentum_here(held):
+    """The unknowns that stand for the parameters in `held`; None without an arm, where products are unknown."""
+    return np.concatenate([0.5 * _values(held)[:5], np.zeros(5)]) if "arm_x" in held else None
+
+
 LIKELY_ARM = 0.2
 """Prior of the arm: of a point mass that far out, a twenty-fifth of the mean moment of inertia."""
 LIKELY_START = 0.05
