@@ -195,13 +195,13 @@ def _laid(
         return {**said, "fits": found.fits, "reason": _reason(found)}, found.R, found.t
     R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
     # without paint, features are of light and shade, which stay where they are when the body is turned
-    # nor do those of a body that looks alike from below tell which turn it was, and all give the same body
-    if laid is None and not (found.unpainted or alike and found.symmetric):
+    # and those of a body that looks alike from below have spoken for a wrong turn
+    if laid is None and not (found.unpainted or alike):
         # what stereo measured of one placement only, such as a plate's rims, the other's photographs show too
         both = base[1].beside(other[1], R, t), other[1].beside(base[1], R.T, -R.T @ t)
         laid = lay(*both, [(R, t)], anywhere=False)
     # of a body of revolution another turn of the same body may have been taken, whose paint and features are elsewhere
-    exact = laid is not None or not (found.symmetric or found.unpainted)
+    exact = laid is not None or not (found.symmetric or found.unpainted or alike)
     if exact and contradicted(base[1], other[1], R, t, overlap(base[0], other[0], R, t)):
         return {**said, "fits": True, "reason": LOOKS_ALIKE}, R, t
     if alike:
