@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -54,7 +55,7 @@ def sparse() -> SparsePoints:
 
 def registered(**kwargs: Any) -> Registration:
     usual = {"outside_px": 0.7, "rival_px": 1.4, "colour": 0.0, "rival_colour": 0.0, "colour_noise": 0.03}
-    return Registration(R, T, **(usual | kwargs))
+    return Registration(R, T, **({"covariance": 1e-4 * np.eye(6)} | usual | kwargs))
 
 
 def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothing() -> None:
@@ -104,6 +105,29 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     assert "look alike" in _laid(job, pair, pair)[0]["reason"]
     monkeypatch.setattr("massprops.surface.registration.register", lambda *_: registered(rival_px=4.8))
     assert "reason" not in _laid(job, pair, pair)[0], "features of light and shade have no say"
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.MonkeyPatch, same: bool) -> None:
+    """As of a screwdriver with one plate on both sides: features lay its two ways up so that both show the same side."""
+    over = R @ np.diag([1.0, -1, -1])
+    turned = registered(rival_px=np.inf, symmetric=True)
+    found = registered(colour=0.5, turned=replace(turned, R=over))
+    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: found)
+    laid = Laid(R, T, 1e-8 * np.eye(6), np.zeros(3), 144, 0.3, 441, 50.0)
+    monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: laid)
+    monkeypatch.setattr("massprops.sfm.across.same_surface", lambda *_: same)
+    monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
+    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    up = np.array([0.0, 0, 1, 0])
+    first, second = SimpleNamespace(support=up, middle=np.zeros(3)), SimpleNamespace(support=up, middle=np.zeros(3))
+    second.support = np.append(R.T @ up[:3], 0.0)
+    warned: list[str] = []
+    job: Any = SimpleNamespace(seed=0, warn=warned.append)
+    said, turn, _ = _laid(job, (first, None), (second, None))  # type: ignore[arg-type]
+    assert np.array_equal(turn, R if same else over)
+    assert said["features"] == (144 if same else 0) and ("alike" in said) is not same
+    assert (len(warned) == 0) is same
 
 
 def test_moving_views_with_their_world_changes_no_image() -> None:

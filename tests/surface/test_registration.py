@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from synthetic_dense import cameras, observe
 
 from massprops.dynamics.quaternion import rotation_matrix
-from massprops.surface.registration import Placed, placed, register, same_side
+from massprops.surface.cloud import Cloud
+from massprops.surface.coherence import Extent, Witnesses
+from massprops.surface.registration import Placed, placed, register, resting, same_side
 
 
 def seen(mesh: trimesh.Trimesh, painted: bool, seed: int) -> Placed:
@@ -86,3 +90,25 @@ def test_answers_that_make_other_bodies_are_rivals() -> None:
     second = turned(body, np.array([0.0, 1.0, 0.0, 0.0]), np.zeros(3))
     found = register(seen(first, False, 2), seen(second, False, 3))
     assert not found.clear
+
+
+def placed_nowhere(cloud: Cloud) -> Placed:
+    """Points without silhouettes or support."""
+    nothing = Witnesses(np.zeros((0, 3)), np.zeros(1, int)), np.zeros(3), np.zeros((0, 3))
+    return Placed(
+        cloud, np.zeros((0, 3)), Extent(np.zeros((2, 2, 2), np.float32), np.zeros(3), 1.0), *nothing, 0.01, 0.0
+    )
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.02])
+def test_each_placement_rests_on_what_the_other_lay_on(lean: float) -> None:
+    """A slab whose top was measured, turned over: it is moved along the supports alone, also where these lean a little."""
+    rng = np.random.default_rng(0)
+    top = np.column_stack([rng.uniform(-1, 1, (3000, 2)), np.ones(3000)])
+    cloud = Cloud(top, np.tile([0.0, 0, 1], (3000, 1)), np.ones(3000), np.zeros(3001, int), np.zeros(0, int))
+    supports = np.array([0.0, 0, 1, 0]), np.array([np.sin(lean), 0, np.cos(lean), 0])
+    first, second = (replace(placed_nowhere(cloud), support=s) for s in supports)
+    R, t = np.diag([1.0, -1, -1]), np.array([0.3, -0.2, 0.8])
+    rested = resting(first, second, R, t)
+    assert np.allclose(rested, [0.3, -0.2, 1.0], atol=0.03)
+    assert np.array_equal(resting(placed_nowhere(cloud), placed_nowhere(cloud), R, t), t)
