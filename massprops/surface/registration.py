@@ -228,14 +228,13 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
     """The answer that silhouettes and paint favour, and what speaks against the others."""
     first, second = both.first, both.second
     best = _chosen(answers)
-    rested = resting(first, second, best.R, best.t)
     others = [a for a in answers if a.away(best) > APART_DEG]
     noise = _noise(others)
     alike = [a for a in others if both.one_body(best, a)]
     rivals = [a.outside for a in others if a not in alike]
     return Registration(
         best.R,
-        rested,
+        best.t,
         best.outside,
         min(rivals, default=np.inf),
         best.colour,
@@ -244,7 +243,7 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
         both.covariance(best),
         any(a.outside < worse(best.outside) for a in alike),
         0.5 * (first.rim_error + second.rim_error),
-        _candidates(replace(best, t=rested), answers),
+        _candidates(best, answers),
         _turned(both, best, answers),
     )
 
@@ -255,7 +254,11 @@ def _turned(both: _Pair, best: _Answer, answers: list[_Answer]) -> Registration 
     if not same_side(first, second, best.R):
         return None
     others = [a for a in answers if not same_side(first, second, a.R)]
-    return _registration(both, others) if any(a.outside < worse(best.outside) for a in others) else None
+    if not any(a.outside < worse(best.outside) for a in others):
+        return None
+    found = _registration(both, others)
+    # only here: of a noisy side the lowest points lie below it, and a plate came out a sixth too thick
+    return replace(found, t=resting(first, second, found.R, found.t))
 
 
 def same_side(first: Placed, second: Placed, R: np.ndarray) -> bool:
