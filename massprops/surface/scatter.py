@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.robust import nanmedian
 from massprops.surface.cloud import Cloud
 
 WINDOW = 9.0
@@ -72,13 +73,6 @@ def _about_quadrics(place: np.ndarray, inside: np.ndarray, up: np.ndarray) -> np
         # of the least length where places on a line leave it open
         found = np.linalg.pinv(own @ terms, rcond=FLAT, hermitian=True) @ (own @ height[..., None])
         off = np.abs(height - (terms @ found)[..., 0])
-        middle = _medians(off, inside)
+        middle = nanmedian(np.where(inside, off, np.nan), axis=1)
         weight = inside / (1 + (off / (3.0 * middle[:, None] + 1e-12)) ** 2)
     return middle
-
-
-def _medians(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """(p,) of each row of values (p, n), of those `inside` (p, n)."""
-    ordered, count = np.sort(np.where(inside, values, np.inf), axis=1), inside.sum(axis=1)
-    row = np.arange(len(values))
-    return np.asarray((ordered[row, (count - 1) // 2] + ordered[row, count // 2]) / 2)
