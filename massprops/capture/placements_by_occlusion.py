@@ -32,7 +32,7 @@ def predicted_agreement(grid: Voxels, maps: Occlusion, member: np.ndarray) -> np
 
 
 def _by_turns(grid: Voxels, maps: Occlusion, part: np.ndarray) -> np.ndarray:
-    """(k,) the same of images `part` (k,) divided by turns: hulls of as few images that show the same."""
+    """(k,) how well hulls of half of the images `part` (k,), taken by turns, explain what each image hides."""
     out = np.zeros(len(part))
     for k in (0, 1):
         out[k::2] = predicted_agreement(grid, maps, part[k::2])
@@ -53,13 +53,14 @@ def divide_by_occlusion(grid: Voxels, maps: Occlusion, timestamp_ns: np.ndarray 
         part, score = todo.pop()
         best: tuple[float, np.ndarray, np.ndarray, int] | None = None
         cuts, paused = _cuts(part, timestamp_ns)
+        by_turns = _by_turns(grid, maps, part) if paused else score
         for cut in cuts:
             first, second = (predicted_agreement(grid, maps, p) for p in (part[:cut], part[cut:]))
             both = np.concatenate([first, second])
             rise = float(both.mean() - score.mean())
             sound = min(first.mean(), second.mean()) > LEAST_AGREEMENT
             if paused and not sound:
-                gain = both - _by_turns(grid, maps, part)
+                gain = both - by_turns
                 sound = gain.mean() > SURELY * gain.std() / np.sqrt(len(gain))
             if sound and rise > BETTER and (best is None or rise > best[0]):
                 best = (rise, first, second, cut)
@@ -75,7 +76,8 @@ def divide_by_occlusion(grid: Voxels, maps: Occlusion, timestamp_ns: np.ndarray 
 
 
 def _cuts(part: np.ndarray, timestamp_ns: np.ndarray | None) -> tuple[list[int], bool]:
-    """Where images `part` (consecutive) may be divided: at long pauses where there are some, else anywhere; and which."""
+    """Where images `part` (consecutive) may be divided: at long pauses where there are some, else anywhere; and whether
+    there are."""
     anywhere = list(range(LEAST_IMAGES, len(part) - LEAST_IMAGES + 1))
     if timestamp_ns is None or (timestamp_ns[part] <= 0).any():
         return anywhere, False
