@@ -186,16 +186,16 @@ def _laid(
     found = register(base[0], other[0], job.seed)
     laid = lay(base[1], other[1], found.candidates, anywhere=not found.clear)
     said = {**_said(found), "features": 0}
-    alike = found.turned is not None and _only_alike(base, other, found, laid)
-    if found.turned is not None and alike:
+    alike = False
+    if found.turned is not None and _only_alike(base, other, found, laid):
         # it was turned to be seen from below
-        found, laid = found.turned, None
+        alike, found, laid = True, found.turned, None
         said = {**_said(found), "features": 0, "alike": True}
     if laid is None and not found.clear:
         return {**said, "fits": found.fits, "reason": _reason(found)}, found.R, found.t
     R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
-    # without paint, features are of light and shade, which stay where they are when the body is turned
-    # and those of a body that looks alike from below have spoken for a wrong turn
+    # without paint, features are of light and shade, which stay where they are when the body is turned; and those of a body that
+    # looks alike from below have spoken for a wrong turn
     if laid is None and not (found.unpainted or alike):
         # what stereo measured of one placement only, such as a plate's rims, the other's photographs show too
         both = base[1].beside(other[1], R, t), other[1].beside(base[1], R.T, -R.T @ t)
