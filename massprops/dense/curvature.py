@@ -27,9 +27,24 @@ TUKEY = 4.685
 """Tuning constant of Tukey's biweight, for 95 % of the efficiency on normal errors."""
 RIDGE = 1e-6
 """Share of the number of pixels that is added to the diagonal of the normal equations: far below what a window spans."""
+LEAST_REST, HALVES = np.float32(1e-9), 11
+"""Least residual that counts, and steps by which the median is found above it: to one part in a hundred."""
+
+_POWERS = np.array([(i, n - i) for n in range(5) for i in range(n, -1, -1)])
+"""Of a and b, of the moments that the normal equations are made of; the first TERMS are a fit's terms."""
+_OFFSETS = np.arange(-REACH, REACH + 1, STRIDE)
+PIXELS = 96
+"""Room for the pixels of a fit, 81: what is processed by fours of eights needs no rest."""
+_A, _B = (np.resize(a, PIXELS) / REACH for a in np.meshgrid(_OFFSETS, _OFFSETS))
+MONOMIALS = np.stack([_A**i * _B**j for i, j in _POWERS]).astype(np.float32)
+INNER = (np.maximum(abs(_A), abs(_B)) <= 0.5).astype(np.float32)
+PRODUCT = np.array(
+    [[np.flatnonzero((_POWERS == _POWERS[p] + _POWERS[q]).all(1))[0] for q in range(TERMS)] for p in range(TERMS)]
+)
+"""The moment that is the product of two terms."""
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def fit_curvature(depth: Array, bent: Array, first: int, last: int) -> None:
     """Local quadratic fits of the inverse depth, by Tukey's biweight, relative to the inverse depth of the pixel.
 
@@ -39,76 +54,114 @@ def fit_curvature(depth: Array, bent: Array, first: int, last: int) -> None:
             too few pixels about have a depth.
         first, last: rows to work on, [first, last).
     """
-    most = ((2 * REACH) // STRIDE + 1) ** 2
-    design, value = np.empty((most, TERMS)), np.empty(most)
-    rest, weight = np.empty(most), np.empty(most)
+    value, known = np.zeros(PIXELS, np.float32), np.zeros(PIXELS, np.float32)
+    weight, rest, moment = np.empty(PIXELS, np.float32), np.empty(PIXELS, np.float32), np.empty(len(MONOMIALS))
     normal, answer = np.empty((TERMS, TERMS)), np.empty(TERMS)
     for y in range(first, last):
         for x in range(depth.shape[1]):
             bent[y, x, 0] = bent[y, x, 1] = bent[y, x, 2] = 0.0
             if depth[y, x] <= 0.0:
                 continue
-            n = _gather(depth, x, y, design, value)
-            if n >= LEAST and _robust(design, value, n, rest, weight, normal, answer):
+            if x % 2 == 1 and depth[y, x - 1] > 0.0:  # two neighbours have nearly all of their pixels in common
+                for p in range(3):
+                    bent[y, x, p] = bent[y, x - 1, p]
+                continue
+            n = _gather(depth, x, y, value, known)
+            if n >= LEAST and _robust(value, known, n, weight, rest, moment, normal, answer):
                 bent[y, x, 0] = 2.0 * answer[3] / (REACH * REACH)
                 bent[y, x, 1] = answer[4] / (REACH * REACH)
                 bent[y, x, 2] = 2.0 * answer[5] / (REACH * REACH)
 
 
-@nb.njit(inline="always", error_model="numpy")
-def _gather(depth: Array, x: int, y: int, design: Array, value: Array) -> int:
-    """Writes the terms and the relative inverse depth of every pixel about that has one; gives their number."""
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _gather(depth: Array, x: int, y: int, value: Array, known: Array) -> int:
+    """Writes by how much the relative inverse depth of every pixel about differs from the middle's, and 1 where it has one or 0;
+    gives the number of these."""
     h, w = depth.shape
-    n = 0
+    n, k = 0, 0
     for dy in range(-REACH, REACH + 1, STRIDE):
         for dx in range(-REACH, REACH + 1, STRIDE):
             i, j = y + dy, x + dx
-            if i < 0 or j < 0 or i >= h or j >= w or depth[i, j] <= 0.0:
-                continue
-            a, b = dx / REACH, dy / REACH
-            design[n, 0], design[n, 1], design[n, 2] = 1.0, a, b
-            design[n, 3], design[n, 4], design[n, 5] = a * a, a * b, b * b
-            value[n] = depth[y, x] / depth[i, j]
-            n += 1
+            value[k] = known[k] = 0.0
+            if i >= 0 and j >= 0 and i < h and j < w and depth[i, j] > 0.0:
+                value[k], known[k] = (depth[y, x] - depth[i, j]) / depth[i, j], 1.0
+                n += 1
+            k += 1
     return n
 
 
-@nb.njit(inline="always", error_model="numpy")
-def _robust(design: Array, value: Array, n: int, rest: Array, weight: Array, normal: Array, answer: Array) -> bool:
-    """Least squares of the first n rows into `answer`, weighted anew ROUNDS times; False where they fix no answer.
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _robust(
+    value: Array, known: Array, n: int, weight: Array, rest: Array, moment: Array, normal: Array, answer: Array
+) -> bool:
+    """Least squares of the n known values into `answer`, weighted anew ROUNDS times; False where they fix no answer.
 
     Begins with the middle: what lies behind an edge at the margin would draw a fit of all.
     """
-    inner = 0
-    for k in range(n):
-        weight[k] = 1.0 if max(abs(design[k, 1]), abs(design[k, 2])) <= 0.5 else 0.0
-        inner += weight[k] > 0.0
+    inner = np.float32(0.0)
+    for k in range(PIXELS):
+        weight[k] = INNER[k] * known[k]
+        inner += weight[k]
     good = inner >= 2 * TERMS
     if not good:
         return False
     for turn in range(ROUNDS + 1):
-        normal[:], answer[:] = 0.0, 0.0
-        for k in range(n):
-            for p in range(TERMS):
-                f = weight[k] * design[k, p]
-                answer[p] += f * value[k]
-                for q in range(p + 1):
-                    normal[p, q] += f * design[k, q]
+        _normal_equations(value, weight, moment, normal, answer)
         for p in range(TERMS):
             normal[p, p] += RIDGE * n
         good = _solve(normal, answer)
         if not good or turn == ROUNDS:
             break
-        for k in range(n):
-            fit = 0.0
-            for p in range(TERMS):
-                fit += design[k, p] * answer[p]
-            rest[k] = abs(value[k] - fit)
-        width = TUKEY * MAD_TO_SIGMA * np.median(rest[:n]) + 1e-9
-        for k in range(n):
-            t = rest[k] / width
-            weight[k] = (1.0 - t * t) ** 2 if t < 1.0 else 0.0
+        for k in range(PIXELS):
+            rest[k] = value[k]
+        for p in range(TERMS):
+            f = np.float32(answer[p])
+            for k in range(PIXELS):
+                rest[k] -= f * MONOMIALS[p, k]
+        for k in range(PIXELS):
+            rest[k] = abs(rest[k])
+        width = np.float32(TUKEY * MAD_TO_SIGMA) * _median(rest, known, n)
+        for k in range(PIXELS):
+            t = min(rest[k] / width, np.float32(1.0))
+            u = np.float32(1.0) - t * t
+            weight[k] = known[k] * u * u
     return good
+
+
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _normal_equations(value: Array, weight: Array, moment: Array, normal: Array, answer: Array) -> None:
+    """Their lower half and right side, of single precision's sums: of 81 terms none is far above 1."""
+    for p in range(TERMS):
+        s = np.float32(0.0)
+        for k in range(PIXELS):
+            s += weight[k] * value[k] * MONOMIALS[p, k]
+        answer[p] = s
+    for m in range(len(MONOMIALS)):
+        s = np.float32(0.0)
+        for k in range(PIXELS):
+            s += weight[k] * MONOMIALS[m, k]
+        moment[m] = s
+    for p in range(TERMS):
+        for q in range(p + 1):
+            normal[p, q] = moment[PRODUCT[p, q]]
+
+
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _median(a: Array, known: Array, n: int) -> np.floating:
+    """Of the n known values, all at least 0, to a hundredth of it: by halves of its logarithm, which costs no branches."""
+    low, high = LEAST_REST, LEAST_REST
+    for k in range(PIXELS):
+        high = max(high, a[k] * known[k])
+    for _ in range(HALVES):
+        t = np.float32(math.sqrt(low * high))
+        below = np.float32(0.0)
+        for k in range(PIXELS):
+            below += known[k] if a[k] < t else np.float32(0.0)
+        if 2.0 * below < n:
+            low = t
+        else:
+            high = t
+    return high
 
 
 @nb.njit(inline="always", error_model="numpy")
