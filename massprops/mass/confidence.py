@@ -110,6 +110,7 @@ class PlacementEvidence:
         hollow_likely: the part of it that the interval allows for, since the upper side is hollow too.
         behind_fill: the part of the volume behind filled-in sides that the interval allows to be empty.
         hollow_elsewhere: a placement that could not be joined shows a hollow upper side, or was not measured.
+        alike: two sides look alike, and placements were joined as of an object that was turned over, not moved.
     """
 
     joined: int = 1
@@ -119,6 +120,7 @@ class PlacementEvidence:
     hollow_likely: float = 0.0
     behind_fill: float = 0.0
     hollow_elsewhere: bool = False
+    alike: bool = False
 
 
 @dataclass(frozen=True)
@@ -249,6 +251,8 @@ def _of_placements(placements: PlacementEvidence, filled: float) -> list[Finding
     found = []
     if placements.joined > 1 and filled > FILLED:
         found.append((2, _open_though_turned(filled)))
+    if placements.alike:
+        found.append((1, "two sides of the object look alike: if it was only moved, and not turned over, its shape is wrong"))
     if placements.unjoined:
         other = counted(placements.unjoined, "other placement", "other placements")
         shown = "what it shows" if placements.unjoined == 1 else "what they show"

@@ -151,6 +151,7 @@ def _evidence(
             hollow_likely=float(surface["hollow_likely"]),
             behind_fill=float(surface["hollow_behind_fill"]),
             hollow_elsewhere=bool(surface["hollow_elsewhere"]),
+            alike=any(p.get("alike") for p in join["joined"]),
         ),
     )
 
