@@ -86,30 +86,25 @@ def to_views(model: pycolmap.Reconstruction, timestamps: dict[str, int] | None =
 
 def to_points(model: pycolmap.Reconstruction, image_ids: list[int]) -> SparsePoints:
     """Points in the order of their numbers, with every observation in the given images."""
-    where = {image_id: i for i, image_id in enumerate(image_ids)}
     order = np.array(sorted(model.point3D_ids()), np.int64)
-    row = {int(p): i for i, p in enumerate(order)}
     xyz = np.zeros((len(order), 3))
     rgb = np.zeros((len(order), 3), np.uint8)
     error = np.zeros(len(order))
-    for i, p in enumerate(order):
-        point = model.point3D(int(p))
+    for i, p in enumerate(order.tolist()):
+        point = model.point3D(p)
         xyz[i], rgb[i], error[i] = point.xyz, point.color, point.error
-    view, points, uv = [], [], []
-    for image_id in image_ids:
-        observed = [(q.point3D_id, q.xy) for q in model.image(image_id).points2D if q.has_point3D()]
-        observed.sort(key=lambda o: o[0])
-        view += [where[image_id]] * len(observed)
-        points += [row[o[0]] for o in observed]
-        uv += [o[1] for o in observed]
+    view, points, uv = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)], [np.zeros((0, 2))]
+    for i, image_id in enumerate(image_ids):
+        observed = model.image(image_id).get_observation_points2D()
+        if not observed:
+            continue
+        row = np.searchsorted(order, [q.point3D_id for q in observed])
+        by_number = np.argsort(row, kind="stable")
+        view.append(np.full(len(row), i, np.int32))
+        points.append(row[by_number].astype(np.int32))
+        uv.append(np.array([q.xy for q in observed])[by_number])
     return SparsePoints(
-        order,
-        xyz,
-        rgb,
-        error,
-        np.array(view, np.int32),
-        np.array(points, np.int32),
-        np.array(uv, float).reshape(-1, 2) - HALF,
+        order, xyz, rgb, error, np.concatenate(view), np.concatenate(points), np.concatenate(uv) - HALF
     )
 
 
