@@ -18,7 +18,7 @@ from massprops.run.stages.surface import lost_share
 from massprops.surface.cloud import Cloud
 from massprops.surface.cut import manifold, surface_faces
 from massprops.surface.error_modes import fill_modes, measured_modes
-from massprops.surface.reconstruct import Surface, reconstruct_surface
+from massprops.surface.reconstruct import FILLED, STRETCHED, Surface, reconstruct_surface
 from massprops.surface.refine import membrane
 from massprops.surface.spread import Doubts, Joint, deform, replicates
 from massprops.surface.tetra import tetrahedralise
@@ -82,6 +82,20 @@ def test_unseen_side_is_filled_and_flagged(seen_from_above):
     height = mesh.triangles_center[:, 2]
     assert surface.observed[height > 0.0].mean() > 0.97
     assert not surface.observed[height < -0.42].any()
+
+
+def test_an_unseen_base_of_a_still_object_is_a_film_and_not_the_hulls_cone():
+    dome = trimesh.creation.icosphere(4, radius=0.5).slice_plane([0, 0, 0], [0, 0, 1], cap=True)
+    views = cameras((d := sphere_directions(60))[d[:, 2] > 0.4], 3.0, FOCAL, SIZE)
+    cloud, masks = observe(dome, views, 0.001, 1, most=75_000)
+    cloud = cloud.take(np.flatnonzero(cloud.xyz[:, 2] > 0.02))
+    filled, stretched = (
+        solid(reconstruct_surface(views, masks, cloud, POINTS, 1, moving=False, fill=fill))
+        for fill in (FILLED, STRETCHED)
+    )
+    assert filled.vertices[:, 2].min() < -0.08
+    assert stretched.vertices[:, 2].min() > -0.03
+    assert abs(stretched.volume - dome.volume) < 0.5 * abs(filled.volume - dome.volume)
 
 
 def test_interval_holds_truth_and_widens_with_the_unseen_part(seen_all_round, seen_from_above):

@@ -375,13 +375,14 @@ def _surface(
     """
     from massprops.surface.cloud import Cloud
     from massprops.surface.outline_cloud import surface_of_outlines
-    from massprops.surface.reconstruct import FILLED, reconstruct_surface
+    from massprops.surface.reconstruct import FILLED, STRETCHED, reconstruct_surface
     from massprops.surface.shading import with_brightness
     from massprops.surface.silhouette import shown_as_object
     from massprops.surface.unlit import spare_behind_light
 
     (views, masks, grey), (cloud, table) = seen, clouds
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
+    unbounded = STRETCHED if support is None and not moving else FILLED
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
@@ -396,7 +397,7 @@ def _surface(
             support=support,
             moving=moving,
             surroundings=beside,
-            fill=FILLED if balance is None else balance,
+            fill=unbounded if balance is None else balance,
         )
         return surface, masks
     except NotPossible:
