@@ -34,6 +34,8 @@ SAME_DIRECTION = 0.996
 """Cosine above which two directions are tried as one (5 degrees)."""
 DIRECTIONS = 6
 """Main directions of the body's sides that are tried."""
+VOTERS = 10_000
+"""Faces by which they are chosen."""
 SMALLEST = 12
 """Cells of a section below which nothing is opened."""
 FALLS_OFF = 0.01
@@ -169,8 +171,8 @@ def _directions(
     for _ in range(DIRECTIONS):
         if not len(left):
             break
-        some = left[:: max(1, len(left) // 500)]
-        best = some[np.argmax((np.abs(some @ left.T) > SAME_DIRECTION) @ weight)]
+        some, voters = (slice(None, None, max(1, len(left) // n)) for n in (500, VOTERS))
+        best = left[some][np.argmax((np.abs(left[some] @ left[voters].T) > SAME_DIRECTION) @ weight[voters])]
         near = np.abs(left @ best) > SAME_DIRECTION
         flat = np.linalg.eigh((left[near] * weight[near, None]).T @ left[near])[1][:, 2]
         tried.append(flat)
