@@ -107,6 +107,25 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     assert "reason" not in _laid(job, pair, pair)[0], "features of light and shade have no say"
 
 
+def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a part whose plate has one pattern above and below: most features agree the wrong way up."""
+    over = R @ np.diag([1.0, -1, -1])
+    found = registered(colour=0.5, candidates=((R, T), (over, T)))
+    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: found)
+
+    def lay(first: Any, second: Any, starts: Any, anywhere: bool) -> Laid:
+        return Laid(*starts[-1], 1e-8 * np.eye(6), np.zeros(3), 90, 0.3, 200, 5.0)
+
+    monkeypatch.setattr("massprops.sfm.across.lay", lay)
+    monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
+    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    placed, job = SimpleNamespace(support=None), SimpleNamespace(seed=0)
+    for excluded, wanted in ((False, over), (True, R)):
+        monkeypatch.setattr("massprops.surface.registration.outlines_exclude", lambda *_, e=excluded: e)
+        said, turn, _ = _laid(job, (placed, None), (placed, None))  # type: ignore[arg-type]
+        assert np.array_equal(turn, wanted) and said["features"] == 90
+
+
 @pytest.mark.parametrize("same", [True, False])
 def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.MonkeyPatch, same: bool) -> None:
     """As of a screwdriver with one plate on both sides: features lay its two ways up so that both show the same side."""

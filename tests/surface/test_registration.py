@@ -12,7 +12,7 @@ from synthetic_dense import cameras, observe
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import Extent, Witnesses
-from massprops.surface.registration import Placed, placed, register, resting, same_side
+from massprops.surface.registration import Placed, outlines_exclude, placed, register, resting, same_side
 
 
 def seen(mesh: trimesh.Trimesh, painted: bool, seed: int) -> Placed:
@@ -55,8 +55,14 @@ def error_deg(R: np.ndarray, first: trimesh.Trimesh, second: trimesh.Trimesh) ->
 def test_a_body_turned_over_is_found_by_its_shape() -> None:
     first = turned(wedge(), np.array([1.0, 0, 0, 0]), np.zeros(3))
     second = turned(wedge(), np.array([0.1, 0.9, 0.3, 0.2]), np.array([0.05, -0.1, 0.02]))
-    found = register(seen(first, True, 0), seen(second, True, 1))
+    sides = seen(first, True, 0), seen(second, True, 1)
+    found = register(*sides)
     assert found.clear and error_deg(found.R, first, second) < 1.5
+    middle = sides[1].middle
+    over = found.R @ np.diag([1.0, -1.0, -1.0])
+    assert outlines_exclude(*sides, found, over, found.t + (found.R - over) @ middle)
+    assert not outlines_exclude(*sides, replace(found, rival_px=0.0, colour=0.0), over, found.t)
+    assert not outlines_exclude(*sides, found, found.R, found.t), "it is the same answer"
     here = np.asarray(second.center_mass) @ found.R.T + found.t
     assert np.linalg.norm(here - first.center_mass) < 0.03
 

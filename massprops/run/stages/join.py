@@ -181,10 +181,13 @@ def _laid(
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """What is said of one placement's place on another, with a `reason` where it is not joined; and R and t."""
     from massprops.sfm.across import contradicted, lay
-    from massprops.surface.registration import overlap, register
+    from massprops.surface.registration import outlines_exclude, overlap, register
 
     found = register(base[0], other[0], job.seed)
     laid = lay(base[1], other[1], found.candidates, anywhere=not found.clear)
+    if laid is not None and outlines_exclude(base[0], other[0], found, laid.R, laid.t):
+        # two sides of one pattern
+        laid = lay(base[1], other[1], found.candidates[:1], anywhere=False)
     said = {**_said(found), "features": 0}
     alike = False
     if found.turned is not None and _only_alike(base, other, found, laid):
