@@ -39,7 +39,7 @@ _A, _B = (np.resize(a, PIXELS) / REACH for a in np.meshgrid(_OFFSETS, _OFFSETS))
 MONOMIALS = np.stack([_A**i * _B**j for i, j in _POWERS]).astype(np.float32)
 INNER = (np.maximum(abs(_A), abs(_B)) <= 0.5).astype(np.float32)
 PRODUCT = np.array(
-    [[np.flatnonzero((_POWERS == _POWERS[p] + _POWERS[q]).all(1))[0] for q in range(TERMS)] for p in range(TERMS)]
+    [[np.flatnonzero((_POWERS[p] + _POWERS[q] == _POWERS).all(1))[0] for q in range(TERMS)] for p in range(TERMS)]
 )
 """The moment that is the product of two terms."""
 
@@ -55,7 +55,7 @@ def fit_curvature(depth: Array, bent: Array, first: int, last: int) -> None:
         first, last: rows to work on, [first, last).
     """
     value, known = np.zeros(PIXELS, np.float32), np.zeros(PIXELS, np.float32)
-    weight, rest, moment = np.empty(PIXELS, np.float32), np.empty(PIXELS, np.float32), np.empty(len(MONOMIALS))
+    room, moment = np.empty((2, PIXELS), np.float32), np.empty(len(MONOMIALS))
     normal, answer = np.empty((TERMS, TERMS)), np.empty(TERMS)
     for y in range(first, last):
         for x in range(depth.shape[1]):
@@ -67,7 +67,7 @@ def fit_curvature(depth: Array, bent: Array, first: int, last: int) -> None:
                     bent[y, x, p] = bent[y, x - 1, p]
                 continue
             n = _gather(depth, x, y, value, known)
-            if n >= LEAST and _robust(value, known, n, weight, rest, moment, normal, answer):
+            if n >= LEAST and _robust(value, known, n, room, moment, normal, answer):
                 bent[y, x, 0] = 2.0 * answer[3] / (REACH * REACH)
                 bent[y, x, 1] = answer[4] / (REACH * REACH)
                 bent[y, x, 2] = 2.0 * answer[5] / (REACH * REACH)
@@ -91,18 +91,17 @@ def _gather(depth: Array, x: int, y: int, value: Array, known: Array) -> int:
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _robust(
-    value: Array, known: Array, n: int, weight: Array, rest: Array, moment: Array, normal: Array, answer: Array
-) -> bool:
+def _robust(value: Array, known: Array, n: int, room: Array, moment: Array, normal: Array, answer: Array) -> bool:
     """Least squares of the n known values into `answer`, weighted anew ROUNDS times; False where they fix no answer.
 
     Begins with the middle: what lies behind an edge at the margin would draw a fit of all.
     """
+    weight, rest = room[0], room[1]
     inner = np.float32(0.0)
     for k in range(PIXELS):
         weight[k] = INNER[k] * known[k]
         inner += weight[k]
-    good = inner >= 2 * TERMS
+    good = bool(inner >= 2 * TERMS)
     if not good:
         return False
     for turn in range(ROUNDS + 1):
