@@ -252,7 +252,9 @@ def _of_placements(placements: PlacementEvidence, filled: float) -> list[Finding
     if placements.joined > 1 and filled > FILLED:
         found.append((2, _open_though_turned(filled)))
     if placements.alike:
-        found.append((1, "two sides of the object look alike: if it was only moved, and not turned over, its shape is wrong"))
+        found.append(
+            (1, "two sides of the object look alike: if it was only moved, and not turned over, its shape is wrong")
+        )
     if placements.unjoined:
         other = counted(placements.unjoined, "other placement", "other placements")
         shown = "what it shows" if placements.unjoined == 1 else "what they show"

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pycolmap
@@ -351,7 +351,12 @@ def count_images(pieces: list[pycolmap.Reconstruction]) -> int:
 def steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
     """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
     found = _in_time(model, footage, mapping)
-    return found is not None and largest_jump(found[1], found[2]) < 1.0
+    return found is not None and found.steady
+
+
+def jumps(model: pycolmap.Reconstruction, footage: FootageRecord) -> bool:
+    """Whether the rate of turning changes by its own size somewhere, in the model as it is."""
+    return not _in_order(model, footage).steady
 
 
 def steady_images(
@@ -361,9 +366,11 @@ def steady_images(
     found = _in_time(model, footage, mapping)
     if found is None:
         return core
-    ids, R, times = found
-    keep = steady_stretch(R, times, np.isin(ids, list(core)))
-    return frozenset(ids[keep].tolist())
+    inside = np.isin(found.ids, list(core))
+    keep = [
+        own[steady_stretch(found.R[own], found.times[own], inside[own])] for own in found.places if inside[own].any()
+    ]
+    return frozenset(found.ids[np.concatenate(keep)].tolist()) if keep else core
 
 
 def steady_parts(
@@ -372,28 +379,40 @@ def steady_parts(
     """The parts of a model between jumps of its rate of turning, the one with most images first; itself where it has none.
 
     Where a part of the body was taken for another that looks alike, or near for far, the rest of a model turns another way. Each
-    part alone tells near from far better than the mapper did.
+    part alone tells near from far better than the mapper did. The longest parts from each place of a camera stay together.
     """
-    order = _in_time(model, footage, mapping)
-    if order is None:
+    found = _in_time(model, footage, mapping)
+    if found is None:
         return [model]
-    ids, R, times = order
-    parts = [set(ids[own].tolist()) for own in stretches(R, times) if len(own) >= FEWEST]
-    if not parts or len(parts[0]) == len(ids):
+    runs = [[own[part] for part in stretches(found.R[own], found.times[own])] for own in found.places]
+    longest = np.concatenate([run[0] for run in runs])
+    if len(longest) < FEWEST or len(longest) == len(found.ids):
         return [model]
     out = []
-    for keep in parts:
-        part = pycolmap.Reconstruction(model)
-        take_out_images(part, set(part.reg_image_ids()) - keep)
-        out.append(depth_reversal_resolved(part, mapping))
+    for part in (longest, *(own for run in runs for own in run[1:] if len(own) >= FEWEST)):
+        kept = pycolmap.Reconstruction(model)
+        take_out_images(kept, set(kept.reg_image_ids()) - set(found.ids[part].tolist()))
+        out.append(depth_reversal_resolved(kept, mapping))
     return out
 
 
-def _in_time(
-    model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Of the first stream's images, in their order, once adjusted on a copy: numbers (n,), rotations (n, 3, 3) and times (n,);
-    None where too little is left."""
+class _InOrder(NamedTuple):
+    """Of the first stream's images, in their order: COLMAP's numbers (n,), rotations (n, 3, 3), times (n,), and their rows by the place
+    of the camera."""
+
+    ids: np.ndarray
+    R: np.ndarray
+    times: np.ndarray
+    places: list[np.ndarray]
+
+    @property
+    def steady(self) -> bool:
+        """Whether the rate of turning never changes by its own size from one image to the next."""
+        return all(largest_jump(self.R[own], self.times[own]) < 1.0 for own in self.places)
+
+
+def _in_time(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> _InOrder | None:
+    """The images in order, once adjusted on a copy; None where too little is left."""
     trial = pycolmap.Reconstruction(model)
     given = mapping.fixed_intrinsics or bool(mapping.constant)
     try:
@@ -401,13 +420,19 @@ def _in_time(
     except NotPossible:
         return None
     adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
-    views, ids = to_views(trial)
+    return _in_order(trial, footage)
+
+
+def _in_order(model: pycolmap.Reconstruction, footage: FootageRecord) -> _InOrder:
+    views, ids = to_views(model)
     first = footage.frames[0].name.split("/", 1)[0]
     timed = all(f.timestamp_ns >= 0 for f in footage.frames)
-    place = {f.name: f.timestamp_ns if timed else f.index for f in footage.frames if f.name.startswith(f"{first}/")}
-    own = sorted((place[n], i) for i, n in enumerate(views.names) if n in place)
-    order = [i for _, i in own]
-    return np.array(ids)[order], views.R[order], np.array([k for k, _ in own])
+    frames = {f.name: f for f in footage.frames if f.name.startswith(f"{first}/")}
+    clock = {n: f.timestamp_ns if timed else f.index for n, f in frames.items()}
+    order = [i for _, i in sorted((clock[n], i) for i, n in enumerate(views.names) if n in clock)]
+    times = np.array([clock[views.names[i]] for i in order])
+    place = np.array([frames[views.names[i]].place for i in order], int)
+    return _InOrder(np.array(ids)[order], views.R[order], times, [np.flatnonzero(place == p) for p in np.unique(place)])
 
 
 def _first_pairs(

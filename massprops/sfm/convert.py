@@ -103,9 +103,7 @@ def to_points(model: pycolmap.Reconstruction, image_ids: list[int]) -> SparsePoi
         view.append(np.full(len(row), i, np.int32))
         points.append(row[by_number].astype(np.int32))
         uv.append(np.array([q.xy for q in observed])[by_number])
-    return SparsePoints(
-        order, xyz, rgb, error, np.concatenate(view), np.concatenate(points), np.concatenate(uv) - HALF
-    )
+    return SparsePoints(order, xyz, rgb, error, np.concatenate(view), np.concatenate(points), np.concatenate(uv) - HALF)
 
 
 def take_out_images(model: pycolmap.Reconstruction, ids: Iterable[int]) -> None:

@@ -27,6 +27,7 @@ class FrameRecord:
         index: place in the source.
         source_name: of the user's file.
         turn: quarter turns clockwise that bring the stored image to the way in which its camera's images are held.
+        place: number of the place at which a still camera stood.
     """
 
     name: str
@@ -35,6 +36,7 @@ class FrameRecord:
     index: int
     source_name: str = ""
     turn: int = 0
+    place: int = 0
 
 
 @dataclass(frozen=True)
@@ -178,6 +180,7 @@ def read_footage(folder: Path) -> FootageRecord:
                 int(f.get("index", i)),
                 str(f.get("source_name", "")),
                 int(f.get("turn", 0)) % 4,
+                int(f.get("camera_place", 0)),
             )
             for i, f in enumerate(d["frames"])
         )

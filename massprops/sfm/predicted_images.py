@@ -45,12 +45,12 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
     units = {n: unit(d) for n, (_, d) in found.features.items()}
     numbers = image_numbers(found.database)
     order = [f.name for f in frames if f.name in found.features]
-    clock = given.footage.times
+    clock, stood = given.footage.times, {f.name: f.place for f in frames}
     for turn in range(MOST_ROUNDS):
         before = model.num_reg_images()
         views, ids = to_views(model)
         points = to_points(model, ids)
-        wanted = predicted(views, points, order, clock)
+        wanted = predicted(views, points, order, clock, stood)
         if not wanted.names:
             break
         matches = _matched(views, points, wanted, order, found, units)
@@ -66,11 +66,14 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
     return model
 
 
-def predicted(views: Views, points: SparsePoints, order: list[str], clock: dict[str, float]) -> Views:
+def predicted(
+    views: Views, points: SparsePoints, order: list[str], clock: dict[str, float], camera: dict[str, int] | None = None
+) -> Views:
     """Poses of images near the placed ones, as the rate of turning beside them predicts.
 
     Args:
-        order: names of all images in time; clock: their times, any unit.
+        order: names of all images in time; clock: their times, any unit; camera: the place of the still camera that took each, one
+            by default.
 
     Returns:
         images that are not placed; the middle of the points keeps its place in the camera.
@@ -80,15 +83,17 @@ def predicted(views: Views, points: SparsePoints, order: list[str], clock: dict[
     row = {n: i for i, n in enumerate(views.names)}
     middle = np.median(points.xyz, axis=0) if len(points.xyz) else np.zeros(3)
     there = np.array([n in row for n in order])
+    stood = np.array([(camera or {}).get(n, 0) for n in order])
     index, R, t, names = [], [], [], []
     for k in np.flatnonzero(~there).tolist():
-        near = [j for j in range(max(0, k - REACH), min(len(order), k + REACH + 1)) if there[j]]
+        use = there & (stood == stood[k])
+        near = [j for j in range(max(0, k - REACH), min(len(order), k + REACH + 1)) if use[j]]
         if not near:
             continue
         first = min(near, key=lambda j: abs(j - k))
         side = 1 if first > k else -1
         second = next(
-            (j for j in range(first + side * RATE_OVER, first, -side) if 0 <= j < len(order) and there[j]), None
+            (j for j in range(first + side * RATE_OVER, first, -side) if 0 <= j < len(order) and use[j]), None
         )
         if second is None:
             continue

@@ -1,0 +1,90 @@
+"""A film of a body with sides that look alike, placed on the wrong one in part."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import scene
+from scipy.spatial.transform import Rotation
+from sfm.test_sound import footage, to_model
+
+from massprops.errors import NotPossible
+from massprops.sfm import reconstruct
+from massprops.sfm.attempt import jumps
+from massprops.sfm.contradictions import Contradictions
+from massprops.sfm.footage import FootageRecord
+from massprops.sfm.predicted_images import predicted
+from massprops.views import Views
+
+
+def filmed(views: Views, moved: int | None = None) -> FootageRecord:
+    """The footage of some views, of which those from `moved` on were taken from another place."""
+    shown = footage(views)
+    frames = (replace(f, place=int(moved is not None and i >= moved)) for i, f in enumerate(shown.frames))
+    return replace(shown, frames=tuple(frames))
+
+
+def tilted(views: Views, first: int) -> Views:
+    """Views of which those from the first on were taken by a camera that was tilted."""
+    tilt, R, t = Rotation.from_euler("x", 40, degrees=True).as_matrix(), views.R.copy(), views.t.copy()
+    R[first:], t[first:] = tilt @ R[first:], t[first:] @ tilt.T
+    return replace(views, R=R, t=t)
+
+
+def test_a_camera_that_was_moved_is_no_jump_of_the_body() -> None:
+    views, points = scene.make(20, 60, step_deg=8.0)
+    assert not jumps(to_model(views, points), filmed(views))
+    moved = tilted(views, 10)
+    assert jumps(to_model(moved, points), filmed(moved))
+    assert not jumps(to_model(moved, points), filmed(moved, 10))
+    folded = moved.R.copy()
+    folded[:5] = folded[:5] @ Rotation.from_euler("y", 90, degrees=True).as_matrix()
+    assert jumps(to_model(replace(moved, R=folded), points), filmed(moved, 10))
+
+
+def test_no_rate_of_turning_is_taken_across_two_places_of_a_camera() -> None:
+    views, points = scene.make(20, 51, step_deg=5.0)
+    moved = tilted(views, 10)
+    order, clock = list(views.names), {n: float(t) for n, t in zip(views.names, views.timestamp_ns, strict=True)}
+    placed = moved.take(np.r_[6:12])
+    camera = {n: int(i >= 10) for i, n in enumerate(order)}
+    found = predicted(placed, points, order, clock, camera)
+    assert {order.index(n) for n in found.names} == {2, 3, 4, 5, 12, 13, 14, 15}
+    for i, name in enumerate(found.names):
+        np.testing.assert_allclose(found.R[i], moved.R[order.index(name)], atol=1e-9)
+
+
+@pytest.mark.parametrize(("jumping", "share"), [(True, 0.0), (False, 0.2)])
+def test_what_only_jumps_or_is_only_contradicted_stays(
+    monkeypatch: pytest.MonkeyPatch, jumping: bool, share: float
+) -> None:
+    monkeypatch.setattr(reconstruct, "jumps", lambda *_: jumping)
+    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: Contradictions(share, ()))
+    found = SimpleNamespace(database=Path())
+    given: Any = SimpleNamespace(found=found, footage=None)
+    model: Any = SimpleNamespace()
+    assert reconstruct._unfolded(model, given) == (model, found, 0)
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_a_folded_film_is_cut_and_followed(monkeypatch: pytest.MonkeyPatch, follows: bool) -> None:
+    whole, cut, grown = (SimpleNamespace(num_reg_images=lambda n=n: n) for n in (40, 28, 39))
+
+    def followed(model: Any, given: Any) -> Any:
+        assert model is cut and given.found == "with parts"
+        if not follows:
+            raise NotPossible("they do not hold together")
+        return grown
+
+    monkeypatch.setattr(reconstruct, "jumps", lambda *_: True)
+    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: Contradictions(0.09, (("a", "b"),)))
+    monkeypatch.setattr(reconstruct, "_steady_part", lambda *_: (cut, "with parts"))
+    monkeypatch.setattr(reconstruct, "_followed", followed)
+    monkeypatch.setattr(reconstruct, "replace", lambda given, found: SimpleNamespace(**{**vars(given), "found": found}))
+    given: Any = SimpleNamespace(found=SimpleNamespace(database=Path()), footage=None)
+    model, found, lost = reconstruct._unfolded(whole, given)  # type: ignore[arg-type]
+    assert model is (grown if follows else cut) and found == "with parts" and lost == (1 if follows else 12)
+    assert reconstruct._left_out(0) == [] and "12 images" in reconstruct._left_out(12)[0]
