@@ -152,13 +152,8 @@ def reconstruct(
             model, found, lost = _unfolded(model, given)
             warnings += _left_out(lost)
     if film and footage.motion == "tumbling":
-        before = model.num_reg_images()
-        model = join_pieces(model, _apart(model, found.models), given)
-        if model.num_reg_images() > before:
-            warnings.append(
-                f"the film fell into pieces that share too few features, the largest of {before} images: they were joined by the "
-                "body's free motion and by the surface that two pieces show"
-            )
+        model, more = _with_pieces(model, found, given)
+        warnings += more
     if found.repeats and footage.moving_pictures and footage.motion == "tumbling" and len(footage.cameras) == 1:
         along = follow_free_motion(model, given)
         model, following = along or (model, None)
@@ -172,9 +167,9 @@ def reconstruct(
     result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
     result = _with_shutter(_corrected(result, mapped, given, sizes, warnings))
     against = contradictions(model, found.database)
-    more = against.said({f.name: f.source_name for f in footage.frames})
+    said = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
-    return replace(result, against=against, masked=masked, warnings=(*result.warnings, *more))
+    return replace(result, against=against, masked=masked, warnings=(*result.warnings, *said))
 
 
 def _corrected(
@@ -251,6 +246,20 @@ def _unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycol
     except NotPossible:
         grown = cut
     return grown, found, before - grown.num_reg_images()
+
+
+def _with_pieces(
+    model: pycolmap.Reconstruction, found: Attempt, given: ModelInputs
+) -> tuple[pycolmap.Reconstruction, list[str]]:
+    """The model with the pieces that its motion and surface join, and what is said of that."""
+    before = model.num_reg_images()
+    model = join_pieces(model, _apart(model, found.models), given)
+    if model.num_reg_images() <= before:
+        return model, []
+    return model, [
+        f"the film fell into pieces that share too few features, the largest of {before} images: they were joined by the "
+        "body's free motion and by the surface that two pieces show"
+    ]
 
 
 def _left_out(lost: int) -> list[str]:
