@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
 from surface.test_outline_gaps import body, filmed
 
+from massprops.run.stages.surface import _surface
 from massprops.surface.outline_fill import filling_outlines
+from massprops.surface.reconstruct import Fill
 from massprops.surface.refine import vertex_normals
 
 PIXEL = 5.0 / 400.0
@@ -42,3 +48,17 @@ def test_without_silhouettes_nothing_moves() -> None:
     free = np.ones(len(vertices), bool)
     found = filling_outlines(0.9 * vertices, faces, free, views, [np.full_like(m, 128) for m in masks], PIXEL)
     assert np.array_equal(found, 0.9 * vertices)
+
+
+@pytest.mark.parametrize(
+    ("support", "moving", "share"), [(None, False, 1.0), ([0, 0, 1.0, 0], False, 1 / 3), (None, True, 1 / 3)]
+)
+def test_only_what_neither_a_plane_nor_the_light_bounds_is_a_film(
+    monkeypatch: pytest.MonkeyPatch, support: list[float] | None, moving: bool, share: float
+) -> None:
+    asked: list[Fill] = []
+    monkeypatch.setattr("massprops.surface.reconstruct.reconstruct_surface", lambda *_, fill, **__: asked.append(fill))
+    job: Any = SimpleNamespace(work=lambda _: Path("nowhere"), seed=0, progress=None)
+    nothing: Any = None
+    _surface(job, (nothing, [], []), (nothing, nothing), {"support_plane": support}, moving, None)
+    assert asked[0].membrane == pytest.approx(share)
