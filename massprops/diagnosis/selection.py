@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import ModuleType
 
 import numpy as np
@@ -53,10 +54,15 @@ class Candidate:
     def name(self) -> str:
         return " + ".join(self.alone.names)
 
-    @property
+    @cached_property
     def evidence(self) -> float:
-        """Log evidence of what counts."""
-        return self.likeliest.evidence
+        """Log evidence of what counts, paid for (`paid`)."""
+        return paid(self.likeliest)
+
+    @cached_property
+    def own(self) -> float:
+        """Log evidence of the effect by itself, paid for."""
+        return paid(self.alone)
 
     @property
     def best(self) -> HypothesisFit:
@@ -206,10 +212,11 @@ def _by_errors_alike(
 
 
 def paid(fit: HypothesisFit) -> float:
-    """Log evidence, less the logarithm of the values at which an effect's time and the like were looked for."""
+    """Log evidence, less the logarithm of the values at which an effect's time and the like were looked for: it is the best of so many,
+    while an effect whose values are unknowns, as a spring's frequency, pays for them by their prior."""
     record = fit.record
     looked = [looked_at(t, record.times, record.path.w[record.rows.at]) for t in fit.hypothesis.terms]
-    return float(fit.evidence - np.sum(np.log(np.maximum(looked, 1))))
+    return float(fit.verified - np.sum(np.log(np.maximum(looked, 1))))
 
 
 def with_memory(fit: HypothesisFit) -> HypothesisFit:
@@ -263,17 +270,17 @@ def asks_for_two(tried: list[Candidate], base: HypothesisFit, *unknowns: Hypothe
     likeliest = max(
         [
             *(u.evidence for u in unknowns),
-            *(f.evidence for c in tried for f in (c.alone, c.with_latent) if f is not None),
+            *(paid(f) for c in tried for f in (c.alone, c.with_latent) if f is not None),
         ]
     )
-    enough = [c for c in good if within_noise(c.alone) and c.alone.evidence > likeliest - criteria.BEATS_UNKNOWN]
+    enough = [c for c in good if within_noise(c.alone) and c.own > likeliest - criteria.BEATS_UNKNOWN]
     return bool(tried) and not enough
 
 
 def _pairs(
     tried: list[Candidate], usable: list[ModuleType], base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]
 ) -> list[Candidate]:
-    """Pairs that are more likely than any single effect, pay for having been looked for, and predict better.
+    """Pairs that are more likely than any single effect and any unknown torque, pay for having been looked for, and predict better.
 
     With a stated noise a single effect that may not be named counts by itself: what it gains beside an unknown torque is
     that torque's, and may be the second effect's.
@@ -284,13 +291,14 @@ def _pairs(
         return []
     good = {c.name for c in tried if may_be_named(c, base, *unknowns)}
     found = pairs(record, unknowns[0], [c.alone for c in singles if not c.alone.hypothesis.wheel], usable)
-    own = [c.alone.evidence if record.stated and c.name not in good else c.evidence for c in tried]
-    enough = max(own) + criteria.BEATS_NOTHING + np.log(1 + len(found))
+    own = [c.own if record.stated and c.name not in good else c.evidence for c in tried]
+    rivals = [*own, *(u.evidence for u in unknowns)]
+    enough = max(rivals) + criteria.BEATS_NOTHING + np.log(1 + len(found))
     noise = np.ones(3)
     held = held_out_rms(singles[0].alone, noise)
     out = []
     for k, fit in enumerate(found):
-        if fit.evidence > enough and not held_out_rms(fit, noise) > held:
+        if paid(fit) > enough and not held_out_rms(fit, noise) > held:
             with_latent = admissible(record, fit.hypothesis, again(fit), latent=True) if k == 0 else None
             out.append(Candidate(alone=fit, with_latent=with_latent))
     return out
