@@ -437,16 +437,24 @@ def _verdict(
     enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
     if something < base.evidence + enough:
         return "none", []
-    good = _predicting([c for c in tried if may_be_named(c, base, *unknowns)], base)
+    good = _predicting([c for c in tried if _may_be_listed(c, base, unknowns)], base)
     if not good:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
     # what an unknown torque beside them hides: how much each explains by itself
-    alone = max(near, key=lambda c: c.alone.evidence)
-    near = [alone, *(c for c in near if c is not alone and c.alone.evidence > alone.alone.evidence - criteria.ALIKE)]
+    alone = max(near, key=lambda c: c.own)
+    near = [alone, *(c for c in near if c is not alone and c.own > alone.own - criteria.ALIKE)]
     # of several effects one is a little likelier than a torque of any smooth form by chance
-    alike = good[0].evidence < enough + max(u.evidence for u in unknowns if not u.hypothesis.by_sun)
-    return ("ambiguous" if alike or len(near) > 1 else "named"), near
+    smooth = max(u.evidence for u in unknowns if not u.hypothesis.by_sun)
+    sure = good[0].evidence > smooth + enough and may_be_named(good[0], base, *unknowns)
+    return ("named" if sure and len(near) == 1 else "ambiguous"), near
+
+
+def _may_be_listed(c: Candidate, base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]) -> bool:
+    """Whether an effect may be named, or one by itself leaves no more than the stated noise and is not told from an unknown torque,
+    which then is its rival."""
+    single = len(c.alone.names) == 1 and base.record.stated and within_noise(c.alone)
+    return may_be_named(c, base, *unknowns, lead=-criteria.ALIKE if single else criteria.BEATS_UNKNOWN)
 
 
 def _predicting(candidates: list[Candidate], base: HypothesisFit) -> list[Candidate]:
@@ -461,10 +469,12 @@ def within_noise(base: HypothesisFit) -> bool:
     return bool(rms(base.residual) < 1.0 + criteria.SHOWN / np.sqrt(2.0 * base.residual.size))
 
 
-def may_be_named(c: Candidate, base: HypothesisFit, *unknowns: HypothesisFit) -> bool:
-    """Whether an effect beats the unknown torques, explains most by itself, and is away from nothing."""
+def may_be_named(
+    c: Candidate, base: HypothesisFit, *unknowns: HypothesisFit, lead: float = criteria.BEATS_UNKNOWN
+) -> bool:
+    """Whether an effect beats the unknown torques by so much in log evidence, explains most by itself, and is away from nothing."""
     likeliest = max(u.evidence for u in unknowns)
-    if c.evidence < likeliest + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
+    if c.evidence < likeliest + lead or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
     small = base.record.stated and within_noise(c.alone)
     if not small and rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
