@@ -11,11 +11,17 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.conserved_start import Start, conserved, conserved_across, with_mean_moment_about_axis
+from massprops.diagnosis.conserved_start import (
+    Start,
+    conserved,
+    conserved_across,
+    with_mean_moment_about_axis,
+    with_more_about_axis,
+)
 from massprops.diagnosis.effect_columns import follows_measured, has_known_rate, in_balance, looked_at
 from massprops.diagnosis.effect_search import admissible, again, best_fit, widening
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.scanned_values import at_likeliest_scale, with_scanned
@@ -29,6 +35,8 @@ whose wheel has one of about .07, evidence chose .03 to .045 and its size came w
 MEMORIES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Time constants of attitudes' errors that are tried, over the gap between two of them: from nearly none to what a short
 record can show."""
+VALLEY = (-0.1, 0.1)
+"""Moments about a wheel's axis, over the mean one, that are tried beside the one that a fit came to."""
 SUN = "sun direction"
 """What effects need that follow the Sun."""
 BESIDE_UNKNOWN = 4
@@ -419,9 +427,22 @@ def wheel_of_any_history(record: Record) -> Candidate:
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
     with_latent = max(fits, key=lambda f: f.verified, default=first)
     alone = fit_hypothesis(record, replace(with_latent.hypothesis, latent=False), again(with_latent))
+    alone = _along_valley(alone)
     if alone.verified > with_latent.verified:  # more freedom cannot be less likely: it went astray
         with_latent = fit_hypothesis(record, with_latent.hypothesis, again(alone))
     return Candidate(alone=alone, with_latent=with_latent)
+
+
+def _along_valley(found: HypothesisFit) -> HypothesisFit:
+    """The likeliest of a fit of a wheel and of fits begun at other moments about its axis, along which the likelihood hardly changes:
+    the wheel answers for that moment."""
+    best = found
+    for more in VALLEY:
+        with suppress(NotPossible):
+            start = with_more_about_axis(again(found), found.rate, more)
+            other = fit_hypothesis(found.record, found.hypothesis, start)
+            best = other if other.verified > best.verified + SETTLED else best
+    return best
 
 
 def _apart(a: HypothesisFit, b: HypothesisFit) -> float:
