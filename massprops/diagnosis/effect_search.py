@@ -21,8 +21,8 @@ SCANNED = 3
 SHORTLISTED = 12
 """Values of what is scanned, the best in the screen, that are fitted for a few passes: near an event polynomials say
 little of its time."""
-FINISHED = 10
-"""Starts of an effect whose values move, the most likely after a few passes, that are fitted to the end."""
+BEGUN, FINISHED = 24, 10
+"""Starts of an effect whose values move, the most likely after a pass, that are fitted for a few, and of these to the end."""
 LONGER = 2.0
 """By how much an event may last longer than the one it began as: a chain of knocks over half a record is no contact."""
 MOST_ALIKE = 0.98
@@ -61,11 +61,13 @@ def _screened(record: Record, terms: list[Term], base: HypothesisFit, gap: float
 
 def _from_all(record: Record, terms: list[Term], base: HypothesisFit) -> list[tuple[Term, Start]]:
     """Of effects about values that move from where they begin, those that a few passes leave the most likely, with where they came
-    to: each begins at a ball or at the free body's inertia, in turn."""
+    to, of those that are so after one: each begins at a ball or at the free body's inertia, in turn."""
     inertias = (BALL, Start(inertia=base.inertia, left=1.0))
-    fits = _short_fits(record, [(t, inertias[k % 2]) for k, t in enumerate(terms)])
-    fits = sorted(fits, key=lambda f: (not can_be(f), -f.verified))[:FINISHED]
-    return [(f.hypothesis.terms[0], again(f)) for f in fits]
+    begun = [(t, inertias[k % 2]) for k, t in enumerate(terms)]
+    for passes, kept in ((1, BEGUN), (3, FINISHED)):
+        fits = sorted(_short_fits(record, begun, passes), key=lambda f: (not can_be(f), -f.verified))[:kept]
+        begun = [(f.hypothesis.terms[0], again(f)) for f in fits]
+    return begun
 
 
 def _same(a: HypothesisFit, b: HypothesisFit) -> bool:
@@ -112,11 +114,11 @@ def _by_short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[tupl
     return [(f.hypothesis.terms[0], again(f)) for f in fits]
 
 
-def _short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[HypothesisFit]:
+def _short_fits(record: Record, begun: list[tuple[Term, Start]], passes: int = 3) -> list[HypothesisFit]:
     fits = []
     for term, start in begun:
         with suppress(NotPossible):
-            fits.append(fit_hypothesis(record, Hypothesis(terms=(term,), latent=False), start, passes=3))
+            fits.append(fit_hypothesis(record, Hypothesis(terms=(term,), latent=False), start, passes=passes))
     return fits
 
 
