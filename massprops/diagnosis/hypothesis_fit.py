@@ -132,8 +132,9 @@ class HypothesisFit:
 
     @property
     def verified(self) -> float:
-        """Log evidence less what is unverified: fits of one hypothesis from several starts compare by it."""
-        return self.evidence - self.unverified
+        """Log evidence less what is unverified where the passes did not come to rest (where they did, the next step is about the square
+        of the last): fits of one hypothesis from several starts compare by it."""
+        return self.evidence if self.settled else self.evidence - self.unverified
 
     @property
     def names(self) -> tuple[str, ...]:

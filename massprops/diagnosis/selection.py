@@ -35,7 +35,7 @@ whose wheel has one of about .07, evidence chose .03 to .045 and its size came w
 MEMORIES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Time constants of attitudes' errors that are tried, over the gap between two of them: from nearly none to what a short
 record can show."""
-VALLEY = (-0.1, 0.1)
+VALLEY = (-0.3, -0.1, 0.1, 0.3, 0.6)
 """Moments about a wheel's axis, over the mean one, that are tried beside the one that a fit came to."""
 SUN = "sun direction"
 """What effects need that follow the Sun."""
