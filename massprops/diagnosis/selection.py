@@ -83,7 +83,7 @@ class Candidate:
         only takes a part of it. Else the more likely of the two."""
         if self.alone.record.stated and within_noise(self.alone):
             return self.alone
-        if self.with_latent is not None and self.with_latent.evidence > self.alone.evidence:
+        if self.with_latent is not None and self.with_latent.verified > self.alone.verified:
             return self.with_latent
         return self.alone
 

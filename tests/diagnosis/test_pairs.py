@@ -209,6 +209,14 @@ def test_an_effect_pays_for_the_moments_that_it_was_looked_for_at(record: Record
     assert paid(free) == free.verified
 
 
+def test_what_a_fit_only_claims_beside_an_unknown_torque_does_not_count(record: Record) -> None:
+    fit = alone(record, "drag-by-axis")
+    assert not within_noise(fit)
+    astray = replace(fit, evidence=fit.evidence + 20.0, unverified=50.0, settled=False)
+    assert Candidate(alone=fit, with_latent=astray).likeliest is fit
+    assert Candidate(alone=fit, with_latent=replace(astray, settled=True)).evidence == fit.evidence + 20.0
+
+
 def test_a_wheel_of_any_history_is_found_beside_a_torque_that_bends_it() -> None:
     pytest.importorskip("Basilisk")
     from diagnosis.basilisk_worlds import recorded
