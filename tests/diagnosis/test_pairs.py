@@ -210,7 +210,7 @@ def test_an_effect_pays_for_the_moments_that_it_was_looked_for_at(record: Record
 
 
 def test_what_a_fit_only_claims_beside_an_unknown_torque_does_not_count(record: Record) -> None:
-    fit = alone(record, "drag-by-axis")
+    fit = replace(alone(record, "drag-by-axis"), settled=True)
     assert not within_noise(fit)
     astray = replace(fit, evidence=fit.evidence + 20.0, unverified=50.0, settled=False)
     assert Candidate(alone=fit, with_latent=astray).likeliest is fit
