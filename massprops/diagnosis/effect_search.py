@@ -21,7 +21,7 @@ SCANNED = 3
 SHORTLISTED = 12
 """Values of what is scanned, the best in the screen, that are fitted for a few passes: near an event polynomials say
 little of its time."""
-BEGUN, FINISHED = 24, 10
+BEGUN, FINISHED = 30, 12
 """Starts of an effect whose values move, the most likely after a pass, that are fitted for a few, and of these to the end."""
 LONGER = 2.0
 """By how much an event may last longer than the one it began as: a chain of knocks over half a record is no contact."""

@@ -156,11 +156,13 @@ def can_be(inertia, w, values):
 
 FREQUENCIES = (0.7, 1.2, 2.0, 3.2, 5.0, 8.0)
 """Over the body's rate."""
-STARTS = 96
+DAMPINGS = (0.06, 0.3, 1.0)
+"""Over the frequency."""
+STARTS = 144
 
 
 def momentum_scan(t, w):
-    """Masses at random places on random ways, two at a time of each frequency that the times show: a weak swing has many likeliest fits.
+    """Masses at random places on random ways, two at a time of each frequency that the times show and of each damping: a weak swing has many likeliest fits.
     One start of a single mass for each of many is cheaper than what leads from all masses together to the nearest single one."""
     rng = np.random.default_rng(0)
     speed = max(float(((w * w).sum(axis=1) ** 0.5).mean()), 1e-12)
@@ -169,8 +171,8 @@ def momentum_scan(t, w):
     out = []
     for k in range(STARTS):
         arm, way = (x / np.sqrt(np.sum(x**2)) for x in rng.standard_normal((2, 3)))
-        frequency = used[k // 2 % len(used)]
-        values = [*(LIKELY_ARM * arm).tolist(), 0.0, 0.0, *way.tolist(), frequency, 0.2 * frequency]
+        frequency, damping = used[k // 2 % len(used)], DAMPINGS[k // 2 // len(used) % len(DAMPINGS)]
+        values = [*(LIKELY_ARM * arm).tolist(), 0.0, 0.0, *way.tolist(), frequency, damping * frequency]
         out.append(dict(zip(MOMENTUM_UNKNOWNS, values, strict=True)))
     return out
 
