@@ -129,11 +129,20 @@ def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None =
 def with_mean_moment_about_axis(start: Start, path: MotionPath) -> Start:
     """The same start of a wheel with the moment about its axis as large as those across it are in the mean, which the wheel
     answers for: the balance across the axis says nothing of that moment, and from a needle's a fit seldom comes back."""
+    assert start.axis is not None
+    about = float(start.axis @ start.inertia @ start.axis)
+    return with_more_about_axis(start, path.w, 0.5 * (float(np.trace(start.inertia)) - about) - about)
+
+
+def with_more_about_axis(start: Start, rate: np.ndarray, more: float) -> Start:
+    """The same start of a wheel with another moment about its axis, which the wheel's momentum answers for.
+
+    Args:
+        rate: (n, 3) of the body along the path; more: of the moment, over the mean one.
+    """
     assert start.axis is not None and start.history is not None
     axis = start.axis
-    about = float(axis @ start.inertia @ axis)
-    more = 0.5 * (float(np.trace(start.inertia)) - about) - about
-    inertia, h = start.inertia + more * np.outer(axis, axis), start.history - more * (path.w @ axis)
+    inertia, h = start.inertia + more * np.outer(axis, axis), start.history - more * (rate @ axis)
     size = 3.0 / np.trace(inertia)
     return Start(inertia=physical_inertia(inertia), left=start.left, axis=axis, history=size * h)
 

@@ -94,24 +94,28 @@ def reason(s: Selection) -> str:
     if s.verdict == "named":
         return _sentence(s.named[0])
     if s.verdict == "ambiguous":
-        unknown = ["a torque that nothing is known of"] if len(s.named) == 1 else []
-        names = ", ".join([c.name for c in s.named] + unknown)
+        others = [_unknown(s)] if len(s.named) == 1 or not _ahead(s) > criteria.ALIKE else []
+        names = ", ".join([c.name for c in s.named] + others)
         return f"this record cannot tell apart: {names}; a longer record, or one with another start, may"
     best = s.tried[0]
-    null = max(s.unknowns, key=lambda f: f.evidence)
-    said = (
-        "depends on the Sun's direction in the body, not as pressure does"
-        if null.hypothesis.by_sun
-        else "is smooth in inertial axes"
-        if null.hypothesis.inertial
-        else "nothing is known of"
-    )
     return (
         f"a free rigid body leaves residuals of {fitted_rms(s.base, s.noise):.1f} times the noise, and no effect of the "
         f"catalogue accounts for them. {best.name} comes nearest: by itself it leaves "
-        f"{fitted_rms(best.alone, s.noise):.1f}, and its log evidence is {best.evidence - null.evidence:+.0f} against a "
-        f"torque that {said}"
+        f"{fitted_rms(best.alone, s.noise):.1f}, and its log evidence is {_ahead(s):+.0f} against {_unknown(s)}"
     )
+
+
+def _ahead(s: Selection) -> float:
+    """By how much the likeliest effect is ahead of the likeliest unknown torque in log evidence."""
+    return s.tried[0].evidence - max(u.evidence for u in s.unknowns)
+
+
+def _unknown(s: Selection) -> str:
+    """The likeliest torque that names nothing."""
+    null = max(s.unknowns, key=lambda f: f.evidence).hypothesis
+    if null.by_sun:
+        return "a torque that depends on the Sun's direction in the body, not as pressure does"
+    return "a torque that is smooth in inertial axes" if null.inertial else "a torque that nothing is known of"
 
 
 def _sentence(c: Candidate) -> str:

@@ -158,7 +158,10 @@ def scan(effect: ModuleType, t: np.ndarray, w: np.ndarray) -> list[Term]:
 
 
 def looked_at(term: Term, t: np.ndarray, w: np.ndarray) -> int:
-    """At how many values an effect was looked for: those scanned, each with its variants in all but time."""
+    """At how many values an effect was looked for: those scanned, each with its variants in all but time; one where these values are
+    unknowns that moved from there."""
+    if term.moves:
+        return 1
     held, gap = dict(term.held), float(np.median(np.diff(t)))
     forms = {tuple(v for v in other.held if v[0] != "time") for other in (term, *variants(term, gap))}
     return len(scan(term.effect, t, w)) * (len(forms) if held else 1)

@@ -21,6 +21,8 @@ SCANNED = 3
 SHORTLISTED = 12
 """Values of what is scanned, the best in the screen, that are fitted for a few passes: near an event polynomials say
 little of its time."""
+BEGUN, FINISHED = 30, 12
+"""Starts of an effect whose values move, the most likely after a pass, that are fitted for a few, and of these to the end."""
 LONGER = 2.0
 """By how much an event may last longer than the one it began as: a chain of knocks over half a record is no contact."""
 MOST_ALIKE = 0.98
@@ -33,21 +35,39 @@ BALL = Start(inertia=np.eye(3), left=1.0)
 
 def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
     """The best fit of one effect by itself, over what is scanned; None where its parameters have the wrong sign."""
-    view, gap = record.screen or record, float(np.median(np.diff(record.times)))
-    tried = [screened(view, (t,), BALL) for t in scan(effect, record.times, record.path.w[record.rows.at])]
+    gap = float(np.median(np.diff(record.times)))
+    terms = scan(effect, record.times, record.path.w[record.rows.at])
+    moves = hasattr(effect, "momentum_moved")
+    begun = _from_all(record, terms, base) if moves else _screened(record, terms, base, gap)
+    if follows_measured(effect):
+        begun += [(t, s) for t, _ in begun[:1] for s in _stiff(record, t)]
+    found = [admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
+    fits = sorted((f for f in found if f is not None), key=lambda f: -f.verified)
+    # more than one: a scan stands at different moments of the same event; but one fit that two starts led to once
+    apart = [f for k, f in enumerate(fits[:SCANNED]) if not any(_same(f, other) for other in fits[:k])]
+    best_one = max((moved_to_best(f, gap) for f in apart), key=lambda f: f.verified, default=None)
+    return None if best_one is None else _or_alike(best_one, gap)
+
+
+def _screened(record: Record, terms: list[Term], base: HypothesisFit, gap: float) -> list[tuple[Term, Start]]:
+    """Of values of what is scanned, those that the screen or a few passes leave the most likely, and where each begins."""
+    tried = [screened(record.screen or record, (t,), BALL) for t in terms]
     best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
     begun = [(s.terms[0], start) for s in best for start in (s.start, BALL)]
     if len(best) > 1:
         begun = _with_variants(record, best, begun, gap)
-    begun += [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
-    if follows_measured(effect):
-        begun += [(t, s) for t, _ in begun[:1] for s in _stiff(record, t)]
-    found = [admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
-    fits = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
-    # more than one: a scan stands at different moments of the same event; but one fit that two starts led to once
-    apart = [f for k, f in enumerate(fits[:SCANNED]) if not any(_same(f, other) for other in fits[:k])]
-    best_one = max((moved_to_best(f, gap) for f in apart), key=lambda f: f.evidence, default=None)
-    return None if best_one is None else _or_alike(best_one, gap)
+    return begun + [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
+
+
+def _from_all(record: Record, terms: list[Term], base: HypothesisFit) -> list[tuple[Term, Start]]:
+    """Of effects about values that move from where they begin, those that a few passes leave the most likely, with where they came
+    to, of those that are so after one: each begins at a ball or at the free body's inertia, in turn."""
+    inertias = (BALL, Start(inertia=base.inertia, left=1.0))
+    begun = [(t, inertias[k % 2]) for k, t in enumerate(terms)]
+    for passes, kept in ((1, BEGUN), (3, FINISHED)):
+        fits = sorted(_short_fits(record, begun, passes), key=lambda f: (not can_be(f), -f.verified))[:kept]
+        begun = [(f.hypothesis.terms[0], again(f)) for f in fits]
+    return begun
 
 
 def _same(a: HypothesisFit, b: HypothesisFit) -> bool:
@@ -70,7 +90,7 @@ def _or_alike(found: HypothesisFit, gap: float) -> HypothesisFit:
         fit = admissible(found.record, replace(found.hypothesis, terms=(other,)), again(found), latent=False)
         if fit is not None:
             fit = moved_to_best(fit, gap)
-            best = fit if fit.evidence > best.evidence else best
+            best = fit if fit.verified > best.verified else best
     return best
 
 
@@ -88,14 +108,18 @@ def _with_variants(
 
 def _by_short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[tuple[Term, Start]]:
     """Those that a few passes on the measurements themselves leave the most likely, with where they came to."""
-    fits = []
-    for term, start in begun:
-        with suppress(NotPossible):
-            fits.append(fit_hypothesis(record, Hypothesis(terms=(term,), latent=False), start, passes=3))
-    fits = sorted(fits, key=lambda f: -f.evidence)
+    fits = sorted(_short_fits(record, begun), key=lambda f: -f.evidence)
     different = {f.hypothesis.terms[0]: f for f in reversed(fits)}
     fits = sorted(different.values(), key=lambda f: -f.evidence)[:SCANNED]
     return [(f.hypothesis.terms[0], again(f)) for f in fits]
+
+
+def _short_fits(record: Record, begun: list[tuple[Term, Start]], passes: int = 3) -> list[HypothesisFit]:
+    fits = []
+    for term, start in begun:
+        with suppress(NotPossible):
+            fits.append(fit_hypothesis(record, Hypothesis(terms=(term,), latent=False), start, passes=passes))
+    return fits
 
 
 def moved_to_best(found: HypothesisFit, gap: float, which: int = 0) -> HypothesisFit:

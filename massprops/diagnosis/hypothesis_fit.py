@@ -132,8 +132,9 @@ class HypothesisFit:
 
     @property
     def verified(self) -> float:
-        """Log evidence less what is unverified: fits of one hypothesis from several starts compare by it."""
-        return self.evidence - self.unverified
+        """Log evidence less what is unverified where the passes did not come to rest (where they did, the next step is about the square
+        of the last): fits of one hypothesis from several starts compare by it."""
+        return self.evidence if self.settled else self.evidence - self.unverified
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -232,13 +233,15 @@ class _Solution:
         count = len(self.y) + self.record.noise_rows
         return float(0.5 * count * np.log1p(2.0 * self.gain / count))
 
-    def follows(self, before: _Solution) -> bool:
-        """Whether the step of the pass before may stand: the measurements are hardly less likely after it, or it is so short that what
-        they are less likely by is the path's, which the pass before had not reached. Passes with other unknowns do not compare. An
-        effect's own values may cross a curved valley in long steps: they are asked within about a sigma of each unknown."""
+    def follows(self, before: _Solution, part: float) -> bool:
+        """Whether the part of its step that the pass before took may stand: the measurements are hardly less likely after it, or it could
+        gain so little that what they are less likely by is the path's, which the pass before had not reached. Passes with other
+        unknowns do not compare. An effect's own values may cross a curved valley in long steps: they are asked within about a sigma
+        of each unknown."""
         count = len(self.step)
         far = count > INERTIA and before.gain > count
-        return count != len(before.step) or far or before.gain < SETTLED or self.density > before.density - SETTLED
+        small = before.gain * part * (2.0 - part) < SETTLED
+        return count != len(before.step) or far or small or self.density > before.density - SETTLED
 
     def near(self, before: _Solution) -> bool:
         """Whether nothing that decides is left to gain after the pass before."""
@@ -259,7 +262,7 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
     guess = _first_guess(record, hypothesis, start)
     found: HypothesisFit | None = None
     best: _Solution | None = None
-    damped = 1.0
+    damped = taken = 1.0
     # what is linearised about its own values takes about twice as many to its end
     for k in range(passes if hypothesis.linear or passes < PASSES else 2 * passes):
         before, settled = found, False
@@ -268,12 +271,13 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 own = _solved(record, hypothesis, guess)
-                if best is None or own.follows(best):
+                if best is None or own.follows(best, taken):
                     settled = best is not None and own.near(best)
                     best, damped = own, min(1.0, 2.0 * damped)
                 else:
                     damped = 0.5 * min(best.longest, damped)
-                found, guess = _reached(best, 0.0 if motion else min(best.longest, damped))
+                taken = min(best.longest, damped)
+                found, guess = _reached(best, 0.0 if motion else taken)
                 best = None if motion else best
         except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
             break

@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import ModuleType
 
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.conserved_start import Start, conserved, conserved_across, with_mean_moment_about_axis
+from massprops.diagnosis.conserved_start import (
+    Start,
+    conserved,
+    conserved_across,
+    with_mean_moment_about_axis,
+    with_more_about_axis,
+)
 from massprops.diagnosis.effect_columns import follows_measured, has_known_rate, in_balance, looked_at
 from massprops.diagnosis.effect_search import admissible, again, best_fit, widening
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.scanned_values import at_likeliest_scale, with_scanned
@@ -28,6 +35,8 @@ whose wheel has one of about .07, evidence chose .03 to .045 and its size came w
 MEMORIES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Time constants of attitudes' errors that are tried, over the gap between two of them: from nearly none to what a short
 record can show."""
+VALLEY = (-0.3, -0.1, 0.1, 0.3, 0.6)
+"""Moments about a wheel's axis, over the mean one, that are tried beside the one that a fit came to."""
 SUN = "sun direction"
 """What effects need that follow the Sun."""
 BESIDE_UNKNOWN = 4
@@ -53,10 +62,15 @@ class Candidate:
     def name(self) -> str:
         return " + ".join(self.alone.names)
 
-    @property
+    @cached_property
     def evidence(self) -> float:
-        """Log evidence of what counts."""
-        return self.likeliest.evidence
+        """Log evidence of what counts, paid for (`paid`)."""
+        return paid(self.likeliest)
+
+    @cached_property
+    def own(self) -> float:
+        """Log evidence of the effect by itself, paid for."""
+        return paid(self.alone)
 
     @property
     def best(self) -> HypothesisFit:
@@ -69,7 +83,7 @@ class Candidate:
         only takes a part of it. Else the more likely of the two."""
         if self.alone.record.stated and within_noise(self.alone):
             return self.alone
-        if self.with_latent is not None and self.with_latent.evidence > self.alone.evidence:
+        if self.with_latent is not None and self.with_latent.verified > self.alone.verified:
             return self.with_latent
         return self.alone
 
@@ -206,10 +220,11 @@ def _by_errors_alike(
 
 
 def paid(fit: HypothesisFit) -> float:
-    """Log evidence, less the logarithm of the values at which an effect's time and the like were looked for."""
+    """Log evidence, less the logarithm of the values at which an effect's time and the like were looked for: it is the best of so many,
+    while an effect whose values are unknowns, as a spring's frequency, pays for them by their prior."""
     record = fit.record
     looked = [looked_at(t, record.times, record.path.w[record.rows.at]) for t in fit.hypothesis.terms]
-    return float(fit.evidence - np.sum(np.log(np.maximum(looked, 1))))
+    return float(fit.verified - np.sum(np.log(np.maximum(looked, 1))))
 
 
 def with_memory(fit: HypothesisFit) -> HypothesisFit:
@@ -263,17 +278,17 @@ def asks_for_two(tried: list[Candidate], base: HypothesisFit, *unknowns: Hypothe
     likeliest = max(
         [
             *(u.evidence for u in unknowns),
-            *(f.evidence for c in tried for f in (c.alone, c.with_latent) if f is not None),
+            *(paid(f) for c in tried for f in (c.alone, c.with_latent) if f is not None),
         ]
     )
-    enough = [c for c in good if within_noise(c.alone) and c.alone.evidence > likeliest - criteria.BEATS_UNKNOWN]
+    enough = [c for c in good if within_noise(c.alone) and c.own > likeliest - criteria.BEATS_UNKNOWN]
     return bool(tried) and not enough
 
 
 def _pairs(
     tried: list[Candidate], usable: list[ModuleType], base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]
 ) -> list[Candidate]:
-    """Pairs that are more likely than any single effect, pay for having been looked for, and predict better.
+    """Pairs that are more likely than any single effect and any unknown torque, pay for having been looked for, and predict better.
 
     With a stated noise a single effect that may not be named counts by itself: what it gains beside an unknown torque is
     that torque's, and may be the second effect's.
@@ -284,13 +299,14 @@ def _pairs(
         return []
     good = {c.name for c in tried if may_be_named(c, base, *unknowns)}
     found = pairs(record, unknowns[0], [c.alone for c in singles if not c.alone.hypothesis.wheel], usable)
-    own = [c.alone.evidence if record.stated and c.name not in good else c.evidence for c in tried]
-    enough = max(own) + criteria.BEATS_NOTHING + np.log(1 + len(found))
+    own = [c.own if record.stated and c.name not in good else c.evidence for c in tried]
+    rivals = [*own, *(u.evidence for u in unknowns)]
+    enough = max(rivals) + criteria.BEATS_NOTHING + np.log(1 + len(found))
     noise = np.ones(3)
     held = held_out_rms(singles[0].alone, noise)
     out = []
     for k, fit in enumerate(found):
-        if fit.evidence > enough and not held_out_rms(fit, noise) > held:
+        if paid(fit) > enough and not held_out_rms(fit, noise) > held:
             with_latent = admissible(record, fit.hypothesis, again(fit), latent=True) if k == 0 else None
             out.append(Candidate(alone=fit, with_latent=with_latent))
     return out
@@ -411,9 +427,22 @@ def wheel_of_any_history(record: Record) -> Candidate:
     fits = [f for f in fits if _apart(f, first) < criteria.AXIS_SD]
     with_latent = max(fits, key=lambda f: f.verified, default=first)
     alone = fit_hypothesis(record, replace(with_latent.hypothesis, latent=False), again(with_latent))
+    alone = _along_valley(alone)
     if alone.verified > with_latent.verified:  # more freedom cannot be less likely: it went astray
         with_latent = fit_hypothesis(record, with_latent.hypothesis, again(alone))
     return Candidate(alone=alone, with_latent=with_latent)
+
+
+def _along_valley(found: HypothesisFit) -> HypothesisFit:
+    """The likeliest of a fit of a wheel and of fits begun at other moments about its axis, along which the likelihood hardly changes:
+    the wheel answers for that moment."""
+    best = found
+    for more in VALLEY:
+        with suppress(NotPossible):
+            start = with_more_about_axis(again(found), found.rate, more)
+            other = fit_hypothesis(found.record, found.hypothesis, start)
+            best = other if other.verified > best.verified + SETTLED else best
+    return best
 
 
 def _apart(a: HypothesisFit, b: HypothesisFit) -> float:
@@ -429,16 +458,24 @@ def _verdict(
     enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
     if something < base.evidence + enough:
         return "none", []
-    good = _predicting([c for c in tried if may_be_named(c, base, *unknowns)], base)
+    good = _predicting([c for c in tried if _may_be_listed(c, base, unknowns)], base)
     if not good:
         return "unexplained", []
     near = [c for c in good if c.evidence > good[0].evidence - criteria.ALIKE]
     # what an unknown torque beside them hides: how much each explains by itself
-    alone = max(near, key=lambda c: c.alone.evidence)
-    near = [alone, *(c for c in near if c is not alone and c.alone.evidence > alone.alone.evidence - criteria.ALIKE)]
+    alone = max(near, key=lambda c: c.own)
+    near = [alone, *(c for c in near if c is not alone and c.own > alone.own - criteria.ALIKE)]
     # of several effects one is a little likelier than a torque of any smooth form by chance
-    alike = good[0].evidence < enough + max(u.evidence for u in unknowns if not u.hypothesis.by_sun)
-    return ("ambiguous" if alike or len(near) > 1 else "named"), near
+    smooth = max(u.evidence for u in unknowns if not u.hypothesis.by_sun)
+    sure = good[0].evidence > smooth + enough and may_be_named(good[0], base, *unknowns)
+    return ("named" if sure and len(near) == 1 else "ambiguous"), near
+
+
+def _may_be_listed(c: Candidate, base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]) -> bool:
+    """Whether an effect may be named, or one by itself leaves no more than the stated noise and is not told from an unknown torque,
+    which then is its rival."""
+    single = len(c.alone.names) == 1 and base.record.stated and within_noise(c.alone)
+    return may_be_named(c, base, *unknowns, lead=-criteria.ALIKE if single else criteria.BEATS_UNKNOWN)
 
 
 def _predicting(candidates: list[Candidate], base: HypothesisFit) -> list[Candidate]:
@@ -453,10 +490,12 @@ def within_noise(base: HypothesisFit) -> bool:
     return bool(rms(base.residual) < 1.0 + criteria.SHOWN / np.sqrt(2.0 * base.residual.size))
 
 
-def may_be_named(c: Candidate, base: HypothesisFit, *unknowns: HypothesisFit) -> bool:
-    """Whether an effect beats the unknown torques, explains most by itself, and is away from nothing."""
+def may_be_named(
+    c: Candidate, base: HypothesisFit, *unknowns: HypothesisFit, lead: float = criteria.BEATS_UNKNOWN
+) -> bool:
+    """Whether an effect beats the unknown torques by so much in log evidence, explains most by itself, and is away from nothing."""
     likeliest = max(u.evidence for u in unknowns)
-    if c.evidence < likeliest + criteria.BEATS_UNKNOWN or c.evidence < base.evidence + criteria.BEATS_NOTHING:
+    if c.evidence < likeliest + lead or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
     small = base.record.stated and within_noise(c.alone)
     if not small and rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):

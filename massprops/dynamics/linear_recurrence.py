@@ -24,30 +24,3 @@ def recurrence(step: np.ndarray, added: np.ndarray, first: np.ndarray) -> np.nda
                     total += step[k, i, a, b] * y[k, i, b]
                 y[k + 1, i, a] = total
     return y
-
-
-@numba.njit(cache=True)
-def in_pairs(grown: np.ndarray, lever: np.ndarray, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """(n, 3, k) answers A_ab = grown_a s_b + lever_a speed_b of m elements: A_ab + A_ba of each two of them, A_aa of one, then those
-    of each element to the further drives.
-
-    Args:
-        grown: (n, m, 3); lever: (m, 3); s, speed: (n, m + d).
-    """
-    n, m, drives = len(grown), len(lever), s.shape[1]
-    out = np.empty((n, 3, m * (m + 1) // 2 + m * (drives - m)))
-    for k in range(n):
-        for i in range(3):
-            at = 0
-            for a in range(m):
-                for b in range(a, m):
-                    value = grown[k, a, i] * s[k, b] + lever[a, i] * speed[k, b]
-                    if a != b:
-                        value += grown[k, b, i] * s[k, a] + lever[b, i] * speed[k, a]
-                    out[k, i, at] = value
-                    at += 1
-            for a in range(m):
-                for b in range(m, drives):
-                    out[k, i, at] = grown[k, a, i] * s[k, b] + lever[a, i] * speed[k, b]
-                    at += 1
-    return out

@@ -78,7 +78,7 @@ def test_two_effects_at_once_in_basilisk(capsys) -> None:
 
 def test_two_of_the_catalogue_drawn_at_random(capsys) -> None:
     """Both named, or among what is listed as ambiguous. Seeds 100 to 111, 202, 205, 206, 229, 230 and 233 served while pairs were
-    mended; those up to 256 have been looked at."""
+    mended; those up to 290 have been looked at."""
     pytest.importorskip("Basilisk")
     pytest.importorskip("mujoco")
     from diagnosis.pair_worlds import drawn

@@ -10,7 +10,7 @@ from diagnosis.test_momentum_balance import tumble
 
 from massprops.diagnosis.conserved_start import conserved
 from massprops.diagnosis.document import document_of_selection, model_of_selection
-from massprops.diagnosis.effect_columns import Term, scan, term_of
+from massprops.diagnosis.effect_columns import Term, looked_at, scan, term_of
 from massprops.diagnosis.effect_search import again, widening
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pair_scan import ANCHORED, FEW, KEPT, LOCAL_MINIMA, least_left, scanned
@@ -19,8 +19,10 @@ from massprops.diagnosis.record import Record, record_of_attitudes, record_of_ra
 from massprops.diagnosis.selection import (
     Candidate,
     Selection,
+    _verdict,
     asks_for_two,
     may_be_named,
+    paid,
     rms,
     usable_effects,
     wheel_of_any_history,
@@ -178,6 +180,41 @@ def test_a_small_effect_that_leaves_the_stated_noise_may_be_named() -> None:
     assert may_be_named(Candidate(alone=fit), base, unknown)
     idle = alone(record_of_rates(tumble(rate=100.0)), "drag-by-axis")
     assert not may_be_named(Candidate(alone=idle), base, unknown)
+
+
+def test_what_is_not_told_from_an_unknown_torque_is_listed_beside_it() -> None:
+    small = record_of_rates(tumble(lambda t, w: -0.05 * DRAG * w, rate=100.0))
+    base, unknown = without_effects(small)
+    fit = alone(small, "drag-by-axis")
+    assert within_noise(fit)
+
+    def verdict(lead: float) -> str:
+        ahead = Candidate(alone=replace(fit, evidence=unknown.evidence + lead))
+        return _verdict(base, (unknown,), [ahead])[0]
+
+    assert [verdict(lead) for lead in (-6.0, -3.0, 3.0, 20.0)] == ["unexplained", "ambiguous", "ambiguous", "named"]
+
+
+def test_an_effect_pays_for_the_moments_that_it_was_looked_for_at(record: Record) -> None:
+    effect = effects()["impulse"]
+    looked = len(scan(effect, record.times, record.path.w[record.rows.at]))
+    start = conserved(record.path, record.rows.at)
+    knock = Hypothesis(terms=(term_of(effect, {"time": float(record.times[20])}),), latent=False)
+    fit = fit_hypothesis(record, knock, start)
+    assert paid(fit) < fit.verified - np.log(looked)
+    # a spring's frequency is an unknown, which pays by its prior
+    swing = scan(effects()["spring-mass-damper"], record.times, record.path.w[record.rows.at])[0]
+    assert len(swing.held) == 10 and looked_at(swing, record.times, record.path.w[record.rows.at]) == 1
+    free = alone(record, "drag-by-axis")
+    assert paid(free) == free.verified
+
+
+def test_what_a_fit_only_claims_beside_an_unknown_torque_does_not_count(record: Record) -> None:
+    fit = replace(alone(record, "drag-by-axis"), settled=True)
+    assert not within_noise(fit)
+    astray = replace(fit, evidence=fit.evidence + 20.0, unverified=50.0, settled=False)
+    assert Candidate(alone=fit, with_latent=astray).likeliest is fit
+    assert Candidate(alone=fit, with_latent=replace(astray, settled=True)).evidence == fit.evidence + 20.0
 
 
 def test_a_wheel_of_any_history_is_found_beside_a_torque_that_bends_it() -> None:

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from massprops.diagnosis.conserved_start import Start
-from massprops.diagnosis.effect_columns import lookalikes, scan, term_of
+from massprops.diagnosis.effect_columns import lookalikes, term_of
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.selection import rms, without_effects
+from massprops.dynamics.effects import spring_mass_damper as spring
 from massprops.dynamics.effects.spring_mass_damper import MOMENTUM_UNKNOWNS
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_vector
 from massprops.dynamics.rotation import ActiveEffects, trajectory
+from massprops.dynamics.spring_kernel import momentum_inside
 from massprops.effects import effects
 from massprops.sequence.data import Environment
 
@@ -83,8 +85,38 @@ def test_place_and_direction_are_exchanged_and_back() -> None:
     assert dict(other.held)["velocity"] == -held["velocity"] and dict(one.held)["along_y"] < 0.0
     back = dict(lookalikes(one)[0].held)
     assert back == pytest.approx(held)
-    products = scan(effects()[NAME], np.arange(0.0, 90.0, 2.0), np.full((45, 3), 0.05))[0]
-    assert lookalikes(products) == [] and products.here(63) is None
+
+
+def test_what_the_mass_carries_is_that_of_its_equations() -> None:
+    from scipy.integrate import solve_ivp
+
+    t = np.linspace(0.0, 40.0, 801)
+    arm, start, way, spring_of = [0.3, -0.2, 0.1], [0.02, 0.003], [0.6, 0.0, 0.8], [0.4, 0.05]
+    values = np.array([*arm, *way, *spring_of, *start])
+
+    def rate(s):
+        return np.array([0.05 + 0.02 * np.sin(0.3 * s), -0.04 + 0.0 * s, 0.03 * np.cos(0.2 * s)])
+
+    def slope(s, z):
+        return np.array(spring.internal_rate(s, rate(s), (*z, 0.0), values)[:2])
+
+    begun = spring.internal_start(rate(0.0), values)[:2]
+    z = solve_ivp(slope, (0.0, t[-1]), begun, t_eval=t, rtol=1e-10, atol=1e-13).y
+    w = rate(t)
+    six = np.array(np.broadcast_arrays(*spring.moving_inertia((0.0 * t,) * 6, z, values)))
+    moving = six[[0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(3, 3, -1)
+    want = np.einsum("ijn,jn->in", moving, w) + np.array(spring.internal(t, z, values))
+    found = momentum_inside(t, w.T, np.array([[*arm, *start, *way, *spring_of]]))[:, 0]
+    assert np.abs(found.T - want).max() < 1e-4 * np.abs(want).max()
+
+
+def test_fuel_is_found_where_other_starts_end_short() -> None:
+    """Fuel that leaves ten times the noise: from what leads all masses together a fit came to 1.17 of it (frequency 2.4 times the rate)."""
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import recorded
+
+    fit, _, unknown = _found(recorded("slosh", 41))
+    assert rms(fit.residual) < 1.02 and fit.settled and fit.evidence > unknown.evidence + 30.0
 
 
 def test_a_step_that_gains_nothing_is_not_taken_back_for_the_path() -> None:

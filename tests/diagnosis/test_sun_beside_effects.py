@@ -22,7 +22,8 @@ def _found(*names: str, wheel: bool = False, left: float = 1.2) -> Any:
     terms = tuple(Term(effect=effects()[n]) for n in names)
     own = Hypothesis(terms=terms, latent=False, wheel=wheel)
     residual = np.full((400, 3), left)
-    return SimpleNamespace(record=SimpleNamespace(stated=True), hypothesis=own, evidence=100.0, residual=residual)
+    record = SimpleNamespace(stated=True)
+    return SimpleNamespace(record=record, hypothesis=own, names=own.names, evidence=100.0, residual=residual)
 
 
 def _asked(monkeypatch: pytest.MonkeyPatch, verified: float) -> list[Hypothesis]:
@@ -89,10 +90,11 @@ def test_what_is_named_is_told_from_a_smooth_torque_of_any_form(
     lead: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of several effects one is a few likelier by chance. A torque that jumps as it likes with the Sun is another matter."""
-    monkeypatch.setattr(selection, "may_be_named", lambda c, base, *unknowns: True)
+    monkeypatch.setattr(selection, "may_be_named", lambda c, base, *unknowns, lead=1.0: True)
+    monkeypatch.setattr(selection, "paid", lambda fit: fit.evidence)
     monkeypatch.setattr(selection, "held_out_rms", lambda fit, noise: 1.0 if fit is found else 2.0)
     found = _found("constant-body-torque", left=1.0)
-    base = SimpleNamespace(evidence=0.0)
+    base = SimpleNamespace(evidence=0.0, record=SimpleNamespace(stated=False))
     unknown = SimpleNamespace(evidence=found.evidence - lead, hypothesis=Hypothesis())
     jumping = SimpleNamespace(evidence=found.evidence - 1.0, hypothesis=Hypothesis(by_sun=True))
     assert selection._verdict(base, (unknown, jumping), [selection.Candidate(alone=found)])[0] == verdict  # type: ignore[arg-type]

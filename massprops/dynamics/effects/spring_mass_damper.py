@@ -86,14 +86,14 @@ LARGEST_MOVE = 0.5
 
 
 def momentum_columns(t, R, w, held):
-    """The momentum inside about the values in `held`, or for frequency and damping alone about none.
+    """The momentum inside about the values in `held`.
 
-    The momentum is quadratic in g = (arm, displacement, velocity) together, so its linearisation about g0 is
+    It is quadratic in g = (arm, displacement, velocity) together, so its linearisation about g0 is
     J (g - g0 / 2): the first five unknowns are g - g0 / 2. Those of direction, frequency and damping are steps, as large
-    as g0. Without an arm it is linear in products of arm and way (`_any_way`).
+    as g0.
     """
-    if "arm_x" not in held:
-        return {"internal": _any_way(t, w, held["frequency"], held["damping"])}
+    from massprops.dynamics.spring_kernel import momentum_inside
+
     now = _values(held)
     size = _size(now)
     tried = [now]
@@ -101,20 +101,13 @@ def momentum_columns(t, R, w, held):
         step = np.zeros(10)
         step[k] = SMALL * (size if k < 5 else 1.0)
         tried.append(_moved(now, step))
-    h = _momentum(t, w, np.array(tried))
+    h = momentum_inside(t, w, np.array(tried))
     columns = (h[:, 1:] - h[:, :1]) / SMALL / size
     return {"internal": np.moveaxis(columns, 1, 2)}
 
 
 def momentum_moved(held, unknowns):
     """The parameters that the unknowns stand for."""
-    if "arm_x" not in held:
-        found = _of_products(np.asarray(unknowns))
-        u = np.array([found[f"along_{a}"] for a in "xyz"])
-        spin = np.array([[held[f"spin_{a}{b}"] for b in "xyz"] for a in "xyz"])
-        # turning softens the spring, which the products leave out
-        stiff = held["frequency"] ** 2 + np.trace(spin) - u @ spin @ u
-        return found | {"frequency": float(np.sqrt(stiff)), "damping": held["damping"]}
     now = _values(held)
     step = np.asarray(unknowns).copy()
     step[:5] -= 0.5 * now[:5]
@@ -125,8 +118,6 @@ def momentum_moved(held, unknowns):
 def momentum_alike(held):
     """Arm and way in each other's place: the drive of the swing and the lever of its momentum are then the same but for a sign, so that
     each has a likeliest fit of its own. The displacement may begin on either side."""
-    if "arm_x" not in held:
-        return []
     now = _values(held)
     arm, u, size = now[:3], now[5:8] / np.sqrt(np.sum(now[5:8] ** 2)), _size(now)
     places = [f"{part}_{a}" for part in ("arm", "along") for a in "xyz"]
@@ -135,8 +126,8 @@ def momentum_alike(held):
 
 
 def momentum_here(held):
-    """The unknowns that stand for the parameters in `held`; None without an arm, where products are unknown."""
-    return np.concatenate([0.5 * _values(held)[:5], np.zeros(5)]) if "arm_x" in held else None
+    """The unknowns that stand for the parameters in `held`."""
+    return np.concatenate([0.5 * _values(held)[:5], np.zeros(5)])
 
 
 LIKELY_ARM = 0.2
@@ -146,10 +137,6 @@ LIKELY_START = 0.05
 
 def momentum_sd(held):
     """Prior standard deviations of the unknowns: without one, a mass that carries nearly all of the inertia moves as it likes."""
-    if "arm_x" not in held:
-        return np.array(
-            [0.5 * LIKELY_ARM**2] * 45 + [LIKELY_ARM * LIKELY_START, LIKELY_ARM * LIKELY_START * held["frequency"]] * 9
-        )
     return np.array([LIKELY_ARM] * 3 + [LIKELY_START, LIKELY_START * held["frequency"]] + [_size(_values(held))] * 5)
 
 
@@ -167,21 +154,27 @@ def can_be(inertia, w, values):
     return held and bool(np.linalg.eigvalsh(second)[0] > LEAST_LEFT * 0.5 * np.trace(inertia))
 
 
-FREQUENCIES = tuple(0.5 * 1.24**k for k in range(15))
-"""As close as a swing with a damping of a fifth is wide: with a factor of 1.45 a panel between two of them was missed."""
-DAMPINGS = (0.03, 0.2, 1.0)
+FREQUENCIES = (0.7, 1.2, 2.0, 3.2, 5.0, 8.0)
+"""Over the body's rate."""
+DAMPINGS = (0.06, 0.3, 1.0)
+"""Over the frequency."""
+STARTS = 144
 
 
 def momentum_scan(t, w):
-    """Frequencies from half the body's rate to ten times it, as far as the times show them, dampings over them, and the mean
-    square of the rate."""
-    speed = float(((w * w).sum(axis=1) ** 0.5).mean())
+    """Masses at random places on random ways, two at a time of each frequency that the times show and of each damping: a weak swing has many likeliest fits.
+    One start of a single mass for each of many is cheaper than what leads from all masses together to the nearest single one."""
+    rng = np.random.default_rng(0)
+    speed = max(float(((w * w).sum(axis=1) ** 0.5).mean()), 1e-12)
     fastest = 1.5 / float(np.median(np.diff(t)))
-    found = [k * max(speed, 1e-12) for k in FREQUENCIES]
-    spin = (w.T @ w / len(w)).tolist()
-    mean = {f"spin_{a}{b}": spin[i][j] for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
-    used = [f for f in found if f < fastest] or found[:1]
-    return [{"frequency": f, "damping": d * f, **mean} for f in used for d in DAMPINGS]
+    used = [f * speed for f in FREQUENCIES if f * speed < fastest] or [FREQUENCIES[0] * speed]
+    out = []
+    for k in range(STARTS):
+        arm, way = (x / np.sqrt(np.sum(x**2)) for x in rng.standard_normal((2, 3)))
+        frequency, damping = used[k // 2 % len(used)], DAMPINGS[k // 2 // len(used) % len(DAMPINGS)]
+        values = [*(LIKELY_ARM * arm).tolist(), 0.0, 0.0, *way.tolist(), frequency, damping * frequency]
+        out.append(dict(zip(MOMENTUM_UNKNOWNS, values, strict=True)))
+    return out
 
 
 def _values(held):
@@ -201,110 +194,3 @@ def _moved(now, step):
     out[5:8] = u / np.sqrt(np.sum(u**2))
     out[8:] *= np.exp(step[8:])
     return out
-
-
-def _momentum(t, w, values):
-    """(n, m, 3) inside, for m sets of parameters (m, 10)."""
-    arm, start, u = values[:, :3], values[:, 3:5], values[:, 5:8]
-    lever = np.cross(arm, u)
-    s, speed = _oscillators(
-        t, w, lever, _outward(w, arm[:, :, None] * u[:, None, :]), np.sum(np.cross(w[:, None], u) ** 2, axis=2),
-        values[:, 8:], start,
-    )  # fmt: skip
-    at = arm + s[:, :, None] * u
-    # (arm + s u) x (w x (arm + s u)) - arm x (w x arm) + s' arm x u
-    return _carried(at, w[:, None]) - _carried(np.broadcast_to(arm, at.shape), w[:, None]) + speed[:, :, None] * lever
-
-
-def _carried(r, w):
-    """Angular momentum r x (w x r) of a unit mass at r."""
-    return w * np.sum(r * r, axis=-1, keepdims=True) - r * np.sum(r * w, axis=-1, keepdims=True)
-
-
-def _outward(w, S):
-    """(n, m) what is called centrifugal along the way, at rest; S (m, 3, 3) arm times way."""
-    square = np.sum(w * w, axis=1)
-    return square[:, None] * np.trace(S, axis1=1, axis2=2) - np.einsum("ni,mij,nj->nm", w, S, w)
-
-
-def _oscillators(t, w, lever, outward, softer, spring, start):
-    """(n, m) displacement and speed of m oscillators, driven by the body's motion.
-
-    Args:
-        lever: (m, 3); outward, softer: (n, m) centrifugal drive and loss of stiffness; spring: (m, 2) frequency, damping; these and
-        `softer` may be one of all. start: (m, 2) displacement, speed.
-    """
-    from massprops.dynamics.linear_recurrence import recurrence
-
-    m, step = len(lever), np.diff(t)
-    frequency, damping = spring.T
-    turning = w @ lever.T
-    drive = np.stack([-turning, damping * turning + outward], axis=2)
-    middle = 0.5 * (drive[1:] + drive[:-1])
-    stiff = frequency**2 - 0.5 * (softer[1:] + softer[:-1])
-    half, whole = _transition(0.5 * step, stiff, damping), _transition(step, stiff, damping)
-    added = _times(whole, drive[:-1]) + 4.0 * _times(half, middle) + drive[1:]
-    added *= (step / 6.0)[:, None, None]
-    whole = np.ascontiguousarray(np.broadcast_to(whole, (len(step), m, 2, 2)))
-    y = recurrence(whole, added, start + np.stack([np.zeros(m), turning[0]], axis=1))
-    return y[:, :, 0], y[:, :, 1] - turning
-
-
-def _times(M, v):
-    """(n, m, 2) products of matrices and vectors of two: one by one they take ten times as long."""
-    return M[..., 0] * v[..., :1] + M[..., 1] * v[..., 1:]
-
-
-def _transition(step, stiff, damping):
-    """(n, m, 2, 2) exponential of [[0, 1], [-stiff, -damping]] over steps (n,)."""
-    n, m = stiff.shape
-    root = np.sqrt(0.25 * np.broadcast_to(damping, (n, m)) ** 2 - stiff + 0j)
-    root = np.where(np.abs(root) < 1e-9, 1e-9, root)
-    x = root * step[:, None]
-    shrunk = np.exp(-0.5 * damping * step[:, None])
-    even, odd = (np.cosh(x) * shrunk).real, (np.sinh(x) / root * shrunk).real
-    out = np.empty((n, m, 2, 2))
-    out[..., 0, 0] = even + 0.5 * damping * odd
-    out[..., 0, 1] = odd
-    out[..., 1, 0] = -stiff * odd
-    out[..., 1, 1] = even - 0.5 * damping * odd
-    return out
-
-
-PAIRS = [(a, b) for a in range(9) for b in range(a, 9)]
-"""Products of two elements of S, the arm times the way: 45."""
-EVERY = np.eye(9).reshape(9, 3, 3)
-LEVERS = np.array([[S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]] for S in EVERY])
-
-
-def _any_way(t, w, frequency, damping):
-    """Columns (n, 3, 63) of products of two of S, and of one of S with a displacement and a speed at the start, for
-    small displacements: the drive is linear in S and the answer to a displacement is, too."""
-    from massprops.dynamics.linear_recurrence import in_pairs
-
-    drive = np.concatenate([_outward(w, EVERY), np.zeros((len(t), 2))], axis=1)
-    lever = np.concatenate([LEVERS, np.zeros((2, 3))])
-    start = np.concatenate([np.zeros((9, 2)), np.eye(2)])
-    s, speed = _oscillators(t, w, lever, drive, np.zeros((len(t), 1)), np.array([[frequency, damping]]), start)
-    return in_pairs(np.ascontiguousarray(_grown(w)), LEVERS, np.ascontiguousarray(s), speed)
-
-
-def _grown(w):
-    """(n, 9, 3) momentum of a unit displacement at rest, for each element of S."""
-    return 2.0 * np.einsum("aii->a", EVERY)[:, None] * w[:, None] - np.einsum(
-        "aij,nj->nai", EVERY + EVERY.swapaxes(1, 2), w
-    )
-
-
-def _of_products(unknowns):
-    """The nearest single mass on a single way to what was found of the products."""
-    P = np.zeros((9, 9))
-    for value, (a, b) in zip(unknowns, PAIRS, strict=False):
-        P[a, b] = P[b, a] = value
-    value, vector = np.linalg.eigh(P)
-    S = vector[:, -1] * np.sqrt(max(value[-1], 1e-12))
-    left, size, right = np.linalg.svd(S.reshape(3, 3))
-    start = unknowns[45:].reshape(9, 2).T @ S / (S @ S)
-    arm = left[:, 0] * size[0]
-    names = MOMENTUM_UNKNOWNS
-    return dict(zip(names[:8], [*arm.tolist(), *start.tolist(), *right[0].tolist()], strict=True))
