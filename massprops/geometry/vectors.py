@@ -1,4 +1,4 @@
-"""Vectors of space: their cross product as a matrix, their directions, directions spread evenly."""
+"""Vectors of space: their cross product as a matrix, their directions, directions spread evenly, turns between axes."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ def skew(v: np.ndarray) -> np.ndarray:
 def unit(v: np.ndarray) -> np.ndarray:
     """Vectors (..., k) of length one in the directions of v (..., k); zero stays zero."""
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-30))
+
+
+def turn_deg(A: np.ndarray, B: np.ndarray) -> float:
+    """Angle between two rotations A, B (3, 3) [deg]."""
+    return float(np.degrees(np.arccos(np.clip((np.trace(A.T @ B) - 1) / 2, -1, 1))))
 
 
 def sphere(count: int) -> np.ndarray:

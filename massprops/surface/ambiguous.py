@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.core.robust import MAD_TO_SIGMA
+from massprops.geometry import vectors
 from massprops.mass.bodies import solid
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud
@@ -99,7 +100,7 @@ def told(views: Views, alike: np.ndarray, fold: int) -> np.ndarray:
     camera = np.array([name.rpartition("/")[0] for name in views.names])
     run = np.zeros(len(views), int)
     for i in range(1, len(views)):
-        turned = np.degrees(np.arccos(np.clip((np.trace(views.R[i] @ views.R[i - 1].T) - 1) / 2, -1, 1)))
+        turned = vectors.turn_deg(views.R[i].T, views.R[i - 1].T)
         run[i] = run[i - 1] + (camera[i] != camera[i - 1] or turned > 180.0 / fold)
     some = {int(k) for k in np.unique(run[~alike])} | {int(np.bincount(run).argmax())}
     return np.isin(run, list(some))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.geometry import vectors
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import MOST, TOUCHES, Extent, Pair, Witnesses, extent, moved, rim_rays
 from massprops.surface.photo_consistency import Photographs
@@ -204,7 +205,7 @@ class _Answer:
 
     def away(self, other: _Answer) -> float:
         """Angle between two answers [deg]."""
-        return float(np.degrees(np.arccos(np.clip((np.trace(self.R.T @ other.R) - 1) / 2, -1, 1))))
+        return vectors.turn_deg(self.R, other.R)
 
 
 def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
@@ -267,10 +268,9 @@ def outlines_exclude(first: Placed, second: Placed, found: Registration, R: np.n
     Two sides of a part of one pattern agreed in 754 features (Blender), laid onto each other 5.9 px outside the outlines; the
     true turn is 0.6 px outside.
     """
-    if not found.clear or _Answer(R, t, 0.0).away(_Answer(found.R, found.t, 0.0)) <= APART_DEG:
+    if not found.clear or vectors.turn_deg(R, found.R) <= APART_DEG:
         return False
-    rng = np.random.default_rng(52)
-    outlines = Pair(first.extent, second.extent, _witnesses(first, rng), _witnesses(second, rng))
+    outlines = _outlines(first, second, np.random.default_rng(52))
     return bool(outlines.score(R, t) > worse(found.outside_px) + found.own_px)
 
 
@@ -332,6 +332,11 @@ def _noise(wrong: list[_Answer]) -> float:
 
 def _some(xyz: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
     return np.ascontiguousarray(xyz[np.sort(rng.permutation(len(xyz))[:most])])
+
+
+def _outlines(first: Placed, second: Placed, rng: np.random.Generator) -> Pair:
+    """What the outlines of either placement say of the other."""
+    return Pair(first.extent, second.extent, _witnesses(first, rng), _witnesses(second, rng))
 
 
 def _witnesses(side: Placed, rng: np.random.Generator) -> Witnesses:
@@ -399,7 +404,7 @@ class _Pair:
         from scipy.spatial import cKDTree
 
         self.first, self.second, self.rng = first, second, rng
-        self.outlines = Pair(first.extent, second.extent, _witnesses(first, rng), _witnesses(second, rng))
+        self.outlines = _outlines(first, second, rng)
         self.xyz, self.normal = first.cloud.xyz, first.cloud.normal
         self.bodies = [cKDTree(np.concatenate([p.cloud.xyz, p.shape])) for p in (first, second)]
         apart = np.median(cKDTree(second.shape).query(second.shape, k=2)[0][:, 1])
