@@ -37,7 +37,7 @@ def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothe
     """The best fit of one effect by itself, over what is scanned; None where its parameters have the wrong sign."""
     gap = float(np.median(np.diff(record.times)))
     terms = scan(effect, record.times, record.path.w[record.rows.at])
-    moves = hasattr(effect, "momentum_moved")
+    moves = any(t.moves for t in terms)
     begun = _from_all(record, terms, base) if moves else _screened(record, terms, base, gap)
     if follows_measured(effect):
         begun += [(t, s) for t, _ in begun[:1] for s in _stiff(record, t)]
