@@ -34,7 +34,7 @@ _POWERS = np.array([(i, n - i) for n in range(5) for i in range(n, -1, -1)])
 """Of a and b, of the moments that the normal equations are made of; the first TERMS are a fit's terms."""
 _OFFSETS = np.arange(-REACH, REACH + 1, STRIDE)
 PIXELS = 96
-"""Room for the pixels of a fit, 81: what is processed by fours of eights needs no rest."""
+"""Room for the 81 pixels of a fit: loops that are unrolled by 32 leave no remainder."""
 _A, _B = (np.resize(a, PIXELS) / REACH for a in np.meshgrid(_OFFSETS, _OFFSETS))
 MONOMIALS = np.stack([_A**i * _B**j for i, j in _POWERS]).astype(np.float32)
 INNER = (np.maximum(abs(_A), abs(_B)) <= 0.5).astype(np.float32)
@@ -101,9 +101,9 @@ def _robust(value: Array, known: Array, n: int, room: Array, moment: Array, norm
     for k in range(PIXELS):
         weight[k] = INNER[k] * known[k]
         inner += weight[k]
-    good = bool(inner >= 2 * TERMS)
-    if not good:
+    if inner < 2 * TERMS:
         return False
+    good = True
     for turn in range(ROUNDS + 1):
         _normal_equations(value, weight, moment, normal, answer)
         for p in range(TERMS):

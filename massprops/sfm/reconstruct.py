@@ -230,8 +230,8 @@ def _steady_part(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[py
 
 
 def _unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt, int]:
-    """A film's model, cut where its turning jumps and the images about the jumps contradict it, and followed anew from its largest part;
-    what was found with the other parts as models of their own; and how many images are lost.
+    """A film's model; what was found; and how many images are lost. Where matches contradict it and its turning jumps, it is cut at
+    the jumps and followed anew from its largest part, and the other parts are models of their own.
 
     Where sides look alike, more matches may bear out that they are one than tell them apart: a figure with four such sides was placed
     on two of them, and 0.10 of the matches contradict that, 0.18 where it stands rightly.

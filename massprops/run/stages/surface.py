@@ -382,7 +382,7 @@ def _surface(
 
     (views, masks, grey), (cloud, table) = seen, clouds
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
-    unbounded = STRETCHED if support is None and not moving else FILLED
+    unless_shown = STRETCHED if support is None and not moving else FILLED
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
@@ -397,7 +397,7 @@ def _surface(
             support=support,
             moving=moving,
             surroundings=beside,
-            fill=unbounded if balance is None else balance,
+            fill=unless_shown if balance is None else balance,
         )
         return surface, masks
     except NotPossible:
