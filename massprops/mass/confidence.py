@@ -83,6 +83,7 @@ class ImageEvidence:
         misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
         contradicted: share of the matches that contradict where the model has images of one placement.
         contradicting: two such images, in words.
+        believed_from: where sides look alike and pairs of images with few matches were given up, the matches that were asked for; else 0.
         readings: what else the object may be, in words, where nothing decides; the one that is used first.
         shutter: what is said of a rolling shutter that may have done harm.
     """
@@ -94,6 +95,7 @@ class ImageEvidence:
     misfit: int = 0
     contradicted: float = 0.0
     contradicting: str = ""
+    believed_from: int = 0
     readings: tuple[str, ...] = ()
     shutter: str = ""
 
@@ -217,10 +219,13 @@ def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
 
 
 def _of_images(images: ImageEvidence) -> list[Finding]:
-    shutter = [(1, images.shutter)] if images.shutter else []
+    doubts = [(1, images.shutter)] if images.shutter else []
+    if images.believed_from:
+        line = "sides of the object look alike: had images with more than {} matches been laid on the wrong one, the shape would be wrong"
+        doubts.append((1, line.format(images.believed_from)))
     lost = 1.0 - images.used / images.given if images.given else 0.0
     return [
-        *shutter,
+        *doubts,
         _finding(lost, LOST, MOSTLY_LOST, f"{images.given - images.used} of {images.given} images could not be used"),
         _finding(
             images.cut / max(images.used, 1),

@@ -113,6 +113,8 @@ class Attempt:
         special: whether it was not the usual way, so that matches are few and the model predicts the rest.
         warnings: one line each.
         repeats: whether a pattern repeats, so that matches are of what is unique.
+        moved: whether the object was moved while its room stayed, so that its own features are used alone.
+        believed_from: where sides look alike, the matches that a pair needs to be believed; 0 elsewhere.
     """
 
     database: Path
@@ -124,6 +126,8 @@ class Attempt:
     special: bool
     warnings: list[str]
     repeats: bool = False
+    moved: bool = False
+    believed_from: int = 0
 
     @property
     def registered(self) -> int:
@@ -183,12 +187,14 @@ def attempt(
     masked: bool,
     way: Way = "usual",
     progress: Progress = silent,
+    given: Features | None = None,
 ) -> Attempt:
     """One way, in the empty folder `work`.
 
     Args:
         masked: features of the silhouettes only.
         way: what is looked for.
+        given: the features, where they are known; they are found here by default.
 
     Raises:
         NotPossible: too little texture, or no pair of images to start from.
@@ -197,7 +203,9 @@ def attempt(
     wanted = {"usual": options.features, "enlarged": options.enlarged, "faint": options.faint}[way]
     if way == "enlarged":
         wanted = with_denoising(footage, wanted)
-    features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
+    features, warnings = given or {}, []
+    if given is None:
+        features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
     enough = sum(len(k) >= 30 for k, _ in features.values())
     if enough < 3:
         raise NotPossible(
@@ -205,7 +213,7 @@ def attempt(
             "use sharper, better lit images or a larger --max-size; where the object is plain, light it from the side, put "
             "marks or powder on it, or give the poses of its images with --sparse"
         )
-    repeats = repeating(_some(features)) > REPEATS
+    repeats = given is None and repeating(_some(features)) > REPEATS
     if repeats and wanted.most < options.unlimited:
         wanted = replace(wanted, most=options.unlimited)
         features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pycolmap
@@ -23,6 +24,9 @@ LEAST = 30
 OFF = 0.004
 """Distance from the model's epipolar line from which on a match contradicts it, in longer sides of the image: 5 px of
 1280."""
+
+BORNE_OUT = 0.5
+"""Share of a pair's matches from which on the model bears it out."""
 
 MANY = 0.05
 """Share of the matches of all such pairs in contradicted ones from which on it is said: 0.10 of a parcel that was turned
@@ -50,13 +54,33 @@ class Contradictions:
         ]
 
 
+class PairAgreement(NamedTuple):
+    """Verified matches of two images (COLMAP's numbers), and the share of them that lies where a model says."""
+
+    first: int
+    second: int
+    matches: int
+    share: float
+
+
 def contradictions(model: pycolmap.Reconstruction, database: Path) -> Contradictions:
     """What the verified matches of a database say against a model of its images."""
+    pairs = agreement_of_pairs(model, database, LEAST)
+    total = max(sum(p.matches for p in pairs), 1)
+    name = {p: model.image(p).name for p in model.reg_image_ids()}
+    against = [(p.matches, name[p.first], name[p.second]) for p in pairs if p.share < BORNE_OUT]
+    against.sort(key=lambda c: (-c[0], c[1:]))
+    share = sum(n for n, _, _ in against) / total
+    return Contradictions(float(share), tuple((a, b) for _, a, b in against), tuple(n / total for n, _, _ in against))
+
+
+def agreement_of_pairs(model: pycolmap.Reconstruction, database: Path, least: int) -> list[PairAgreement]:
+    """How far the pairs of a model's images with enough matches bear it out."""
     import cv2
 
     views, ids = to_views(model)
     row = {image_id: i for i, image_id in enumerate(ids)}
-    total, against = 0, []
+    out = []
     with pycolmap.Database.open(database) as db:
         rays: dict[int, np.ndarray] = {}
         for image_id, i in row.items():
@@ -66,13 +90,9 @@ def contradictions(model: pycolmap.Reconstruction, database: Path) -> Contradict
         for pair_id, geometry in zip(*db.read_two_view_geometries(), strict=True):
             a, b = pycolmap.pair_id_to_image_pair(pair_id)
             matches = np.asarray(geometry.inlier_matches, int).reshape(-1, 2)
-            if a not in row or b not in row or len(matches) < LEAST:
+            if a not in row or b not in row or len(matches) < least:
                 continue
             away = off_line(views, (row[a], row[b]), rays[a][matches[:, 0]], rays[b][matches[:, 1]])
-            total += len(matches)
-            if np.mean(away < OFF * float(views.size[row[b]].max())) < 0.5:
-                against.append((len(matches), views.names[row[a]], views.names[row[b]]))
-    against.sort(key=lambda c: (-c[0], c[1:]))
-    share = sum(n for n, _, _ in against) / max(total, 1)
-    shares = tuple(n / max(total, 1) for n, _, _ in against)
-    return Contradictions(float(share), tuple((a, b) for _, a, b in against), shares)
+            near = float(np.mean(away < OFF * float(views.size[row[b]].max())))
+            out.append(PairAgreement(a, b, len(matches), near))
+    return out

@@ -62,22 +62,22 @@ def match(database: Path, pairs: list[tuple[str, str]], options: MappingOptions)
     matching.use_gpu = False
     matching.guided_matching = options.guided
     matching.sift.max_ratio = options.ratio
-    verification = _verification(options)
     pairing = pycolmap.ImportedPairingOptions()
     listing = database.parent / "pairs.txt"
     pairing.match_list_path = listing
     listing.write_text("".join(f"{a} {b}\n" for a, b in pairs))
-    pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
+    pycolmap.match_image_pairs(database, matching, pairing, verification(options), pycolmap.Device.cpu)
     listing.unlink(missing_ok=True)
 
 
-def _verification(options: MappingOptions) -> pycolmap.TwoViewGeometryOptions:
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.detect_watermark = not options.masked
-    verification.min_num_inliers = options.least_matches
-    verification.ransac.random_seed = options.seed
-    verification.ransac.max_num_trials = options.most_trials
-    return verification
+def verification(options: MappingOptions) -> pycolmap.TwoViewGeometryOptions:
+    """How the geometry of a pair is found, and how many matches must agree on it."""
+    out = pycolmap.TwoViewGeometryOptions()
+    out.detect_watermark = not options.masked
+    out.min_num_inliers = options.least_matches
+    out.ransac.random_seed = options.seed
+    out.ransac.max_num_trials = options.most_trials
+    return out
 
 
 def verify(
@@ -97,7 +97,7 @@ def verify(
         return
     listing = database.parent / "pairs.txt"
     listing.write_text("".join(f"{a} {b}\n" for a, b in enough))
-    pycolmap.verify_matches(database, listing, _verification(options))
+    pycolmap.verify_matches(database, listing, verification(options))
     listing.unlink(missing_ok=True)
 
 

@@ -30,6 +30,7 @@ from massprops.sfm.attempt import (
     steady_images,
     steady_parts,
 )
+from massprops.sfm.contradicted import without_contradictions
 from massprops.sfm.contradictions import MANY, Contradictions, contradictions
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.features import is_plain, read_mask
@@ -92,6 +93,7 @@ class SfmResult:
         cameras: the one with most images first.
         warnings: one line each.
         against: the pairs of images whose matches contradict the model.
+        believed_from: where sides look alike, the matches that a pair of images needed to be believed; 0 elsewhere.
         masked: only features within the silhouettes were used.
         shutter: how the shutter reads an image's rows.
         seen: the model by which its motion is known, where it does so one after the other.
@@ -106,6 +108,7 @@ class SfmResult:
     cameras: tuple[SolvedCamera, ...]
     warnings: tuple[str, ...]
     against: Contradictions = Contradictions(0.0, ())
+    believed_from: int = 0
     masked: bool = False
     shutter: Shutter = Shutter("unknown")
     seen: Seen | None = None
@@ -124,6 +127,10 @@ def reconstruct(
     options = options or SfmOptions()
     quiet()
     found = _best(footage, work, options, progress)
+    if found.registered >= 3 and not (footage.moving_pictures or footage.rig or found.repeats):
+        found = without_contradictions(found, footage, work / "f", options, progress)
+        if found.moved:  # what is about the object tells nothing of where it was
+            footage = replace(footage, motion="tumbling")
     warnings = list(found.warnings)
     if found.registered < 3 and found.mapping.masked and is_plain(footage, found.features):
         raise NotPossible(
@@ -160,7 +167,7 @@ def reconstruct(
         options = replace(options, refine=replace(options.refine, following=following))
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
-        if not found.repeats:
+        if not (found.repeats or found.believed_from):
             model = join_models(model, _apart(model, found.models), given)
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *_apart(model, found.models)))
     mapped = pycolmap.Reconstruction(model)
@@ -169,7 +176,9 @@ def reconstruct(
     against = contradictions(model, found.database)
     said = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
-    return replace(result, against=against, masked=masked, warnings=(*result.warnings, *said))
+    return replace(
+        result, against=against, believed_from=found.believed_from, masked=masked, warnings=(*result.warnings, *said)
+    )
 
 
 def _corrected(

@@ -140,6 +140,7 @@ def _evidence(
             misfit=sum(p["images"] for p in join["unjoined"] if not p["fits"]),
             contradicted=contradicted,
             contradicting=contradicting,
+            believed_from=int(sfm.get("believed_from", 0)),
             readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
             shutter=str(shutter["said"]) if shutter.get("doubtful") else "",
         ),

@@ -80,6 +80,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
             {"images": list(pair), "share": share}
             for pair, share in zip(result.against.pairs, result.against.shares, strict=True)
         ],
+        "believed_from": result.believed_from,
         "masked": result.masked,
         "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),

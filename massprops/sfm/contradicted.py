@@ -1,0 +1,187 @@
+"""Photographs whose matches contradict each other: what of them is true of one rigid object.
+
+Two causes are known. The object was moved by hand while its room stayed: then its own features are used alone. Or its sides look
+alike: a false pair of images shares a print and no more, a true one all that both see. So pairs with few matches are given up,
+the fewest first, until nothing that is left contradicts the model. Both may be needed: the parcel on which this was set was turned
+by hand, and each of its sides is printed as the opposite one.
+"""
+
+from __future__ import annotations
+
+import shutil
+import zlib  # noqa: F401  must precede pycolmap
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pycolmap
+
+from massprops.core.progress import Progress
+from massprops.core.text import counted
+from massprops.errors import NotPossible
+from massprops.sfm.alike_sides import holding, wrongly_joined
+from massprops.sfm.attempt import Attempt, SfmOptions, Way, attempt, mapped
+from massprops.sfm.contradictions import BORNE_OUT, LEAST, MANY, Contradictions, agreement_of_pairs, contradictions
+from massprops.sfm.database import drop_pairs
+from massprops.sfm.footage import FootageRecord
+from massprops.sfm.own_features import own_features
+
+STEPS = (LEAST, 45, 60, 90, 120)
+"""Matches from which on a pair is believed, one after the other. Of the parcel false pairs share 40 and less, and neighbours in a round
+50 and more."""
+
+ROUNDS = 4
+"""Times that what holds images on a wrong side is given up."""
+
+HALF = 0.5
+"""Share of the images that must stay placed."""
+
+
+def without_contradictions(
+    found: Attempt, footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress
+) -> Attempt:
+    """The attempt as it is where its matches bear out its model, else the first one that is free of contradictions; as it is, too,
+    where none is.
+
+    Args:
+        work: an empty folder.
+    """
+    share = contradictions(found.models[0], found.database).share
+    if share < MANY:
+        return found
+    by_object = _by_object(found, footage, work, options, progress)
+    for way, start in (("own", by_object), ("all", found)):
+        settled = start and _by_strong_pairs(start, footage, work / f"{way}-strong", progress)
+        if settled:
+            return settled
+    if by_object and contradictions(by_object.models[0], by_object.database).share < min(share, MANY):
+        return by_object
+    return found
+
+
+def _by_object(
+    found: Attempt, footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress
+) -> Attempt | None:
+    """What the object's own features place, where pairs show that it was moved."""
+    own = {} if found.mapping.masked else own_features(found.database, found.mapping)
+    if not own:
+        return None
+    features = {name: (places[own[name]], said[own[name]]) for name, (places, said) in found.features.items()}
+    way: Way = "faint" if found.special else "usual"
+    try:
+        again = attempt(footage, work / "own", options, False, way, progress, features)
+    except NotPossible:
+        return None
+    if again.registered < HALF * found.registered:
+        return None
+    line = "the object was moved between photographs while its surroundings stayed: only its own features were used"
+    return replace(again, moved=True, warnings=[*again.warnings, line])
+
+
+def _by_strong_pairs(found: Attempt, footage: FootageRecord, work: Path, progress: Progress) -> Attempt | None:
+    """What pairs with many matches place, as few given up as leave no contradiction; None where too few images would be left.
+
+    What holds images on a side that only looks like theirs is given up as well. Where the largest part is free of both, the other
+    pairs that it does not contradict are believed again.
+    """
+    if not (_against(found).pairs or wrongly_joined(found.models[0], found.database)):
+        return found
+    work.mkdir(parents=True)
+    database = work / "database.db"
+    shutil.copy(found.database, database)
+    maps = Maps(found, footage, progress)
+    core = _core(maps, database, work)
+    if core is None or core.registered < HALF * found.registered:
+        return None
+    core = _grown(core, maps, database, work)
+    return replace(core, warnings=[*found.warnings, _said(len(found.features) - core.registered, core.believed_from)])
+
+
+def _core(maps: Maps, database: Path, work: Path) -> Attempt | None:
+    """The images that strong pairs place without a contradiction, none of them on a side that only looks like its own.
+
+    Args:
+        database: loses the pairs that held images on such a side.
+    """
+    for turn in range(ROUNDS):
+        core = maps.strong(database, work / f"strong{turn}")
+        if core is None or not (branch := wrongly_joined(core.models[0], database)):
+            return core
+        drop_pairs(database, holding(core.models[0], database, branch))
+    return None
+
+
+def _grown(core: Attempt, maps: Maps, database: Path, work: Path) -> Attempt:
+    """The core with the images that all pairs place which it does not contradict; itself where more contradicts.
+
+    Args:
+        database: with weak pairs; loses those that are false.
+    """
+    false = [p for p in agreement_of_pairs(core.models[0], database, 1) if p.share < BORNE_OUT]
+    drop_pairs(database, [(p.first, p.second) for p in false])
+    sure = set(core.models[0].reg_image_ids())
+    for turn in range(ROUNDS):
+        grown = maps.all_of(database, work / f"grown{turn}")
+        if grown is None:
+            break
+        wrong = (wrongly_joined(grown.models[0], database) | _doubtful(grown)) - sure
+        if not wrong:
+            better = grown.registered > core.registered and not _against(grown).pairs
+            return replace(grown, believed_from=core.believed_from) if better else core
+        drop_pairs(database, holding(grown.models[0], database, wrong))
+    return core
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Maps of an attempt's images by part of its matches."""
+
+    found: Attempt
+    footage: FootageRecord
+    progress: Progress
+
+    def all_of(self, database: Path, work: Path) -> Attempt | None:
+        """By all that a database holds; None where no pair begins a model."""
+        work.mkdir()
+        total, mapping = len(self.found.features), self.found.mapping
+        try:
+            models = mapped(database, self.footage, work / "models", mapping, total, self.progress)
+        except NotPossible:
+            return None
+        return replace(self.found, database=database, models=models)
+
+    def strong(self, database: Path, work: Path) -> Attempt | None:
+        """By as many of a database's strongest pairs as contradict nothing; None where too few images are left."""
+        work.mkdir()
+        strong = work / "database.db"
+        shutil.copy(database, strong)
+        for least in STEPS:
+            drop_pairs(strong, _weak(strong, least))
+            kept = self.all_of(strong, work / str(least))
+            if kept is None or kept.registered < HALF * self.found.registered:
+                return None
+            if not _against(kept).pairs:
+                return replace(kept, believed_from=least)
+        return None
+
+
+def _against(found: Attempt) -> Contradictions:
+    return contradictions(found.models[0], found.database)
+
+
+def _doubtful(found: Attempt) -> set[int]:
+    """Images (COLMAP's numbers) that matches contradict."""
+    model = found.models[0]
+    named = {name for pair in _against(found).pairs for name in pair}
+    return {i for i in model.reg_image_ids() if model.image(i).name in named}
+
+
+def _weak(database: Path, least: int) -> list[tuple[int, int]]:
+    """Pairs of images with fewer verified matches."""
+    with pycolmap.Database.open(database) as db:
+        geometries = zip(*db.read_two_view_geometries(), strict=True)
+        return [pycolmap.pair_id_to_image_pair(p) for p, g in geometries if len(g.inlier_matches) < least]
+
+
+def _said(lost: int, least: int) -> str:
+    line = f"sides of the object look alike: pairs of images with fewer than {least} matches were given up, as they contradict the rest"
+    return line + (f", and {counted(lost, 'image', 'images')} with them" if lost else "")
