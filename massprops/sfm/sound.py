@@ -23,7 +23,8 @@ LEAST_FOCAL, MOST_FOCAL = 0.1, 10.0
 """Bounds of an estimated focal length in units of the longer side, those of COLMAP's mapper."""
 
 FAR = 1e3
-"""Distance from the middle of the points, in medians over the cameras, from which on a camera is at infinity."""
+"""Distance from the middle of the points, in medians over the cameras, from which on a camera is at infinity; a point nearer to a
+camera than this part of the median is in it, where no small turn moves it by a finite number of pixels."""
 
 PARALLEL_DEG = 0.01
 """Angle between a point's rays below which it is at infinity: a fraction of a pixel in every usual camera."""
@@ -107,13 +108,15 @@ def _poses(views: Views) -> np.ndarray:
 
 
 def _agrees(views: Views, points: SparsePoints, keep: np.ndarray) -> np.ndarray:
-    """(k,) bool: the point lies before the camera and falls within an image's size of where it was seen."""
+    """(k,) bool: the point lies before the camera, not in it, and falls within an image's size of where it was seen."""
     out = np.zeros(len(keep), bool)
     at = np.flatnonzero(keep)
     v = points.obs_view[at]
     c = np.einsum("kij,kj->ki", views.R[v], points.xyz[points.obs_point[at]]) + views.t[v]
     miss = np.linalg.norm(project_camera(views.K[v], views.distortion[v], c) - points.obs_uv[at], axis=1)
-    out[at] = (c[:, 2] > 0) & (miss < views.size[v].max(1, initial=1))
+    depth = c[:, 2]
+    before = depth > 0
+    out[at] = before & (depth > (np.median(depth[before]) if before.any() else 0.0) / FAR) & (miss < views.size[v].max(1, initial=1))
     return out
 
 

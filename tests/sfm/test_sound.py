@@ -9,7 +9,7 @@ import scene
 
 from massprops.errors import InputError, NotPossible
 from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord
-from massprops.sfm.points import SparsePoints
+from massprops.sfm.points import SparsePoints, project_camera
 from massprops.sfm.sound import flat_remarks, flatness, require_sound, sound
 
 
@@ -162,6 +162,18 @@ def test_only_what_is_degenerate_is_taken_out():
     found = sound(replace(views, t=t), replace(points, xyz=xyz))
     np.testing.assert_array_equal(found.views, np.arange(8) != 2)
     np.testing.assert_array_equal(found.observations, (points.obs_point >= 5) & (points.obs_view != 2))
+
+
+def test_a_point_within_a_camera_is_none() -> None:
+    """However well other images agree: a step of 1e-6 before a lens moves it by all of the image."""
+    views, points = scene.make(8, 60, noise=0.2)
+    xyz, uv = points.xyz.copy(), points.obs_uv.copy()
+    xyz[0] = views.centres[0] + 1e-6 * views.R[0][2]
+    camera = np.einsum("nij,j->ni", views.R, xyz[0]) + views.t
+    seen = points.obs_point == 0
+    uv[seen] = project_camera(views.K, views.distortion, camera)[points.obs_view[seen]]
+    found = sound(views, replace(points, xyz=xyz, obs_uv=uv), given_focal=True, given_poses=True)
+    assert found.whole and not found.observations[seen & (points.obs_view == 0)].any()
 
 
 @pytest.mark.parametrize(
