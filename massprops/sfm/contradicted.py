@@ -13,6 +13,7 @@ import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from massprops.core.progress import Progress
@@ -20,7 +21,7 @@ from massprops.core.text import counted
 from massprops.errors import NotPossible
 from massprops.sfm.alike_sides import holding, wrongly_joined
 from massprops.sfm.attempt import Attempt, SfmOptions, Way, attempt, mapped
-from massprops.sfm.contradictions import BORNE_OUT, LEAST, MANY, Contradictions, agreement_of_pairs, contradictions
+from massprops.sfm.contradictions import LEAST, MANY, Contradictions, contradictions
 from massprops.sfm.database import drop_pairs
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.own_features import own_features
@@ -31,6 +32,9 @@ STEPS = (LEAST, 45, 60, 90, 120)
 
 ROUNDS = 4
 """Times that what holds images on a wrong side is given up."""
+
+PLACEMENT, ACROSS = 6, 0.95
+"""Images of a placement that is solved by itself, and the share of the contradicted matches that one moment parts where it was turned."""
 
 HALF = 0.5
 """Share of the images that must stay placed."""
@@ -45,17 +49,28 @@ def without_contradictions(
     Args:
         work: an empty folder.
     """
-    share = contradictions(found.models[0], found.database).share
-    if share < MANY:
+    against = _against(found)
+    if against.share < MANY or _turned_once(against, footage):
         return found
     by_object = _by_object(found, footage, work, options, progress)
     for way, start in (("own", by_object), ("all", found)):
         settled = start and _by_strong_pairs(start, footage, work / f"{way}-strong", progress)
         if settled:
             return settled
-    if by_object and contradictions(by_object.models[0], by_object.database).share < min(share, MANY):
+    if by_object and _against(by_object).share < MANY:
         return by_object
     return found
+
+
+def _turned_once(against: Contradictions, footage: FootageRecord) -> bool:
+    """Whether one moment, in the order of the images, parts the two of each contradicted pair: the object was turned over in its room,
+    which places all images, and either placement is solved by itself."""
+    order = {f.name: i for i, f in enumerate(footage.frames)}
+    ends = np.array([sorted((order[a], order[b])) for a, b in against.pairs])
+    return any(
+        np.dot((ends[:, 0] < k) & (k <= ends[:, 1]), against.shares) >= ACROSS * against.share
+        for k in range(PLACEMENT, len(order) - PLACEMENT + 1)
+    )
 
 
 def _by_object(
@@ -80,8 +95,8 @@ def _by_object(
 def _by_strong_pairs(found: Attempt, footage: FootageRecord, work: Path, progress: Progress) -> Attempt | None:
     """What pairs with many matches place, as few given up as leave no contradiction; None where too few images would be left.
 
-    What holds images on a side that only looks like theirs is given up as well. Where the largest part is free of both, the other
-    pairs that it does not contradict are believed again.
+    What holds images on a side that only looks like theirs is given up as well. Images that only weak pairs would place are left out:
+    of the parcel they were laid by a logo that every side bears.
     """
     if not (_against(found).pairs or wrongly_joined(found.models[0], found.database)):
         return found
@@ -92,7 +107,6 @@ def _by_strong_pairs(found: Attempt, footage: FootageRecord, work: Path, progres
     core = _core(maps, database, work)
     if core is None or core.registered < HALF * found.registered:
         return None
-    core = _grown(core, maps, database, work)
     return replace(core, warnings=[*found.warnings, _said(len(found.features) - core.registered, core.believed_from)])
 
 
@@ -108,27 +122,6 @@ def _core(maps: Maps, database: Path, work: Path) -> Attempt | None:
             return core
         drop_pairs(database, holding(core.models[0], database, branch))
     return None
-
-
-def _grown(core: Attempt, maps: Maps, database: Path, work: Path) -> Attempt:
-    """The core with the images that all pairs place which it does not contradict; itself where more contradicts.
-
-    Args:
-        database: with weak pairs; loses those that are false.
-    """
-    false = [p for p in agreement_of_pairs(core.models[0], database, 1) if p.share < BORNE_OUT]
-    drop_pairs(database, [(p.first, p.second) for p in false])
-    sure = set(core.models[0].reg_image_ids())
-    for turn in range(ROUNDS):
-        grown = maps.all_of(database, work / f"grown{turn}")
-        if grown is None:
-            break
-        wrong = (wrongly_joined(grown.models[0], database) | _doubtful(grown)) - sure
-        if not wrong:
-            better = grown.registered > core.registered and not _against(grown).pairs
-            return replace(grown, believed_from=core.believed_from) if better else core
-        drop_pairs(database, holding(grown.models[0], database, wrong))
-    return core
 
 
 @dataclass(frozen=True)
@@ -166,13 +159,6 @@ class Maps:
 
 def _against(found: Attempt) -> Contradictions:
     return contradictions(found.models[0], found.database)
-
-
-def _doubtful(found: Attempt) -> set[int]:
-    """Images (COLMAP's numbers) that matches contradict."""
-    model = found.models[0]
-    named = {name for pair in _against(found).pairs for name in pair}
-    return {i for i in model.reg_image_ids() if model.image(i).name in named}
 
 
 def _weak(database: Path, least: int) -> list[tuple[int, int]]:

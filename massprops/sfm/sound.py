@@ -116,7 +116,11 @@ def _agrees(views: Views, points: SparsePoints, keep: np.ndarray) -> np.ndarray:
     miss = np.linalg.norm(project_camera(views.K[v], views.distortion[v], c) - points.obs_uv[at], axis=1)
     depth = c[:, 2]
     before = depth > 0
-    out[at] = before & (depth > (np.median(depth[before]) if before.any() else 0.0) / FAR) & (miss < views.size[v].max(1, initial=1))
+    out[at] = (
+        before
+        & (depth > (np.median(depth[before]) if before.any() else 0.0) / FAR)
+        & (miss < views.size[v].max(1, initial=1))
+    )
     return out
 
 

@@ -105,14 +105,13 @@ def prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, true_from: int) -> t
 
     def against(_: object, path: Path) -> Contradictions:
         wrong = least(path) < true_from
-        return Contradictions(0.2 * wrong, (("a", "b"),) * wrong)
+        return Contradictions(0.2 * wrong, (("0", "1"),) * wrong, (0.2,) * wrong)
 
     for name, stub in {
         "_weak": lambda path, n: [(n, n)],
         "drop_pairs": dropped,
         "own_features": lambda *_: {},
         "wrongly_joined": lambda *_: set(),
-        "agreement_of_pairs": lambda *_: [],
         "mapped": lambda path, *_: [model_of(20 - least(path) // 10)],
         "contradictions": against,
     }.items():
@@ -122,11 +121,24 @@ def prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, true_from: int) -> t
     return found, least
 
 
+def in_order(images: int) -> Any:
+    """Footage of images named by their numbers."""
+    return SimpleNamespace(frames=[SimpleNamespace(name=str(i)) for i in range(images)])
+
+
+def test_an_object_that_was_turned_over_once_is_left_to_its_placements() -> None:
+    across = Contradictions(0.2, (("3", "12"), ("2", "11")), (0.15, 0.05))
+    assert contradicted._turned_once(across, in_order(20))
+    assert not contradicted._turned_once(Contradictions(0.2, (("3", "12"), ("2", "5")), (0.15, 0.05)), in_order(20))
+    late = Contradictions(0.2, (("3", "18"), ("17", "18")), (0.1, 0.1))
+    assert not contradicted._turned_once(late, in_order(20))
+
+
 def test_pairs_with_few_matches_are_given_up_until_nothing_contradicts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found, least = prints(tmp_path, monkeypatch, 45)
-    settled = contradicted.without_contradictions(found, Any, tmp_path / "work", SfmOptions(), silent)
+    settled = contradicted.without_contradictions(found, in_order(20), tmp_path / "work", SfmOptions(), silent)
     assert settled.believed_from == 45 and settled.registered == 16
     assert settled.warnings == [
         "sides of the object look alike: pairs of images with fewer than 45 matches were given up, as they contradict the rest, and "
@@ -140,7 +152,7 @@ def test_what_is_borne_out_stays_and_so_does_what_never_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, true_from: int
 ) -> None:
     found, _ = prints(tmp_path, monkeypatch, true_from)
-    assert contradicted.without_contradictions(found, Any, tmp_path / "work", SfmOptions(), silent) is found
+    assert contradicted.without_contradictions(found, in_order(20), tmp_path / "work", SfmOptions(), silent) is found
 
 
 def round_of(images: int, step_deg: float) -> tuple[np.ndarray, np.ndarray]:
