@@ -79,10 +79,16 @@ from distributed import Worker
 
 async def main():
     async with Worker(sys.argv[1], nthreads=1, dashboard=False, host="127.0.0.1") as worker:
+        def deafen():
+            worker.stop()
+            for line in list(worker._comms):  # the scheduler keeps lines open, to be used again
+                line.abort()
+            print("deaf", flush=True)
+
         if sys.argv[2] == "at once":
             worker.stop()
         else:
-            asyncio.get_running_loop().add_signal_handler(10, worker.stop)
+            asyncio.get_running_loop().add_signal_handler(10, deafen)
         print("ready", flush=True)
         await worker.finished()
 
@@ -306,6 +312,7 @@ def test_results_on_a_worker_that_can_no_longer_be_reached_are_made_elsewhere(
     until(lambda: len(stored(out)) == 8, "the runs before the gate")
     cluster.wait_until_all_work()
     deaf.send_signal(signal.SIGUSR1)  # both workers wait at the gate, and their results will
+    assert deaf.stdout is not None and deaf.stdout.readline() == b"deaf\n"
     gate.touch()
     thread.join(120)
     assert not thread.is_alive() and len(stored(out)) == 16 and again
