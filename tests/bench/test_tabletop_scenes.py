@@ -11,10 +11,11 @@ import pytest
 from tabletop import cameras, rooms
 from tabletop.develop import distort
 from tabletop.objects import KINDS, own, resting_poses
-from tabletop.prepare import MARGIN, prepare
+from tabletop.prepare import BY_HAND, MARGIN, _turned_by_hand, prepare
 from tabletop.scenes import SCENES, by_name
 from tabletop.silhouettes import project
 from tabletop.truth import read_scene_truth
+from trimesh.transformations import translation_matrix
 
 
 def test_the_scenes_are_those_asked_for() -> None:
@@ -42,6 +43,21 @@ def test_a_scene_can_be_drawn_anew() -> None:
     for name in ("09_held_part-1", "09_held_part-", "nothing-2"):
         with pytest.raises(KeyError):
             by_name(name)
+
+
+def test_a_hand_turns_the_object_and_what_is_seen_of_it_stays() -> None:
+    """Cameras all round the object come to stand on one side of it, and each sees it as it did."""
+    target, body = np.array([0.1, 0.2, 0.05]), translation_matrix([0.1, 0.2, 0.0])
+    shots = [[p] * 3 for p in cameras.photographs(np.random.default_rng(0), 24, 0.5, target)]
+    push = np.full((8, 2), 0.01)
+    for i, shot in enumerate(shots):
+        found = _turned_by_hand(shots, i, body, target, push[i // BY_HAND])
+        np.testing.assert_allclose(
+            np.linalg.inv(found["camera"][1]) @ found["body"][1], np.linalg.inv(shot[1]) @ body, atol=1e-12
+        )
+        if i % BY_HAND == 0:
+            away = found["camera"][1][:2, 3] - found["body"][1][:2, 3]
+            assert abs(np.arctan2(away[1], away[0])) < np.radians(5)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -98,6 +98,23 @@ def _reach(item: Item, pose: np.ndarray) -> float:
     return float(np.linalg.norm(points[:, :2], axis=1).max())
 
 
+BY_HAND = 3
+"""Photographs between two turns by hand."""
+
+
+def _turned_by_hand(
+    shots: list[list[np.ndarray]], i: int, body: np.ndarray, target: np.ndarray, push: np.ndarray
+) -> dict[str, Any]:
+    """Photograph i of a round, taken from one side of an object that was turned, and pushed by `push` (2,) [m], instead.
+
+    Camera and object are moved together, so that what is seen of the object stays as it was; the room is another.
+    """
+    first = shots[i - i % BY_HAND][0][:3, 3] - target
+    turn = rotation_matrix(-np.arctan2(first[1], first[0]), [0, 0, 1], target)
+    moved = translation_matrix([*push, 0.0]) @ turn
+    return {"camera": [moved @ pose for pose in shots[i]], "body": [moved @ body] * 3, "placement": 0}
+
+
 def _moves(
     scene: Scene, rng: np.random.Generator, item: Item, rests: list[np.ndarray], raised: float, lens: cameras.Lens
 ) -> list[dict[str, Any]]:
@@ -134,6 +151,10 @@ def _moves(
             shots = [[path(i / float(FPS) + d) for d in (-half, 0.0, half)] for i in range(share)]
         else:
             shots = [[pose] * 3 for pose in cameras.photographs(rng, share, away, target)]
+        if scene.moved:
+            push = rng.uniform(-0.01, 0.01, (share // BY_HAND + 1, 2))
+            found += [_turned_by_hand(shots, i, body, target, push[i // BY_HAND]) for i in range(share)]
+            continue
         found += [{"camera": shot, "body": [body] * 3, "placement": placement} for shot in shots]
     return found
 

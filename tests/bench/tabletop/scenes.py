@@ -30,6 +30,7 @@ class Scene:
         item: a folder of the scanned objects, or a kind of `objects.KINDS`.
         images: `video` (hand-held), `photos` (with EXIF), `turntable` (video, the camera and the room stand still).
         turned: the object is turned over half-way, the room stays (photographs only).
+        moved: a hand turns the object on the table after every few photographs, and the camera stays on one side of it.
         table: a kind of `rooms.TABLES`.
         cluttered: other things lie about.
         stand: the object stands on a block.
@@ -45,6 +46,7 @@ class Scene:
     item: str
     images: str
     turned: bool = False
+    moved: bool = False
     table: str = "plain"
     cluttered: bool = False
     stand: bool = False
@@ -64,7 +66,7 @@ class Scene:
 
 
 def _scene(number: int, item: str, images: str, table: str, words: str = "", up: tuple | None = None) -> Scene:
-    """`words`: any of turned, cluttered, stand, plain, glossy."""
+    """`words`: any of turned, moved, cluttered, stand, plain, glossy."""
     said = set(words.split())
     half = "held" if number % 2 else "dev"
     finish = next((f for f in ("plain", "glossy") if f in said), "textured")
@@ -75,12 +77,13 @@ def _scene(number: int, item: str, images: str, table: str, words: str = "", up:
         item=item,
         images=images,
         turned=turned,
+        moved="moved" in said,
         table=table,
         cluttered="cluttered" in said,
         stand="stand" in said,
         up=up,
         finish=finish,
-        count=56 if turned else 40,
+        count=56 if turned else 30 if "moved" in said else 40,
     )
 
 
@@ -113,6 +116,13 @@ SCENES = (
 """Half of them hold scanned objects, eight are turned over: four on each side."""
 
 
+MOVED = (
+    _scene(24, "010_potted_meat_can", "photos", "wood", "moved cluttered", UPRIGHT),
+    _scene(25, "021_bleach_cleanser", "photos", "tiles", "moved cluttered", UPRIGHT),
+)
+"""Further scenes, not among the 24, of objects that a hand turns before a camera that stays on one side."""
+
+
 def by_name(name: str) -> Scene:
     """The scene of that name, drawn anew where `-2` or more follows it.
 
@@ -120,7 +130,7 @@ def by_name(name: str) -> Scene:
         KeyError: there is none.
     """
     first, _, draw = name.partition("-")
-    known = {s.name: s for s in SCENES}
+    known = {s.name: s for s in (*SCENES, *MOVED)}
     if name in known:
         return known[name]
     if not (draw.isdecimal() and int(draw) > 1):
