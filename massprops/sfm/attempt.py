@@ -206,13 +206,7 @@ def attempt(
     features, warnings = given or {}, []
     if given is None:
         features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
-    enough = sum(len(k) >= 30 for k, _ in features.values())
-    if enough < 3:
-        raise NotPossible(
-            f"only {enough} of {len(footage.frames)} images show enough texture to be matched; "
-            "use sharper, better lit images or a larger --max-size; where the object is plain, light it from the side, put "
-            "marks or powder on it, or give the poses of its images with --sparse"
-        )
+    _require_texture(features, len(footage.frames))
     repeats = given is None and repeating(_some(features)) > REPEATS
     if repeats and wanted.most < options.unlimited:
         wanted = replace(wanted, most=options.unlimited)
@@ -241,6 +235,16 @@ def attempt(
     if found.registered < ENOUGH * len(names) and not repeats and way != "enlarged":
         return _with_similar(ModelInputs(found, footage, options, work, progress), names, first)
     return found
+
+
+def _require_texture(features: Features, images: int) -> None:
+    enough = sum(len(k) >= 30 for k, _ in features.values())
+    if enough < 3:
+        raise NotPossible(
+            f"only {enough} of {images} images show enough texture to be matched; "
+            "use sharper, better lit images or a larger --max-size; where the object is plain, light it from the side, put "
+            "marks or powder on it, or give the poses of its images with --sparse"
+        )
 
 
 def _with_similar(given: ModelInputs, names: list[str], first: Names) -> Attempt:

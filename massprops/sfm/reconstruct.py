@@ -126,22 +126,10 @@ def reconstruct(
     """
     options = options or SfmOptions()
     quiet()
-    found = _best(footage, work, options, progress)
-    if found.registered >= 3 and not (footage.moving_pictures or footage.rig or found.repeats):
-        found = without_contradictions(found, footage, work / "f", options, progress)
-        if found.moved:  # what is about the object tells nothing of where it was
-            footage = replace(footage, motion="tumbling")
+    found = _placed(footage, work, options, progress)
+    if found.moved:  # what is about the object tells nothing of where it was
+        footage = replace(footage, motion="tumbling")
     warnings = list(found.warnings)
-    if found.registered < 3 and found.mapping.masked and is_plain(footage, found.features):
-        raise NotPossible(
-            "the object is plain: next to nothing on its surface can be told apart from image to image; light it from the side, "
-            "put marks or powder on it, or give the poses of its images with --sparse, so that its outlines show its shape"
-        )
-    if found.registered < 3:
-        raise NotPossible(
-            f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "
-            "overlap (under 15 degrees between neighbours), sharper or better lit"
-        )
     film = footage.moving_pictures and not footage.rig
     settings = refine_options(options, footage, found.mapping)
     options, model = replace(options, refine=settings), found.models[0]
@@ -153,14 +141,16 @@ def reconstruct(
             model, found = _steady_part(model, given)
         if film and model.num_reg_images() < len(footage.frames):
             model = _followed(model, given)
+        if film and footage.motion == "tumbling":
+            model, more = _with_pieces(model, found, given)
+            warnings += more
     else:
         model = close_loops(model, given)
         if film and footage.motion == "tumbling":
-            model, found, lost = _unfolded(model, given)
-            warnings += _left_out(lost)
-    if film and footage.motion == "tumbling":
-        model, more = _with_pieces(model, found, given)
-        warnings += more
+            whole = model.num_reg_images()
+            model, found = _unfolded(model, given)
+            model, more = _with_pieces(model, found, given)
+            warnings += [*more, *_left_out(whole - model.num_reg_images() if found is not given.found else 0)]
     if found.repeats and footage.moving_pictures and footage.motion == "tumbling" and len(footage.cameras) == 1:
         along = follow_free_motion(model, given)
         model, following = along or (model, None)
@@ -179,6 +169,28 @@ def reconstruct(
     return replace(
         result, against=against, believed_from=found.believed_from, masked=masked, warnings=(*result.warnings, *said)
     )
+
+
+def _placed(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:
+    """The way that places most images and is borne out by its matches.
+
+    Raises:
+        NotPossible: fewer than three images can be placed.
+    """
+    found = _best(footage, work, options, progress)
+    if found.registered < 3 and found.mapping.masked and is_plain(footage, found.features):
+        raise NotPossible(
+            "the object is plain: next to nothing on its surface can be told apart from image to image; light it from the side, "
+            "put marks or powder on it, or give the poses of its images with --sparse, so that its outlines show its shape"
+        )
+    if found.registered < 3:
+        raise NotPossible(
+            f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "
+            "overlap (under 15 degrees between neighbours), sharper or better lit"
+        )
+    if footage.moving_pictures or footage.rig or found.repeats:
+        return found
+    return without_contradictions(found, footage, work / "f", options, progress)
 
 
 def _corrected(
@@ -238,8 +250,8 @@ def _steady_part(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[py
     return model, replace(given.found, models=[model, *others, *given.found.models[1:]])
 
 
-def _unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt, int]:
-    """A film's model; what was found; and how many images are lost. Where matches contradict it and its turning jumps, it is cut at
+def _unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt]:
+    """A film's model, and what was found. Where matches contradict it and its turning jumps, it is cut at
     the jumps and followed anew from its largest part, and the other parts are models of their own.
 
     Where sides look alike, more matches may bear out that they are one than tell them apart: a figure with four such sides was placed
@@ -247,14 +259,13 @@ def _unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycol
     """
     found, footage = given.found, given.footage
     if not jumps(model, footage) or contradictions(model, found.database).share < MANY:
-        return model, found, 0
-    before = model.num_reg_images()
+        return model, found
     cut, found = _steady_part(model, given)
     try:
         grown = _followed(cut, replace(given, found=found))
     except NotPossible:
         grown = cut
-    return grown, found, before - grown.num_reg_images()
+    return grown, found
 
 
 def _with_pieces(

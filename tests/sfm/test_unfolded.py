@@ -66,7 +66,7 @@ def test_what_only_jumps_or_is_only_contradicted_stays(
     found = SimpleNamespace(database=Path())
     given: Any = SimpleNamespace(found=found, footage=None)
     model: Any = SimpleNamespace()
-    assert reconstruct._unfolded(model, given) == (model, found, 0)
+    assert reconstruct._unfolded(model, given) == (model, found)
 
 
 @pytest.mark.parametrize("follows", [True, False])
@@ -85,6 +85,6 @@ def test_a_folded_film_is_cut_and_followed(monkeypatch: pytest.MonkeyPatch, foll
     monkeypatch.setattr(reconstruct, "_followed", followed)
     monkeypatch.setattr(reconstruct, "replace", lambda given, found: SimpleNamespace(**{**vars(given), "found": found}))
     given: Any = SimpleNamespace(found=SimpleNamespace(database=Path()), footage=None)
-    model, found, lost = reconstruct._unfolded(whole, given)  # type: ignore[arg-type]
-    assert model is (grown if follows else cut) and found == "with parts" and lost == (1 if follows else 12)
+    model, found = reconstruct._unfolded(whole, given)  # type: ignore[arg-type]
+    assert model is (grown if follows else cut) and found == "with parts"
     assert reconstruct._left_out(0) == [] and "12 images" in reconstruct._left_out(12)[0]
