@@ -17,7 +17,6 @@ import numpy as np
 import pycolmap
 
 from massprops.core.progress import Progress
-from massprops.core.text import counted
 from massprops.errors import NotPossible
 from massprops.sfm.alike_sides import holding, wrongly_joined
 from massprops.sfm.attempt import Attempt, SfmOptions, Way, attempt, mapped
@@ -107,7 +106,11 @@ def _by_strong_pairs(found: Attempt, footage: FootageRecord, work: Path, progres
     core = _core(maps, database, work)
     if core is None or core.registered < HALF * found.registered:
         return None
-    return replace(core, warnings=[*found.warnings, _said(len(found.features) - core.registered, core.believed_from)])
+    line = (
+        f"sides of the object look alike: pairs of images with fewer than {core.believed_from} matches were given up, as they contradict "
+        "the rest"
+    )
+    return replace(core, warnings=[*found.warnings, line])
 
 
 def _core(maps: Maps, database: Path, work: Path) -> Attempt | None:
@@ -166,8 +169,3 @@ def _weak(database: Path, least: int) -> list[tuple[int, int]]:
     with pycolmap.Database.open(database) as db:
         geometries = zip(*db.read_two_view_geometries(), strict=True)
         return [pycolmap.pair_id_to_image_pair(p) for p, g in geometries if len(g.inlier_matches) < least]
-
-
-def _said(lost: int, least: int) -> str:
-    line = f"sides of the object look alike: pairs of images with fewer than {least} matches were given up, as they contradict the rest"
-    return line + (f", and {counted(lost, 'image', 'images')} with them" if lost else "")
