@@ -354,7 +354,7 @@ def _moved_sizes(
             sd[own] = np.sqrt(max(float(np.mean(second[own])), 1e-24))
         elif block.kind == "sparse":
             first, own = slice(own.start, own.start + block.own), slice(own.start + block.own, own.stop)
-            fixed = np.asarray(block.sd)[: block.own]
+            fixed = np.broadcast_to(np.asarray(block.sd, float), block.count)[: block.own]
             gained += _sparse_bound(sd[first], second[first], fixed) + _sparse_bound(
                 sd[own], second[own], scale[block.name]
             )
