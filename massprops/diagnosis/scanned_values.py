@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from massprops.diagnosis.criteria import SCALES
+from massprops.diagnosis.criteria import ALIKE, SCALES
 from massprops.diagnosis.effect_columns import steps, term_of
 from massprops.diagnosis.effect_search import admissible, again
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
@@ -152,17 +152,16 @@ def _with_lengths_open(found: HypothesisFit, lasting: list[_Place], gap: float) 
     return replace(found, held_sd=held)
 
 
-def at_likeliest_scale(found: HypothesisFit) -> HypothesisFit:
-    """The fit under the likeliest prior of the gyroscope's scale and misalignment, where rates alone were measured: the smallest
-    moment of a slender body moves by as many percent as these errors have tenths of a percent."""
+def at_likely_scale(found: HypothesisFit) -> HypothesisFit:
+    """The fit under the smallest prior of the gyroscope's scale and misalignment that is as likely as any, where rates alone were
+    measured: the smallest moment of a slender body moves by as many percent as these errors have tenths of a percent."""
     if not found.record.rows.rates:
         return found
-    best, start = found, again(found)
-    for scale in SCALES:
-        other = admissible(found.record, replace(found.hypothesis, scale=scale), start, found.hypothesis.latent)
-        if other is not None and other.evidence > best.evidence:
-            best = other
-    return best
+    start, latent = again(found), found.hypothesis.latent
+    others = (admissible(found.record, replace(found.hypothesis, scale=s), start, latent) for s in SCALES)
+    fits = [*(f for f in others if f is not None), found]
+    likeliest = max(f.evidence for f in fits)
+    return next(f for f in fits if f.evidence > likeliest - ALIKE)
 
 
 @dataclass(frozen=True)

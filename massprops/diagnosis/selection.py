@@ -24,7 +24,7 @@ from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record
-from massprops.diagnosis.scanned_values import at_likeliest_scale, with_scanned
+from massprops.diagnosis.scanned_values import at_likely_scale, with_scanned
 from massprops.errors import NotPossible
 
 Watch = Callable[[str, int, int], None]
@@ -162,7 +162,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     verdict, named = _verdict(base, unknowns, tried)
     if by_sun is not None and named and has_likelier_sun_torque(named[0].best, len(tried)):
         verdict, named = "unexplained", []
-    likeliest = {id(c): _at_likeliest_scale(c) for c in named}
+    likeliest = {id(c): _at_likely_scale(c) for c in named}
     tried, named = [likeliest.get(id(c), c) for c in tried], [likeliest[id(c)] for c in named]
     return Selection(
         base=base,
@@ -263,11 +263,11 @@ def _with_scanned(c: Candidate, gap: float) -> Candidate:
     return _with_best(c, with_scanned(c.best, gap))
 
 
-def _at_likeliest_scale(c: Candidate) -> Candidate:
-    """With the likeliest errors of a gyroscope: what is told of an effect depends on them, which one is named does not."""
+def _at_likely_scale(c: Candidate) -> Candidate:
+    """With the least errors of a gyroscope that are likely: what is told of an effect depends on them, which one is named does not."""
     if any(follows_measured(t.effect) for t in c.alone.hypothesis.terms):
         return c if c.likeliest is c.alone else replace(c, told=_by_itself(c.alone))
-    return _with_best(c, at_likeliest_scale(c.best))
+    return _with_best(c, at_likely_scale(c.best))
 
 
 def _by_itself(alone: HypothesisFit) -> HypothesisFit:
