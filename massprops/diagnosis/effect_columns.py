@@ -9,6 +9,7 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
   body to inertial, w (n, 3) body rates;
 - `MOMENTUM_UNKNOWNS`: names of the parameters that the columns belong to;
 - `momentum_scan(t, w)`: the values of `held` to try: a time, a time constant;
+- `momentum_scan_again(t, w)`: others, where those lead to nothing that explains the record;
 - `momentum_variants(held, gap)`: others worth a fit once one is found, gap the time between measurements [s];
 - `momentum_alike(held)`: others that look nearly the same, such as a simpler form, tried from where the best fit came to;
 - `momentum_steps(held, gap)`: by name, the step with which a value that was scanned is moved to its best.
@@ -16,6 +17,9 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 - `momentum_moved(held, unknowns)`: for unknowns that do not enter linearly, whose columns are derivatives about `held`: the values
   that the unknowns lead to, by name, about which the next pass is linearised. Their number may change with `held`;
 - `momentum_here(held)`: the unknowns that lead to `held` itself, zeros where it is missing; None where they enter linearly.
+
+- `MOMENTUM_VALLEY`: the one of these that leads along a curved valley of the likelihood, over which the posterior is summed
+  (`whole_motion`).
 
 - `unit_torques(t, q, w, environment)`: the torques of a unit of each parameter in turn, where that is quicker than `torque` of each;
 - `momentum_prior()`: (k, j) matrix that makes the k parameters of j unknowns which are independent and of one size, where
@@ -80,10 +84,8 @@ class Term:
     def values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (k,) and their covariance (k, k) from all unknowns: their sums over the parts, or by the prior, or where the
         unknowns are steps, what they lead to."""
-        if self.moves:
-            return self._moved_values(unknowns, covariance)
-        add = np.tile(np.eye(len(self.unknowns)), self.parts) if self.prior is None else self.prior
-        return add @ unknowns, add @ covariance @ add.T
+        now, slopes = self.values_by_unknowns(unknowns, 1e-4 * np.sqrt(np.maximum(np.diag(covariance), 1e-30)))
+        return now, slopes @ covariance @ slopes.T
 
     @property
     def sd(self) -> np.ndarray | None:
@@ -107,15 +109,20 @@ class Term:
         """The effect about the values that the unknowns lead to."""
         return term_of(self.effect, self.effect.momentum_moved(dict(self.held), unknowns))
 
-    def _moved_values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def values_by_unknowns(
+        self, unknowns: np.ndarray, size: np.ndarray | float = 1e-5
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (k,) from all unknowns (j,), and their derivatives (k, j), over steps of a size where the unknowns are steps."""
+        if not self.moves:
+            add = np.tile(np.eye(len(self.unknowns)), self.parts) if self.prior is None else self.prior
+            return add @ unknowns, add
+
         def at(x: np.ndarray) -> np.ndarray:
             held = self.effect.momentum_moved(dict(self.held), x)
             return np.array([held[name] for name in self.unknowns])
 
-        now = at(unknowns)
-        size = 1e-4 * np.sqrt(np.maximum(np.diag(covariance), 1e-30))
-        slopes = np.stack([(at(unknowns + e) - now) / s for e, s in zip(np.diag(size), size, strict=True)], axis=1)
-        return now, slopes @ covariance @ slopes.T
+        now, steps = at(unknowns), np.broadcast_to(size, unknowns.shape)
+        return now, np.stack([(at(unknowns + e) - now) / s for e, s in zip(np.diag(steps), steps, strict=True)], axis=1)
 
     @property
     def prior(self) -> np.ndarray | None:
@@ -155,6 +162,12 @@ def scan(effect: ModuleType, t: np.ndarray, w: np.ndarray) -> list[Term]:
     if not hasattr(effect, "momentum_scan"):
         return [Term(effect=effect)]
     return [term_of(effect, held) for held in effect.momentum_scan(t, w)]
+
+
+def scan_again(effect: ModuleType, t: np.ndarray, w: np.ndarray) -> list[Term]:
+    """The effect at other values to begin with, where it offers such; else none."""
+    offered = getattr(effect, "momentum_scan_again", None)
+    return [] if offered is None else [term_of(effect, held) for held in offered(t, w)]
 
 
 def looked_at(term: Term, t: np.ndarray, w: np.ndarray) -> int:

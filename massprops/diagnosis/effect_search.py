@@ -10,7 +10,16 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start
-from massprops.diagnosis.effect_columns import Term, follows_measured, lookalikes, scan, steps, term_of, variants
+from massprops.diagnosis.effect_columns import (
+    Term,
+    follows_measured,
+    lookalikes,
+    scan,
+    scan_again,
+    steps,
+    term_of,
+    variants,
+)
 from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.screen import Screened, screened
@@ -41,6 +50,17 @@ def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> Hypothe
     begun = _from_all(record, terms, base) if moves else _screened(record, terms, base, gap)
     if follows_measured(effect):
         begun += [(t, s) for t, _ in begun[:1] for s in _stiff(record, t)]
+    return _best_of(record, begun, gap)
+
+
+def best_fit_again(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
+    """The best fit from other starts; None where the effect offers none, or they lead nowhere."""
+    terms = scan_again(effect, record.times, record.path.w[record.rows.at])
+    return _best_of(record, _from_all(record, terms, base), float(np.median(np.diff(record.times)))) if terms else None
+
+
+def _best_of(record: Record, begun: list[tuple[Term, Start]], gap: float) -> HypothesisFit | None:
+    """The best fit from some starts, what is scanned moved to its best."""
     found = [admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
     fits = sorted((f for f in found if f is not None), key=lambda f: -f.verified)
     # more than one: a scan stands at different moments of the same event; but one fit that two starts led to once

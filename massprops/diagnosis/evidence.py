@@ -32,13 +32,15 @@ class Block:
 
     Attributes:
         name: of the block; columns: (r, k) rows of a unit of each, over the noise; sd: (k,) or one number, where a
-            search for them begins, or as it stays when `kind` is `fixed`.
+            search for them begins, or as it stays when `kind` is `fixed`. own: how many of a `sparse` block's unknowns, the first ones,
+            have laws of their own, whose scales stay: `sd`.
     """
 
     name: str
     columns: np.ndarray
     sd: np.ndarray | float
     kind: Literal["fixed", "common", "sparse"] = "fixed"
+    own: int = 0
 
     @property
     def count(self) -> int:
@@ -209,7 +211,7 @@ class _Search:
     def begun(self, noise: np.ndarray | None) -> np.ndarray:
         """(s,) the sizes that the blocks begin with."""
         sd = np.concatenate([np.broadcast_to(np.asarray(b.sd, float), b.count) for b, _ in self.places])
-        scale = [float(np.mean(sd[p] ** -2) ** -0.5) for b, p in self.places if b.kind == "sparse"]
+        scale = [float(np.mean(sd[p][b.own :] ** -2) ** -0.5) for b, p in self.places if b.kind == "sparse"]
         return np.concatenate([sd, scale, np.ones(len(self.rows.n)) if noise is None else noise])
 
     def step(self, sizes: np.ndarray) -> _Step:
@@ -351,14 +353,19 @@ def _moved_sizes(
         if block.kind == "common":
             sd[own] = np.sqrt(max(float(np.mean(second[own])), 1e-24))
         elif block.kind == "sparse":
-            gained += _sparse_bound(sd[own], second[own], scale[block.name])
+            first, own = slice(own.start, own.start + block.own), slice(own.start + block.own, own.stop)
+            fixed = np.broadcast_to(np.asarray(block.sd, float), block.count)[: block.own]
+            gained += _sparse_bound(sd[first], second[first], fixed) + _sparse_bound(
+                sd[own], second[own], scale[block.name]
+            )
+            sd[first] = np.sqrt((DEGREES * fixed**2 + second[first]) / (DEGREES + 1.0))
             precision = (DEGREES + 1.0) / (DEGREES * scale[block.name] ** 2 + second[own])
             sd[own] = 1.0 / np.sqrt(precision)
             scale[block.name] = 1.0 / np.sqrt(float(np.mean(precision)))
     return gained
 
 
-def _sparse_bound(sd: np.ndarray, second: np.ndarray, scale: float) -> float:
+def _sparse_bound(sd: np.ndarray, second: np.ndarray, scale: np.ndarray | float) -> float:
     """What the bound gains over normal unknowns of the present sd, from the mixture's own law of their precisions."""
     from scipy.special import gammaln
 

@@ -12,11 +12,13 @@ from itertools import combinations
 
 import numpy as np
 
-from massprops.diagnosis.criteria import SCALES
+from massprops.diagnosis.criteria import ALIKE, SCALES
 from massprops.diagnosis.effect_columns import steps, term_of
 from massprops.diagnosis.effect_search import admissible, again
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import with_points
+from massprops.diagnosis.wheel_moment import with_open_moment
+from massprops.diagnosis.whole_motion import by_whole_motion, has_whole_motion
 
 FALL = (1.0, 6.0)
 """Of the log evidence over a step by which its curvature is measured: a sigma is a fall of a half. Less is near what two fits
@@ -30,6 +32,9 @@ LARGEST_STEP = np.radians(1.5)
 steps of 1.5 by up to 0.3 (ten firings of Basilisk without noise: mean square 0.16 and 0.007 of the variance)."""
 LENGTHS = (0.5, 1.0, 2.0, 3.0)
 """Of an event, in measurements, that are tried about its middle: along the path's own steps shorter ones are all alike."""
+PER_GAP, FARTHEST, FALLEN = 2, 8, 5.0
+"""Moments of an event that happens at once that are tried between two measurements, as many of these to either side at most, and the
+fall of the log evidence after which no further ones are."""
 TRIES = 8
 ROUNDS = 4
 FLAT = 0.1
@@ -82,13 +87,44 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
     places = _places(found, gap)
     found = _of_any_length(_finer(found, gap), gap)
     if not places:
-        return found
-    told = _told(found, places)
+        return with_open_moment(by_whole_motion(found))
+    at_once = len(places) == 1 and places[0].name == "time"
+    told = _over_moments(found, places[0], gap) if at_once else None
+    told = told or _told(found, places)
     if told is not None:
         return told
     lasting = [p for p in places if p.name == "duration"]
     told = _told(found, [p for p in places if p not in lasting]) if 0 < len(lasting) < len(places) else None
-    return found if told is None else _with_lengths_open(told, lasting, gap)
+    return by_whole_motion(found) if told is None else _with_lengths_open(told, lasting, gap)
+
+
+def _over_moments(found: HypothesisFit, place: _Place, gap: float) -> HypothesisFit | None:
+    """The fit at the likeliest moment of an event that happens at once, with what the moment leaves open: its evidence summed over
+    moments, as it has an end between each two measurements, where what happens follows the noise of the next ones. None where it does
+    not fall so soon: then the law about the best says as much."""
+    tried = [found]
+    for sign in (-1.0, 1.0):
+        for k in range(1, FARTHEST * PER_GAP + 1):
+            fit = _moved(found, [place], np.array([sign * k * gap / PER_GAP]))
+            if fit is None:
+                return None
+            tried.append(fit)
+            if fit.evidence < max(f.evidence for f in tried) - FALLEN:
+                break
+        else:
+            return None
+    tried.sort(key=lambda f: f.evidence)
+    best, weights = tried[-1], np.exp([f.evidence - tried[-1].evidence for f in tried])
+    weights /= weights.sum()
+    told = by_whole_motion(best)
+    covariance = {
+        name: own + np.sum([w * np.outer(d, d) for w, f in zip(weights, tried, strict=True) for d in [f.values[name] - best.values[name]]], axis=0)
+        for name, own in told.covariance.items()
+    }  # fmt: skip
+    name = found.hypothesis.terms[place.term].name
+    moments = np.array([dict(f.hypothesis.terms[place.term].held)[place.name] for f in tried])
+    sd = float(np.sqrt(weights @ (moments - moments[-1]) ** 2 + (gap / PER_GAP) ** 2 / 12.0))
+    return replace(told, covariance=covariance, held_sd={**told.held_sd, name: {place.name: sd}})
 
 
 def _told(found: HypothesisFit, places: list[_Place]) -> HypothesisFit | None:
@@ -116,17 +152,16 @@ def _with_lengths_open(found: HypothesisFit, lasting: list[_Place], gap: float) 
     return replace(found, held_sd=held)
 
 
-def at_likeliest_scale(found: HypothesisFit) -> HypothesisFit:
-    """The fit under the likeliest prior of the gyroscope's scale and misalignment, where rates alone were measured: the smallest
-    moment of a slender body moves by as many percent as these errors have tenths of a percent."""
+def at_likely_scale(found: HypothesisFit) -> HypothesisFit:
+    """The fit under the smallest prior of the gyroscope's scale and misalignment that is as likely as any, where rates alone were
+    measured: the smallest moment of a slender body moves by as many percent as these errors have tenths of a percent."""
     if not found.record.rows.rates:
         return found
-    best, start = found, again(found)
-    for scale in SCALES:
-        other = admissible(found.record, replace(found.hypothesis, scale=scale), start, found.hypothesis.latent)
-        if other is not None and other.evidence > best.evidence:
-            best = other
-    return best
+    start, latent = again(found), found.hypothesis.latent
+    others = (admissible(found.record, replace(found.hypothesis, scale=s), start, latent) for s in SCALES)
+    fits = [*(f for f in others if f is not None), found]
+    likeliest = max(f.evidence for f in fits)
+    return next(f for f in fits if f.evidence > likeliest - ALIKE)
 
 
 @dataclass(frozen=True)
@@ -140,12 +175,13 @@ class _Place:
 
 
 def _places(found: HypothesisFit, gap: float) -> list[_Place]:
-    out = []
+    out, whole = [], has_whole_motion(found)
     for k, term in enumerate(found.hypothesis.terms):
         held, kinds = dict(term.held), {q.name: q.kind for q in term.effect.PARAMETERS}
         for name, step in steps(term, gap).items():
             signed = kinds[name] == "direction"
-            if signed or held[name] > 0.0:
+            smooth = whole and kinds[name] == "pace"  # an unknown of the whole motion
+            if not smooth and (signed or held[name] > 0.0):
                 out.append(_Place(k, name, step if signed else min(step, 0.5 * held[name]), signed))
     return out
 
@@ -250,6 +286,7 @@ def _law(found: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
 
 
 def _widened(found: HypothesisFit, places: list[_Place], law: _Law) -> HypothesisFit:
+    found = by_whole_motion(found)
     covariance = {
         name: own + law.slopes[name] @ law.spread @ law.slopes[name].T for name, own in found.covariance.items()
     }
@@ -257,4 +294,4 @@ def _widened(found: HypothesisFit, places: list[_Place], law: _Law) -> Hypothesi
     held: dict[str, dict[str, float]] = {}
     for place, s in zip(places, sd, strict=True):
         held.setdefault(found.hypothesis.terms[place.term].name, {})[place.name] = float(s)
-    return replace(found, covariance=covariance, held_sd=held)
+    return replace(found, covariance=covariance, held_sd={**found.held_sd, **held})

@@ -19,12 +19,12 @@ from massprops.diagnosis.conserved_start import (
     with_more_about_axis,
 )
 from massprops.diagnosis.effect_columns import follows_measured, has_known_rate, in_balance, looked_at
-from massprops.diagnosis.effect_search import admissible, again, best_fit, widening
+from massprops.diagnosis.effect_search import admissible, again, best_fit, best_fit_again, widening
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record
-from massprops.diagnosis.scanned_values import at_likeliest_scale, with_scanned
+from massprops.diagnosis.scanned_values import at_likely_scale, with_scanned
 from massprops.errors import NotPossible
 
 Watch = Callable[[str, int, int], None]
@@ -154,13 +154,15 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
             base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, others=others
         )
     if asks_for_two(tried, base, *unknowns):
+        tried = _begun_again(record, base, unknown, tried, usable)
+    if asks_for_two(tried, base, *unknowns):
         watch("two effects at once", 0, 1)
         tried += _pairs(tried, usable, base, unknowns)
     tried.sort(key=lambda c: -c.evidence)
     verdict, named = _verdict(base, unknowns, tried)
     if by_sun is not None and named and has_likelier_sun_torque(named[0].best, len(tried)):
         verdict, named = "unexplained", []
-    likeliest = {id(c): _at_likeliest_scale(c) for c in named}
+    likeliest = {id(c): _at_likely_scale(c) for c in named}
     tried, named = [likeliest.get(id(c), c) for c in tried], [likeliest[id(c)] for c in named]
     return Selection(
         base=base,
@@ -181,6 +183,22 @@ def _beside_unknown(record: Record, alone: HypothesisFit, unknown: HypothesisFit
         starts.append(Start(inertia=unknown.inertia, left=1.0))
     fits = [admissible(record, alone.hypothesis, s, latent=True) for s in starts]
     return max((f for f in fits if f is not None), key=lambda f: f.verified, default=None)
+
+
+def _begun_again(
+    record: Record, base: HypothesisFit, unknown: HypothesisFit, tried: list[Candidate], usable: list[ModuleType]
+) -> list[Candidate]:
+    """With effects that begin at random once more, from other values, where these leave more than a stated noise."""
+    out = list(tried)
+    for effect in usable if record.stated else []:
+        own = next((c for c in tried if c.name == effect.NAME), None)
+        if own is not None and within_noise(own.alone):
+            continue
+        found = best_fit_again(record, effect, base)
+        if found is not None and (own is None or found.verified > own.alone.verified + SETTLED):
+            with_latent = _beside_unknown(record, found, unknown)
+            out = [c for c in out if c is not own] + [Candidate(alone=found, with_latent=with_latent)]
+    return out
 
 
 def _with_other_laws(record: Record, base: HypothesisFit, tried: list[Candidate]) -> list[Candidate]:
@@ -245,11 +263,11 @@ def _with_scanned(c: Candidate, gap: float) -> Candidate:
     return _with_best(c, with_scanned(c.best, gap))
 
 
-def _at_likeliest_scale(c: Candidate) -> Candidate:
-    """With the likeliest errors of a gyroscope: what is told of an effect depends on them, which one is named does not."""
+def _at_likely_scale(c: Candidate) -> Candidate:
+    """With the least errors of a gyroscope that are likely: what is told of an effect depends on them, which one is named does not."""
     if any(follows_measured(t.effect) for t in c.alone.hypothesis.terms):
         return c if c.likeliest is c.alone else replace(c, told=_by_itself(c.alone))
-    return _with_best(c, at_likeliest_scale(c.best))
+    return _with_best(c, at_likely_scale(c.best))
 
 
 def _by_itself(alone: HypothesisFit) -> HypothesisFit:

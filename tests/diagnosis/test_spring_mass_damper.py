@@ -10,7 +10,7 @@ from massprops.diagnosis.effect_columns import lookalikes, term_of
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.selection import rms, without_effects
+from massprops.diagnosis.selection import Candidate, _begun_again, rms, without_effects
 from massprops.dynamics.effects import spring_mass_damper as spring
 from massprops.dynamics.effects.spring_mass_damper import MOMENTUM_UNKNOWNS
 from massprops.dynamics.environment import EnvironmentModel
@@ -137,3 +137,17 @@ def test_a_step_that_gains_nothing_is_not_taken_back_for_the_path() -> None:
         for inertia in (near, 3.0 * world.inertia / np.trace(world.inertia))
     ]
     assert all(f.settled for f in fits) and abs(fits[0].evidence - fits[1].evidence) < 0.5
+
+
+def test_a_swing_that_the_first_starts_miss_is_found_from_others() -> None:
+    pytest.importorskip("Basilisk")
+    from diagnosis.basilisk_worlds import recorded
+
+    sequence = recorded("slosh", 56)
+    assert sequence.attitude is not None
+    record = record_of_attitudes(sequence.attitude, sequence.environment)
+    base, unknown = without_effects(record)
+    missed = Candidate(alone=base)
+    (found,) = _begun_again(record, base, unknown, [missed], [spring])[1:]
+    assert found.name == "spring-mass-damper" and rms(found.alone.residual) < 1.05
+    assert _begun_again(record, base, unknown, [found], [spring]) == [found]

@@ -80,6 +80,9 @@ def internal_rate(t, w, z, p):
 MOMENTUM_UNKNOWNS = (
     "arm_x", "arm_y", "arm_z", "displacement", "velocity", "along_x", "along_y", "along_z", "frequency", "damping",
 )  # fmt: skip
+MOMENTUM_VALLEY = "frequency"
+"""A stiffer spring with a mass farther out and more damping moves nearly as a softer one: the likelihood has a long curved valley, often
+with several ends."""
 SMALL = 1e-5
 LARGEST_MOVE = 0.5
 """Of direction [rad] and of the logarithms of frequency and damping, in a pass."""
@@ -162,9 +165,19 @@ STARTS = 144
 
 
 def momentum_scan(t, w):
+    """Masses to begin with."""
+    return _masses(t, w, 0)
+
+
+def momentum_scan_again(t, w):
+    """Others, where the first lead to nothing: those near the one there is may all have missed it."""
+    return _masses(t, w, 1)
+
+
+def _masses(t, w, draw):
     """Masses at random places on random ways, two at a time of each frequency that the times show and of each damping: a weak swing has many likeliest fits.
     One start of a single mass for each of many is cheaper than what leads from all masses together to the nearest single one."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(draw)
     speed = max(float(((w * w).sum(axis=1) ** 0.5).mean()), 1e-12)
     fastest = 1.5 / float(np.median(np.diff(t)))
     used = [f * speed for f in FREQUENCIES if f * speed < fastest] or [FREQUENCIES[0] * speed]
