@@ -18,9 +18,11 @@ import pycolmap
 
 from massprops.core.progress import Progress
 from massprops.errors import NotPossible
+from massprops.geometry.vectors import turn_deg
 from massprops.sfm.alike_sides import holding, wrongly_joined
 from massprops.sfm.attempt import Attempt, SfmOptions, Way, attempt, mapped
 from massprops.sfm.contradictions import LEAST, MANY, Contradictions, contradictions
+from massprops.sfm.convert import to_views
 from massprops.sfm.database import drop_pairs
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.own_features import own_features
@@ -35,8 +37,11 @@ ROUNDS = 4
 PLACEMENT, ACROSS = 6, 0.95
 """Images of a placement that is solved by itself, and the share of the contradicted matches that one moment parts where it was turned."""
 
+SAME_DEG = 3.0
+"""Angle within which an image stays where it was. Of a tin that a hand turned (Blender) the object's own places leave 4 of 30 there."""
+
 HALF = 0.5
-"""Share of the images that must stay placed."""
+"""Share of the images that must stay placed; and that must have stayed where they were for nothing to have changed."""
 
 
 def without_contradictions(
@@ -54,11 +59,23 @@ def without_contradictions(
     by_object = _by_object(found, footage, work, options, progress)
     for way, start in (("own", by_object), ("all", found)):
         settled = start and _by_strong_pairs(start, footage, work / f"{way}-strong", progress)
-        if settled:
+        if settled and not _unchanged(found, settled):
             return settled
-    if by_object and _against(by_object).share < MANY:
+    if by_object and _against(by_object).share < MANY and not _unchanged(found, by_object):
         return by_object
     return found
+
+
+def _unchanged(before: Attempt, after: Attempt) -> bool:
+    """Whether images stay where they were, all that are contradicted among them: then what contradicts was not removed, only hidden. So
+    it is of a plain bottle that a hand turned on a patterned cloth, for whose features the cloth's are taken."""
+    first, second = (dict(zip(v.names, v.R, strict=True)) for v, _ in (to_views(a.models[0]) for a in (before, after)))
+    doubted = {name for pair in _against(before).pairs for name in pair}
+    common = sorted(first.keys() & second.keys())
+    if doubted - second.keys() or not common:
+        return False
+    turns = [first[name].T @ second[name] for name in common]
+    return max(float(np.mean([turn_deg(a, b) < SAME_DEG for b in turns])) for a in turns) > HALF
 
 
 def _turned_once(against: Contradictions, footage: FootageRecord) -> bool:

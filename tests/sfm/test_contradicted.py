@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,7 +10,9 @@ from typing import Any
 import numpy as np
 import pycolmap
 import pytest
+import scene
 from scipy.spatial.transform import Rotation
+from sfm.test_sound import to_model
 
 from massprops.core.progress import silent
 from massprops.sfm import contradicted
@@ -112,6 +115,7 @@ def prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, true_from: int) -> t
         "drop_pairs": dropped,
         "own_features": lambda *_: {},
         "wrongly_joined": lambda *_: set(),
+        "_unchanged": lambda *_: False,
         "mapped": lambda path, *_: [model_of(20 - least(path) // 10)],
         "contradictions": against,
     }.items():
@@ -152,6 +156,31 @@ def test_what_is_borne_out_stays_and_so_does_what_never_is(
 ) -> None:
     found, _ = prints(tmp_path, monkeypatch, true_from)
     assert contradicted.without_contradictions(found, in_order(20), tmp_path / "work", SfmOptions(), silent) is found
+
+
+@pytest.mark.parametrize(("turned", "lost", "same"), [(0, 0, True), (2, 1, True), (8, 0, False), (0, 8, False)])
+def test_what_leaves_the_cameras_where_they_were_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch, turned: int, lost: int, same: bool
+) -> None:
+    """Of 12 images, of which the last are contradicted, some turned or lost; the rest lie in other axes."""
+    views, points = scene.make(12, 40)
+    other = Rotation.from_euler("xyz", (20, 50, 10), degrees=True).as_matrix()
+    R = views.R @ other
+    R[:turned] = (
+        Rotation.from_euler("y", np.arange(40, 40 + 30 * turned, 30)[:, None], degrees=True).as_matrix() @ R[:turned]
+    )
+    moved = replace(views, R=R, t=views.t)
+    shown = moved.take(np.arange(lost, 12))
+    kept = points.observed(points.obs_view >= lost)
+    kept = replace(kept, obs_view=kept.obs_view - lost)
+    monkeypatch.setattr(
+        contradicted, "contradictions", lambda *_: Contradictions(0.2, ((views.names[7], views.names[8]),), (0.2,))
+    )
+    before, after = (
+        Attempt(Path(), MappingOptions(), [to_model(v, p)], {}, lambda pairs: None, False, False, [])
+        for v, p in ((views, points), (shown, kept))
+    )
+    assert contradicted._unchanged(before, after) is same
 
 
 def round_of(images: int, step_deg: float) -> tuple[np.ndarray, np.ndarray]:
