@@ -221,8 +221,11 @@ def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
 def _of_images(images: ImageEvidence) -> list[Finding]:
     doubts = [(1, images.shutter)] if images.shutter else []
     if images.believed_from:
-        line = "sides of the object look alike: had images with more than {} matches been laid on the wrong one, the shape would be wrong"
-        doubts.append((1, line.format(images.believed_from)))
+        line = (
+            f"sides of the object look alike: only pairs of images with at least {images.believed_from} matches were believed; if some "
+            "of these join different sides, the shape is wrong"
+        )
+        doubts.append((1, line))
     lost = 1.0 - images.used / images.given if images.given else 0.0
     return [
         *doubts,
