@@ -59,18 +59,22 @@ def without_contradictions(
     by_object = _by_object(found, footage, work, options, progress)
     for way, start in (("own", by_object), ("all", found)):
         settled = start and _by_strong_pairs(start, footage, work / f"{way}-strong", progress)
-        if settled and not _unchanged(found, settled):
+        if settled and not _unchanged(found, settled, against):
             return settled
-    if by_object and _against(by_object).share < MANY and not _unchanged(found, by_object):
+    if by_object and _against(by_object).share < MANY and not _unchanged(found, by_object, against):
         return by_object
     return found
 
 
-def _unchanged(before: Attempt, after: Attempt) -> bool:
+def _unchanged(before: Attempt, after: Attempt, against: Contradictions) -> bool:
     """Whether images stay where they were, all that are contradicted among them: then what contradicts was not removed, only hidden. So
-    it is of a plain bottle that a hand turned on a patterned cloth, for whose features the cloth's are taken."""
+    it is of a plain bottle that a hand turned on a patterned cloth, for whose features the cloth's are taken.
+
+    Args:
+        against: what contradicts the attempt before.
+    """
     first, second = (dict(zip(v.names, v.R, strict=True)) for v, _ in (to_views(a.models[0]) for a in (before, after)))
-    doubted = {name for pair in _against(before).pairs for name in pair}
+    doubted = {name for pair in against.pairs for name in pair}
     common = sorted(first.keys() & second.keys())
     if doubted - second.keys() or not common:
         return False

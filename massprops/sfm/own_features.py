@@ -44,7 +44,7 @@ class Motion(NamedTuple):
     matches: np.ndarray
 
 
-class Features(NamedTuple):
+class FeaturePlaces(NamedTuple):
     """Features of all images, counted through: place (n, 2) from the middle of the image, in its longer sides; image (n,)."""
 
     place: np.ndarray
@@ -71,7 +71,7 @@ def own_features(database: Path, options: MappingOptions) -> dict[str, np.ndarra
     place = [
         (places[im.image_id] - half).reshape(-1, 2) / (2 * half.max()) for im, half in zip(images, middle, strict=True)
     ]
-    own = label(Features(np.concatenate(place), np.repeat(np.arange(len(images)), count)), found)
+    own = label(FeaturePlaces(np.concatenate(place), np.repeat(np.arange(len(images)), count)), found)
     if own is None:
         return {}
     return {im.name: part for im, part in zip(images, np.split(own, np.cumsum(count)[:-1]), strict=True)}
@@ -111,7 +111,7 @@ def _without(matches: np.ndarray, taken: np.ndarray) -> np.ndarray:
     return np.array([m for m in matches.tolist() if tuple(m) not in gone], int).reshape(-1, 2)
 
 
-def label(features: Features, found: list[Motion]) -> np.ndarray | None:
+def label(features: FeaturePlaces, found: list[Motion]) -> np.ndarray | None:
     """Which features (n,) bool are the object's; None where no pair shows two motions.
 
     Args:
@@ -159,7 +159,7 @@ def _speaks(place: np.ndarray, centre: np.ndarray, spread: np.ndarray) -> np.nda
     return np.clip(log, -MOST_PLACE, MOST_PLACE)
 
 
-def _beside(features: Features) -> np.ndarray:
+def _beside(features: FeaturePlaces) -> np.ndarray:
     """(e, 2) pairs of neighbouring features of one image."""
     out = []
     for image in np.unique(features.image):

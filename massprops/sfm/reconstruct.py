@@ -131,22 +131,23 @@ def reconstruct(
         footage = replace(footage, motion="tumbling")
     warnings = list(found.warnings)
     film = footage.moving_pictures and not footage.rig
+    tumbling = film and footage.motion == "tumbling"
     settings = refine_options(options, footage, found.mapping)
     options, model = replace(options, refine=settings), found.models[0]
     given = ModelInputs(found, footage, options, work, progress)
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     if found.special:
         model = match_predicted(model, given, work)
-        if film and footage.motion == "tumbling":
+        if tumbling:
             model, found = _steady_part(model, given)
         if film and model.num_reg_images() < len(footage.frames):
             model = _followed(model, given)
-        if film and footage.motion == "tumbling":
+        if tumbling:
             model, more = _with_pieces(model, found, given)
             warnings += more
     else:
         model = close_loops(model, given)
-        if film and footage.motion == "tumbling":
+        if tumbling:
             whole = model.num_reg_images()
             model, found = _unfolded(model, given)
             model, more = _with_pieces(model, found, given)
