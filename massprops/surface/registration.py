@@ -179,10 +179,10 @@ class Registration:
     def unpainted(self) -> bool:
         """Whether the shape alone says so, much more clearly than anything else, and the paint says nothing of any turn.
 
-        Of a body of one colour what looks like paint is its relief, which the lamp shows otherwise once the body is turned.
+        Of a body of one colour what looks like paint is its relief, which the lamp shows otherwise once the body is turned: what
+        was light may be dark then (a plain rock turned over had -0.27, nine times the noise), as paint cannot be.
         """
-        largest = max(abs(self.colour), abs(self.rival_colour))
-        return self.fits and self._alone(2) and largest < SURE * self.colour_noise
+        return self.fits and self._alone(2) and max(self.colour, self.rival_colour) < SURE * self.colour_noise
 
     def _alone(self, times: float) -> bool:
         """Whether every other answer is as many times worse, silhouettes' own errors counted."""

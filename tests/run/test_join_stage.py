@@ -71,6 +71,7 @@ def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothi
 def test_shape_that_is_far_clearer_than_all_else_joins_a_body_without_paint() -> None:
     """As of a plain rock: 0.7 px to 4.8 px, and colours that correlate nowhere."""
     assert registered(own_px=0.3, rival_px=4.8).unpainted
+    assert registered(own_px=0.3, rival_px=4.8, colour=-0.27).unpainted, "relief that was light is dark once it is turned"
     assert not registered(own_px=0.3, rival_px=2.0).unpainted, "another turn is as good as silhouettes can tell"
     assert not registered(own_px=0.3, rival_px=4.8, colour=0.45).unpainted, "its paint says something"
     assert not registered(own_px=0.3, rival_px=4.8, rival_colour=0.2).unpainted, "or says something of another turn"
@@ -105,6 +106,9 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     assert "look alike" in _laid(job, pair, pair)[0]["reason"]
     monkeypatch.setattr("massprops.surface.registration.register", lambda *_: registered(rival_px=4.8))
     assert "reason" not in _laid(job, pair, pair)[0], "features of light and shade have no say"
+    monkeypatch.setattr("massprops.sfm.across.lay", lay)
+    said, turn, _ = _laid(job, pair, pair)
+    assert said["features"] == 0 and np.array_equal(turn, R), "neither against the outlines nor for a turn beside theirs"
 
 
 def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypatch: pytest.MonkeyPatch) -> None:
