@@ -166,6 +166,24 @@ def fill_undecided(label: np.ndarray, timestamp_ns: np.ndarray | None = None) ->
     return out
 
 
+def together(label: np.ndarray, other: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:
+    """Labels `other` (n,), in the order of capture, where images between two long pauses that had one label keep one: that of most.
+
+    Hands are at work in a pause, not between any two images. What each image hides of its support tells two placements of a
+    cup that lay next to each other apart in 47 of 56 images only.
+
+    Args:
+        label: (n,) before, -1 where undecided.
+        timestamp_ns: (n,) when each was taken, not positive where nobody knows.
+    """
+    out, cuts = other.copy(), _long_pauses(timestamp_ns, 0, len(label) - 1) or []
+    for begin, end in pairwise([0, *(i + 1 for i in cuts), len(label)] if cuts else []):
+        if label[begin] >= 0 and (label[begin:end] == label[begin]).all():
+            votes = np.bincount(1 + other[begin:end])[1:]
+            out[begin:end] = np.argmax(votes) if votes.any() else label[begin]
+    return out
+
+
 def _long_pause(timestamp_ns: np.ndarray | None, before: int, after: int) -> int | None:
     """The first image after the one long pause among images `before` to `after`, or None where there is none."""
     long = _long_pauses(timestamp_ns, before, after)

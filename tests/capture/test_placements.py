@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.capture.placements import divide, divide_at_pauses, fill_undecided, find_placements
+from massprops.capture.placements import divide, divide_at_pauses, fill_undecided, find_placements, together
 from massprops.dense.region import Region
 
 
@@ -101,6 +101,19 @@ def test_undecided_images_follow_the_order_of_capture() -> None:
     assert fill_undecided(ends).tolist() == ends.tolist()
     # placements that come and go say nothing of what lies between
     assert fill_undecided(np.array([1, 0, 1, -1, 0, 1, 0])).tolist() == [1, 0, 1, -1, 0, 1, 0]
+
+
+def test_images_between_two_pauses_stay_together() -> None:
+    """What each image hides of its support is not sure of every image; hands come in pauses only."""
+    label, other = np.repeat([0, 1], 5), np.array([0, 0, 1, 0, -1, 1, 1, 0, 1, 1])
+    clock = np.cumsum([1, 4, 4, 5, 3, 90, 5, 4, 6, 4]) * 10**9
+    assert together(label, other, clock).tolist() == label.tolist()
+    assert together(label, 1 - label, clock).tolist() == (1 - label).tolist(), "most of them may be right"
+    assert together(label, np.full(10, -1), clock).tolist() == label.tolist()
+    for unknown in (None, np.arange(1, 11) * 10**9):
+        assert together(label, other, unknown).tolist() == other.tolist()
+    mixed = np.array([0, 0, 1, 0, 0, 1, 1, 1, 1, 1])
+    assert together(mixed, other, clock).tolist() == [0, 0, 1, 0, -1, 1, 1, 1, 1, 1], "what had no one label may change"
 
 
 def test_the_room_casts_no_vote() -> None:
