@@ -231,7 +231,7 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
     best = _chosen(answers)
     others = [a for a in answers if a.away(best) > APART_DEG]
     noise = _noise(others)
-    alike = [a for a in others if both.one_body(best, a)]
+    alike = _same_body(both, best, answers)
     rivals = [a.outside for a in others if a not in alike]
     return Registration(
         best.R,
@@ -242,11 +242,28 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
         max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=min(best.colour, 0.0)),
         noise,
         both.covariance(best),
-        any(a.outside < worse(best.outside) for a in alike),
+        any(a.outside < worse(best.outside) for a in others if a in alike),
         0.5 * (first.rim_error + second.rim_error),
         _candidates(best, answers),
         _turned(both, best, answers),
     )
+
+
+def _same_body(both: _Pair, best: _Answer, answers: list[_Answer]) -> list[_Answer]:
+    """The answers that make the same body as the best, or as one of these that fits as well.
+
+    A body of revolution can be turned by any angle. By a small one it is seen to stay the same; by a large one two parts of it lie
+    on each other that were measured in one placement each.
+    """
+    found, todo = [], [best]
+    left = [a for a in answers if a is not best]
+    while todo:
+        one = todo.pop()
+        more = [a for a in left if both.one_body(one, a)]
+        left = [a for a in left if a not in more]
+        todo += [a for a in more if a.outside < worse(best.outside)]
+        found += more
+    return found
 
 
 def _turned(both: _Pair, best: _Answer, answers: list[_Answer]) -> Registration | None:

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 from synthetic_dense import cameras, observe
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import Extent, Witnesses
-from massprops.surface.registration import Placed, outlines_exclude, placed, register, resting, same_side
+from massprops.surface.registration import (
+    Placed,
+    _Answer,
+    _same_body,
+    outlines_exclude,
+    placed,
+    register,
+    resting,
+    same_side,
+)
 
 
 def seen(mesh: trimesh.Trimesh, painted: bool, seed: int) -> Placed:
@@ -96,6 +108,19 @@ def test_answers_that_make_other_bodies_are_rivals() -> None:
     second = turned(body, np.array([0.0, 1.0, 0.0, 0.0]), np.zeros(3))
     found = register(seen(first, False, 2), seen(second, False, 3))
     assert not found.clear
+
+
+def test_turns_of_a_body_of_revolution_are_one_answer() -> None:
+    """Each is seen to be the body of the next; only what fits as well leads on."""
+    about = [Rotation.from_euler("z", angle, degrees=True).as_matrix() for angle in (0, 40, 80, 120, 170)]
+    answers = [
+        _Answer(R, np.zeros(3), outside) for R, outside in zip(about, (0.30, 0.31, 0.32, 0.9, 0.31), strict=True)
+    ]
+    both: Any = SimpleNamespace(one_body=lambda a, b: a.away(b) < 60.0)
+    found = _same_body(both, answers[0], answers)
+    assert [a in found for a in answers] == [False, True, True, True, False], (
+        "the fourth fits worse, the last is beyond it"
+    )
 
 
 def placed_nowhere(cloud: Cloud) -> Placed:
