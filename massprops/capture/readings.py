@@ -75,6 +75,10 @@ LEDGE = 0.5
 rendered blocks, 5 for a fringe of table points at the foot of a printed box."""
 
 
+KEEP_SUPPORT = "--keep-support"
+"""The option by which the user asks for the object with what it stands on."""
+
+
 @dataclass(frozen=True)
 class Reading:
     """One answer to what the object is.
@@ -472,7 +476,7 @@ def _with_stand(scene: Scene, whole: OnSupport, top: Top, pointed: Sequence[Loca
         )
     if not pointed:
         what, option = "the object without what it stands on", "--object X,Y with a pixel of the object"
-        kept = Reading("the object with what it stands on", whole.member, whole.plane, "--keep-support")
+        kept = Reading("the object with what it stands on", whole.member, whole.plane, KEEP_SUPPORT)
         return Found(alone, [Reading(what, upper, top.plane, option), kept])
     pixels = [p for p in pointed if not p.pointed.is_box]
     if not pixels:  # a rectangle round both says that both are meant

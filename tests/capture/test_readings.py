@@ -14,7 +14,7 @@ import pytest
 from test_object_on_support import box, rectangle, scene
 
 from massprops.capture.choice import Located, Pointed, check_early, locate, parse
-from massprops.capture.readings import Found, Scene, described, find_object, picture
+from massprops.capture.readings import KEEP_SUPPORT, Found, Scene, described, find_object, picture
 from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
 from massprops.run.stages import shape
@@ -420,3 +420,25 @@ def test_a_side_that_faces_the_cameras_is_not_what_carries_it() -> None:
     # a plane with things below it carries nothing
     wrong = find_object(points, known=np.array([0, 0, 1.0, -0.2]))
     np.testing.assert_array_equal(wrong.split.member, alone.split.member)
+
+
+@pytest.mark.parametrize("other, whole", [(1.1, True), (0.35, False)])
+def test_a_stand_is_the_object_where_the_other_placement_is_as_large(
+    monkeypatch: pytest.MonkeyPatch, other: float, whole: bool
+) -> None:
+    """The upper part of a cup was taken for a thing on a stand; a thing on a real stand stays as large when it is turned over."""
+    sizes = {0: 0.3, 1: other}
+    monkeypatch.setattr(shape, "_size", lambda _, k: sizes[k])
+
+    def placement(*args: Any, known: Any = None, whole: bool = False) -> dict[str, Any]:
+        sizes[args[3]] = 1.0 if whole else 0.3
+        return {"readings": [] if whole else [{"option": KEEP_SUPPORT}], "whole": whole}
+
+    monkeypatch.setattr(shape, "_placement", placement)
+    part: Any = SimpleNamespace(take=lambda _: None, of_views=lambda _: None)
+    placements = [{"label": 0, **placement(None, None, None, 0)}, {"label": 1, "readings": []}]
+    shape._of_one_size(SimpleNamespace(), part, part, np.array([0, 0, 1]), placements)  # type: ignore[arg-type]
+    assert placements[0]["whole"] is whole and sizes[0] == (1.0 if whole else 0.3)
+    alone = [placements[0] | placement(None, None, None, 0)]
+    shape._of_one_size(SimpleNamespace(), part, part, np.array([0, 0, 1]), alone)  # type: ignore[arg-type]
+    assert not alone[0]["whole"], "nothing to compare it with"

@@ -193,7 +193,47 @@ def _solved(
             if count == 1 or any(p.view in member for p in pointed):
                 raise
             lost.append({"images": names, "reason": str(error)})
+    if not pointed:
+        _of_one_size(job, views, sparse, label, placements)
     return placements, lost
+
+
+def _of_one_size(
+    job: Job, views: Views, sparse: SparsePoints, label: np.ndarray, placements: list[dict[str, Any]]
+) -> None:
+    """Solves a placement anew with what it seems to stand on, where others that stand on nothing else show a body as large as that.
+
+    The upper part of a cup that lay on its side was taken for a thing on a stand; turned over, it was one cup.
+    """
+    from massprops.capture.readings import KEEP_SUPPORT
+
+    sizes = [_size(job, k) for k in range(len(placements))]
+    others = [size for size, p in zip(sizes, placements, strict=True) if not p["readings"]]
+    if not others:
+        return
+    usual = np.median(np.log(others))
+    for k, placement in enumerate(placements):
+        if not any(r["option"] == KEEP_SUPPORT for r in placement["readings"]):
+            continue
+        member = np.flatnonzero(label == placement["label"])
+        here = views.take(member), sparse.of_views(member), k, []
+        try:
+            placements[k] = placement | _placement(job, *here, whole=True)
+        except NotPossible:
+            continue
+        if abs(np.log(_size(job, k)) - usual) > abs(np.log(sizes[k]) - usual):
+            placements[k] = placement | _placement(job, *here, known=placements[0]["support_plane"] if k else None)
+
+
+def _size(job: Job, number: int) -> float:
+    """Volume of the convex hull of what was measured of a placement's object."""
+    from scipy.spatial import ConvexHull
+
+    from massprops.surface.cloud import Cloud
+
+    return float(
+        ConvexHull(Cloud.load(placement_folder(job.out, number) / "object.npz").xyz, qhull_options="QJ").volume
+    )
 
 
 def _relabelled(
@@ -269,9 +309,16 @@ def _pointed(job: Job, views: Views) -> list[Located]:
 
 
 def _placement(
-    job: Job, views: Views, sparse: SparsePoints, number: int, pointed: list[Located], known: list[float] | None = None
+    job: Job,
+    views: Views,
+    sparse: SparsePoints,
+    number: int,
+    pointed: list[Located],
+    known: list[float] | None = None,
+    whole: bool = False,
 ) -> dict[str, Any]:
-    """The first shape of one placement; views and sparse points are its own, known (4,) is another one's support."""
+    """The first shape of one placement; views and sparse points are its own, known (4,) is another one's support; whole: with what
+    it seems to stand on."""
     from massprops.capture.occlusion import on_mesh
     from massprops.capture.readings import Scene, find_object
     from massprops.capture.support import least_rise
@@ -284,7 +331,7 @@ def _placement(
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
     support = None if known is None else np.array(known)
     turning = _turns(json.loads((job.work("capture") / "footage.json").read_text()))
-    object_ = find_object(scene, pointed, job.options.keep_support, job.seed, support, turning)
+    object_ = find_object(scene, pointed, whole or job.options.keep_support, job.seed, support, turning)
     found = object_.split
     if object_.narrow_ledge:
         job.warn(
