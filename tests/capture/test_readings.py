@@ -436,7 +436,7 @@ def test_a_stand_is_the_object_where_the_other_placement_is_as_large(
 
     monkeypatch.setattr(shape, "_placement", placement)
     part: Any = SimpleNamespace(take=lambda _: None, of_views=lambda _: None)
-    placements = [{"label": 0, **placement(None, None, None, 0)}, {"label": 1, "readings": []}]
+    placements = [{"label": 0, **placement(None, None, None, 0)}, {"label": 1, "readings": [{"option": "--object X,Y"}]}]
     shape._of_one_size(SimpleNamespace(), part, part, np.array([0, 0, 1]), placements)  # type: ignore[arg-type]
     assert placements[0]["whole"] is whole and sizes[0] == (1.0 if whole else 0.3)
     alone = [placements[0] | placement(None, None, None, 0)]

@@ -207,14 +207,13 @@ def _of_one_size(
     """
     from massprops.capture.readings import KEEP_SUPPORT
 
-    sizes = [_size(job, k) for k in range(len(placements))]
-    others = [size for size, p in zip(sizes, placements, strict=True) if not p["readings"]]
-    if not others:
+    raised = [any(r["option"] == KEEP_SUPPORT for r in p["readings"]) for p in placements]
+    if all(raised) or not any(raised):
         return
-    usual = np.median(np.log(others))
-    for k, placement in enumerate(placements):
-        if not any(r["option"] == KEEP_SUPPORT for r in placement["readings"]):
-            continue
+    sizes = [_size(job, k) for k in range(len(placements))]
+    usual = np.median(np.log([size for size, is_raised in zip(sizes, raised, strict=True) if not is_raised]))
+    for k in np.flatnonzero(raised).tolist():
+        placement = placements[k]
         member = np.flatnonzero(label == placement["label"])
         here = views.take(member), sparse.of_views(member), k, []
         try:
