@@ -19,7 +19,7 @@ from massprops.geometry.rasterise import rasterise
 from massprops.run import silhouettes_again
 from massprops.run.drawn_silhouettes import Visible
 from massprops.run.stages import join
-from massprops.run.stages.join import _laid, _reason, _said
+from massprops.run.stages.join import _best_first, _laid, _reason, _said
 from massprops.sfm.across import Laid
 from massprops.sfm.points import SparsePoints, project
 from massprops.surface.cloud import Cloud
@@ -71,10 +71,20 @@ def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothi
 def test_shape_that_is_far_clearer_than_all_else_joins_a_body_without_paint() -> None:
     """As of a plain rock: 0.7 px to 4.8 px, and colours that correlate nowhere."""
     assert registered(own_px=0.3, rival_px=4.8).unpainted
-    assert registered(own_px=0.3, rival_px=4.8, colour=-0.27).unpainted, "relief that was light is dark once it is turned"
+    assert registered(own_px=0.3, rival_px=4.8, colour=-0.27).unpainted, (
+        "relief that was light is dark once it is turned"
+    )
     assert not registered(own_px=0.3, rival_px=2.0).unpainted, "another turn is as good as silhouettes can tell"
     assert not registered(own_px=0.3, rival_px=4.8, colour=0.45).unpainted, "its paint says something"
     assert not registered(own_px=0.3, rival_px=4.8, rival_colour=0.2).unpainted, "or says something of another turn"
+
+
+def test_others_are_laid_onto_the_placement_whose_silhouettes_agree() -> None:
+    """Half of a cup was taken for its stand in one of two placements of as many images."""
+    both = [{"method": "measured"}, {"method": "measured"}, {"method": "hides its support"}]
+    assert _best_first(both, [28, 28, 40], {0: 3.0, 1: 0.3}) == [1, 0, 2]
+    assert _best_first(both, [35, 21, 40], {0: 0.6, 1: 0.3}) == [0, 1, 2]
+    assert _best_first(both[1:], [28, 40], {0: 3.0}) == [0, 1]
 
 
 def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +118,9 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     assert "reason" not in _laid(job, pair, pair)[0], "features of light and shade have no say"
     monkeypatch.setattr("massprops.sfm.across.lay", lay)
     said, turn, _ = _laid(job, pair, pair)
-    assert said["features"] == 0 and np.array_equal(turn, R), "neither against the outlines nor for a turn beside theirs"
+    assert said["features"] == 0 and np.array_equal(turn, R), (
+        "neither against the outlines nor for a turn beside theirs"
+    )
 
 
 def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypatch: pytest.MonkeyPatch) -> None:

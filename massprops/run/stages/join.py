@@ -81,22 +81,18 @@ def _joined(
 
     number = {name: i for i, name in enumerate(views.names)}
     index = [np.array([number[n] for n in p["images"] if n not in left_out], int) for p in placements]
-    # a measured shape before one that is known by what it hides
-    order = sorted(range(len(placements)), key=lambda k: (placements[k]["method"] != "measured", -len(index[k])))
+    shown = _sides(job, views, placements, index) if len(placements) > 1 else {}
+    order = _best_first(placements, [len(i) for i in index], {k: side[0].rim_error for k, side in shown.items()})
     first = order[0]
     facts: dict[str, Any] = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
-    supports = [None if p["support_plane"] is None else np.array(p["support_plane"]) for p in placements]
-    here = views.take(index[first])
-    base = _placed(job, here, first, supports[first]), _side(job, here, first)
     parts = [(index[first], np.eye(3), np.zeros(3), first)]
     for done, k in enumerate(order[1:]):
         job.progress(done, len(order) - 1, "joining placements")
-        if any(placements[i]["method"] != "measured" for i in (first, k)):
+        if not {first, k} <= shown.keys():
             gone = {"images": len(index[k]), "placement": k, "fits": True, "reason": TOO_COARSE}
             facts["unjoined"].append(gone)
             continue
-        there = views.take(index[k])
-        said, R, t = _laid(job, base, (_placed(job, there, k, supports[k]), _side(job, there, k)))
+        said, R, t = _laid(job, shown[first], shown[k])
         if "reason" in said:
             facts["unjoined"].append({"images": len(index[k]), "placement": k, **said})
         else:
@@ -126,6 +122,34 @@ def _joined(
     if drawn and len(parts) > 1:
         facts["redrawn"] = _redrawn(job, placements, [(all_views[n], *p[1:]) for n, p in enumerate(parts)])
     return Views.joined(all_views), SparsePoints.joined(all_points), facts
+
+
+def _sides(
+    job: Job, views: Views, placements: list[dict[str, Any]], index: list[np.ndarray]
+) -> dict[int, tuple[Placed, Side]]:
+    """Placements that stereo measured, by their number, as they are laid onto each other; index: views of each."""
+    out = {}
+    for k, placement in enumerate(placements):
+        if placement["method"] == "measured":
+            here, support = views.take(index[k]), placement["support_plane"]
+            out[k] = _placed(job, here, k, None if support is None else np.array(support)), _side(job, here, k)
+    return out
+
+
+def _best_first(placements: list[dict[str, Any]], images: list[int], rim_error: dict[int, float]) -> list[int]:
+    """Numbers of placements, that first onto which the others are laid: a measured shape before one that is known by what it
+    hides, one whose silhouettes agree with each other before one whose do not, and of these that of most images.
+
+    Args:
+        images: of each placement.
+        rim_error: of those that were measured, how far the rims miss their own silhouettes [px].
+    """
+    from massprops.surface.registration import LARGEST
+
+    def worth(k: int) -> tuple[bool, bool, int]:
+        return placements[k]["method"] != "measured", rim_error.get(k, 0.0) > LARGEST, -images[k]
+
+    return sorted(range(len(placements)), key=worth)
 
 
 def _redrawn(
