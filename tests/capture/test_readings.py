@@ -14,7 +14,7 @@ import pytest
 from test_object_on_support import box, rectangle, scene
 
 from massprops.capture.choice import Located, Pointed, check_early, locate, parse
-from massprops.capture.readings import KEEP_SUPPORT, Found, Scene, described, find_object, picture
+from massprops.capture.readings import KEEP_SUPPORT, Found, Scene, _slopes, described, find_object, picture
 from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
 from massprops.run.stages import shape
@@ -436,9 +436,21 @@ def test_a_stand_is_the_object_where_the_other_placement_is_as_large(
 
     monkeypatch.setattr(shape, "_placement", placement)
     part: Any = SimpleNamespace(take=lambda _: None, of_views=lambda _: None)
-    placements = [{"label": 0, **placement(None, None, None, 0)}, {"label": 1, "readings": [{"option": "--object X,Y"}]}]
+    placements = [
+        {"label": 0, **placement(None, None, None, 0)},
+        {"label": 1, "readings": [{"option": "--object X,Y"}]},
+    ]
     shape._of_one_size(SimpleNamespace(), part, part, np.array([0, 0, 1]), placements)  # type: ignore[arg-type]
     assert placements[0]["whole"] is whole and sizes[0] == (1.0 if whole else 0.3)
     alone = [placements[0] | placement(None, None, None, 0)]
     shape._of_one_size(SimpleNamespace(), part, part, np.array([0, 0, 1]), alone)  # type: ignore[arg-type]
     assert not alone[0]["whole"], "nothing to compare it with"
+
+
+def test_a_level_that_meets_its_support_is_no_top_of_a_stand() -> None:
+    """As of planes through what scatters above a glossy table about an object's foot."""
+    x = np.linspace(-1.0, 1.0, 500)
+    noise = np.random.default_rng(0).normal(0.0, 0.004, 500)
+    for slope, expected in ((0.0, False), (0.01, False), (0.04, True)):
+        level = 0.05 + slope * x
+        assert _slopes(noise, level + noise, 0.02, 1.0) is expected
