@@ -35,6 +35,9 @@ LENGTHS = (0.5, 1.0, 2.0, 3.0)
 PER_GAP, FARTHEST, FALLEN = 2, 8, 5.0
 """Moments of an event that happens at once that are tried between two measurements, as many of these to either side at most, and the
 fall of the log evidence after which no further ones are."""
+LENGTH_STEP, MOST_LENGTHS = 0.35, 12
+"""Of log(1 + length / gap) between the lengths of an event that are tried where the shortest may do, and the most of them: a
+length may have any order of magnitude, but what is shorter than the gap between measurements is all alike."""
 TRIES = 8
 ROUNDS = 4
 FLAT = 0.1
@@ -78,8 +81,8 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
     """The fit along a finer path, at the best of its scanned values, with their 1-sigma (`held_sd`) and what they add to its
     covariance.
 
-    Where the evidence about the best cannot be told, an event that lasts too short to tell has its length held, with the gap for its
-    1-sigma; else the fit is returned as it is.
+    Where an event may be as short as the path can tell, its length is summed over; where the evidence about the best cannot be told,
+    the lengths of all events are; else the fit is returned as it is.
 
     Args:
         gap: between measurements [s].
@@ -90,12 +93,15 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
         return with_open_moment(by_whole_motion(found))
     at_once = len(places) == 1 and places[0].name == "time"
     told = _over_moments(found, places[0], gap) if at_once else None
-    told = told or _told(found, places)
     if told is not None:
         return told
     lasting = [p for p in places if p.name == "duration"]
-    told = _told(found, [p for p in places if p not in lasting]) if 0 < len(lasting) < len(places) else None
-    return by_whole_motion(found) if told is None else _with_lengths_open(told, lasting, gap)
+    short = [p for p in lasting if _may_be_shortest(found, p, gap)]
+    for summed in [short] if short == lasting else [short, lasting]:
+        told = _told(found, [p for p in places if p not in summed]) if len(summed) < len(places) else None
+        if told is not None:
+            return _over_lengths(told, summed, gap)
+    return by_whole_motion(found)
 
 
 def _over_moments(found: HypothesisFit, place: _Place, gap: float) -> HypothesisFit | None:
@@ -144,12 +150,55 @@ def _told(found: HypothesisFit, places: list[_Place]) -> HypothesisFit | None:
     return _widened(found, places, law)
 
 
-def _with_lengths_open(found: HypothesisFit, lasting: list[_Place], gap: float) -> HypothesisFit:
-    """With the gap between measurements for the 1-sigma of events' lengths."""
+def _lasting(found: HypothesisFit, place: _Place, length: float) -> HypothesisFit | None:
+    """The fit with another length of an event about the same middle; None where that leads nowhere."""
+    terms = list(found.hypothesis.terms)
+    held = dict(terms[place.term].held)
+    middle = held["time"] + 0.5 * held["duration"]
+    terms[place.term] = term_of(terms[place.term].effect, held | {"time": middle - 0.5 * length, "duration": length})
+    return admissible(
+        found.record, replace(found.hypothesis, terms=tuple(terms)), again(found), found.hypothesis.latent
+    )
+
+
+def _may_be_shortest(found: HypothesisFit, place: _Place, gap: float) -> bool:
+    """Whether an event may be as short as the path's own steps, so that its length has no normal law."""
+    fit = _lasting(found, place, gap / FINER)
+    return fit is not None and fit.evidence > found.evidence - FALLEN
+
+
+def _over_lengths(found: HypothesisFit, summed: list[_Place], gap: float) -> HypothesisFit:
+    """With what events' lengths leave open of these, of the moments at which they begin and of all else: the evidence summed over
+    lengths about the same middle, from the shortest on until it has fallen."""
+    covariance = dict(found.covariance)
     held = {name: dict(own) for name, own in found.held_sd.items()}
-    for place in lasting:
-        held.setdefault(found.hypothesis.terms[place.term].name, {})[place.name] = gap
-    return replace(found, held_sd=held)
+    for place in summed:
+        name, own = found.hypothesis.terms[place.term].name, dict(found.hypothesis.terms[place.term].held)
+        here, tried = _lasting(found, place, own["duration"]), _by_length(found, place, gap)
+        if here is None or not tried:
+            continue
+        weights = np.exp([f.evidence - max(f.evidence for f in tried) for f in tried])
+        weights /= weights.sum()
+        spread = held.setdefault(name, {})
+        for value in ("time", "duration"):
+            off = np.array([dict(f.hypothesis.terms[place.term].held)[value] for f in tried]) - own[value]
+            spread[value] = float(np.sqrt(spread.get(value, 0.0) ** 2 + weights @ off**2))
+        for effect in covariance:
+            off = np.array([f.values[effect] for f in tried]) - here.values[effect]
+            covariance[effect] = covariance[effect] + (weights * off.T) @ off
+    return replace(found, covariance=covariance, held_sd=held)
+
+
+def _by_length(found: HypothesisFit, place: _Place, gap: float) -> list[HypothesisFit]:
+    """Fits with an event from the shortest that the path tells on, each as much longer as the ones before are over a gap, until the
+    evidence has fallen."""
+    out: list[HypothesisFit] = []
+    for k in range(MOST_LENGTHS):
+        fit = _lasting(found, place, gap * ((1.0 + 1.0 / FINER) * np.exp(k * LENGTH_STEP) - 1.0))
+        if fit is None or fit.evidence < max([f.evidence for f in out], default=-np.inf) - FALLEN:
+            break
+        out.append(fit)
+    return out
 
 
 def at_likely_scale(found: HypothesisFit) -> HypothesisFit:

@@ -104,6 +104,21 @@ def test_a_push_too_short_for_its_length_has_a_time_with_its_sigma() -> None:
     assert value["duration"] < 2.0 * sigma["duration"]
 
 
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_push_of_any_length_begins_anywhere_within_it(seed: int) -> None:
+    """A push that is shorter than a gap, from attitudes that would do with one of three gaps as well: its middle is known, its begin is not."""
+    gap = 1 / RATE
+    toss = Toss(
+        inertia=INERTIA, rate=np.array([4.0, -2.0, 1.0]), push=2.0 * PUSH, begins=BEGINS, lasts=0.1 * gap, seconds=0.22
+    )
+    record = record_of_attitudes(tossed_bodies.tossed(toss, seed, SIGMA)[0], Environment())
+    held = (("duration", 3.0 * gap), ("parts", 1), ("time", BEGINS - 1.4 * gap))
+    h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
+    value, sigma = parameters(with_scanned(fit_hypothesis(record, h, BALL), gap), "impulse")
+    assert sigma["time"] < 1.5 * gap and abs(value["time"] - BEGINS) < 2.0 * sigma["time"]
+    assert value["duration"] - 0.1 * gap < 2.0 * sigma["duration"]
+
+
 def test_one_even_push_is_preferred_to_parts_that_do_the_same() -> None:
     record = record_of_attitudes(tossed(PUSH)[0], Environment())
     base = fit_hypothesis(record, Hypothesis(latent=False), BALL)
