@@ -16,7 +16,7 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
 - `inertia(t, six, p)`: (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) at time t in place of `six`;
 - `internal(t, z, p)`: angular momentum stored inside the body; with `STATES = 3`, `internal_start(w, p)` and
   `internal_rate(t, w, z, p)` when it has three states z of its own, and `moving_inertia(six, z, p)` in place of `six` when
-  they move its mass; `corners(p)`: moments at which it bends;
+  they move its mass, and `internal_pace(p)`: how fast they may change [1/s]; `corners(p)`: moments at which it bends;
 - `jump(p)`: momentum added at the time parameter, body axes; `swing(p)`: turn of the body at that time, body axes, its
   momentum left where it was in space; `displacement(t, p)`: what is added to the path of the
   centre of mass; `shift(t, p)`: what is added to feature points from the centre of mass, body axes;

@@ -60,7 +60,7 @@ def sensitivities(
     moves = np.array([six_of(x) for x in directions]).reshape(d, 6)
     flat_six, flat_p = list(six), list(np.asarray(p, float))
     fixed = _fixed(active)
-    nodes = _nodes(path.steps, fastest(w0), _largest_turn(active))
+    nodes = _nodes(path.steps, fastest(w0, active, p), _largest_turn(active))
     first, last = nodes[:-1], nodes[1:]
     begin = path.steps.ends[nodes]
     h = np.diff(begin)

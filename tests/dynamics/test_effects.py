@@ -106,6 +106,24 @@ def test_derivatives_agree_with_differences(name: str, duration: float) -> None:
         assert np.abs(by_rate - rate[:, :, j]).max() <= 2e-3 * np.abs(rate[:, :, j]).max() + 1e-6
 
 
+@pytest.mark.parametrize(("frequency", "damping"), [(1.2, 0.1), (0.6, 8.0)])
+def test_a_spring_faster_than_the_body_has_its_derivatives(frequency: float, damping: float) -> None:
+    """Steps that follow the body's turning alone are unstable, and wrong by the size of a derivative."""
+    effect = effects()["spring-mass-damper"]
+    a = ActiveEffects((effect,), (slice(0, len(effect.PARAMETERS)),))
+    p = np.array([0.1, 0.15, -0.2, 0.6, 0.0, 0.8, frequency, damping, 0.01, 0.0])
+    times = np.arange(150) * 2.0
+    directions = np.zeros((0, 3, 3))
+    turn, _ = sensitivities(
+        times, trajectory(times, Q0, W0, INERTIA, a, p, AROUND), Q0, W0, INERTIA, directions, a, p, AROUND
+    )
+    for j in (6, 7):
+        step = 1e-5 * p[j] * np.eye(len(p))[j]
+        down, up = (trajectory(times, Q0, W0, INERTIA, a, v, AROUND) for v in (p - step, p + step))
+        moved = rotation_vector(multiply(conjugate(down.q), up.q)) / (2.0 * step[j])
+        assert np.abs(moved - turn[:, :, 6 + j]).max() < 0.05 * np.abs(moved).max()
+
+
 def test_a_sphere_inside_keeps_momentum_and_loses_energy() -> None:
     effect = effects()["energy-dissipation"]
     a = ActiveEffects((effect,), (slice(0, 2),))

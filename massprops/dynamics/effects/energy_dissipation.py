@@ -34,6 +34,11 @@ def internal_rate(t, w, z, p):
     )
 
 
+def internal_pace(p):
+    """A stiff layer drives the sphere faster than the body turns; steps need only be stable."""
+    return 0.4 * p[1]
+
+
 MOMENTUM_UNKNOWNS = ("share",)
 
 

@@ -77,6 +77,11 @@ def internal_rate(t, w, z, p):
     return speed, outward - p[6] * p[6] * z[0] - p[7] * speed, 0.0 * z[0]
 
 
+def internal_pace(p):
+    """The spring may be several times as fast as the body turns; of a damper faster still, steps need only be stable."""
+    return max(p[6], 0.4 * p[7])
+
+
 MOMENTUM_UNKNOWNS = (
     "arm_x", "arm_y", "arm_z", "displacement", "velocity", "along_x", "along_y", "along_z", "frequency", "damping",
 )  # fmt: skip
@@ -141,6 +146,15 @@ LIKELY_START = 0.05
 def momentum_sd(held):
     """Prior standard deviations of the unknowns: without one, a mass that carries nearly all of the inertia moves as it likes."""
     return np.array([LIKELY_ARM] * 3 + [LIKELY_START, LIKELY_START * held["frequency"]] + [_size(_values(held))] * 5)
+
+
+MOMENTUM_OPEN = ("damping",)
+
+
+def momentum_log_prior(values):
+    """The arm's size may have any order of magnitude, while a normal law of its three components (`momentum_sd`) has it large: a stiff
+    spring with a long arm moves nearly as a soft one with a short arm, and this law alone would decide between them."""
+    return -3.0 * float(np.log(_size(values)))
 
 
 LEAST_LEFT = 0.002
