@@ -27,6 +27,9 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 
 - `momentum_sd(held)`: prior standard deviations of the unknowns where physics says them; else one size of all is found.
 
+- `momentum_log_prior(values)`: log density of the unknowns' values beyond those laws, by which points of a valley are weighed;
+- `MOMENTUM_OPEN`: those of the unknowns whose law is about the present value, a guide of the search that has no say in their sigma.
+
 - `can_be(inertia, w, values)`: whether a body of inertia (3, 3) that turns at w (n, 3) can have the values of `MOMENTUM_UNKNOWNS`.
 
 - `BODY`: names of the parameters that belong to the body and are the same in all its records (`common_parameters`).

@@ -25,7 +25,8 @@ from massprops.dynamics.rotation import ActiveEffects, Trajectory, trajectory
 from massprops.dynamics.sensitivities import sensitivities
 from massprops.effects import is_users
 
-STEPS = 20
+STEPS, STEPS_BESIDE = 20, 8
+"""Most of the search for the likeliest, and for a point of a valley from the one before."""
 RESTS = 0.02
 """Of half the squared residuals with the prior's, expected of a step, below which the search ends."""
 FIRST_DAMPING, MORE, LESS, MOST = 1e-6, 10.0, 0.1, 1e4
@@ -138,6 +139,19 @@ class _Problem:
             out += [self.found[a.term.name] if a.term.sd is None else a.term.sd, np.full(len(a.paces), np.inf)]
         return np.concatenate(out)
 
+    def log_prior(self, at: _Motion) -> float:
+        """Log density of the effects' values beyond that of `sd` (`momentum_log_prior`)."""
+        own = [(a.term.effect.momentum_log_prior, a) for a in at.acting if hasattr(a.term.effect, "momentum_log_prior")]
+        return float(sum(f(a.values[0][: len(a.term.unknowns)]) for f, a in own))
+
+    def open(self, at: _Motion) -> np.ndarray:
+        """(all,) precision of laws that are only about the present values (`MOMENTUM_OPEN`)."""
+        out = np.zeros(len(self.sd(at)))
+        for a, place in zip(at.acting, at.places, strict=True):
+            names = getattr(a.term.effect, "MOMENTUM_OPEN", ())
+            out[[place.start + a.term.unknowns.index(n) for n in names]] = 1.0
+        return out * self.sd(at) ** -2.0
+
     def believed(self, at: _Motion) -> np.ndarray:
         """(all,) what the prior is about over its 1-sigma, zero of what is free: an effect's values, not its unknowns."""
         own = [a.x + a.here for a in at.acting]
@@ -179,7 +193,7 @@ class _Problem:
 @dataclass(frozen=True)
 class _Point:
     """Where a search came to rest. motion, residual (m, 3): there; cost: half the squares, the prior's too; precision (all, all), sd
-    (all,): of all unknowns, and of the prior, one where that is free."""
+    (all,): of all unknowns, and of the prior, one where that is free; log_prior, open (all,): see `_Problem`."""
 
     at: _Motion
     motion: Trajectory
@@ -187,18 +201,20 @@ class _Point:
     cost: float
     precision: np.ndarray
     sd: np.ndarray
+    log_prior: float
+    open: np.ndarray
 
     def density(self, held: int) -> float:
         """Log density of an unknown that stays, all else marginalised (Laplace's approximation)."""
         rest = np.delete(np.arange(len(self.sd)), held)
         scaled = self.precision[np.ix_(rest, rest)] * np.outer(self.sd[rest], self.sd[rest])
-        return float(-self.cost - 0.5 * np.linalg.slogdet(scaled)[1])
+        return float(self.log_prior - self.cost - 0.5 * np.linalg.slogdet(scaled)[1])
 
     def covariance(self, held: int | None = None) -> np.ndarray:
         """(all, all) of the unknowns, with one that stays."""
         rest = np.delete(np.arange(len(self.sd)), [] if held is None else [held])
-        out = np.zeros_like(self.precision)
-        out[np.ix_(rest, rest)] = np.linalg.inv(self.precision[np.ix_(rest, rest)])
+        out, precision = np.zeros_like(self.precision), self.precision - np.diag(self.open)
+        out[np.ix_(rest, rest)] = np.linalg.inv(precision[np.ix_(rest, rest)])
         return out
 
 
@@ -230,9 +246,12 @@ def _begun(fit: HypothesisFit) -> _Motion:
     acting = []
     for term in fit.hypothesis.terms:
         x = fit.posterior.mean[term.name]
-        here = term.here(len(x))
-        own = _Acting(term, x if here is None else here)
-        acting.append(_Acting(term, np.append(own.x, np.zeros(len(own.paces)))))
+        if term.moves:  # the hypothesis has it where the last pass began
+            term = term.moved(x)
+            here = term.here(len(x))
+            assert here is not None
+            x = here
+        acting.append(_Acting(term, np.append(x, np.zeros(len(_Acting(term, x).paces)))))
     return _Motion(fit.record.path.q[0], fit.rate[0], fit.shape, tuple(acting))
 
 
@@ -305,12 +324,15 @@ def _likeliest(problem: _Problem, at: _Motion, held: int | None = None) -> _Poin
     cost, damping = _cost(residual, problem.believed(at)), FIRST_DAMPING
     free = np.delete(np.arange(len(problem.sd(at))), [] if held is None else [held])
     step = np.zeros(len(problem.sd(at)))
-    for _ in range(STEPS):
+    for _ in range(STEPS if held is None else STEPS_BESIDE):
         J, sd = problem.slopes(at, motion), problem.sd(at)
         H, downhill = J.T @ J + np.diag(sd**-2), J.T @ residual.reshape(-1) - problem.believed(at) / sd
         if not np.isfinite(H).all():
             raise np.linalg.LinAlgError("the derivatives leave all bounds")
-        here = _Point(at, motion, residual, cost, H, np.where(np.isfinite(sd), sd, 1.0))
+        here = _Point(
+            at=at, motion=motion, residual=residual, cost=cost, precision=H, sd=np.where(np.isfinite(sd), sd, 1.0),
+            log_prior=problem.log_prior(at), open=problem.open(at),
+        )  # fmt: skip
         own, by = H[np.ix_(free, free)], downhill[free]
         if 0.5 * float(by @ np.linalg.solve(own, by)) < RESTS:
             break

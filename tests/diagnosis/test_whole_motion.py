@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprops.diagnosis import whole_motion
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.document import parameters
 from massprops.diagnosis.effect_columns import term_of
@@ -86,6 +87,45 @@ def test_a_mass_on_a_spring_is_told_along_its_whole_valley() -> None:
     assert abs(way @ truth["along"]) > 0.95
     sd = np.array([wider[f"arm_{a}"] for a in "xyz"])
     assert (np.abs(arm - np.sign(arm @ truth["arm"]) * truth["arm"]) < WITHIN * sd).all()
+
+
+def _spring(seed: int) -> tuple[Record, dict]:
+    """A sliding mass of MuJoCo and its truth."""
+    from diagnosis.pair_worlds import _sequence, _world, moved, sliding
+
+    rng = np.random.default_rng([seed, 11, 103])
+    world = _world(rng)
+    acting, truth = sliding(rng, world)
+    return _record(_sequence(*moved(world, [acting]), world.sun, rng)), truth
+
+
+def test_a_stiff_spring_is_as_likely_as_a_soft_one_with_a_shorter_arm() -> None:
+    """Of seed 7 the frequency was off by 21 sigmas, the arm by 15."""
+    record, truth = _spring(7)
+    fit = best_fit(record, effects()["spring-mass-damper"], without_effects(record)[0])
+    assert fit is not None
+    # the whole motion begins where the balance ended
+    begun = whole_motion._begun(fit).acting[0].values[0]
+    assert begun == pytest.approx(fit.values["spring-mass-damper"], abs=1e-12)
+    told, sigma = parameters(whole_motion.by_whole_motion(fit), "spring-mass-damper")
+    for name in ("frequency", "damping"):
+        assert abs(told[name] - truth[name]) < WITHIN * sigma[name]
+    size = np.sqrt(sum(told[f"arm_{a}"] ** 2 for a in "xyz"))
+    sd = np.sqrt(sum(sigma[f"arm_{a}"] ** 2 for a in "xyz"))
+    assert abs(size - np.linalg.norm(truth["arm"])) < WITHIN * sd
+
+
+def test_a_damping_near_nothing_has_a_sigma_of_its_own() -> None:
+    """Its logarithm has a law about the present value: no more than that value itself had its sigma been."""
+    from diagnosis.pair_worlds import slid
+
+    sequence, _, truth = slid(16)
+    record = _record(sequence)
+    fit = best_fit(record, effects()["spring-mass-damper"], without_effects(record)[0])
+    assert fit is not None
+    told, sigma = parameters(whole_motion.by_whole_motion(fit), "spring-mass-damper")
+    assert abs(told["damping"] - truth["damping"]) < WITHIN * sigma["damping"]
+    assert sigma["damping"] > told["damping"]
 
 
 def test_a_change_of_inertia_may_fall_between_other_measurements() -> None:
