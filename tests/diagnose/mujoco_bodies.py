@@ -46,6 +46,7 @@ class Motion:
         times (n,) [s]; R (n, 3, 3) main part's axes to world; origin, centre (n, 3) of the main part and of all mass [m].
         momentum (n, 3) angular, about the centre of all mass, world axes [N m s]; energy (n,) kinetic [J].
         moment (n,) mean of the three moments of inertia of all mass about its centre [kg m^2].
+        strikes: how many times what comes by touches the body.
     """
 
     times: np.ndarray
@@ -55,6 +56,7 @@ class Motion:
     momentum: np.ndarray
     energy: np.ndarray
     moment: np.ndarray
+    strikes: int = 0
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ def moved(body: Body, seed: int) -> Motion:
     for _ in range(round(body.run_in / model.opt.timestep)):
         mujoco.mj_step(model, data)
     data.time = 0.0
-    rows = []
+    rows, touching = [], [-np.inf]
     for _ in range(FRAMES):
         mujoco.mj_forward(model, data)
         mujoco.mj_subtreeVel(model, data)
@@ -178,7 +180,9 @@ def moved(body: Body, seed: int) -> Motion:
         for _ in range(SUBSTEPS):
             body.push(mujoco, model, data, data.time)
             mujoco.mj_step(model, data)
-    return Motion(*(np.array(column) for column in zip(*rows, strict=True)))
+            touching += [data.time] if data.ncon else []
+    strikes = int(np.sum(np.diff(touching) > 2.0 * model.opt.timestep))
+    return Motion(*(np.array(column) for column in zip(*rows, strict=True)), strikes=strikes)
 
 
 def cameras() -> dict[int, Camera]:

@@ -12,6 +12,12 @@ from massprops.sequence.data import AttitudeSeries, Environment, Sequence
 SIGMA = np.radians(0.1)
 
 
+def right(name: str, seed: int) -> str:
+    """What may be named: a ball that came back has struck twice, in one push or two."""
+    twice = " | impulse + second-impulse" if moved(BODIES[name], seed).strikes > 1 else ""
+    return BODIES[name].effect + twice
+
+
 def recorded(name: str, seed: int, sigma: float = SIGMA) -> tuple[Sequence, str]:
     """A record, and which effect acts in it."""
     motion = moved(BODIES[name], seed)
