@@ -14,7 +14,7 @@ from massprops.errors import NotPossible
 from massprops.mass.integrals import greatest_length, mesh_integrals
 from massprops.mass.intervals import intervals
 from massprops.mass.properties import mass_properties, properties_of_integrals
-from massprops.run.stages.surface import lost_share
+from massprops.run.stages.surface import integrals_of_body, lost_share
 from massprops.surface.cloud import Cloud
 from massprops.surface.cut import manifold, surface_faces
 from massprops.surface.error_modes import fill_modes, measured_modes
@@ -290,6 +290,17 @@ def test_membrane_is_flat_over_a_flat_rim():
     rim = mesh.vertices[fixed][:, 2].min()
     assert film[~fixed][:, 2].min() >= rim - 1e-6
     assert np.abs(film[~fixed][:, 2] - rim).max() < 0.1
+
+
+def test_a_mesh_that_folds_over_itself_is_no_body():
+    """A box, and a longer bar within it that is wound inward."""
+    outer, inner = trimesh.creation.box((1.0, 1.0, 1.0)), trimesh.creation.box((4.0, 0.3, 0.3))
+    inner.invert()
+    assert integrals_of_body(outer.vertices, outer.faces)[0] == pytest.approx(1.0)
+    folded = trimesh.util.concatenate([outer, inner])
+    assert folded.volume > 0.5
+    with pytest.raises(NotPossible, match="folds over itself"):
+        integrals_of_body(folded.vertices, folded.faces)
 
 
 def test_a_part_that_the_mesh_lost_is_noticed():

@@ -71,6 +71,22 @@ def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
     return float(np.mean(cKDTree(vertices).query(xyz, distance_upper_bound=far)[0] > far))
 
 
+def integrals_of_body(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Integrals (10,) of a closed mesh.
+
+    Raises:
+        NotPossible: no body has them, as the mesh folds over itself.
+    """
+    body = mesh_integrals(vertices, faces)
+    if not valid_bodies(body[None])[0]:
+        raise NotPossible(
+            "surface: what closes the measured points folds over itself, so that it encloses no body: images were placed wrongly, or the object "
+            "was not told from what is about it; a cloth or tiles that repeat mislead it: put a printed page under the object, and give "
+            "--object X,Y with a pixel of it, or --masks"
+        )
+    return body
+
+
 def run(job: Job) -> dict[str, Any]:
     """Writes surface.npz (see `_save`) and surface.json; masks/ too, where silhouettes were drawn from a shape."""
     from massprops.run.unjoined import underside_may_be_hollow, unjoined
@@ -106,7 +122,7 @@ def run(job: Job) -> dict[str, Any]:
     gaps = _outline_gaps(surface, views, masks, free)
     doubts = Doubts(_focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place))
     rows, lengths = by_shape = replicates(surface, len(views), doubts, seed=job.seed)
-    body = mesh_integrals(surface.vertices, surface.faces)
+    body = integrals_of_body(surface.vertices, surface.faces)
     if balance is not None and doubts.balanced:
         # cameras that drift take the centre along
         balance = balance.widened(gaps.drift * surface.hull.pixel)
