@@ -166,8 +166,8 @@ def fill_undecided(label: np.ndarray, timestamp_ns: np.ndarray | None = None) ->
     return out
 
 
-def together(label: np.ndarray, other: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:
-    """Labels `other` (n,), in the order of capture, where images between two long pauses that had one label keep one: that of most.
+def agreed_between_pauses(label: np.ndarray, other: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:
+    """Labels `other` (n,), in the order of capture, but one label for images between two long pauses that had one before: what most have.
 
     Hands are at work in a pause, not between any two images. What each image hides of its support tells two placements of a
     cup that lay next to each other apart in 47 of 56 images only.
@@ -176,8 +176,8 @@ def together(label: np.ndarray, other: np.ndarray, timestamp_ns: np.ndarray | No
         label: (n,) before, -1 where undecided.
         timestamp_ns: (n,) when each was taken, not positive where nobody knows.
     """
-    out, cuts = other.copy(), _long_pauses(timestamp_ns, 0, len(label) - 1) or []
-    for begin, end in pairwise([0, *(i + 1 for i in cuts), len(label)] if cuts else []):
+    out, cuts = other.copy(), _after_pauses(timestamp_ns, len(label))
+    for begin, end in pairwise([0, *cuts, len(label)] if cuts else []):
         if label[begin] >= 0 and (label[begin:end] == label[begin]).all():
             votes = np.bincount(1 + other[begin:end])[1:]
             out[begin:end] = np.argmax(votes) if votes.any() else label[begin]
@@ -188,6 +188,11 @@ def _long_pause(timestamp_ns: np.ndarray | None, before: int, after: int) -> int
     """The first image after the one long pause among images `before` to `after`, or None where there is none."""
     long = _long_pauses(timestamp_ns, before, after)
     return long[0] + 1 if long is not None and len(long) == 1 else None
+
+
+def _after_pauses(timestamp_ns: np.ndarray | None, n: int) -> list[int]:
+    """The first of n images after each long pause; none where nobody knows."""
+    return [i + 1 for i in _long_pauses(timestamp_ns, 0, n - 1) or []]
 
 
 def _long_pauses(timestamp_ns: np.ndarray | None, before: int, after: int) -> list[int] | None:
@@ -212,7 +217,7 @@ def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np
     """
     n = len(shared)
     _, like = _pairs_of_like_direction(direction)
-    cuts = [i + 1 for i in _long_pauses(timestamp_ns, 0, n - 1) or []]
+    cuts = _after_pauses(timestamp_ns, n)
     label, first = np.zeros(n, int), 0
     for cut, end in pairwise([*cuts, n]):
         before, after = np.arange(first, cut), np.arange(cut, end)

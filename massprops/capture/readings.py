@@ -327,34 +327,33 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
     for top in planes(scene.xyz[facing], scene.normal[facing], min(scene.region.radius, 2 * radius), seed):
         rise = scene.xyz[own] @ top[:3] + top[3]
         step = max(2 * TOLERANCE * scene.region.radius, 2 * scene.pixel)
-        upper, lower = rise > step, rise < -step
+        upper, lower, near = rise > step, rise < -step, np.abs(rise) < step
         if (
             top[:3] @ plane[:3] < PARALLEL
             or upper.mean() < LEAST_UPPER
-            or np.median(height[np.abs(rise) < step]) < step
-            or _slopes(rise, height, step, float(top[:3] @ plane[:3]))
+            or np.median(height[near]) < step
+            or _slopes(rise[near], height[near], float(top[:3] @ plane[:3]))
         ):
             continue
-        level = own[np.abs(rise) < step]
+        level = own[near]
         if not _is_ledge(scene, level, plane):
             continue
         rgb = scene.rgb[own]
         alike = _colours_alike(rgb, upper, ~upper) >= ALIKE and _hues_apart(rgb[upper], rgb[~upper]) <= APART
         if _carried(scene, own, rise, step, top):
             worth = float(upper.mean() * lower.mean() + upper.mean())
-            share = float(np.median(height[np.abs(rise) < step]) / np.percentile(height, HIGHEST))
+            share = float(np.median(height[near]) / np.percentile(height, HIGHEST))
             found.append((not alike, worth, Top(top, alike, _is_narrow(scene, own, rise, step, top), share)))
     return max(found, key=lambda f: f[:2])[2] if found else None
 
 
-def _slopes(rise: np.ndarray, height: np.ndarray, step: float, parallel: float) -> bool:
+def _slopes(rise: np.ndarray, height: np.ndarray, parallel: float) -> bool:
     """Whether a level lies so much higher on one side of itself than on the other that it is no top of a stand.
 
     Args:
-        rise: (k,) of points above the level; height: (k,) above the support; parallel: cosine between the two.
+        rise, height: (k,) of its points above the level and above the support; parallel: cosine between the normals of the two.
     """
-    near = np.abs(rise) < step
-    level = (height - rise / parallel)[near]
+    level = height - rise / parallel
     low, high = np.percentile(level, [5, 95])
     return bool(high - low > SLOPES * np.median(level))
 

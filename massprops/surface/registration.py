@@ -231,7 +231,8 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
     best = _chosen(answers)
     others = [a for a in answers if a.away(best) > APART_DEG]
     noise = _noise(others)
-    alike = _same_body(both, best, answers)
+    same = _same_body(both, best, answers)
+    alike = [a for a in others if a in same]
     rivals = [a.outside for a in others if a not in alike]
     return Registration(
         best.R,
@@ -242,7 +243,7 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
         max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=min(best.colour, 0.0)),
         noise,
         both.covariance(best),
-        any(a.outside < worse(best.outside) for a in others if a in alike),
+        any(a.outside < worse(best.outside) for a in alike),
         0.5 * (first.rim_error + second.rim_error),
         _candidates(best, answers),
         _turned(both, best, answers),

@@ -6,7 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.capture.placements import divide, divide_at_pauses, fill_undecided, find_placements, together
+from massprops.capture.placements import (
+    agreed_between_pauses,
+    divide,
+    divide_at_pauses,
+    fill_undecided,
+    find_placements,
+)
 from massprops.dense.region import Region
 
 
@@ -107,13 +113,15 @@ def test_images_between_two_pauses_stay_together() -> None:
     """What each image hides of its support is not sure of every image; hands come in pauses only."""
     label, other = np.repeat([0, 1], 5), np.array([0, 0, 1, 0, -1, 1, 1, 0, 1, 1])
     clock = np.cumsum([1, 4, 4, 5, 3, 90, 5, 4, 6, 4]) * 10**9
-    assert together(label, other, clock).tolist() == label.tolist()
-    assert together(label, 1 - label, clock).tolist() == (1 - label).tolist(), "most of them may be right"
-    assert together(label, np.full(10, -1), clock).tolist() == label.tolist()
+    assert agreed_between_pauses(label, other, clock).tolist() == label.tolist()
+    assert agreed_between_pauses(label, 1 - label, clock).tolist() == (1 - label).tolist(), "most of them may be right"
+    assert agreed_between_pauses(label, np.full(10, -1), clock).tolist() == label.tolist()
     for unknown in (None, np.arange(1, 11) * 10**9):
-        assert together(label, other, unknown).tolist() == other.tolist()
+        assert agreed_between_pauses(label, other, unknown).tolist() == other.tolist()
     mixed = np.array([0, 0, 1, 0, 0, 1, 1, 1, 1, 1])
-    assert together(mixed, other, clock).tolist() == [0, 0, 1, 0, -1, 1, 1, 1, 1, 1], "what had no one label may change"
+    assert agreed_between_pauses(mixed, other, clock).tolist() == [0, 0, 1, 0, -1, 1, 1, 1, 1, 1], (
+        "what had no one label may change"
+    )
 
 
 def test_the_room_casts_no_vote() -> None:

@@ -453,4 +453,4 @@ def test_a_level_that_meets_its_support_is_no_top_of_a_stand() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.004, 500)
     for slope, expected in ((0.0, False), (0.01, False), (0.04, True)):
         level = 0.05 + slope * x
-        assert _slopes(noise, level + noise, 0.02, 1.0) is expected
+        assert _slopes(noise, level + noise, 1.0) is expected

@@ -60,7 +60,7 @@ def run(job: Job) -> dict[str, Any]:
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written. A body that turns
     before a still background may stand on a turntable, whose plate the capture stage cannot tell from it.
     """
-    from massprops.capture.placements import fill_undecided, find_placements, given_placements, together
+    from massprops.capture.placements import agreed_between_pauses, fill_undecided, find_placements, given_placements
     from massprops.dense.region import region_of
     from massprops.run.completion import completed
 
@@ -89,7 +89,7 @@ def run(job: Job) -> dict[str, Any]:
         # the object's own features know better than what is hidden of a plain table
         hidden = _relabelled(job, views, region, label, placements)
         sure = divided.known & (divided.label >= 0)
-        better = together(label, np.where(sure, divided.label, hidden), times)
+        better = agreed_between_pauses(label, np.where(sure, divided.label, hidden), times)
         if not np.array_equal(better, label):
             label = better
             placements, lost = _solved(job, views, sparse, label, pointed)
