@@ -15,8 +15,9 @@ import pycolmap
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
-from massprops.sfm.contradictions import BORNE_OUT, agreement_of_pairs
+from massprops.sfm.contradictions import agreement_of_pairs
 from massprops.sfm.convert import to_views
+from massprops.sfm.verified_matches import BORNE_OUT
 
 LIKE_DEG = 25.0
 """Angle between two directions of view below which two images show the same side."""

@@ -21,11 +21,12 @@ from massprops.errors import NotPossible
 from massprops.geometry.vectors import turn_deg
 from massprops.sfm.alike_sides import holding, wrongly_joined
 from massprops.sfm.attempt import Attempt, SfmOptions, Way, attempt, mapped
-from massprops.sfm.contradictions import LEAST, MANY, Contradictions, contradictions
+from massprops.sfm.contradictions import Contradictions, contradictions
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import drop_pairs
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.own_features import own_features
+from massprops.sfm.verified_matches import LEAST, MANY
 
 STEPS = (LEAST, 45, 60, 90, 120)
 """Matches from which on a pair is believed, one after the other. Of the parcel false pairs share 40 and less, and neighbours in a round

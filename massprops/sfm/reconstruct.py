@@ -31,7 +31,7 @@ from massprops.sfm.attempt import (
     steady_parts,
 )
 from massprops.sfm.contradicted import without_contradictions
-from massprops.sfm.contradictions import MANY, Contradictions, contradictions
+from massprops.sfm.contradictions import Contradictions, contradictions
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.features import is_plain, read_mask
 from massprops.sfm.footage import FootageRecord
@@ -51,6 +51,7 @@ from massprops.sfm.row_motion import Seen
 from massprops.sfm.sound import flat_remarks, require_sound, take_out
 from massprops.sfm.surface_tracks import PIXELS, ROOM_PIXELS, Image, with_surface
 from massprops.sfm.turned import turn_image, upright
+from massprops.sfm.verified_matches import MANY
 from massprops.views import Views, undistort
 
 FOLLOWED = 3

@@ -1,24 +1,70 @@
-"""Matches that contradict a model lower the trust where the images that they are in are taken for one placement."""
+"""Matches that contradict a model lower the trust where they are the object's and their images are taken for one placement."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
 import pytest
 
 from massprops.run.stages.mass import _contradicted
+from massprops.sfm.verified_matches import VerifiedMatches
 
-SFM = {
-    "contradicted_pairs": [
-        {"images": ["cam0/a.jpg", "cam0/b.jpg"], "share": 0.2},
-        {"images": ["cam0/a.jpg", "cam0/c.jpg"], "share": 0.1},
-    ]
-}
+NAMES = ("cam0/a.jpg", "cam0/b.jpg", "cam0/c.jpg")
+OBJECT, TABLE = 10.0, 40.0
 
 
-def test_images_of_one_placement_that_contradict_each_other_count():
-    one = {"placements": [{"images": ["cam0/a.jpg", "cam0/b.jpg", "cam0/c.jpg"]}]}
-    assert _contradicted(SFM, one) == (pytest.approx(0.3), "a.jpg and b.jpg")
-    assert _contradicted(SFM, {"placements": []}) == (pytest.approx(0.3), "a.jpg and b.jpg")
+def a_run(folder: Path, *counts: tuple[str, str, float, int, int]) -> SimpleNamespace:
+    """A run whose images show the object in their left half. Counts: two images, where their matches lie, how many there are,
+    and how many of them lie where the model says."""
+    job = SimpleNamespace(work=lambda stage: folder / stage)
+    (folder / "sfm").mkdir()
+    masks = folder / "silhouettes" / "masks"
+    mask = np.zeros((30, 60), np.uint8)
+    mask[:, :30] = 255
+    for name in NAMES:
+        (masks / name).parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(masks / f"{name}.png"), mask)
+    pairs = tuple(dict.fromkeys((a, b) for a, b, *_ in counts))
+    pair = [i for a, b, _, n, _ in counts for i in [pairs.index((a, b))] * n]
+    places = [[x, 10.0, x, 10.0] for *_, x, n, _ in counts for _ in range(n)]
+    near = [k < right for *_, n, right in counts for k in range(n)]
+    VerifiedMatches(pairs, np.array(pair), np.array(places), np.array(near)).save(folder / "sfm" / "matches.npz")
+    return job
 
 
-def test_an_object_that_was_turned_over_contradicts_itself_rightly():
-    two = {"placements": [{"images": ["cam0/a.jpg", "cam0/c.jpg"]}, {"images": ["cam0/b.jpg"]}]}
-    assert _contradicted(SFM, two) == (pytest.approx(0.1), "a.jpg and c.jpg")
-    assert _contradicted({"models": []}, two) == (0.0, "")
+A, B, C = NAMES
+ONE = {"placements": [{"images": list(NAMES)}]}
+
+
+def test_the_objects_own_contradictions_count(tmp_path: Path) -> None:
+    job = a_run(tmp_path, (A, B, OBJECT, 100, 100), (B, C, OBJECT, 100, 10), (A, C, OBJECT, 100, 90))
+    assert _contradicted(job, ONE) == (pytest.approx(1 / 3), "b.jpg and c.jpg")
+    assert _contradicted(job, {"placements": []}) == (pytest.approx(1 / 3), "b.jpg and c.jpg")
+
+
+def test_an_object_that_was_turned_over_contradicts_itself_rightly(tmp_path: Path) -> None:
+    job = a_run(tmp_path, (A, B, OBJECT, 100, 0), (A, C, OBJECT, 100, 100))
+    two = {"placements": [{"images": [A, C]}, {"images": [B]}]}
+    assert _contradicted(job, two) == (0.0, "")
+
+
+def test_a_pattern_that_repeats_about_the_object_says_nothing_of_it(tmp_path: Path) -> None:
+    """Tiles, a period off, beside matches of a shoe that bear the model out (Blender)."""
+    own = [(A, B, OBJECT, 60, 60), (B, C, OBJECT, 60, 60)]
+    job = a_run(tmp_path, *own, (A, C, TABLE, 200, 0), (A, B, TABLE, 200, 0))
+    assert _contradicted(job, ONE) == (0.0, "")
+
+
+def test_surroundings_that_alone_place_an_image_count(tmp_path: Path) -> None:
+    job = a_run(tmp_path, (A, B, OBJECT, 60, 60), (A, C, TABLE, 100, 0), (B, C, TABLE, 40, 40))
+    assert _contradicted(job, ONE) == (pytest.approx(0.5), "a.jpg and c.jpg")
+
+
+def test_a_handful_of_matches_on_the_object_is_no_opinion_of_all_images(tmp_path: Path) -> None:
+    job = a_run(tmp_path, (A, B, OBJECT, 30, 0), (A, B, TABLE, 500, 500), (B, C, TABLE, 500, 500))
+    assert _contradicted(job, ONE)[0] == pytest.approx(1 / 3)
+
+
+def test_a_model_without_contradictions_keeps_no_matches(tmp_path: Path) -> None:
+    assert _contradicted(SimpleNamespace(work=lambda stage: tmp_path / stage), ONE) == (0.0, "")

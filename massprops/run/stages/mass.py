@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.inputs import read_image
 from massprops.mass.confidence import (
     Evidence,
     ImageEvidence,
@@ -21,6 +22,7 @@ from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, v
 from massprops.mass.properties import ASSUMED_DENSITY, properties_of_integrals
 from massprops.mass.symmetric import described, sentences, undecided
 from massprops.run.job import Job
+from massprops.sfm.verified_matches import VerifiedMatches, said_against
 from massprops.surface.length import model_length
 
 READS = ("sfm", "shape", "silhouettes", "join", "surface", "scale")
@@ -116,7 +118,7 @@ def _evidence(
     sfm, join, silhouettes = (
         json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join", "silhouettes")
     )
-    contradicted, contradicting = _contradicted(sfm, shape)
+    contradicted, contradicting = _contradicted(job, shape)
     _, inferred, filled = _shares(surface)
     shutter = sfm.get("shutter") or {}
     return Evidence(
@@ -157,18 +159,23 @@ def _evidence(
     )
 
 
-def _contradicted(sfm: dict[str, Any], shape: dict[str, Any]) -> tuple[float, str]:
+def _contradicted(job: Job, shape: dict[str, Any]) -> tuple[float, str]:
     """Share of the matches that contradict where images of one placement are, and two such images in words.
 
     An object that was turned over in a room that stayed contradicts across its placements, each of which is solved by itself.
     """
+    path = job.work("sfm") / "matches.npz"
+    if not path.is_file():  # nothing contradicts the model, or it was given
+        return 0.0, ""
     together = [set(p["images"]) for p in shape["placements"]]
-    share, first = 0.0, ""
-    for pair in sfm.get("contradicted_pairs") or []:
-        if not together or any(images.issuperset(pair["images"]) for images in together):
-            share += float(pair["share"])
-            first = first or " and ".join(name.rsplit("/", 1)[-1] for name in pair["images"])
-    return share, first
+    matches = VerifiedMatches.load(path)
+    if together:
+        matches = matches.of([any(images.issuperset(pair) for images in together) for pair in matches.pairs])
+    folder = job.work("silhouettes") / "masks"
+    names = {name for pair in matches.pairs for name in pair}
+    masks = {n: read_image(folder / f"{n}.png", 0) for n in names if (folder / f"{n}.png").is_file()}
+    share, worst = said_against(matches, matches.on(masks))
+    return share, " and ".join(name.rsplit("/", 1)[-1] for name in worst or ())
 
 
 def readings_of(shape: dict[str, Any], factor: float, moved: bool = False) -> list[dict[str, Any]]:

@@ -33,7 +33,7 @@ LENS = {
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes views.npz, points.npz, sparse/ and sfm.json; frames/ and masks/ too where a rolling shutter was corrected."""
+    """Writes views.npz, points.npz, sparse/, sfm.json, and matches.npz where any contradict; frames/ and masks/ too where a rolling shutter was corrected."""
     from massprops.sfm.footage import read_footage
 
     footage = read_footage(job.work("capture"))
@@ -67,6 +67,8 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
     result.points.save(job.out / "points.npz")
     np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
     write_model(result.model, job.out / "sparse")
+    if result.against.matches:
+        result.against.matches.save(job.out / "matches.npz")
     rig = footage.rig and _seen_by(result.views.names) > 1
     return {
         "models": [{"images": n, "points": p} for n, p in result.models],

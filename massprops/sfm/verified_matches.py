@@ -1,0 +1,121 @@
+"""Matches of pairs of images, and what those on the object say against a model of its images.
+
+Where the pattern of a cloth or of tiles repeats, matches a period off agree on a geometry of their own. They say nothing of
+the object: its own matches tell where its images are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+LEAST = 30
+"""Verified matches from which on a pair is no chance."""
+
+BORNE_OUT = 0.5
+"""Share of a pair's matches from which on the model bears it out."""
+
+MANY = 0.05
+"""Share of the matches of all such pairs in contradicted ones from which on it is said: 0.10 of a parcel that was turned
+between photographs while the room stayed, none of a tumbling spacecraft."""
+
+
+@dataclass(frozen=True)
+class VerifiedMatches:
+    """Attributes:
+    pairs: (p,) names of two images.
+    pair: (m,) int, which of them a match is of.
+    places: (m, 4) of a match in the two images [px], in the geometry of the stored frames.
+    near: (m,) bool, whether it lies where the model has the images.
+    """
+
+    pairs: tuple[tuple[str, str], ...]
+    pair: np.ndarray
+    places: np.ndarray
+    near: np.ndarray
+
+    def save(self, path: Path) -> None:
+        names = np.array(self.pairs, str).reshape(-1, 2)
+        np.savez(path, pairs=names, pair=self.pair, places=self.places, near=self.near)
+
+    @classmethod
+    def load(cls, path: Path) -> VerifiedMatches:
+        with np.load(path, allow_pickle=False) as z:
+            return cls(tuple((str(a), str(b)) for a, b in z["pairs"]), z["pair"], z["places"], z["near"])
+
+    def of(self, kept: Sequence[bool]) -> VerifiedMatches:
+        """Those of the pairs (p,) kept."""
+        keep = np.asarray(kept, bool)
+        own = keep[self.pair]
+        row = np.cumsum(keep) - 1
+        pairs = tuple(p for p, k in zip(self.pairs, keep, strict=True) if k)
+        return VerifiedMatches(pairs, row[self.pair[own]], self.places[own], self.near[own])
+
+    def on(self, masks: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(m,) bool, which matches lie on the object in both images.
+
+        Args:
+            masks: (height, width) of an image by name, 255 on the object; images without one show none of it.
+        """
+        names = np.array(self.pairs, str).reshape(-1, 2)[self.pair]
+        inside = np.ones(len(self.pair), bool)
+        for side in (0, 1):
+            for name in np.unique(names[:, side]):
+                own = names[:, side] == name
+                inside[own] &= _inside(masks.get(name), self.places[own, 2 * side : 2 * side + 2])
+        return inside
+
+
+def _inside(mask: np.ndarray | None, places: np.ndarray) -> np.ndarray:
+    """(k,) bool of places (k, 2)."""
+    if mask is None:
+        return np.zeros(len(places), bool)
+    column, row = np.clip(np.rint(places).astype(int), 0, np.array(mask.shape[::-1]) - 1).T
+    return np.asarray(mask[row, column] == 255)
+
+
+def said_against(matches: VerifiedMatches, inside: np.ndarray) -> tuple[float, tuple[str, str] | None]:
+    """Share of the matches that contradict where images are as far as the object is concerned, and the two images with most of
+    them.
+
+    Of the object's own matches those in pairs that the model does not bear out count. Matches of its surroundings count only
+    between images that the object's own matches do not hold together.
+
+    Args:
+        matches: of the images of one placement.
+        inside: (m,) bool, which of them lie on the object (`VerifiedMatches.on`).
+    """
+    size = len(matches.pairs)
+    all_of, near_of = _counts(matches.pair, size), _counts(matches.pair[matches.near], size)
+    own, own_near = _counts(matches.pair[inside], size), _counts(matches.pair[inside & matches.near], size)
+    told = own >= LEAST
+    against = told & (own_near < BORNE_OUT * own)
+    apart = _apart(matches.pairs, told & ~against)
+    elsewhere = apart & (all_of >= LEAST) & (near_of < BORNE_OUT * all_of)
+    images = len({name for pair in matches.pairs for name in pair})
+    # a handful of the object's matches are no opinion of all its images
+    share = np.array([own @ against / max(own @ told, LEAST * images, 1), all_of @ elsewhere / max(all_of.sum(), 1)])
+    count = np.where(against, own, np.where(elsewhere, all_of, 0))
+    worst = int(count.argmax()) if size and count.any() else None
+    return float(share.max()), None if worst is None else matches.pairs[worst]
+
+
+def _counts(pair: np.ndarray, size: int) -> np.ndarray:
+    return np.bincount(pair, minlength=size)
+
+
+def _apart(pairs: tuple[tuple[str, str], ...], linking: np.ndarray) -> np.ndarray:
+    """(p,) bool, which pairs are of images that the linking ones (p,) do not hold together."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    names = sorted({name for pair in pairs for name in pair})
+    row = {name: i for i, name in enumerate(names)}
+    ends = np.array([(row[a], row[b]) for a, b in pairs], int).reshape(-1, 2)
+    one, other = ends[linking].T
+    graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(names), len(names)))
+    part = connected_components(graph, directed=False)[1]
+    return np.asarray(part[ends[:, 0]] != part[ends[:, 1]])
