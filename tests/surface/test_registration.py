@@ -18,6 +18,7 @@ from massprops.surface.coherence import Extent, Witnesses
 from massprops.surface.registration import (
     Placed,
     _Answer,
+    _outlines,
     _same_body,
     outlines_exclude,
     placed,
@@ -77,6 +78,20 @@ def test_a_body_turned_over_is_found_by_its_shape() -> None:
     assert not outlines_exclude(*sides, found, found.R, found.t), "it is the same answer"
     here = np.asarray(second.center_mass) @ found.R.T + found.t
     assert np.linalg.norm(here - first.center_mass) < 0.03
+
+
+def test_a_turn_is_shifted_to_where_outlines_bear_it() -> None:
+    """First shapes lack a side each, and the middles that a turn begins with lie apart: of a photographed stamp by half of it."""
+    first = turned(wedge(), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    second = turned(wedge(), np.array([0.1, 0.9, 0.3, 0.2]), np.array([0.05, -0.1, 0.02]))
+    outlines = _outlines(seen(first, False, 0), seen(second, False, 1), np.random.default_rng(0))
+    R = first.metadata["R"] @ second.metadata["R"].T
+    t = first.metadata["t"] - R @ second.metadata["t"]
+    turns = np.stack([R, R @ rotation_matrix(np.array([0.0, 1.0, 0.0, 0.0]))])
+    found = outlines.shifted(turns, np.tile(t + [0.5, -0.3, 0.4], (2, 1)))
+    assert np.linalg.norm(found[0] - t) < 0.1
+    scores = outlines.scores(turns, found)
+    assert scores[0] < 0.2 * scores[1]
 
 
 @pytest.mark.parametrize("painted", [True, False])
