@@ -338,8 +338,9 @@ def _candidates(best: _Answer, answers: list[_Answer]) -> tuple[tuple[np.ndarray
 def _chosen(answers: list[_Answer]) -> _Answer:
     """The answer that paint or silhouettes favour, of answers in the order of their silhouettes.
 
-    The paint decides where it is clear: shapes may be incomplete, each on the side that was badly lit. Among answers
-    that the silhouettes bear as well it decides at all.
+    The paint decides where it is clear: shapes may be incomplete, each on the side that was badly lit. How exactly the body lies
+    the silhouettes tell better: of a photographed stamp the paint of a few points was most alike 9 degrees and 3 px off. Among
+    answers that the silhouettes bear as well the paint decides at all.
     """
     near = [a for a in answers if a.outside < LARGEST_PAINTED]
     if near:
@@ -347,7 +348,7 @@ def _chosen(answers: list[_Answer]) -> _Answer:
         others = [a for a in answers if a.away(best) > APART_DEG]
         rival = max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=0.0)
         if best.colour > max(COLOUR, rival + SURE * _noise(others)):
-            return best
+            return _most_alike([a for a in near if a.away(best) <= APART_DEG])
     return _most_alike(answers)
 
 

@@ -18,6 +18,7 @@ from massprops.surface.coherence import Extent, Witnesses
 from massprops.surface.registration import (
     Placed,
     _Answer,
+    _chosen,
     _outlines,
     _same_body,
     outlines_exclude,
@@ -92,6 +93,14 @@ def test_a_turn_is_shifted_to_where_outlines_bear_it() -> None:
     assert np.linalg.norm(found[0] - t) < 0.1
     scores = outlines.scores(turns, found)
     assert scores[0] < 0.2 * scores[1]
+
+
+def test_paint_does_not_say_how_exactly_a_body_lies() -> None:
+    """Of answers near to each other the one that outlines bear is taken, though the paint of a few points is more alike elsewhere."""
+    about = [Rotation.from_euler("z", angle, degrees=True).as_matrix() for angle in (0, 9, 180, 90)]
+    values = ((0.8, 0.26), (3.8, 0.53), (1.1, 0.1), (3.0, 0.02))
+    answers = [_Answer(R, np.zeros(3), *v) for R, v in zip(about, values, strict=True)]
+    assert _chosen(sorted(answers, key=lambda a: a.outside)) is answers[0]
 
 
 @pytest.mark.parametrize("painted", [True, False])
