@@ -130,6 +130,11 @@ def placed(
     return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.rim_error(own), support=support)
 
 
+def with_silhouettes(side: Placed, views: Views, masks: list[np.ndarray], seed: int = 0) -> Placed:
+    """A placement as other silhouettes of its views show it, without photographs; arguments as those of `placed`."""
+    return placed(side.cloud, side.colour, views, masks, side.shape, side.middle, side.support, seed)
+
+
 @dataclass(frozen=True)
 class Registration:
     """How one placement lies in the frame of another.
@@ -286,6 +291,11 @@ def _turned(both: _Pair, best: _Answer, answers: list[_Answer]) -> Registration 
     found = _registration(both, others)
     # only here: of a noisy side the lowest points lie below it, and a plate came out a sixth too thick
     return replace(found, t=resting(first, second, found.R, found.t))
+
+
+def settled(first: Placed, second: Placed, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The turn (3, 3) and shift (3,) of the second placement, next to these, that the outlines bear best."""
+    return _outlines(first, second, np.random.default_rng(52)).fitted(R, t, second.middle)
 
 
 def outlines_exclude(first: Placed, second: Placed, found: Registration, R: np.ndarray, t: np.ndarray) -> bool:

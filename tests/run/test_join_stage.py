@@ -234,3 +234,29 @@ def test_a_silhouette_that_lacks_what_another_placement_measured_is_drawn_again(
     for i, name in enumerate(found):
         mask = cv2.imread(str(tmp_path / "masks" / f"{name}.png"), 0)
         assert overlap(mask == 255, seen[i]) > 0.97
+
+
+def test_outlines_drawn_again_settle_what_no_feature_laid(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Of three parts the second was laid by features and the third by outlines; one silhouette was drawn again."""
+    here = views(3)
+    again = np.zeros((480, 640), np.uint8)
+    again[100:200, 100:200] = 255
+    (tmp_path / "masks" / here.names[2]).parent.mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "masks" / f"{here.names[2]}.png"), again)
+    monkeypatch.setattr(join, "_masks", lambda job, views: [np.zeros((480, 640), np.uint8) for _ in views.names])
+    shows = {}
+
+    def with_silhouettes(side: Any, views: Any, masks: Any, seed: int) -> Any:
+        shows[side] = [int(np.count_nonzero(m)) for m in masks]
+        return SimpleNamespace(middle=np.zeros(3))
+
+    monkeypatch.setattr("massprops.surface.registration.with_silhouettes", with_silhouettes)
+    monkeypatch.setattr("massprops.surface.registration.settled", lambda a, b, R, t: (R, t + 1.0))
+    job: Any = SimpleNamespace(out=tmp_path, seed=0)
+    parts = [(np.array([i]), np.eye(3), np.zeros(3), i) for i in range(3)]
+    said: list[dict[str, Any]] = [{}, {"features": 90, "joint": {}}, {"features": 0, "joint": {}}]
+    shown: Any = {0: "first", 1: "second", 2: "third"}
+    found = join._settled(job, here, parts, shown, said)
+    assert [t.tolist() for _, _, t, _ in found] == [[0.0] * 3, [0.0] * 3, [1.0] * 3]
+    assert said[2]["joint"]["about"] == [1.0] * 3 and "about" not in said[1]["joint"]
+    assert shows == {"first": [0], "second": [0], "third": [10_000]}

@@ -26,6 +26,7 @@ from massprops.surface.registration import (
     register,
     resting,
     same_side,
+    settled,
 )
 
 
@@ -93,6 +94,17 @@ def test_a_turn_is_shifted_to_where_outlines_bear_it() -> None:
     assert np.linalg.norm(found[0] - t) < 0.1
     scores = outlines.scores(turns, found)
     assert scores[0] < 0.2 * scores[1]
+
+
+def test_outlines_settle_a_body_that_lies_a_little_off() -> None:
+    first = turned(wedge(), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    second = turned(wedge(), np.array([0.1, 0.9, 0.3, 0.2]), np.array([0.05, -0.1, 0.02]))
+    R = first.metadata["R"] @ second.metadata["R"].T
+    t = first.metadata["t"] - R @ second.metadata["t"]
+    off = Rotation.from_rotvec([0.1, -0.15, 0.1]).as_matrix() @ R
+    R, t = settled(seen(first, False, 0), seen(second, False, 1), off, t + 0.1)
+    assert error_deg(R, first, second) < 3, "12 degrees before; a pixel is a degree and a half"
+    assert np.linalg.norm(second.center_mass @ R.T + t - first.center_mass) < 0.03
 
 
 def test_paint_does_not_say_how_exactly_a_body_lies() -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from massprops.core.inputs import read_image
 from massprops.core.text import counted
 from massprops.mass.integrals import centroid
 from massprops.run.drawn_silhouettes import DRAWN, learned_paint, scene_in
@@ -15,7 +16,7 @@ from massprops.run.job import Job
 from massprops.run.silhouettes_again import TESTED, redrawn
 from massprops.run.stage_images import undistorted_frame, undistorted_mask
 from massprops.sfm.points import SparsePoints
-from massprops.views import Views
+from massprops.views import Views, undistort
 
 if TYPE_CHECKING:
     from massprops.sfm.across import Laid, Side
@@ -103,6 +104,10 @@ def _joined(
     if len(parts) == 1:
         facts["support_plane"] = placements[first]["support_plane"]
         facts["support_rise"] = placements[first]["support_rise"]
+    elif drawn:
+        facts["redrawn"] = _redrawn(job, placements, [(views.take(m).moved(R, t), R, t, k) for m, R, t, k in parts])
+        if facts["redrawn"]:
+            parts = _settled(job, views, parts, {k: side[0] for k, side in shown.items()}, facts["joined"])
     around, all_views, all_points, before = [], [], [], 0
     for member, R, t, k in parts:
         folder = placement_folder(job.work("shape"), k)
@@ -119,8 +124,6 @@ def _joined(
         around.append(Cloud.load(folder / "other.npz").of_views(kept).moved(R, t, before))
         before += len(member)
     Cloud.joined(around).save(job.out / "other.npz")
-    if drawn and len(parts) > 1:
-        facts["redrawn"] = _redrawn(job, placements, [(all_views[n], *p[1:]) for n, p in enumerate(parts)])
     return Views.joined(all_views), SparsePoints.joined(all_points), facts
 
 
@@ -185,6 +188,34 @@ def _redrawn(
             done += 1
             job.progress(done, total, "silhouettes again")
     return names
+
+
+def _settled(
+    job: Job,
+    views: Views,
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]],
+    shown: dict[int, Placed],
+    said: list[dict[str, Any]],
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, int]]:
+    """The parts, and what is said of them, with those that outlines alone laid fitted once more to the silhouettes drawn again.
+
+    A first shape may lack a side, and with it the silhouettes from there: of a photographed stamp the one from its side lacked the
+    handle and most of the rim, and with all of it the plate is 2 px thicker.
+
+    Args:
+        parts: of each joined placement its views, R and t that laid it onto the first, and its number.
+        shown: placements by their number; said: of `join.json`, `joint` is brought up to date.
+    """
+    from massprops.surface.registration import settled, with_silhouettes
+
+    now = [with_silhouettes(shown[k], views.take(m), _latest(job, views.take(m)), job.seed) for m, _, _, k in parts]
+    out = parts[:1]
+    for (member, R, t, k), placed, facts in zip(parts[1:], now[1:], said[1:], strict=True):
+        if not facts["features"] and not facts.get("alike"):
+            R, t = settled(now[0], placed, R, t)
+            facts["joint"]["about"] = (R @ placed.middle + t).tolist()
+        out.append((member, R, t, k))
+    return out
 
 
 def _said(found: Registration) -> dict[str, Any]:
@@ -300,6 +331,16 @@ def _side(job: Job, views: Views, number: int) -> Side:
         vertices, faces = z["vertices"], z["faces"]
     images = [undistorted_frame(job, views, i, 0) for i in range(len(views))]
     return side_of(views, images, _masks(job, views), vertices, faces)
+
+
+def _latest(job: Job, views: Views) -> list[np.ndarray]:
+    """The same, drawn again where they were."""
+    out = _masks(job, views)
+    for i, name in enumerate(views.names):
+        again = job.out / "masks" / f"{name}.png"
+        if again.is_file():
+            out[i] = undistort(read_image(again, 0), views.K[i], views.distortion[i], nearest=True)
+    return out
 
 
 def _masks(job: Job, views: Views) -> list[np.ndarray]:
