@@ -10,7 +10,7 @@ import trimesh
 
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.holes import dark_places, straight_behind
-from massprops.surface.through_holes import Tube, opened, through_holes, with_open_holes
+from massprops.surface.through_holes import ALIKE, Tube, _alike, opened, through_holes, with_open_holes
 from massprops.views import Views
 
 INNER, OUTER, HEIGHT = 0.35, 1.0, 1.6
@@ -197,3 +197,12 @@ def test_a_short_bore_of_which_no_wall_was_measured_is_opened_where_both_ends_ar
     assert made.volume == pytest.approx(np.pi * (OUTER**2 - INNER**2) * HEIGHT, rel=0.04)
     aside = [place[body.vertices[body.faces[place]].mean(axis=1)[:, 0] > 0.4 * INNER] for place in places]
     assert not through_holes(body, [places[0], aside[1]])[0], "they hardly cover each other"
+
+
+@pytest.mark.parametrize(("radius", "aside", "one_hole"), [(3.5, 1.5, True), (3.5, 6.0, False), (9.0, 0.0, False)])
+def test_ends_of_a_small_hole_are_known_to_a_cell(radius: float, aside: float, one_hole: bool) -> None:
+    """Dark places of a screw hole 7 cells across, a little apart and unlike in size; others beside it or far larger."""
+    x, y = np.meshgrid(np.arange(40.0), np.arange(40.0), indexing="ij")
+    one, other = (np.hypot(x - 20, y - at) < r for at, r in ((20.0, 2.8), (20.0 + aside, radius)))
+    assert (_alike(one, other) > ALIKE) == one_hole
+    assert np.count_nonzero(one & other) / np.count_nonzero(one | other) < ALIKE
