@@ -287,10 +287,7 @@ def _alike(one: np.ndarray, other: np.ndarray) -> float:
     from scipy.ndimage import binary_dilation
 
     around = np.ones((3, 3), bool)
-    shares = [
-        np.count_nonzero(a & binary_dilation(b, around)) / max(np.count_nonzero(a), 1)
-        for a, b in ((one, other), (other, one))
-    ]
+    shares = [binary_dilation(b, around)[a].mean() if a.any() else 0.0 for a, b in ((one, other), (other, one))]
     return float(min(shares))
 
 
