@@ -137,8 +137,33 @@ def solve(
         FloatingPointError, numpy.linalg.LinAlgError: the numbers leave all bounds.
     """
     search = _Search(_rows(blocks, y, group), blocks, noise_rows)
+    best = _searched(search, search.begun(noise), steps)
+    at, sd = best.sizes[: search.count], best.moved[: search.count]
+    factor = (
+        best.factor if best.factor is not None else _unknowns(search.rows, at, best.sizes[-len(search.rows.n) :])[3]
+    )
+    covariance = _covariance(factor, at)
+    return Posterior(
+        evidence=best.evidence,
+        mean={b.name: best.mean[p] for b, p in search.places},
+        covariance={b.name: covariance[p, p] for b, p in search.places},
+        joint=covariance,
+        sd={b.name: sd[p].copy() for b, p in search.places},
+        noise=best.moved[-len(search.rows.n) :],
+        residual=y - search.rows.X @ best.mean,
+    )
+
+
+def _searched(search: _Search, sizes: np.ndarray, steps: int) -> _Step:
+    """The last step of a search from sizes (s,).
+
+    Raises:
+        FloatingPointError, numpy.linalg.LinAlgError: the numbers leave all bounds.
+    """
+    if search.plain:
+        return search.by_kernel(sizes, steps)
     enough = SPARSE_GAIN if search.sparse else SMALL_GAIN
-    sizes, best = search.begun(noise), None
+    best: _Step | None = None
     path: list[np.ndarray] = []
     for _ in range(steps):
         own = search.step(sizes)
@@ -155,20 +180,7 @@ def solve(
         if search.sparse and len(path) == 2:
             sizes, path = _ahead(path[0], path[1], sizes), []
     assert best is not None
-    at, sd = best.sizes[: search.count], best.moved[: search.count]
-    factor = (
-        best.factor if best.factor is not None else _unknowns(search.rows, at, best.sizes[-len(search.rows.n) :])[3]
-    )
-    covariance = _covariance(factor, at)
-    return Posterior(
-        evidence=best.evidence,
-        mean={b.name: best.mean[p] for b, p in search.places},
-        covariance={b.name: covariance[p, p] for b, p in search.places},
-        joint=covariance,
-        sd={b.name: sd[p].copy() for b, p in search.places},
-        noise=best.moved[-len(search.rows.n) :],
-        residual=y - search.rows.X @ best.mean,
-    )
+    return best
 
 
 def _ahead(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> np.ndarray:
@@ -207,12 +219,31 @@ class _Search:
         self.squares: _Squares | None = None
         wide = [p for b, p in self.places if b.kind == "common" and b.count >= WIDE]
         self.wide = _Wide(rows.G[0], rows.by[0], wide[0]) if wide and len(rows.G) == 1 else None
+        self.plain = not (wide or self.sparse) and len(rows.G) == 1
 
     def begun(self, noise: np.ndarray | None) -> np.ndarray:
         """(s,) the sizes that the blocks begin with."""
         sd = np.concatenate([np.broadcast_to(np.asarray(b.sd, float), b.count) for b, _ in self.places])
         scale = [float(np.mean(sd[p][b.own :] ** -2) ** -0.5) for b, p in self.places if b.kind == "sparse"]
         return np.concatenate([sd, scale, np.ones(len(self.rows.n)) if noise is None else noise])
+
+    def by_kernel(self, sizes: np.ndarray, steps: int) -> _Step:
+        """The last step of a `plain` search, one factor of the noise and no block that is sparse or wide, from sizes (s,).
+
+        Raises:
+            FloatingPointError: the numbers leave all bounds.
+        """
+        from massprops.diagnosis.size_kernel import searched
+
+        rows, block = self.rows, np.full(self.count, -1)
+        for number, (_, own) in enumerate((b, p) for b, p in self.places if b.kind == "common"):
+            block[own] = number
+        finite, evidence, mean, at, moved, factor = searched(
+            rows.X, rows.y, rows.G[0], rows.by[0], block, sizes, float(self.noise_rows), steps, SMALL_GAIN
+        )
+        if not finite:
+            raise FloatingPointError("the unknowns leave all bounds")
+        return _Step(evidence, mean, factor, at, moved)
 
     def step(self, sizes: np.ndarray) -> _Step:
         """The unknowns and the evidence at sizes (s,), and where these move.

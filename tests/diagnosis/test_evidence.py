@@ -61,3 +61,32 @@ def test_a_wide_block_set_apart_changes_nothing(monkeypatch: pytest.MonkeyPatch)
     assert apart.evidence == pytest.approx(whole.evidence, abs=1e-9)
     assert np.allclose(apart.joint, whole.joint, atol=1e-9) and np.allclose(apart.noise, whole.noise, atol=1e-9)
     assert all(np.allclose(apart.mean[n], whole.mean[n], atol=1e-9) for n, _, _ in kinds)
+
+
+@pytest.mark.parametrize("steps", [1, 60])
+def test_the_compiled_search_is_the_plain_one(steps: int) -> None:
+    """Steps of numpy, as searches with sparse or wide blocks take, lead to the same sizes and evidence."""
+    rng = np.random.default_rng(6)
+    X, y = rng.standard_normal((60, 9)), 3.0 * rng.standard_normal(60)
+    blocks = [
+        Block(name="a", columns=X[:, :3], sd=np.array([0.1, 1.0, 10.0])),
+        Block(name="b", columns=X[:, 3:7], sd=0.3, kind="common"),
+        Block(name="c", columns=X[:, 7:], sd=2.0, kind="common"),
+    ]
+    search = evidence._Search(_rows(blocks, y, None), blocks, 5.0)
+    begun = search.begun(None)
+    own = search.by_kernel(begun, steps)
+    search.plain = False
+    other = evidence._searched(search, begun, steps)
+    assert own.evidence == pytest.approx(other.evidence, abs=1e-9)
+    assert other.factor is not None and np.allclose(own.factor, other.factor, atol=1e-12)
+    for name in ("mean", "sizes", "moved"):
+        assert np.allclose(getattr(own, name), getattr(other, name), rtol=1e-9)
+
+
+def test_the_compiled_search_says_when_numbers_leave_all_bounds() -> None:
+    X = np.full((4, 2), 1e200)
+    with pytest.raises(FloatingPointError), np.errstate(over="ignore"):
+        solve([Block(name="a", columns=X, sd=1.0)], np.ones(4), 1.0)
+    with pytest.raises(FloatingPointError):
+        solve([Block(name="a", columns=np.ones((4, 2)), sd=1.0)], np.full(4, 1e200), 1.0)
