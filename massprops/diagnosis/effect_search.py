@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 import numpy as np
@@ -22,7 +22,7 @@ from massprops.diagnosis.effect_columns import (
 )
 from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
-from massprops.diagnosis.screen import Screened, screened
+from massprops.diagnosis.screen import screened
 from massprops.errors import NotPossible
 
 SCANNED = 3
@@ -32,6 +32,8 @@ SHORTLISTED = 12
 little of its time."""
 BEGUN, FINISHED = 30, 12
 """Starts of an effect whose values move, the most likely after a pass, that are fitted for a few, and of these to the end."""
+ENOUGH = 4
+"""Starts, the most likely, that are fitted to the end where none comes near what is asked for."""
 LONGER = 2.0
 """By how much an event may last longer than the one it began as: a chain of knocks over half a record is no contact."""
 MOST_ALIKE = 0.98
@@ -42,52 +44,103 @@ from a ball to another minimum in 2 of 7 flights."""
 BALL = Start(inertia=np.eye(3), left=1.0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class FirstLook:
+    """An effect from wherever its screen or its scan begins it.
+
+    Attributes:
+        effect: its file; begun: where it begins, values of what is scanned and an inertia; fits: what a few passes from there led to,
+            none where nothing is scanned; more: other values worth a few passes.
+    """
+
+    effect: ModuleType
+    begun: list[tuple[Term, Start]]
+    fits: list[HypothesisFit] = field(default_factory=list)
+    more: list[tuple[Term, Start]] = field(default_factory=list)
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence that the few passes came to; infinite where none were needed."""
+        return max((f.verified for f in self.fits if can_be(f)), default=-np.inf) if self.fits else np.inf
+
+
 def best_fit(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
     """The best fit of one effect by itself, over what is scanned; None where its parameters have the wrong sign."""
+    return followed(record, first_look(record, effect, base), base)
+
+
+def first_look(record: Record, effect: ModuleType, base: HypothesisFit) -> FirstLook:
+    """What a few passes say of an effect, at the values that the screen likes best or, where they move, at all."""
     gap = float(np.median(np.diff(record.times)))
     terms = scan(effect, record.times, record.path.w[record.rows.at])
-    moves = any(t.moves for t in terms)
-    begun = _from_all(record, terms, base) if moves else _screened(record, terms, base, gap)
-    if follows_measured(effect):
-        begun += [(t, s) for t, _ in begun[:1] for s in _stiff(record, t)]
-    return _best_of(record, begun, gap)
+    if any(t.moves for t in terms):
+        fits = _from_all(record, terms, base)
+        return FirstLook(effect=effect, begun=[(f.hypothesis.terms[0], again(f)) for f in fits], fits=fits)
+    tried = [screened(record.screen or record, (t,), BALL) for t in terms]
+    best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
+    begun = [(s.terms[0], start) for s in best for start in (s.start, BALL)]
+    if len(best) < 2:
+        return FirstLook(effect=effect, begun=begun)
+    # where the screen's rates are polynomials through attitudes it says little of an event's moment, and a wrong length spoils the
+    # right moment: all have their variants
+    more = [(v, BALL) for s in best for v in variants(s.terms[0], gap)] if record.screen is not None else []
+    return FirstLook(effect=effect, begun=begun, fits=_short_fits(record, begun), more=more)
+
+
+def followed(record: Record, look: FirstLook, base: HypothesisFit, least: float = -np.inf) -> HypothesisFit | None:
+    """The best fit of an effect to the end; None where its parameters have the wrong sign.
+
+    Args:
+        least: log evidence short of which it is not asked for more: values besides, starts besides, what is scanned moved to its best.
+    """
+    gap, begun = float(np.median(np.diff(record.times))), look.begun
+    if any(t.moves for t, _ in begun):
+        return _best_of(record, begun, gap, least)
+    if look.fits:
+        begun = _likeliest(look.fits + (_short_fits(record, look.more) if look.evidence > least else []))
+        # along rates the screen says an event's moment, and the likeliest alone have their variants
+        more = [(v, s) for t, own in begun for v in variants(t, gap) for s in (own, BALL)]
+        begun = _likeliest(_short_fits(record, begun + more)) if more and record.screen is None else begun
+    begun = begun + [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
+    if follows_measured(look.effect):
+        begun = begun + [(t, s) for t, _ in begun[:1] for s in _stiff(record, t)]
+    return _best_of(record, begun, gap, least)
 
 
 def best_fit_again(record: Record, effect: ModuleType, base: HypothesisFit) -> HypothesisFit | None:
     """The best fit from other starts; None where the effect offers none, or they lead nowhere."""
     terms = scan_again(effect, record.times, record.path.w[record.rows.at])
-    return _best_of(record, _from_all(record, terms, base), float(np.median(np.diff(record.times)))) if terms else None
+    begun = [(f.hypothesis.terms[0], again(f)) for f in _from_all(record, terms, base)]
+    return _best_of(record, begun, float(np.median(np.diff(record.times)))) if begun else None
 
 
-def _best_of(record: Record, begun: list[tuple[Term, Start]], gap: float) -> HypothesisFit | None:
-    """The best fit from some starts, what is scanned moved to its best."""
-    found = [admissible(record, Hypothesis(terms=(t,), latent=False), s, latent=False) for t, s in begun]
-    fits = sorted((f for f in found if f is not None), key=lambda f: -f.verified)
+def _best_of(
+    record: Record, begun: list[tuple[Term, Start]], gap: float, least: float = -np.inf
+) -> HypothesisFit | None:
+    """The best fit from some starts, what is scanned moved to its best; see `followed`."""
+    fits: list[HypothesisFit] = []
+    for k, (term, start) in enumerate(begun):
+        if k >= ENOUGH and all(f.verified < least for f in fits):
+            break
+        fit = admissible(record, Hypothesis(terms=(term,), latent=False), start, latent=False)
+        fits += [] if fit is None else [fit]
+    fits.sort(key=lambda f: -f.verified)
+    if not fits or fits[0].verified < least:
+        return fits[0] if fits else None
     # more than one: a scan stands at different moments of the same event; but one fit that two starts led to once
     apart = [f for k, f in enumerate(fits[:SCANNED]) if not any(_same(f, other) for other in fits[:k])]
-    best_one = max((moved_to_best(f, gap) for f in apart), key=lambda f: f.verified, default=None)
-    return None if best_one is None else _or_alike(best_one, gap)
+    return _or_alike(max((moved_to_best(f, gap) for f in apart), key=lambda f: f.verified), gap)
 
 
-def _screened(record: Record, terms: list[Term], base: HypothesisFit, gap: float) -> list[tuple[Term, Start]]:
-    """Of values of what is scanned, those that the screen or a few passes leave the most likely, and where each begins."""
-    tried = [screened(record.screen or record, (t,), BALL) for t in terms]
-    best = sorted((s for s in tried if s is not None), key=lambda s: -s.score)[:SHORTLISTED]
-    begun = [(s.terms[0], start) for s in best for start in (s.start, BALL)]
-    if len(best) > 1:
-        begun = _with_variants(record, best, begun, gap)
-    return begun + [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
-
-
-def _from_all(record: Record, terms: list[Term], base: HypothesisFit) -> list[tuple[Term, Start]]:
-    """Of effects about values that move from where they begin, those that a few passes leave the most likely, with where they came
-    to, of those that are so after one: each begins at a ball or at the free body's inertia, in turn."""
+def _from_all(record: Record, terms: list[Term], base: HypothesisFit) -> list[HypothesisFit]:
+    """Of effects about values that move from where they begin, those that a few passes leave the most likely, of those that are so
+    after one: each begins at a ball or at the free body's inertia, in turn."""
     inertias = (BALL, Start(inertia=base.inertia, left=1.0))
-    begun = [(t, inertias[k % 2]) for k, t in enumerate(terms)]
+    begun, fits = [(t, inertias[k % 2]) for k, t in enumerate(terms)], []
     for passes, kept in ((1, BEGUN), (3, FINISHED)):
         fits = sorted(_short_fits(record, begun, passes), key=lambda f: (not can_be(f), -f.verified))[:kept]
         begun = [(f.hypothesis.terms[0], again(f)) for f in fits]
-    return begun
+    return fits
 
 
 def _same(a: HypothesisFit, b: HypothesisFit) -> bool:
@@ -114,24 +167,12 @@ def _or_alike(found: HypothesisFit, gap: float) -> HypothesisFit:
     return best
 
 
-def _with_variants(
-    record: Record, best: list[Screened], begun: list[tuple[Term, Start]], gap: float
-) -> list[tuple[Term, Start]]:
-    """The most likely of what the screen liked best and of its variants. Where the screen's rates are polynomials through
-    attitudes it says little of an event's moment, and a wrong length spoils the right moment: all have their variants."""
-    if record.screen is not None:
-        return _by_short_fits(record, begun + [(v, BALL) for s in best for v in variants(s.terms[0], gap)])
-    begun = _by_short_fits(record, begun)
-    more = [(v, s) for term, own in begun for v in variants(term, gap) for s in (own, BALL)]
-    return _by_short_fits(record, begun + more) if more else begun
-
-
-def _by_short_fits(record: Record, begun: list[tuple[Term, Start]]) -> list[tuple[Term, Start]]:
-    """Those that a few passes on the measurements themselves leave the most likely, with where they came to."""
-    fits = sorted(_short_fits(record, begun), key=lambda f: -f.evidence)
-    different = {f.hypothesis.terms[0]: f for f in reversed(fits)}
-    fits = sorted(different.values(), key=lambda f: -f.evidence)[:SCANNED]
-    return [(f.hypothesis.terms[0], again(f)) for f in fits]
+def _likeliest(fits: list[HypothesisFit]) -> list[tuple[Term, Start]]:
+    """The values with which short fits are the most likely, with where these came to."""
+    ranked = sorted(fits, key=lambda f: -f.evidence)
+    different = {f.hypothesis.terms[0]: f for f in reversed(ranked)}
+    ranked = sorted(different.values(), key=lambda f: -f.evidence)[:SCANNED]
+    return [(f.hypothesis.terms[0], again(f)) for f in ranked]
 
 
 def _short_fits(record: Record, begun: list[tuple[Term, Start]], passes: int = 3) -> list[HypothesisFit]:

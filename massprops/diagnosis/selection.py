@@ -19,7 +19,16 @@ from massprops.diagnosis.conserved_start import (
     with_more_about_axis,
 )
 from massprops.diagnosis.effect_columns import follows_measured, has_known_rate, in_balance, looked_at
-from massprops.diagnosis.effect_search import admissible, again, best_fit, best_fit_again, widening
+from massprops.diagnosis.effect_search import (
+    FirstLook,
+    admissible,
+    again,
+    best_fit,
+    best_fit_again,
+    first_look,
+    followed,
+    widening,
+)
 from massprops.diagnosis.held_out import held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pairs import pairs
@@ -129,16 +138,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     others = tuple(f for f in (inertial_torque(record, unknown), by_sun) if f is not None)
     unknowns = (unknown, *others)
     usable, skipped = usable_effects(record)
-    tried = []
-    for k, effect in enumerate(usable):
-        watch(f"balance of momentum: {effect.NAME}", k, len(usable))
-        found = best_fit(record, effect, base)
-        if found is not None:
-            tried.append(Candidate(alone=found))
-    if not any(map(has_known_rate, usable)):
-        watch("balance of momentum: internal-rotor of any history", 0, 1)
-        with suppress(NotPossible):
-            tried.append(wheel_of_any_history(record if record.rows.rates else unknown.record))
+    tried = _by_themselves(record, base, unknowns, usable, watch)
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried):
         # what was measured acts, however little the rest of the motion lets it explain by itself
@@ -173,6 +173,43 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         skipped=skipped,
         others=others,
     )
+
+
+def _by_themselves(
+    record: Record, base: HypothesisFit, unknowns: tuple[HypothesisFit, ...], usable: list[ModuleType], watch: Watch
+) -> list[Candidate]:
+    """Every effect by itself: what few passes like best first, so that what one effect which is enough rules out is not followed to its
+    end."""
+    along = record if record.rows.rates else unknowns[0].record
+    looks: list[FirstLook | Candidate] = []
+    if not any(map(has_known_rate, usable)):
+        watch("balance of momentum: internal-rotor of any history", 0, len(usable))
+        with suppress(NotPossible):
+            looks.append(first_look_at_wheel(along))
+    for k, effect in enumerate(usable):
+        watch(f"balance of momentum: {effect.NAME}", k, len(usable))
+        looks.append(first_look(record, effect, base))
+    tried: list[Candidate] = []
+    for look in sorted(looks, key=lambda one: -one.evidence if isinstance(one, FirstLook) else -one.alone.verified):
+        least = _least(tried, base, unknowns)
+        if isinstance(look, FirstLook):
+            found = followed(record, look, base, least)
+            tried += [] if found is None else [Candidate(alone=found)]
+            continue
+        with suppress(NotPossible):
+            ruled_out = np.isfinite(least) and (
+                look.best.verified < unknowns[0].evidence or look.alone.verified < least
+            )
+            tried.append(look if ruled_out else wheel_followed(along, look))
+    return tried
+
+
+def _least(tried: list[Candidate], base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]) -> float:
+    """Log evidence short of which an effect is not followed to its end, part of the way to one that is enough by itself; minus infinity
+    where there is none."""
+    likeliest = max(u.evidence for u in unknowns) + criteria.BEATS_UNKNOWN
+    enough = [c.own for c in tried if base.record.stated and within_noise(c.alone) and c.own > likeliest]
+    return base.evidence + criteria.FOLLOWED * (max(enough) - base.evidence) if enough else -np.inf
 
 
 def _beside_unknown(record: Record, alone: HypothesisFit, unknown: HypothesisFit) -> HypothesisFit | None:
@@ -428,7 +465,17 @@ def usable_effects(record: Record) -> tuple[list[ModuleType], dict[str, str]]:
 
 
 def wheel_of_any_history(record: Record) -> Candidate:
-    """A wheel of any history along one axis: with a latent torque first, which keeps it from answering for all.
+    """A wheel of any history along one axis.
+
+    Raises:
+        NotPossible: no axis leads anywhere.
+    """
+    return wheel_followed(record, first_look_at_wheel(record))
+
+
+def first_look_at_wheel(record: Record) -> Candidate:
+    """A wheel that follows its drive at once beside a latent torque, which keeps it from answering for all, and one of a middle lag by
+    itself, begun there.
 
     Raises:
         NotPossible: no axis leads anywhere.
@@ -437,6 +484,18 @@ def wheel_of_any_history(record: Record) -> Candidate:
     # the wheel answers for the moment about its axis: where its momentum changes least a ball may begin as a needle
     starts = [start, with_mean_moment_about_axis(start, record.path)]
     first = _best(record, Hypothesis(wheel=True), starts)
+    alone = Hypothesis(wheel=True, latent=False, lag=float(np.median(LAGS)) * record.path.span)
+    return Candidate(alone=fit_hypothesis(record, alone, again(first)), with_latent=first)
+
+
+def wheel_followed(record: Record, look: Candidate) -> Candidate:
+    """The wheel with the likeliest time constant of its drive, beside a latent torque first.
+
+    Raises:
+        NotPossible: the wheel by itself leads nowhere.
+    """
+    first = look.with_latent
+    assert first is not None
     fits = []
     for lag in record.path.span * np.array(LAGS):
         with suppress(NotPossible):

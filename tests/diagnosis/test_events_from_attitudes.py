@@ -9,7 +9,7 @@ import pytest
 from diagnosis import tossed_bodies
 from diagnosis.tossed_bodies import RATE, SIGMA, Toss
 
-from massprops.diagnosis import hypothesis_fit
+from massprops.diagnosis import effect_search, hypothesis_fit, selection
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import decides, diagnose_by_balance
 from massprops.diagnosis.document import document_of_selection, parameters, rate_change
@@ -20,7 +20,7 @@ from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import FINER, LARGEST_STEP, _finer, _halfway, with_scanned
 from massprops.diagnosis.screen import screened
-from massprops.diagnosis.selection import Candidate, Selection, rms
+from massprops.diagnosis.selection import Candidate, Selection, rms, without_effects
 from massprops.effects import effects
 from massprops.sequence.data import AttitudeSeries, Environment, RateSeries, Sequence
 
@@ -256,3 +256,23 @@ def test_a_fit_that_does_not_settle_widens_and_says_so(monkeypatch: pytest.Monke
     assert len(warned) == 1 and "impulse did not settle" in warned[0]
     rested = replace(candidate, alone=replace(wide, settled=True))
     assert not document_of_selection(replace(named, named=(rested,)), [])["warnings"]
+
+
+def test_what_one_effect_rules_out_is_not_followed_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A push explains a toss to its noise: what explains less than half of it is not moved to its best, nor is the lag of a wheel looked
+    for that comes short of what is asked."""
+    record = record_of_attitudes(tossed(PUSH)[0], Environment())
+    followed, wheels = [], []
+    monkeypatch.setattr(effect_search, "moved_to_best", lambda f, gap: followed.append(f.names[0]) or f)
+    monkeypatch.setattr(selection, "wheel_followed", lambda record, look: wheels.append(look) or look)
+    base, unknown = without_effects(record)
+    usable = [effects()[name] for name in ("energy-dissipation", "impulse", "spring-mass-damper")]
+    tried = selection._by_themselves(record, base, (unknown,), usable, lambda *_: None)
+    assert set(followed) == {"impulse"}
+    assert {c.name for c in tried} >= {"impulse", "internal-rotor"}
+    for least in (-np.inf, 1e9):
+        followed.clear()
+        wheels.clear()
+        monkeypatch.setattr(selection, "_least", lambda *_, least=least: least)
+        selection._by_themselves(record, base, (unknown,), usable, lambda *_: None)
+        assert (len(set(followed)) > 1) == bool(wheels) == (least < 0.0)
