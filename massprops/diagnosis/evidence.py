@@ -379,31 +379,17 @@ def _moved_sizes(
 ) -> float:
     """Moves the sizes `sd` (k,) and `scale` of common and sparse blocks, in place, to what the unknowns' second moments
     (k,) say; what sparse blocks add to the evidence before that."""
+    from massprops.diagnosis.size_kernel import sparse_moved
+
     gained = 0.0
     for block, own in places:
         if block.kind == "common":
             sd[own] = np.sqrt(max(float(np.mean(second[own])), 1e-24))
         elif block.kind == "sparse":
-            first, own = slice(own.start, own.start + block.own), slice(own.start + block.own, own.stop)
-            fixed = np.broadcast_to(np.asarray(block.sd, float), block.count)[: block.own]
-            gained += _sparse_bound(sd[first], second[first], fixed) + _sparse_bound(
-                sd[own], second[own], scale[block.name]
-            )
-            sd[first] = np.sqrt((DEGREES * fixed**2 + second[first]) / (DEGREES + 1.0))
-            precision = (DEGREES + 1.0) / (DEGREES * scale[block.name] ** 2 + second[own])
-            sd[own] = 1.0 / np.sqrt(precision)
-            scale[block.name] = 1.0 / np.sqrt(float(np.mean(precision)))
+            fixed = np.array(np.broadcast_to(np.asarray(block.sd, float), block.count)[: block.own])
+            more, scale[block.name] = sparse_moved(sd[own], second[own], fixed, scale[block.name], DEGREES)
+            gained += more
     return gained
-
-
-def _sparse_bound(sd: np.ndarray, second: np.ndarray, scale: np.ndarray | float) -> float:
-    """What the bound gains over normal unknowns of the present sd, from the mixture's own law of their precisions."""
-    from scipy.special import gammaln
-
-    a, b = 0.5 * DEGREES, 0.5 * DEGREES * scale**2
-    a1, b1 = a + 0.5, b + 0.5 * second
-    out = np.log(sd) + 0.5 * second / sd**2
-    return float(np.sum(out + a * np.log(b) - gammaln(a) - a1 * np.log(b1) + gammaln(a1)))
 
 
 def reduced(fixed: np.ndarray, sd: np.ndarray, columns: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ evidence, so hypotheses compare by their marginal likelihoods.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -594,12 +594,18 @@ def _wheel_shapes(record: Record, lag: float) -> np.ndarray:
     A wheel on a motor or a brake follows its drive with one time constant, h' = (drive - h) / lag (a motor's torque
     falls with its speed), so few steps of the drive make the whole history. Without a lag it is the drive.
     """
-    t = record.path.t
-    knots = np.linspace(t[0], t[-1], min(WHEEL_KNOTS, len(record.times) // 2))
-    since = np.maximum(t[:, None] - knots, 0.0)
+    return _answers_to_drive(record.path.t.tobytes(), min(WHEEL_KNOTS, len(record.times) // 2), lag)
+
+
+@lru_cache(maxsize=2)
+def _answers_to_drive(times: bytes, knots: int, lag: float) -> np.ndarray:
+    """As of `_wheel_shapes`: the passes of a fit ask for the same ones."""
+    t = np.frombuffer(times)
+    at = np.linspace(t[0], t[-1], knots)
+    since = np.maximum(t[:, None] - at, 0.0)
     # the integral of the answer to a unit step
     reached = since - lag * -np.expm1(-since / lag) if lag > 0 else since
-    rises = (reached[:, :-1] - reached[:, 1:]) / np.diff(knots)
+    rises = (reached[:, :-1] - reached[:, 1:]) / np.diff(at)
     return np.concatenate([np.ones((len(t), 1)), rises], axis=1)
 
 

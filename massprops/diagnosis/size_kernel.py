@@ -1,9 +1,12 @@
-"""The search of `evidence.solve` compiled, for one noise factor and blocks whose sizes stay or are one number each; import it late.
+"""The search of `evidence.solve` compiled, for one noise factor and blocks whose sizes stay or are one number each, and its step of a
+sparse block's sizes; import it late.
 
 The passes of a diagnosis ask for it some thousands of times with a dozen unknowns, where each step in numpy is mostly calls.
 """
 
 from __future__ import annotations
+
+from math import lgamma
 
 import numba
 import numpy as np
@@ -140,3 +143,26 @@ def _moved(second: np.ndarray, block: np.ndarray, moved: np.ndarray) -> None:
         for i in range(len(block)):
             if block[i] == number:
                 moved[i] = np.sqrt(max(total / count, 1e-24))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def sparse_moved(
+    sd: np.ndarray, second: np.ndarray, fixed: np.ndarray, scale: float, degrees: float
+) -> tuple[float, float]:
+    """Sizes (k,) of a sparse block, in place, to what the unknowns' second moments (k,) say, the first with scales `fixed` (own,) that
+    stay.
+
+    Returns:
+        What the bound gains over normal unknowns of the sizes before, from the mixture's own law of their precisions; the scale that
+        the others lead to.
+    """
+    gained, total, a = 0.0, 0.0, 0.5 * degrees
+    for i in range(len(sd)):
+        own = fixed[i] if i < len(fixed) else scale
+        b = a * own**2
+        gained += np.log(sd[i]) + 0.5 * second[i] / sd[i] ** 2
+        gained += a * np.log(b) - lgamma(a) - (a + 0.5) * np.log(b + 0.5 * second[i]) + lgamma(a + 0.5)
+        precision = (degrees + 1.0) / (degrees * own**2 + second[i])
+        sd[i] = 1.0 / np.sqrt(precision)
+        total += precision if i >= len(fixed) else 0.0
+    return gained, 1.0 / np.sqrt(total / (len(sd) - len(fixed)))

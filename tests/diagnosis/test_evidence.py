@@ -90,3 +90,20 @@ def test_the_compiled_search_says_when_numbers_leave_all_bounds() -> None:
         solve([Block(name="a", columns=X, sd=1.0)], np.ones(4), 1.0)
     with pytest.raises(FloatingPointError):
         solve([Block(name="a", columns=np.ones((4, 2)), sd=1.0)], np.full(4, 1e200), 1.0)
+
+
+def test_a_sparse_block_pays_by_the_law_of_its_precisions() -> None:
+    """The bound is the mixture's: normal unknowns of the sizes before, less the entropy and prior of gamma precisions."""
+    from scipy.special import gammaln
+
+    from massprops.diagnosis.size_kernel import sparse_moved
+
+    rng = np.random.default_rng(7)
+    sd, second, own, scale = rng.uniform(0.1, 2.0, 6), rng.uniform(0.01, 4.0, 6), np.array([0.3]), 0.7
+    a, b = 0.5, 0.5 * np.array([0.3] + [0.7] * 5) ** 2
+    expected = np.log(sd) + 0.5 * second / sd**2 + a * np.log(b) - gammaln(a) + gammaln(1.0)
+    moved = sd.copy()
+    gained, new = sparse_moved(moved, second, own, scale, 1.0)
+    precision = 1.0 / (b + 0.5 * second)
+    assert gained == pytest.approx(np.sum(expected + np.log(precision)))
+    assert np.allclose(moved, precision**-0.5) and new == pytest.approx(np.mean(precision[1:]) ** -0.5)
