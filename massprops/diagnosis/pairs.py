@@ -6,12 +6,14 @@ with an unknown torque follows, which is right to the noise whatever acts.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import combinations
 from types import ModuleType
 
 import numpy as np
 
+from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start, conserved_across, left_across, with_mean_moment_about_axis
 from massprops.diagnosis.effect_columns import has_known_rate, in_balance, steps, term_of, variants
 from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
@@ -43,13 +45,19 @@ LAG = 0.045
 
 
 def pairs(
-    record: Record, unknown: HypothesisFit, singles: list[HypothesisFit], usable: list[ModuleType]
+    record: Record,
+    unknown: HypothesisFit,
+    singles: list[HypothesisFit],
+    usable: list[ModuleType],
+    free: float = -np.inf,
+    is_enough: Callable[[HypothesisFit], bool] = lambda fit: False,
 ) -> list[HypothesisFit]:
     """Fits of two effects, the most likely first.
 
     Args:
         unknown: the free body with an unknown torque; singles: effects by themselves, the most likely first; usable: what
-            may act.
+            may act. free: log evidence of the free body: a pair that gains over it less than `criteria.FOLLOWED` of what the likeliest
+            does is not followed. is_enough: whether a pair leaves nothing to a wheel of any history beside an effect.
     """
     gap = float(np.median(np.diff(record.times)))
     along = record if record.rows.rates else unknown.record
@@ -62,26 +70,36 @@ def pairs(
     seconds = [m for m in in_balance() if getattr(m, "BESIDE", None) in firsts]
     both = [*combinations(forced, 2), *((firsts[m.BESIDE], scanned(along, m, unknown, None)) for m in seconds)]
     tried = sorted((least_left(along, a, b) for a, b in both), key=lambda t: t[0][1].left)
-    begun = [_begun(along, own, gap) for own in tried[:SCREENED]]
-    begun = sorted((f for f in begun if f and can_be(f[0])), key=lambda f: -f[0].evidence)
-    found = [_finished(along, fits, starts) for fits in begun[:FINISHED]]
+    begun: list[list[HypothesisFit]] = []
+    for own in tried[:SCREENED]:
+        fits = _begun(along, own, gap, _least(begun, free))
+        begun += [fits] if fits and can_be(fits[0]) else []
+    begun.sort(key=lambda f: -f[0].evidence)
+    least = _least(begun, free)
+    found = [_finished(along, fits, starts if fits[0].evidence > least else []) for fits in begun[:FINISHED]]
     ranked = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
-    moved = [_all_moved(f, gap) for f in ranked[:MOVED]]
-    wheels = _beside_wheel(along, forced, gap)
+    moved = [_all_moved(f, gap) if f.evidence > least else f for f in ranked[:MOVED]]
+    wheels = [] if any(map(is_enough, moved)) else _beside_wheel(along, forced, gap)
     return sorted([*moved, *ranked[MOVED:], *wheels], key=lambda f: -f.evidence)
 
 
-def _begun(record: Record, tried: list[tuple[Terms, Start]], gap: float) -> list[HypothesisFit]:
+def _least(begun: list[list[HypothesisFit]], free: float) -> float:
+    """Log evidence short of which a pair is not followed, part of the way from the free body's to the likeliest pair's."""
+    likeliest = max((f[0].evidence for f in begun), default=-np.inf)
+    return free if likeliest < free else (1.0 - criteria.FOLLOWED) * free + criteria.FOLLOWED * likeliest
+
+
+def _begun(record: Record, tried: list[tuple[Terms, Start]], gap: float, least: float) -> list[HypothesisFit]:
     """The likeliest values of what is scanned of two effects, and of their variants, after a few passes.
 
     Args:
-        tried: values, those that leave the least momentum first, and the inertias that these leave it with.
+        tried: values, those that leave the least momentum first, and the inertias that these leave it with; least: see `_least`.
     """
     # few values begin at a ball as well
     fits = _ranked(
         [f for terms, own in tried for f in _short(record, [terms], [own, BALL][: 1 + (len(tried) <= KEPT)])]
     )
-    if not fits or len(tried) == 1:
+    if not fits or len(tried) == 1 or fits[0].evidence < least:
         return fits
     more = [v for f in fits[:2] for v in _varied(f.hypothesis.terms, gap)]
     return _ranked([*fits, *_short(record, more, [again(fits[0])])])

@@ -207,9 +207,14 @@ def _by_themselves(
 def _least(tried: list[Candidate], base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]) -> float:
     """Log evidence short of which an effect is not followed to its end, part of the way to one that is enough by itself; minus infinity
     where there is none."""
-    likeliest = max(u.evidence for u in unknowns) + criteria.BEATS_UNKNOWN
-    enough = [c.own for c in tried if base.record.stated and within_noise(c.alone) and c.own > likeliest]
+    enough = [c.own for c in tried if _is_enough(c.alone, unknowns)]
     return base.evidence + criteria.FOLLOWED * (max(enough) - base.evidence) if enough else -np.inf
+
+
+def _is_enough(fit: HypothesisFit, unknowns: tuple[HypothesisFit, ...]) -> bool:
+    """Whether effects leave no more than a stated noise and are likelier than what names nothing."""
+    likeliest = max(u.evidence for u in unknowns) + criteria.BEATS_UNKNOWN
+    return bool(fit.record.stated and within_noise(fit) and paid(fit) > likeliest)
 
 
 def _beside_unknown(record: Record, alone: HypothesisFit, unknown: HypothesisFit) -> HypothesisFit | None:
@@ -353,7 +358,8 @@ def _pairs(
     if not singles:
         return []
     good = {c.name for c in tried if may_be_named(c, base, *unknowns)}
-    found = pairs(record, unknowns[0], [c.alone for c in singles if not c.alone.hypothesis.wheel], usable)
+    alone = [c.alone for c in singles if not c.alone.hypothesis.wheel]
+    found = pairs(record, unknowns[0], alone, usable, base.evidence, lambda fit: _is_enough(fit, unknowns))
     own = [c.own if record.stated and c.name not in good else c.evidence for c in tried]
     rivals = [*own, *(u.evidence for u in unknowns)]
     enough = max(rivals) + criteria.BEATS_NOTHING + np.log(1 + len(found))

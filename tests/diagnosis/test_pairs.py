@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnosis.test_momentum_balance import tumble
 
+from massprops.diagnosis import pairs as module
 from massprops.diagnosis.conserved_start import conserved
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.effect_columns import Term, looked_at, scan, term_of
@@ -71,6 +72,29 @@ def test_the_second_of_two_effects_is_found_beside_the_first(record: Record) -> 
     assert {e["name"] for e in document["effects"]} == {"drag-by-axis", "constant-body-torque"}
     assert all(np.isfinite(v) for e in document["effects"] for v in e["parameters"].values() if v is not None)
     assert {e["name"] for e in model_of_selection(named)["effects"]} == {"drag-by-axis", "constant-body-torque"}
+
+
+def test_what_one_pair_rules_out_is_not_followed(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pair that is enough leaves nothing to a wheel; one that explains less than half of what another does has no fits besides."""
+    usable = [effects()[name] for name in ("constant-body-torque", "drag-by-axis", "inertia-change")]
+    base, unknown = without_effects(record)
+    begun: list[int] = []
+
+    def counted(*given: object, **named: object) -> HypothesisFit:
+        begun.append(1)
+        return fit_hypothesis(*given, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(module, "fit_hypothesis", counted)
+    whole = pairs(record, unknown, [base], usable)
+    found = pairs(record, unknown, [base], usable, base.evidence, lambda fit: True)
+    assert found[0].names == whole[0].names and found[0].evidence == pytest.approx(whole[0].evidence, abs=0.01)
+    assert any(f.hypothesis.wheel for f in whole) and not any(f.hypothesis.wheel for f in found)
+    firing, drag = (scanned(record, effects()[name], unknown, None) for name in ("inertia-change", "drag-by-axis"))
+    tried = least_left(record, firing, drag)
+    for least in (np.inf, -np.inf):
+        begun.clear()
+        module._begun(record, tried, 0.01, least)
+        assert (len(begun) > len(tried)) == (least < 0.0)
 
 
 def test_values_of_a_pair_are_tried_beside_what_each_is_likeliest_at_alone(record: Record) -> None:
