@@ -133,6 +133,14 @@ def test_a_wheel_of_any_history_is_found_along_its_axis() -> None:
     assert fit.evidence > plain.evidence + 100
 
 
+def test_a_brake_that_takes_hold_between_two_rates_is_drawn() -> None:
+    """Within 6 ms, of which 300 rates a second see two: 60 knots in .8 s left 9.5 of the noise along the wheel's axis."""
+    record = record_of_rates(tumble(wheel=lambda t: step(t) - min(max((t - 0.503) / 0.006, 0.0), 1.0), rate=300.0))
+    start = conserved_across(record.path, record.rows.at)
+    fit = fit_hypothesis(record, Hypothesis(wheel=True, latent=False), start)
+    assert np.all(fit.noise < (1.1, 1.1, 3.5))
+
+
 def test_evidence_finds_a_size_and_lets_go_of_noise() -> None:
     rng = np.random.default_rng(2)
     A, idle = rng.standard_normal((2, 300, 4))
