@@ -581,7 +581,7 @@ def may_be_named(
     if c.evidence < likeliest + lead or c.evidence < base.evidence + criteria.BEATS_NOTHING:
         return False
     small = base.record.stated and within_noise(c.alone)
-    if not small and rms(c.alone.residual) > criteria.PART_LEFT * rms(base.residual):
+    if not small and misfit(c.alone) > criteria.PART_LEFT * misfit(base):
         return False
     if base.record.stated and rms(c.alone.residual) > criteria.LEFT_OF_STATED:
         return False
@@ -599,6 +599,13 @@ def significance(fit: HypothesisFit) -> float:
         square = float(mean @ np.linalg.pinv(covariance, hermitian=True) @ mean)
         worst = max(worst, float(chdtrc(len(mean), square)))
     return worst
+
+
+def misfit(fit: HypothesisFit) -> float:
+    """What a fit leaves, root mean square over the noise given: beyond that noise where it is stated, as no effect can take the
+    noise itself."""
+    square = float(np.mean(fit.residual**2))
+    return float(np.sqrt(max(square - 1.0, 0.0) if fit.record.stated else square))
 
 
 def rms(values: np.ndarray) -> float:

@@ -233,6 +233,17 @@ def test_an_effect_pays_for_the_moments_that_it_was_looked_for_at(record: Record
     assert paid(free) == free.verified
 
 
+@pytest.mark.parametrize(("left", "named"), [(1.15, True), (1.22, False)])
+def test_no_effect_is_asked_to_take_half_of_the_noise(record: Record, left: float, named: bool) -> None:
+    """Of a misfit of 1.6 times a stated noise, 1.25 stand beyond it: 1.15 leaves .57 of these, 1.22 leaves .70."""
+    fit = replace(alone(record, "drag-by-axis"), settled=True)
+    ones = np.ones_like(fit.residual)
+    base = replace(fit, residual=1.6 * ones, evidence=fit.evidence - 100.0)
+    own = Candidate(alone=replace(fit, residual=left * ones))
+    assert record.stated and not within_noise(own.alone)
+    assert may_be_named(own, base, replace(base, evidence=fit.evidence - 50.0)) is named
+
+
 def test_what_a_fit_only_claims_beside_an_unknown_torque_does_not_count(record: Record) -> None:
     fit = replace(alone(record, "drag-by-axis"), settled=True)
     assert not within_noise(fit)
