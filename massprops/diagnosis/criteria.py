@@ -59,3 +59,9 @@ WIDE = 10.0
 """Prior of momenta at the start over those of the mean moment: no word at all."""
 AXIS_SD = 0.3
 """Prior of a wheel's axis about the one that the balance across it shows [rad]."""
+
+
+def followed_from(free: float, likeliest: float) -> float:
+    """Log evidence short of which an effect, or a pair, is not followed to its end: `FOLLOWED` of the way from the free body's to the
+    likeliest one's."""
+    return free if likeliest < free else (1.0 - FOLLOWED) * free + FOLLOWED * likeliest

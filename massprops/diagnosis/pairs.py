@@ -84,9 +84,8 @@ def pairs(
 
 
 def _least(begun: list[list[HypothesisFit]], free: float) -> float:
-    """Log evidence short of which a pair is not followed, part of the way from the free body's to the likeliest pair's."""
-    likeliest = max((f[0].evidence for f in begun), default=-np.inf)
-    return free if likeliest < free else (1.0 - criteria.FOLLOWED) * free + criteria.FOLLOWED * likeliest
+    """Log evidence short of which a pair is not followed to its end."""
+    return criteria.followed_from(free, max((f[0].evidence for f in begun), default=-np.inf))
 
 
 def _begun(record: Record, tried: list[tuple[Terms, Start]], gap: float, least: float) -> list[HypothesisFit]:

@@ -205,10 +205,9 @@ def _by_themselves(
 
 
 def _least(tried: list[Candidate], base: HypothesisFit, unknowns: tuple[HypothesisFit, ...]) -> float:
-    """Log evidence short of which an effect is not followed to its end, part of the way to one that is enough by itself; minus infinity
-    where there is none."""
+    """Log evidence short of which an effect is not followed to its end; minus infinity where none is enough by itself."""
     enough = [c.own for c in tried if _is_enough(c.alone, unknowns)]
-    return base.evidence + criteria.FOLLOWED * (max(enough) - base.evidence) if enough else -np.inf
+    return criteria.followed_from(base.evidence, max(enough)) if enough else -np.inf
 
 
 def _is_enough(fit: HypothesisFit, unknowns: tuple[HypothesisFit, ...]) -> bool:
