@@ -333,16 +333,16 @@ def _side(job: Job, views: Views, number: int) -> Side:
     return side_of(views, images, _masks(job, views), vertices, faces)
 
 
+def _masks(job: Job, views: Views) -> list[np.ndarray]:
+    """Undistorted silhouettes (h, w) uint8 of the views, as each placement knows them."""
+    return [undistorted_mask(job, views, i, "silhouettes") for i in range(len(views))]
+
+
 def _latest(job: Job, views: Views) -> list[np.ndarray]:
-    """The same, drawn again where they were."""
+    """The silhouettes of `_masks`, with those that this stage has drawn again in their place."""
     out = _masks(job, views)
     for i, name in enumerate(views.names):
         again = job.out / "masks" / f"{name}.png"
         if again.is_file():
             out[i] = undistort(read_image(again, 0), views.K[i], views.distortion[i], nearest=True)
     return out
-
-
-def _masks(job: Job, views: Views) -> list[np.ndarray]:
-    """Undistorted silhouettes (h, w) uint8 of the views, as each placement knows them."""
-    return [undistorted_mask(job, views, i, "silhouettes") for i in range(len(views))]

@@ -33,7 +33,8 @@ LENS = {
 
 
 def run(job: Job) -> dict[str, Any]:
-    """Writes views.npz, points.npz, sparse/, sfm.json, and matches.npz where any contradict; frames/ and masks/ too where a rolling shutter was corrected."""
+    """Writes views.npz, points.npz, sparse/ and sfm.json; matches.npz too where pairs of images contradict the model, and frames/ and
+    masks/ where a rolling shutter was corrected."""
     from massprops.sfm.footage import read_footage
 
     footage = read_footage(job.work("capture"))
@@ -78,10 +79,6 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "reprojection_error_px": _mean_error(result.points),
         "residual_rms_px": result.precision.rms_px,
         "contradicted_share": result.against.share,
-        "contradicted_pairs": [
-            {"images": list(pair), "share": share}
-            for pair, share in zip(result.against.pairs, result.against.shares, strict=True)
-        ],
         "believed_from": result.believed_from,
         "masked": result.masked,
         "focal_px": result.cameras[0].focal_px[0],
