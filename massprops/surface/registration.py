@@ -460,6 +460,7 @@ class _Pair:
         self.shown, self.shown_facing = second.cloud.xyz[shown], second.cloud.normal[shown]
         self.colours = texture(self.xyz, first.colour, self.xyz)
         self.own = texture(second.cloud.xyz, second.colour, self.shown)
+        self.same: dict[tuple[bytes, ...], bool] = {}
 
     def answers(self) -> list[_Answer]:
         """Ways of laying the second placement onto the first, in the order of their silhouettes."""
@@ -528,8 +529,16 @@ class _Pair:
         """Whether two ways of laying the second placement onto the first make the same body.
 
         They do where either placement looks the same to itself when it is turned from the one to the other. The side that a
-        placement stood on belongs to it as its first shape closes it.
+        placement stood on belongs to it as its first shape closes it. It is asked with each kind of paint, which changes nothing
+        of it, so that what was found is kept.
         """
+        key = tuple(x.tobytes() for x in (one.R, one.t, other.R, other.t))
+        if key not in self.same:
+            self.same[key] = self._one_body(one, other)
+        return self.same[key]
+
+    def _one_body(self, one: _Answer, other: _Answer) -> bool:
+        """What `one_body` says."""
         across, back = other.R @ one.R.T, one.R.T @ other.R
         ways = ((self.first, across, other.t - across @ one.t), (self.second, back, one.R.T @ (other.t - one.t)))
         if not any(side.rims.rim_error(side.extent, R, t) < worse(side.rim_error) for side, R, t in ways):
