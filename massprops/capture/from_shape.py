@@ -70,7 +70,8 @@ def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray, 
         depth: (h, w) of the shape, infinite where it is not.
         uv: (m, 2) pixels and z (m,) depths of points that are not the object's, in front of the camera.
         shows: (m,) bool, the image has the point's colour there (`shows_points`).
-        closed: the shape is the body's whole surface, made with all images; then nothing of it is farther off than the band.
+        closed: the shape is the body's whole surface, made with all images; then nothing of it is farther off than the band,
+            and its gaps are the body's.
     """
     import cv2
 
@@ -90,13 +91,14 @@ def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray, 
     # one point alone may be wrong
     other, hidden = (count[0] > 2.5) & (count[0] > count[1]), (count[1] > 2.5) & (count[1] > count[0])
     shape = drawn
-    drawn = _without_gaps(drawn, other, size)
+    # what all images leave open in the whole body is open
+    drawn = drawn if closed else _without_gaps(drawn, other, size)
     # a gap may be a plain wall behind the object, which has no points either: the image decides by its colours
     gap = cv2.dilate((drawn & ~shape).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     solid = drawn.astype(np.uint8)
     surely = (cv2.distanceTransform(solid, cv2.DIST_L2, 5) > band) & ~gap
     outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5) if drawn.any() else np.full((h, w), np.inf)
-    enclosed = ~_reached(~drawn)
+    enclosed = ~_reached(~drawn) & ~np.asarray(closed)
     reach = band if closed else np.where(hidden, FAR * size, UNKNOWN * size)
     away = ((outside > reach) & ~enclosed) | (other & (outside > band))
     return Trimap(drawn, surely, away, hidden & ~away)

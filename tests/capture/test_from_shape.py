@@ -62,6 +62,21 @@ def test_the_image_decides_whether_a_gap_without_points_is_the_object(open_: boo
     assert overlap(found, body) > 0.96
 
 
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_gap_of_a_closed_surface_is_open_though_nothing_shows_through_it(closed: bool) -> None:
+    """As between the rails of a chair's back before a plain wall of nearly its colour."""
+    rng = np.random.default_rng(6)
+    ring = disc(160, 120, 60) & ~disc(160, 120, 25)
+    image = np.where(ring[..., None], [60, 65, 70], [120, 150, 170]) + 0.0
+    image[disc(160, 120, 25)] = [64, 70, 78]
+    image = np.clip(image + 6.0 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+    outside = everywhere()
+    outside = outside[np.hypot(outside[:, 0] - 160, outside[:, 1] - 120) > 62]
+    seen = np.full(len(outside), 2.0), np.ones(len(outside), bool)
+    found = refine(image, trimap(depth_of(ring), outside, *seen, closed=closed))
+    assert (overlap(found, ring) > 0.95) is closed
+
+
 def test_a_lump_of_a_first_shape_that_has_the_surroundings_colour_is_not_held() -> None:
     rng = np.random.default_rng(4)
     truth = disc(160, 110, 50)
