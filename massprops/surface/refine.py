@@ -125,6 +125,50 @@ def membrane(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> np.n
     return out
 
 
+STRETCHES = 10
+"""Rounds of `least_area`. Of a chair's seat seen from above (Blender) the fill below it was 4.9 px too deep in the mean as a membrane,
+1.6 px after five rounds and 1.5 after ten; what is filled in on a box and a tin stays within .02 px."""
+FLATTEST, SHARPEST = 0.02, 20.0
+"""Bounds of a cotangent: needles among the triangles must not decide."""
+
+
+def least_area(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Vertices (v, 3) of the film of least area over those that are `fixed` (v,), from a membrane on (Pinkall and Polthier
+    1993).
+
+    A membrane's tension follows its triangles: where they are fine, as about the legs of a table, it is pulled far down along them.
+    """
+    from scipy.sparse import diags
+    from scipy.sparse.linalg import spsolve
+
+    out, free, held = membrane(vertices, faces, fixed), np.flatnonzero(~fixed), np.flatnonzero(fixed)
+    for _ in range(STRETCHES if len(free) else 0):
+        weight = _cotangents(out, faces)
+        system = (diags(np.asarray(weight.sum(1)).ravel()) - weight).tocsr()[free]
+        # a part without any rim would float: a trace of its own place holds it
+        trace = 1e-9 * diags(system[:, free].diagonal())
+        right = trace @ out[free] - system[:, held] @ out[held]
+        out[free] = spsolve((system[:, free] + trace).tocsc(), right)
+    return out
+
+
+def _cotangents(vertices: np.ndarray, faces: np.ndarray) -> csr_matrix:
+    """Sparse (v, v): of each edge half the sum of the cotangents of the angles opposite."""
+    from scipy.sparse import coo_matrix
+
+    row, column, half = [], [], []
+    for k in range(3):
+        a, b, c = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
+        u, w = vertices[a] - vertices[c], vertices[b] - vertices[c]
+        twice_area = np.linalg.norm(np.cross(u, w), axis=1)
+        cotangent = np.clip(np.einsum("ij,ij->i", u, w) / np.maximum(twice_area, 1e-300), FLATTEST, SHARPEST)
+        row += [a, b]
+        column += [b, a]
+        half += [0.5 * cotangent] * 2
+    indices = np.concatenate(row), np.concatenate(column)
+    return coo_matrix((np.concatenate(half), indices), shape=(len(vertices),) * 2).tocsr()
+
+
 def fair(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray, steps: int) -> np.ndarray:
     """Taubin's smoothing (1995) of the vertices that are not fixed: roughness goes, volume stays."""
     mean = mean_matrix(faces, len(vertices))

@@ -19,7 +19,7 @@ from massprops.surface.cloud import Cloud
 from massprops.surface.cut import manifold, surface_faces
 from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.reconstruct import FILLED, STRETCHED, Surface, reconstruct_surface
-from massprops.surface.refine import membrane
+from massprops.surface.refine import least_area, membrane
 from massprops.surface.spread import Doubts, Joint, deform, replicates
 from massprops.surface.tetra import tetrahedralise
 
@@ -290,6 +290,23 @@ def test_membrane_is_flat_over_a_flat_rim():
     rim = mesh.vertices[fixed][:, 2].min()
     assert film[~fixed][:, 2].min() >= rim - 1e-6
     assert np.abs(film[~fixed][:, 2] - rim).max() < 0.1
+
+
+def test_the_film_of_least_area_between_two_rings_is_a_catenoid():
+    """Rings of radius 1 at a distance of 0.5: the waist a of a cosh(0.25 / a) = 1 is 0.968 (Euler 1744)."""
+    around, levels = 60, 31
+    angle, z = np.meshgrid(np.linspace(0, 2 * np.pi, around, endpoint=False), np.linspace(-0.25, 0.25, levels))
+    vertices = np.column_stack([np.cos(angle).ravel(), np.sin(angle).ravel(), z.ravel()])
+    i, j = np.meshgrid(np.arange(levels - 1), np.arange(around), indexing="ij")
+    a, b = i * around + j, i * around + (j + 1) % around
+    quads = np.stack([a, b, b + around, a + around], axis=-1).reshape(-1, 4)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    rings = np.abs(vertices[:, 2]) > 0.249
+    film = least_area(vertices, faces, rings)
+    np.testing.assert_array_equal(film[rings], vertices[rings])
+    assert np.hypot(film[:, 0], film[:, 1]).min() == pytest.approx(0.968, abs=0.015)
+    membranes = membrane(vertices, faces, rings)
+    assert np.hypot(membranes[:, 0], membranes[:, 1]).min() < 0.5, "and not a membrane by its triangles"
 
 
 def test_a_mesh_that_folds_over_itself_is_no_body():
