@@ -12,6 +12,7 @@ import numpy as np
 from massprops.diagnosis import criteria
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.free_flight import Lever, check_free_flight
+from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.measured_beside import effects_beside
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
@@ -174,7 +175,7 @@ def contents_of(d: BalanceDiagnosis) -> dict[str, str | bytes]:
 
 
 def residual_table(d: BalanceDiagnosis) -> str:
-    """Residuals before and after by measurement, and the latent torque of the rigid body alone."""
+    """Residuals before and after by measurement, and where no effect is named the likeliest unknown torque with its 1-sigma."""
     lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
     s = d.selection
     before = s.base.residual / s.noise
@@ -184,6 +185,8 @@ def residual_table(d: BalanceDiagnosis) -> str:
     for t, kind, b, a in zip(d.record.row_stamp, kinds, before, after, strict=True):
         lines += [f"{t},{kind},,,{name},{b[k]:.4f},{a[k]:.4f}" for k, name in enumerate("xyz")]
     if s.verdict == "unexplained":
-        for t, v in zip(d.record.stamp, s.unknown.torque[d.record.rows.at], strict=True):
-            lines += [f"{t},torque [rad s^-2],,,{name},{v[k]:.6g}," for k, name in enumerate("xyz")]
+        fit, at = s.likeliest_unknown, d.record.rows.at
+        for what, value in (("torque", fit.torque), ("torque sigma", torque_sd(fit))):
+            for t, v in zip(d.record.stamp, value[at], strict=True):
+                lines += [f"{t},{what} [rad s^-2],,,{name},{v[k]:.6g}," for k, name in enumerate("xyz")]
     return "\n".join(lines) + "\n"
