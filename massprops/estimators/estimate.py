@@ -58,6 +58,7 @@ def estimate_all(
     from massprops.model import load_model
     from massprops.model.measured_wheel import measured_wheel
     from massprops.model.problem import problem_of
+    from massprops.sensing.check import check_sensors
     from massprops.sequence.read import read_sequence
 
     chosen, named = chosen_methods(methods)
@@ -66,6 +67,7 @@ def estimate_all(
     if isinstance(source, str | Path):
         verify(Path(source), "sequence/")
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
+    check_sensors(sequence)
     problem = problem_of(sequence, MOST_FEATURES if 1 in sequence.cameras else MOST_FEATURES_ONE_CAMERA)
     if not body_known:
         problem = replace(problem, body=None)

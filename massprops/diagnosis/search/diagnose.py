@@ -65,7 +65,7 @@ def diagnose(
 
     Raises:
         InputError: an unreadable sequence, or a body file that contradicts itself.
-        NotPossible: nothing in the sequence shows how the body moves.
+        NotPossible: nothing in the sequence shows how the body moves, or its sensors are at fault (`check_sensors`).
     """
     from massprops.diagnosis.measured_beside import effects_beside
     from massprops.effects import in_place
@@ -90,6 +90,7 @@ def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str |
     from massprops.diagnosis.diagnose import decides, diagnose_by_balance
     from massprops.diagnosis.search.noise import with_track_noise
     from massprops.model.problem import problem_of
+    from massprops.sensing.check import check_sensors
 
     if decides(sequence):
         by_balance = diagnose_by_balance(sequence, progress)
@@ -98,6 +99,7 @@ def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str |
         if discover:
             by_balance = replace(by_balance, law=_law(sequence, by_balance.document, by_balance.selection, progress))
         return by_balance
+    check_sensors(sequence)
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
