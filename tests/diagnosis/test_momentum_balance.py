@@ -199,6 +199,12 @@ def test_a_record_in_the_hand_is_refused(tmp_path) -> None:
     for use in (check_free_flight, diagnose_by_balance, estimate_all):
         with pytest.raises(NotPossible, match="no free flight"):
             use(held)
+    # and where it lets go of it halfway
+    free = [row.rsplit(",", 3)[0] + ",0,0,0" for row in rows]
+    half = len(rows) // 2
+    (folder / "data.csv").write_text("\n".join([head, *rows[:half], *free[half:]]) + "\n")
+    with pytest.raises(NotPossible, match=r"m/s\^2 from 0.* to 0.* s that no distance"):
+        check_free_flight(held)
     # beside attitudes too, along which the rates are rows
     q = path.q[np.searchsorted(path.t, times - 1e-9)]
     beside = AttitudeSeries(series.timestamp_ns, q, np.full(len(times), 1e-3))
