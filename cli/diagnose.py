@@ -59,7 +59,9 @@ def command(given: Options) -> int:
     assert given.source is not None
     if given.more:
         if given.discover or given.simulator is not None:
-            raise InputError("--discover and --simulator take one record: give each by itself")
+            from massprops.diagnosis.several import ONE_RECORD
+
+            raise InputError(ONE_RECORD)
         return _several(given, [given.source, *given.more])
     return _one(given, given.source)
 

@@ -19,6 +19,9 @@ from massprops.diagnosis.momentum_balance import inertia_of
 from massprops.diagnosis.selection import Candidate, Selection, may_be_named
 from massprops.errors import NotPossible
 
+ONE_RECORD = "a law (--discover) and a simulator (--simulator) are looked for in one record: give each record by itself"
+"""What is refused with several."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CommonEffect:

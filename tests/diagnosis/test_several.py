@@ -97,6 +97,10 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
     assert document["verdict"] == "none" and len(document["records"]) == 2 and document["agreement"] > 0
     truth = ratios(INERTIA)[0]
     assert abs(document["k1"]["value"] - truth[0]) < 4 * document["k1"]["sigma"] + 0.01
+    capsys.readouterr()
+    for more in ("--discover",), ("--simulator", "my:own"):
+        assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "2"), *more, "-q"]) == 2
+        assert "give each record by itself" in capsys.readouterr().err
     write_sequence(tmp_path / "long", Sequence(rates=tumble(rate=20.0, seconds=12.0)))
     assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "long"), "-q"]) == 2
     assert "diagnose it by itself" in capsys.readouterr().err
@@ -105,6 +109,39 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
     write_sequence(tmp_path / "other", Sequence(rates=other))
     assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "other"), "-q"]) == 3
     assert "of different bodies or in different body axes" in capsys.readouterr().err
+
+
+def test_an_effect_of_ones_own_is_tried_in_several_records_and_told_with_its_parameters(
+    tmp_path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from massprops.diagnosis import selection
+    from massprops.sequence.write import write_sequence
+    from massprops_cli.main import run
+
+    text = """
+from massprops.effects import Parameter
+NAME = "my-brake"
+SENTENCE = "The square of the rate about x brakes about y."
+PARAMETERS = (Parameter("brake", "rad^-1", 0.1),)
+NEEDS = ()
+BODY = ("brake",)
+
+
+def torque(t, q, w, p, inertia, environment):
+    return 0.0 * w[0], -p[0] * w[0] * w[0], 0.0 * w[0]
+"""
+    (tmp_path / "mine.py").write_text(text)
+    for k in (1, 2):
+        series = tumble(torque=lambda t, w: np.array([0.0, -0.35 * w[0] ** 2, 0.0]), rate=60.0, seconds=0.6, seed=k)
+        write_sequence(tmp_path / f"{k}", Sequence(rates=series))
+    usable, few = selection.usable_effects, ("my-brake", "viscous-damping")
+    monkeypatch.setattr(selection, "usable_effects", lambda r: ([e for e in usable(r)[0] if e.NAME in few], {}))
+    records = [str(tmp_path / "1"), str(tmp_path / "2")]
+    assert run(["diagnose", *records, "--effect", str(tmp_path / "mine.py"), "-q"]) == 0
+    said = capsys.readouterr().out
+    assert "my-brake" in said
+    line = next(line.split() for line in said.splitlines() if line.split()[:1] == ["brake"])
+    assert line[4] == "rad^-1" and abs(float(line[1]) - 0.35) < 4.0 * float(line[3])
 
 
 # -- the body's parameters -------------------------------------------------------------------------
