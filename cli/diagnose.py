@@ -81,6 +81,8 @@ def _one(given: Options, source: Path) -> int:
         found = diagnose(source, out, tell, given.force, given.discover, given.simulator)
     for warning in found.document["warnings"]:
         warn(warning)
+    if given.effect and "would fix them" in found.document["axes"]:
+        warn(f"{found.document['axes']}: an effect of your own that has a direction in the body acts in these axes")
     if given.json_output:
         say((out / "diagnosis.json").read_text() if out is not None else json.dumps(plain(found.document)))
     else:
@@ -134,6 +136,8 @@ def diagnosis_table(document: dict[str, Any]) -> str:
         held = "nothing held out" if gain is None else f"held-out gain {gain:+.2f}"
         rows.append(f"  {effect['name']}  (BIC {effect['delta_bic']:+.0f}, {held})")
         rows += _parameter_rows(effect["parameters"], effect["sigma"], effect["units"])
+    if document["effects"] and "axes" in document:
+        rows.append(f"  {document['axes']}")
     if "simulator" in document:
         rows += _simulator_rows(document["simulator"])
     if "law" in document:

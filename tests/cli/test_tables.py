@@ -64,3 +64,19 @@ def test_an_unknown_torque_is_told_with_its_sigma_and_what_it_goes_along_with() 
     found = {"verdict": "unexplained", "reason": "r", "effects": [], "where": [], "latent": latent}
     said = diagnosis_table(found | {"gap": {"fitted": both, "held_out": both}})
     assert "unknown torque: 2.1e-05 ± 9e-06 rad s^-2 rms, goes along: torque x with Sun z (r = +0.52)" in said
+
+
+def test_what_is_named_says_in_which_axes() -> None:
+    both = {"before": 1.5, "after": 1.0}
+    effect = {"name": "e", "held_out_gain": None, "delta_bic": 10.0, "parameters": {}, "sigma": {}, "units": {}}
+    found = {
+        "verdict": "named",
+        "reason": "r",
+        "effects": [effect],
+        "gap": {"fitted": both, "held_out": both},
+        "where": [],
+    }
+    assert (
+        "  body axes are those of attitude0"
+        in diagnosis_table({**found, "axes": "body axes are those of attitude0"}).splitlines()
+    )

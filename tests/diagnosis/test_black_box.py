@@ -102,6 +102,8 @@ def test_what_cannot_be_loaded_is_one_clear_line(tmp_path: Path, text: str, name
     assert said in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(InputError, match="module:function"):
         Simulator("nothing")
+    with pytest.raises(InputError, match=r"no such module; a file is FILE.py:function"):
+        Simulator("mine_own:spin")
 
 
 def test_parameters_that_the_record_does_not_show_have_no_number(problem: Problem, tmp_path: Path) -> None:
