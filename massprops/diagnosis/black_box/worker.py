@@ -133,7 +133,7 @@ def _load(text: str) -> Any:
         except ModuleNotFoundError as error:
             if error.name != place.partition(".")[0]:
                 raise
-            raise ImportError(f"no such module; a file is FILE.py:function") from None
+            raise ImportError("no such module; a file is FILE.py:function") from None
     return getattr(module, name), module.PARAMETERS
 
 
