@@ -16,6 +16,8 @@ MEANS = {
     "ambiguous": "what a free rigid body does not explain has several explanations",
     "unexplained": "no known effect explains what a free rigid body does not",
 }
+BLIND, UNSEEN = "not observable", "whether an effect is missing cannot be told"
+"""How the reason of a record begins that turns too little, and what that means."""
 GAP = "Root-mean-square residuals over the noise: 1 is as good as can be."
 WITHIN = 1.645
 """Sigmas of a normal law that hold 90 %."""
@@ -29,8 +31,10 @@ def verdict(doc: dict[str, Any]) -> str:
     """The verdict in a sentence, and the parameters of what was named; those that the data do not show have no number."""
     names = ", ".join(dict.fromkeys(e["name"] for e in doc["effects"]))
     title = doc["verdict"] + (f": {names}" if names else "")
+    blind = doc["reason"].startswith(BLIND)
+    kind, means = ("warning", UNSEEN) if blind else (KIND[doc["verdict"]], MEANS[doc["verdict"]])
     said = (
-        f'<div class="{KIND[doc["verdict"]]}"><b>{text(title)}</b> ({MEANS[doc["verdict"]]}). '
+        f'<div class="{kind}"><b>{text(title)}</b> ({means}). '
         f"{text(_sentence(doc['reason']))}</div>{_predicted(doc['gap']['held_out'])}"
     )
     rows = [row for e in doc["effects"] for row in _parameters(e)]

@@ -101,3 +101,10 @@ def test_a_simulator_is_on_the_page() -> None:
     box = {"name": "my:f", "parameters": {"a": 2.0, "b": None}, "sigma": {"a": 0.5, "b": None}}
     shown = simulator({"simulator": box | {"units": {"a": "s", "b": "s"}, "fitted": 1.02, "held_out": 1.1}})
     assert "my:f leaves 1.02" in shown and "2.000 ± 0.50" in shown and "not shown by the data" in shown
+
+
+def test_a_record_that_shows_nothing_is_not_said_to_lack_nothing() -> None:
+    doc = {"verdict": "none", "effects": [], "axes": "", "gap": {"held_out": {"before": None, "after": None}}}
+    shown = verdict({**doc, "reason": "not observable: the body turns by 9 deg only"})
+    assert 'class="warning"' in shown and "cannot be told" in shown and "no effect is missing" not in shown
+    assert "no effect is missing" in verdict({**doc, "reason": "a free rigid body explains the measurements"})
