@@ -58,8 +58,11 @@ def command(given: Options) -> int:
         return _design(given.design, given.out, given.effect or [], given.force, given.json_output)
     assert given.source is not None
     if given.more:
-        sources = [given.source, *given.more]
-        return _several(sources, given.out, given.force, given.json_output, given.quiet)
+        if given.discover or given.simulator is not None:
+            from massprops.diagnosis.several import ONE_RECORD
+
+            raise InputError(ONE_RECORD)
+        return _several(given, [given.source, *given.more])
     return _one(given, given.source)
 
 
@@ -78,6 +81,8 @@ def _one(given: Options, source: Path) -> int:
         found = diagnose(source, out, tell, given.force, given.discover, given.simulator)
     for warning in found.document["warnings"]:
         warn(warning)
+    if given.effect and "would fix them" in found.document["axes"]:
+        warn(f"{found.document['axes']}: an effect of your own that has a direction in the body acts in these axes")
     if given.json_output:
         say((out / "diagnosis.json").read_text() if out is not None else json.dumps(plain(found.document)))
     else:
@@ -87,31 +92,38 @@ def _one(given: Options, source: Path) -> int:
     return 0
 
 
-def _several(sources: list[Path], out: Path | None, force: bool, json_output: bool, quiet: bool) -> int:
+def _several(given: Options, sources: list[Path]) -> int:
     """Several records of one body, printed, and kept in `diagnosis.json`."""
     import json
 
     from massprops.core.files import plain
     from massprops.diagnosis.diagnose import diagnose_several, write_several
+    from massprops.effect_file import with_effects
+    from massprops.effects import effects
     from massprops.sequence.read import read_sequence
     from massprops_cli.progress import StageProgress
 
-    with StageProgress(quiet) as watch:
+    with with_effects(given.effect or []), StageProgress(given.quiet) as watch:
         document = diagnose_several(
             {str(s): read_sequence(s) for s in sources}, lambda what, done, total: watch(what, 0, 1, done, total, "")
         )
-    if out is not None:
-        write_several(document, out, sources, force)
+        known = effects()
+    if given.out is not None:
+        write_several(document, given.out, sources, given.force)
     for warning in document["warnings"]:
         warn(warning)
     rows = [f"  verdict   {document['verdict']}: {document['reason']}"]
-    rows += [f"  {e['name']}  (log evidence {e['evidence']:+.0f})" for e in document["effects"]]
+    for effect in document["effects"]:
+        rows.append(f"  {effect['name']}  (log evidence {effect['evidence']:+.0f})")
+        for name, own in effect["parameters"].items():
+            units = {q.name: q.unit for q in known[name].PARAMETERS} if name in known else {}
+            rows += _parameter_rows(own, effect["sigma"][name], dict.fromkeys(own, "") | units)
     rows += [f"  {k}  {document[k]['value']:.4f} ± {document[k]['sigma']:.2g}" for k in ("k1", "k2")]
     rows += [
         f"  {name}: {d['verdict']} {', '.join(e['name'] for e in d['effects'])}"
         for name, d in document["records"].items()
     ]
-    say(json.dumps(plain(document)) if json_output else "\n".join(rows))
+    say(json.dumps(plain(document)) if given.json_output else "\n".join(rows))
     return 0
 
 
@@ -123,11 +135,9 @@ def diagnosis_table(document: dict[str, Any]) -> str:
         gain = effect["held_out_gain"]
         held = "nothing held out" if gain is None else f"held-out gain {gain:+.2f}"
         rows.append(f"  {effect['name']}  (BIC {effect['delta_bic']:+.0f}, {held})")
-        for name, value in effect["parameters"].items():
-            if value is None:
-                rows.append(f"    {name:<14}{'not measurable':>14}")
-                continue
-            rows.append(f"    {name:<14}{value:>14.5g} ± {effect['sigma'][name]:<10.2g} {effect['units'][name]}")
+        rows += _parameter_rows(effect["parameters"], effect["sigma"], effect["units"])
+    if document["effects"] and "axes" in document:
+        rows.append(f"  {document['axes']}")
     if "simulator" in document:
         rows += _simulator_rows(document["simulator"])
     if "law" in document:
@@ -141,8 +151,40 @@ def diagnosis_table(document: dict[str, Any]) -> str:
     # where nothing is missing, what stands out most is chance
     for place in document["where"][:3] if document["verdict"] != "none" else ():
         a, b = place["interval_s"]
-        rows.append(f"  departs from a free body: {_place(place)}, {a:.4g} to {b:.4g} s (z = {place['z']:.1f})")
+        size = f"{place['size']:.3g} times the noise"
+        rows.append(f"  departs from a free body: {_place(place)}, {a:.4g} to {b:.4g} s, {size}")
+    rows += _torque_rows(document)
     return "\n".join(rows)
+
+
+MOST_LISTED = 15
+"""Parameters of one effect that the terminal lists."""
+
+
+def _parameter_rows(values: dict[str, Any], sigma: dict[str, Any], units: dict[str, str]) -> list[str]:
+    """One line for each parameter that the data show, and one with the names of the others."""
+    shown = {k: v for k, v in values.items() if v is not None}
+    rows = []
+    for name, value in list(shown.items())[:MOST_LISTED]:
+        spread = f"± {sigma[name]:<10.2g}" if sigma[name] else " " * 12
+        rows.append(f"    {name:<14}{value:>14.5g} {spread} {units[name]}")
+    if len(shown) > MOST_LISTED:
+        rows.append(f"    and {len(shown) - MOST_LISTED} more in diagnosis.json")
+    hidden = [name for name in values if name not in shown]
+    if hidden:
+        named = ", ".join(hidden) if len(hidden) <= MOST_LISTED else f"{len(hidden)} of {len(values)} parameters"
+        rows.append(f"    not measurable: {named}")
+    return rows
+
+
+def _torque_rows(document: dict[str, Any]) -> list[str]:
+    """The torque that would explain what no effect does, and what it goes along with."""
+    found = document.get("latent")
+    if found is None or document["verdict"] != "unexplained":
+        return []
+    alike = [f"{c['with'].replace(' by ', ' with ')} (r = {c['r']:+.2f})" for c in found["correlates"][:1]]
+    said = f"{found['shown_rms']:.2g} ± {found['shown_sigma']:.1g} rad s^-2 rms"
+    return [f"  unknown torque: {said}{', goes along: ' if alike else ''}{''.join(alike)}"]
 
 
 def _place(place: dict[str, Any]) -> str:
@@ -186,11 +228,7 @@ def _simulator_rows(box: dict[str, Any]) -> list[str]:
     rows = [
         f"  simulator {box['name']} leaves residuals of {box['fitted']:.2f} times the noise, {box['held_out']:.2f} in held-out data"
     ]
-    for name, value in box["parameters"].items():
-        sigma = box["sigma"][name]
-        shown = "not measurable" if sigma is None else f"± {sigma:.2g}"
-        rows.append(f"    {name:<14}{value:>14.5g} {shown:<12} {box['units'][name]}")
-    return rows
+    return rows + _parameter_rows(box["parameters"], box["sigma"], box["units"])
 
 
 def _design(scenario: str, out: Path | None, effects: list[Path], force: bool, json_output: bool) -> int:

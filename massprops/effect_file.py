@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import signal
 import sys
 import tempfile
+import threading
+import time
 import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 
 from massprops.effect_contract import faults, first_line
 from massprops.effects import add, remove
@@ -22,6 +25,10 @@ from massprops.errors import InputError, NotPossible
 
 SECONDS = 60.0
 """By the clock that the trial of a file may take; importing numpy on a busy machine takes some of it."""
+USE_SECONDS = 60.0
+"""By the clock that one call may take later."""
+LOOKS = 10
+"""At the stack in that time."""
 CPU_SECONDS = 20
 MEMORY_BYTES = 2 * 10**9
 LARGEST_BYTES = 1_000_000
@@ -65,7 +72,8 @@ def with_effects(paths: Sequence[str | Path]) -> Iterator[list[ModuleType]]:
             add(effect)
             found.append(effect)
         try:
-            yield found
+            with _each_call_ends({str(effect.__file__) for effect in found}, USE_SECONDS):
+                yield found
         except (InputError, NotPossible):
             raise
         except Exception as error:
@@ -79,6 +87,38 @@ def with_effects(paths: Sequence[str | Path]) -> Iterator[list[ModuleType]]:
     finally:
         for effect in found:
             remove(effect.NAME)
+
+
+@contextlib.contextmanager
+def _each_call_ends(files: set[str], seconds: float) -> Iterator[None]:
+    """Raises an error within a call into one of the files that takes longer than this by the clock.
+
+    A timer looks at the stack from time to time, so a call costs nothing. Without one, outside the main thread, nothing is watched.
+    """
+    if not files or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+    last: FrameType | None = None
+    since = 0.0
+
+    def look(_: int, frame: FrameType | None) -> None:
+        nonlocal last, since
+        call = None
+        while frame is not None:
+            call = frame if frame.f_code.co_filename in files else call
+            frame = frame.f_back
+        if call is None or call is not last:
+            last, since = call, time.monotonic()
+        elif time.monotonic() - since > seconds:
+            raise RuntimeError(f"a call of it takes more than {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_REAL, seconds / LOOKS, seconds / LOOKS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _tried_apart(path: Path, seconds: float) -> str:

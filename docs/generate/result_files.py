@@ -66,14 +66,17 @@ RESULTS = {
     "diagnosis.json": {
         "verdict": "`none`, `named`, `ambiguous` or `unexplained`",
         "reason": "one sentence",
-        "effects": "each effect named: `parameters`, `sigma`, `units`, `delta_bic` (by how much the Bayesian information "
-        "criterion falls; large is good), `held_out_gain` (by how much the residuals of data that no fit has seen fall)",
+        "effects": "each effect named: `parameters` (null where the data do not show one), `sigma`, `units`, `delta_bic` (by how "
+        "much the Bayesian information criterion falls; large is good), `held_out_gain` (by how much the residuals of data that no fit has seen fall)",
         "candidates": "each effect that was tried, with the same scores",
-        "gap": "residuals divided by the noise, `before` and `after`, for the `fitted` and the `held_out` data",
+        "gap": "residuals divided by the noise, `before` and `after`, for the `fitted` and the `held_out` data; from attitudes or "
+        "rates also with an unknown torque beside what is named, or alone where nothing is (`beside_unknown`)",
         "where": "where and when the residuals are largest: `channel`, `interval_s`, `features`, `z` (how far beyond chance, in "
-        "standard deviations)",
+        "standard deviations), `size` (rms over the noise)",
         "latent": "only from attitudes or rates: the torque that the motion shows without a model, how likely it is "
-        "(`evidence`), and what it goes along with (`correlates`)",
+        "(`evidence`), its size and 1-sigma as the report shows it (`shown_rms`, `shown_sigma`), and what it goes along with (`correlates`)",
+        "lever": "only with an accelerometer: from the centre of mass to the sensor, with its 1-sigma, and what it does not explain",
+        "simulator": "only with `--simulator`: its parameters (null where the data do not show one) with sigmas, and what it leaves",
         "law": "only with `--discover`: the formula that was found, with its terms, what is equal to each in this record "
         "(`same_here`), other laws that are nearly as likely (`rivals`), and its log evidence over what is named (`catalogue`)",
         "momentum": "only from tracks: by how much angular momentum and energy drift and scatter",

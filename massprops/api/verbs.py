@@ -277,7 +277,7 @@ def diagnose(
 
     Raises:
         InputError: the recording cannot be read, or a body file contradicts itself.
-        NotPossible: nothing in the recording shows how the body moves.
+        NotPossible: nothing in the recording shows how the body moves, or it is no free flight, or a sensor is at fault.
 
     Example:
         >>> seen = massprops.simulate("tracks", effects=["viscous-damping:6"])  # doctest: +SKIP
@@ -288,11 +288,16 @@ def diagnose(
     from massprops.api.sources import as_path
     from massprops.diagnosis.search.diagnose import diagnose as search
     from massprops.diagnosis.search.diagnose import write_found
+    from massprops.diagnosis.several import ONE_RECORD
     from massprops.effect_file import with_effects
+    from massprops.errors import InputError
 
     given = as_path(source)
     if more:
-        return _several([given, *map(as_path, more)], _path(out), force, progress)
+        if discover or simulator is not None:
+            raise InputError(ONE_RECORD)
+        with with_effects(_paths(effect)):
+            return _several([given, *map(as_path, more)], _path(out), force, progress)
     inputs = [given] if isinstance(given, Path) else []
     with with_effects(_paths(effect)):
         found = search(

@@ -11,13 +11,14 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.document import document_of_selection, model_of_selection
-from massprops.diagnosis.free_flight import Lever, check_free_flight
+from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.measured_beside import effects_beside
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.selection import Selection, rigid_body_alone, rms, select
 from massprops.effects import in_place
 from massprops.errors import InputError, NotPossible
+from massprops.sensing.check import check_sensors
 from massprops.sequence.data import Sequence
 
 
@@ -67,7 +68,7 @@ def diagnose_by_balance(
     `body.yaml` has no say: an inertia that is wrong would be paid for by an effect.
 
     Raises:
-        NotPossible: too few measurements, or too far apart, or the accelerometer says that this is no free flight.
+        NotPossible: too few measurements, or too far apart, or such as `check_sensors` refuses.
     """
     with in_place(effects_beside(sequence)):
         return _diagnosed(sequence, progress)
@@ -75,7 +76,8 @@ def diagnose_by_balance(
 
 def _diagnosed(sequence: Sequence, progress: Callable[[str, int, int], None]) -> BalanceDiagnosis:
     warnings = list(sequence.warnings)
-    record, lever = _record(sequence)
+    lever = check_sensors(sequence)
+    record = _record(sequence)
     turn = _turn(record.path.t, record.path.w)
     blind = turn < criteria.LEAST_TURN
     found = _without_effects(record, turn) if blind else select(record, progress)
@@ -138,12 +140,11 @@ def write_several(document: dict[str, Any], out: Path, inputs: Iterable[Path], f
     deliver(out, "diagnose", {"diagnosis.json": json_text(document)}, None, list(inputs), force)
 
 
-def _record(sequence: Sequence) -> tuple[Record, Lever | None]:
+def _record(sequence: Sequence) -> Record:
     if sequence.attitude is None:
         assert sequence.rates is not None
-        record = record_of_rates(sequence.rates, sequence.first_ns)
-        return record, check_free_flight(sequence, record)
-    return record_of_attitudes(sequence.attitude, sequence.environment, sequence.rates, sequence.first_ns), None
+        return record_of_rates(sequence.rates, sequence.first_ns)
+    return record_of_attitudes(sequence.attitude, sequence.environment, sequence.rates, sequence.first_ns)
 
 
 def _blind(turn: float) -> str:
@@ -174,7 +175,7 @@ def contents_of(d: BalanceDiagnosis) -> dict[str, str | bytes]:
 
 
 def residual_table(d: BalanceDiagnosis) -> str:
-    """Residuals before and after by measurement, and the latent torque of the rigid body alone."""
+    """Residuals before and after by measurement, and where no effect is named the likeliest unknown torque with its 1-sigma."""
     lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
     s = d.selection
     before = s.base.residual / s.noise
@@ -184,6 +185,8 @@ def residual_table(d: BalanceDiagnosis) -> str:
     for t, kind, b, a in zip(d.record.row_stamp, kinds, before, after, strict=True):
         lines += [f"{t},{kind},,,{name},{b[k]:.4f},{a[k]:.4f}" for k, name in enumerate("xyz")]
     if s.verdict == "unexplained":
-        for t, v in zip(d.record.stamp, s.unknown.torque[d.record.rows.at], strict=True):
-            lines += [f"{t},torque [rad s^-2],,,{name},{v[k]:.6g}," for k, name in enumerate("xyz")]
+        fit, at = s.likeliest_unknown, d.record.rows.at
+        for what, value in (("torque", fit.torque), ("torque sigma", torque_sd(fit))):
+            for t, v in zip(d.record.stamp, value[at], strict=True):
+                lines += [f"{t},{what} [rad s^-2],,,{name},{v[k]:.6g}," for k, name in enumerate("xyz")]
     return "\n".join(lines) + "\n"

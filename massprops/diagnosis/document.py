@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.diagnosis import criteria
 from massprops.diagnosis.held_out import fitted_rms, held_out_rms
-from massprops.diagnosis.hypothesis_fit import PASSES, HypothesisFit
+from massprops.diagnosis.hypothesis_fit import PASSES, HypothesisFit, torque_sd
 from massprops.diagnosis.selection import Candidate, Selection, rms, significance
 
 INTERVALS = 12
@@ -73,10 +73,11 @@ def _in_a_gap(c: Candidate) -> list[str]:
 def gap(s: Selection) -> dict[str, Any]:
     """What is left, over the noise, without the effect named, with it, and with it beside an unknown torque."""
     named = s.named[0] if s.named else None
+    unknown = s.likeliest_unknown if s.verdict == "unexplained" else None
     fits = {
         "before": s.base,
         "after": named.alone if named else s.base,
-        "beside_unknown": named.with_latent if named else None,
+        "beside_unknown": named.with_latent if named else unknown,
     }
     return {
         "fitted": {k: None if f is None else fitted_rms(f, s.noise) for k, f in fits.items()},
@@ -107,12 +108,12 @@ def reason(s: Selection) -> str:
 
 def _ahead(s: Selection) -> float:
     """By how much the likeliest effect is ahead of the likeliest unknown torque in log evidence."""
-    return s.tried[0].evidence - max(u.evidence for u in s.unknowns)
+    return s.tried[0].evidence - s.likeliest_unknown.evidence
 
 
 def _unknown(s: Selection) -> str:
     """The likeliest torque that names nothing."""
-    null = max(s.unknowns, key=lambda f: f.evidence).hypothesis
+    null = s.likeliest_unknown.hypothesis
     if null.by_sun:
         return "a torque that depends on the Sun's direction in the body, not as pressure does"
     return "a torque that is smooth in inertial axes" if null.inertial else "a torque that nothing is known of"
@@ -251,7 +252,7 @@ def where(s: Selection) -> list[dict[str, Any]]:
     edges = np.linspace(times[0], times[-1], INTERVALS + 1)
     out = []
     for a, b in zip(edges[:-1], edges[1:], strict=True):
-        values = np.clip(residual[(times >= a) & (times <= b)], -30.0, 30.0)
+        values = residual[(times >= a) & (times <= b)]
         if not values.size:
             continue
         out.append(
@@ -269,23 +270,47 @@ def where(s: Selection) -> list[dict[str, Any]]:
 
 def latent(s: Selection) -> dict[str, Any]:
     """What a torque that nothing is known of would have to be: alone, and what is left of it beside the effect named."""
-    with_latent = s.named[0].with_latent if s.named else s.unknown
-    with_named = with_latent is not None
-    fit = with_latent if with_latent is not None else s.unknown
-    rate = fit.rate
-    out: list[dict[str, Any]] = []
-    for axis, letter in enumerate("xyz"):
-        for other, name in zip(rate.T, ("rate x", "rate y", "rate z"), strict=True):
-            tau = fit.torque[:, axis]
-            if tau.std() > 0 and other.std() > 0:
-                out.append({"with": f"torque {letter} by {name}", "r": float(np.corrcoef(tau, other)[0, 1]), "p": None})
-    out.sort(key=lambda e: -abs(e["r"]))
+    fit = s.with_torque
+    beside = bool(s.named) and s.named[0].with_latent is not None
     return {
         "evidence": s.unknown.evidence - s.base.evidence,
         "torque_rms": rms(s.unknown.torque) * np.sqrt(3.0),
-        "torque_rms_beside_effect": rms(fit.torque) * np.sqrt(3.0) if s.named and with_named else None,
-        "correlates": out[:3],
+        "torque_rms_beside_effect": rms(fit.torque) * np.sqrt(3.0) if beside else None,
+        "shown_rms": rms(fit.torque) * np.sqrt(3.0),
+        "shown_sigma": rms(torque_sd(fit)) * np.sqrt(3.0),
+        "correlates": _goes_with(fit)[:3],
     }
+
+
+def _goes_with(fit: HypothesisFit) -> list[dict[str, Any]]:
+    """What the components of a fit's torque go with, the closest first: rates, and directions in the body that are known."""
+    known = {"rate": fit.rate, **_directions(fit)}
+    out: list[dict[str, Any]] = []
+    for axis, letter in enumerate("xyz"):
+        tau = fit.torque[:, axis]
+        for name, vector in known.items():
+            for other, component in zip(vector.T, "xyz", strict=True):
+                if tau.std() > 0 and other.std() > 0:
+                    r = float(np.corrcoef(tau, other)[0, 1])
+                    out.append({"with": f"torque {letter} by {name} {component}", "r": r, "p": None})
+    return sorted(out, key=lambda e: -abs(e["r"]))
+
+
+def _directions(fit: HypothesisFit) -> dict[str, np.ndarray]:
+    """(n, 3) in body axes, of the Sun, the magnetic field and the planet, as far as they are known."""
+    outside, model = fit.record.environment_state, fit.record.environment
+    if outside is None or model is None:
+        return {}
+    down = tuple(-np.asarray(v) for v in outside.position)
+    known: dict[str, tuple[Any, ...]] = {"Sun": outside.sun, "field": outside.field, "nadir": down}
+    there = {"Sun": "sun direction", "field": "magnetic field", "nadir": "orbit"}
+    body = np.swapaxes(fit.record.path.R, 1, 2)
+    out = {}
+    for name, vector in known.items():
+        if there[name] in model.known:
+            inertial = np.stack(np.broadcast_arrays(*vector, fit.record.path.t)[:3], axis=-1)
+            out[name] = np.einsum("nij,nj->ni", body, inertial / np.linalg.norm(inertial, axis=1, keepdims=True))
+    return out
 
 
 def _corrected(base: HypothesisFit, after: HypothesisFit) -> dict[str, Any]:

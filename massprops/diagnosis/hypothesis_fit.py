@@ -628,6 +628,14 @@ def _unknown_torques(record: Record, hypothesis: Hypothesis) -> list[tuple[str, 
     return out
 
 
+def torque_sd(fit: HypothesisFit) -> np.ndarray:
+    """(n, 3) 1-sigma of a fit's latent torque along its path, body axes [rad/s^2]."""
+    variance = np.zeros_like(fit.torque)
+    for name, shapes in _unknown_torques(fit.record, fit.hypothesis):
+        variance += np.sum((shapes @ fit.posterior.covariance[name]) * shapes, axis=2)
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
 def across(axis: np.ndarray) -> np.ndarray:
     """(3, 2) two directions across an axis."""
     return np.linalg.svd(axis[None])[2][1:].T

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from massprops.report.html import number, table, text, unit
-from massprops.report.plot import plot
+from massprops.report.plot import log_plot, plot
 
 KIND = {"none": "done", "named": "done", "ambiguous": "warning", "unexplained": "warning"}
 MEANS = {
@@ -16,31 +16,65 @@ MEANS = {
     "ambiguous": "what a free rigid body does not explain has several explanations",
     "unexplained": "no known effect explains what a free rigid body does not",
 }
-GAP = "Root-mean-square residuals over the stated noise: 1 is as good as can be."
+BLIND, UNSEEN = "not observable", "whether an effect is missing cannot be told"
+"""How the reason of a record begins that turns too little, and what that means."""
+GAP = "Root-mean-square residuals over the noise: 1 is as good as can be."
+WITHIN = 1.645
+"""Sigmas of a normal law that hold 90 %."""
+MOST_ROWS = 15
+"""Parameters of one effect that a table lists."""
+Series = tuple[str, np.ndarray, np.ndarray]
+"""Name, times and values of a line."""
 
 
 def verdict(doc: dict[str, Any]) -> str:
     """The verdict in a sentence, and the parameters of what was named; those that the data do not show have no number."""
     names = ", ".join(dict.fromkeys(e["name"] for e in doc["effects"]))
     title = doc["verdict"] + (f": {names}" if names else "")
+    blind = doc["reason"].startswith(BLIND)
+    kind, means = ("warning", UNSEEN) if blind else (KIND[doc["verdict"]], MEANS[doc["verdict"]])
     said = (
-        f'<div class="{KIND[doc["verdict"]]}"><b>{text(title)}</b> ({MEANS[doc["verdict"]]}). '
+        f'<div class="{kind}"><b>{text(title)}</b> ({means}). '
         f"{text(_sentence(doc['reason']))}</div>{_predicted(doc['gap']['held_out'])}"
     )
-    rows = [
-        (
-            e["name"],
-            name,
-            "not shown" if v is None else f"{number(v, 4)} ± {number(e['sigma'][name], 2)}",
-            unit(e["units"][name]),
-        )
-        for e in doc["effects"]
-        for name, v in e["parameters"].items()
-    ]
+    rows = [row for e in doc["effects"] for row in _parameters(e)]
     if not rows:
         return said
     found = table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,))
     return said + found + f'<p class="soft">{text(_sentence(doc["axes"]))}</p>'
+
+
+def _parameters(e: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Rows of an effect's parameters: those that the data show, and in one row the names of the others."""
+    shown = {k: v for k, v in e["parameters"].items() if v is not None}
+    rows = [
+        (
+            e["name"],
+            name,
+            number(v, 4) + (f" ± {number(e['sigma'][name], 2)}" if e["sigma"][name] else ""),
+            unit(e["units"][name]),
+        )
+        for name, v in list(shown.items())[:MOST_ROWS]
+    ]
+    if len(shown) > MOST_ROWS:
+        rows.append((e["name"], f"{len(shown) - MOST_ROWS} more", "in diagnosis.json", ""))
+    hidden = [k for k in e["parameters"] if k not in shown]
+    if hidden:
+        named = ", ".join(hidden) if len(hidden) <= MOST_ROWS else f"{len(hidden)} of {len(e['parameters'])}"
+        rows.append((e["name"], named, "not shown by the data", ""))
+    return rows
+
+
+def residuals(lines: list[Series], measured: str) -> str:
+    """Residuals over time, without and with what was found, on a logarithmic scale, with a line at the noise.
+
+    Args:
+        lines: each a name, times (n,) and rms over the noise (n,).
+        measured: what, in words.
+    """
+    times = np.concatenate([t for _, t, _ in lines])
+    series = [*lines, ("noise", np.array([times.min(), times.max()]), np.ones(2))]
+    return log_plot(series, "time [s]", f"{measured}, rms / σ", [f"s{k}" for k in range(len(lines))] + ["noise"])
 
 
 def _sentence(words: str) -> str:
@@ -95,6 +129,23 @@ def law(doc: dict[str, Any]) -> str:
     )
 
 
+def simulator(doc: dict[str, Any]) -> str:
+    """A user's simulator: what it leaves, and its parameters."""
+    box = doc.get("simulator")
+    if box is None:
+        return ""
+    rows = [
+        (
+            n,
+            "not shown by the data" if v is None else f"{number(v, 4)} ± {number(box['sigma'][n], 2)}",
+            unit(box["units"][n]),
+        )
+        for n, v in box["parameters"].items()
+    ]
+    said = f"{box['name']} leaves {number(box['fitted'], 3)} times the noise, and {number(box['held_out'], 3)} in held-out data."
+    return f"<p>{text(said)}</p>" + table(rows, ("parameter", "value ± 1σ", "unit"), numeric=(1,))
+
+
 def _rivals(rivals: list[dict[str, Any]]) -> str:
     """Terms in place of a law's that explain the record nearly as well."""
     rows = [(" + ".join(r["terms"]), number(r["log_evidence"], 2)) for r in rivals]
@@ -111,9 +162,12 @@ def _beside(catalogue: dict[str, Any] | None) -> str:
     return f"<p>Over {text(name)} of the catalogue the law has {number(ahead, 2)} in log evidence.</p>"
 
 
-def wheel(times: np.ndarray, momentum: np.ndarray) -> str:
-    """The momentum (n,) of a wheel along its axis at times (n,)."""
-    return plot([("along its axis", times, momentum)], "time [s]", "momentum over mean moment [rad/s]")
+def wheel(times: np.ndarray, momentum: np.ndarray, sigma: np.ndarray | None = None) -> str:
+    """The momentum (n,) of a wheel along its axis at times (n,), with a band of 1.645 sigma (n,) where that is known."""
+    bands = [] if sigma is None else [(times, momentum - WITHIN * sigma, momentum + WITHIN * sigma)]
+    note = '<p class="soft">Grey: 90 % intervals.</p>' if bands else ""
+    label = "momentum over mean moment [rad/s]"
+    return plot([("along its axis", times, momentum)], "time [s]", label, bands=bands) + note
 
 
 def not_tried(doc: dict[str, Any]) -> str:

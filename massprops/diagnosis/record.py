@@ -11,7 +11,6 @@ import numpy as np
 from massprops.core.robust import MAD_TO_SIGMA
 from massprops.diagnosis.momentum_balance import Rows
 from massprops.diagnosis.motion_path import MotionPath, nearest, path_from_attitudes, path_from_rates
-from massprops.diagnosis.stuck_sensor import check_moving
 from massprops.dynamics.environment import EnvironmentModel, EnvironmentState
 from massprops.errors import NotPossible
 from massprops.estimators.rates import LocalFit, from_attitude
@@ -95,7 +94,7 @@ def record_of_rates(series: RateSeries, first_ns: int | None = None) -> Record:
         first_ns: timestamp from which times count [ns]; else its own first.
 
     Raises:
-        NotPossible: too few samples, or the body turns too far between two of them, or an axis stands still.
+        NotPossible: too few samples, or the body turns too far between two of them.
     """
     stamp, w = series.timestamp_ns, series.w
     block = max(1, len(stamp) // MOST_ROWS)
@@ -106,7 +105,6 @@ def record_of_rates(series: RateSeries, first_ns: int | None = None) -> Record:
         )
     first = int(stamp[0]) if first_ns is None else first_ns
     seconds = (stamp - first) * 1e-9
-    check_moving(seconds, w)
     times = seconds[: count * block].reshape(count, block).mean(axis=1)
     rates = w[: count * block].reshape(count, block, 3).mean(axis=1)
     speed = float(np.median(np.linalg.norm(rates, axis=1)))
@@ -218,7 +216,6 @@ def _beside(times: np.ndarray, rates: RateSeries, first: int) -> _Gyroscope | No
     since, w = since[own], rates.w[own]
     if len(since) < FEWEST_ROWS:
         return None
-    check_moving(since, w)
     sigma = np.maximum(rates.sigma or 0.0, np.median(local_noise(w), axis=0))
     gap = float(np.median(np.diff(since)))
     turn = gap * float(np.max(np.linalg.norm(w, axis=1)))

@@ -122,6 +122,17 @@ class Selection:
         return (self.unknown, *self.others)
 
     @property
+    def likeliest_unknown(self) -> HypothesisFit:
+        """Of these the likeliest."""
+        return max(self.unknowns, key=lambda f: f.evidence)
+
+    @property
+    def with_torque(self) -> HypothesisFit:
+        """The unknown torque that is shown: what acts beside the effect that is named, or in place of any."""
+        beside = self.named[0].with_latent if self.named else None
+        return self.likeliest_unknown if beside is None else beside
+
+    @property
     def noise(self) -> np.ndarray:
         """(3,) the noise that residuals are told in, over that of the rows."""
         with_latent = self.named[0].with_latent if self.named else None

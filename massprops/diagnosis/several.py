@@ -19,20 +19,26 @@ from massprops.diagnosis.momentum_balance import inertia_of
 from massprops.diagnosis.selection import Candidate, Selection, may_be_named
 from massprops.errors import NotPossible
 
+ONE_RECORD = "a law (--discover) and a simulator (--simulator) are looked for in one record: give each record by itself"
+"""What is refused with several."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CommonEffect:
     """An effect tried in all records: its name, log evidence over the free body's of all records together, what they share, the
-    candidate of each record, and by how much their evidences together rise or fall by sharing it."""
+    candidate of each record, and by how much their evidences together rise or fall by sharing it. What counts, and what is shared, are
+    as `Candidate` has them: not always of one fit."""
 
     name: str
     evidence: float
     common: Common
     candidates: tuple[Candidate, ...]
+    agreement: float
 
     @property
-    def agreement(self) -> float:
-        return agreement(self.common, [c.best for c in self.candidates])
+    def told_apart(self) -> bool:
+        """Whether what each record tells of it lies further apart than its sigmas have it."""
+        return agreement(self.common, [c.best for c in self.candidates]) < criteria.DISAGREE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,27 +70,31 @@ def together(selections: list[Selection]) -> Together:
     for key in _in_all(selections):
         with suppress(NotPossible):
             own = _in_each(key, selections)
-            common = common_of([c.best for c in own])
-            tried.append(
-                CommonEffect(name=key[0], evidence=common.evidence - base.evidence, common=common, candidates=own)
-            )
+            counts = common_of([c.likeliest for c in own])
+            # what is told of an effect may come from another fit than the one that counts
+            common = counts if all(c.told is None for c in own) else common_of([c.best for c in own])
+            evidence = counts.evidence - base.evidence
+            alike = agreement(counts, [c.likeliest for c in own])
+            tried.append(CommonEffect(name=key[0], evidence=evidence, common=common, candidates=own, agreement=alike))
     tried.sort(key=lambda e: -e.evidence)
     latent = unknown.evidence - base.evidence
     if max([latent, *(e.evidence for e in tried)]) < criteria.BEATS_NOTHING + np.log(1 + len(tried)):
-        return _found("none", (), tried, base, bases)
+        return _found("none", (), tried, base, agreement(base, bases))
     good = [e for e in tried if e.evidence > latent + criteria.BEATS_UNKNOWN and _may_be_named(e, selections)]
     if not good:
-        return _found("unexplained", (), tried, unknown, latents)
+        return _found("unexplained", (), tried, unknown, agreement(unknown, latents))
     near = tuple(e for e in good if e.evidence > good[0].evidence - criteria.ALIKE)
     single = len({e.name for e in near}) == 1
-    fits = [c.best for c in near[0].candidates]
-    return _found("named" if single else "ambiguous", near[:1] if single else near, tried, near[0].common, fits)
+    first = near[0]
+    return _found(
+        "named" if single else "ambiguous", near[:1] if single else near, tried, first.common, first.agreement
+    )
 
 
 def _found(
-    verdict: str, named: tuple[CommonEffect, ...], tried: list[CommonEffect], common: Common, fits: list[HypothesisFit]
+    verdict: str, named: tuple[CommonEffect, ...], tried: list[CommonEffect], common: Common, alike: float
 ) -> Together:
-    return Together(verdict=verdict, named=named, tried=tuple(tried), common=common, agreement=agreement(common, fits))
+    return Together(verdict=verdict, named=named, tried=tuple(tried), common=common, agreement=alike)
 
 
 def _in_each(key: tuple[str, bool], selections: list[Selection]) -> tuple[Candidate, ...]:
@@ -134,6 +144,8 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
         NotPossible: the records are not of one body.
     """
     warnings = [f"{n}: {w}" for n, d in zip(names, documents, strict=True) for w in d["warnings"]]
+    apart = "the records differ by more than the sigmas of what each tells: those of k1 and k2 are of their scatter"
+    warnings += [f"{e.name}: {apart}" for e in found.named if e.told_apart]
     if found.agreement < criteria.DISAGREE:
         what = " and ".join(["one inertia", *sorted({f"one {n}" for e in found.named for n in e.common.parameters})])
         raise NotPossible(
@@ -141,6 +153,8 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
             "different body axes. Diagnose each by itself"
         )
     value, sigma = common_ratios(found.common)
+    if any(e.told_apart for e in found.named):
+        sigma = np.maximum(sigma, scatter(found.named[0])).tolist()
     return {
         "format": "massprops-diagnoses/1",
         "verdict": found.verdict,
@@ -154,6 +168,14 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
         "records": {n: d for n, d in zip(names, documents, strict=True)},
         "warnings": warnings,
     }
+
+
+def scatter(effect: CommonEffect) -> np.ndarray:
+    """(2,) 1-sigma of a mean of k1 and k2, from what each record tells by itself."""
+    from massprops.dynamics.inertia import ratios
+
+    k = np.array([ratios(c.best.inertia)[0] for c in effect.candidates])
+    return np.asarray(k.std(axis=0, ddof=1) / np.sqrt(len(k)))
 
 
 def common_ratios(common: Common) -> tuple[list[float], list[float]]:
@@ -186,7 +208,7 @@ def _entry(e: CommonEffect) -> dict[str, Any]:
 
 def _reason(found: Together, count: int) -> str:
     names = ", ".join(dict.fromkeys(e.name for e in found.named))
-    shared = any(e.common.parameters for e in found.named)
+    shared = any(own for e in found.named for own in e.common.parameters.values())
     return {
         "none": f"a free rigid body of one inertia explains the {count} records",
         "named": f"{names}, with one inertia{' and its parameters the same' if shared else ''} in all {count} records",

@@ -28,6 +28,8 @@ REFERENCE = "smoother"
 BREAKS = (ArithmeticError, ValueError, IndexError)
 """What numbers that overflow or are none end in, inside one method; numpy's LinAlgError is a ValueError."""
 
+EQUAL = 1e-14
+"""Of the cosine of half a turn: rounding."""
 MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
 """Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
 
@@ -58,6 +60,7 @@ def estimate_all(
     from massprops.model import load_model
     from massprops.model.measured_wheel import measured_wheel
     from massprops.model.problem import problem_of
+    from massprops.sensing.check import check_sensors
     from massprops.sequence.read import read_sequence
 
     chosen, named = chosen_methods(methods)
@@ -66,6 +69,7 @@ def estimate_all(
     if isinstance(source, str | Path):
         verify(Path(source), "sequence/")
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
+    check_sensors(sequence)
     problem = problem_of(sequence, MOST_FEATURES if 1 in sequence.cameras else MOST_FEATURES_ONE_CAMERA)
     if not body_known:
         problem = replace(problem, body=None)
@@ -205,6 +209,8 @@ class _Bench:
         except NotPossible as stop:
             return _NoStart(str(stop))
         except BREAKS as error:
+            if _still(self.problem):
+                return _NoStart("all attitudes are the same: the body does not turn")
             return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})")
         return replace(whole, early=early_start(self.problem, Prior(), whole)) if early else whole
 
@@ -231,6 +237,14 @@ class _Bench:
         except BREAKS as error:
             raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})") from None
         return found if self.wheel is None or takes_model else without_wheel(found)
+
+
+def _still(problem: Problem) -> bool:
+    """Whether the attitudes that are there are all one."""
+    import numpy as np
+
+    q = problem.attitude[np.isfinite(problem.attitude[:, 0])] if problem.has_attitude else np.zeros((0, 4))
+    return len(q) > 1 and bool(np.abs(q @ q[0]).min() > 1.0 - EQUAL)
 
 
 @dataclass(frozen=True)

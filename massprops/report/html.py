@@ -83,7 +83,10 @@ def round_marks(low: float, high: float) -> list[float]:
 
 def mark(value: float) -> str:
     """A round number at an axis, without zeros that say nothing."""
-    return number(value, 4) if abs(value) >= 1e4 or 0 < abs(value) < 1e-3 else f"{value:.6g}".replace("-", "−")
+    if abs(value) < 1e4 and (value == 0 or abs(value) >= 1e-3):
+        return f"{value:.6g}".replace("-", "−")
+    whole, times, power = number(value, 4).partition("×")
+    return (whole.rstrip("0").rstrip(".") if "." in whole else whole) + times + power
 
 
 def swatch(colour: str, name: str) -> str:

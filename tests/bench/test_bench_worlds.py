@@ -17,7 +17,7 @@ from massprops.diagnosis.diagnose import diagnose_by_balance
 pytestmark = pytest.mark.bench
 SEEDS = [int(s) for s in os.environ.get("MASSPROPS_WORLD_SEEDS", "21,22").split(",")]
 PAIR_SEEDS = range(226, 238)
-CALLED = {"sunlight": "solar-pressure-on-facets"}
+CALLED = {"sunlight": "solar-pressure-on-facets", "wheel-that-coasts": "internal-rotor"}
 """Effects under another name than Basilisk's kind."""
 
 
@@ -53,11 +53,11 @@ def _judged(records: list) -> tuple[int, int, int]:
 
 def test_bodies_moved_by_basilisk(capsys) -> None:
     pytest.importorskip("Basilisk")
-    from diagnosis.basilisk_worlds import KINDS, recorded
+    from diagnosis.basilisk_worlds import KINDS, WHEELS, recorded
 
     with capsys.disabled():
         print()
-        found = _judged([(f"{k}:{s}", CALLED.get(k, k), recorded(k, s)) for s in SEEDS for k in KINDS])
+        found = _judged([(f"{k}:{s}", CALLED.get(k, k), recorded(k, s)) for s in SEEDS for k in (*KINDS, *WHEELS)])
     right, wrong, shown = found
     assert right >= 0.9 * shown and wrong <= 0.1 * shown
 

@@ -25,7 +25,7 @@ def _nanoseconds(seconds: float) -> int:
 
 
 def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and attitudes (n, 4), body to inertial, of a body with some of `KINDS`, `SWINGING` or `STRANGERS`, joined by +, acting."""
+    """Times (n,) and attitudes (n, 4), body to inertial, of a body with some of `KINDS`, `SWINGING`, `WHEELS` or `STRANGERS`, joined by +, acting."""
     from Basilisk.simulation import spacecraft
     from Basilisk.utilities import SimulationBaseClass
 
@@ -49,7 +49,7 @@ def moved(kind: str, seed: int, seconds: float = 900.0, period: float = 2.0) -> 
     hub.hub.sigma_BNInit = [[v] for v in sigma]
     hub.hub.omega_BN_BInit = [[v] for v in w]
     world.AddModelToTask("t", hub)
-    kept = [{**KINDS, **STRANGERS, **SWINGING}[k](world, hub, rng, inertia, w) for k in kind.split("+")]
+    kept = [{**KINDS, **STRANGERS, **SWINGING, **WHEELS}[k](world, hub, rng, inertia, w) for k in kind.split("+")]
     recorder = hub.scStateOutMsg.recorder(_nanoseconds(period))
     world.AddModelToTask("t", recorder)
     world.InitializeSimulation()
@@ -187,6 +187,31 @@ def _wheel(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, 
     return {"kept": (factory, effector, message), "acts": [(300.0, torque(1.5 * size / 300.0)), (600.0, torque(0.0))]}
 
 
+def _coasting(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """A reaction wheel out of balance that friction brings to rest, most of it in the first half of the record.
+
+    It turns by a fraction of a radian in a step of the integrator, so that its imbalance is followed.
+    """
+    from Basilisk.architecture import messaging
+    from Basilisk.simulation import reactionWheelStateEffector
+    from Basilisk.utilities import simIncludeRW
+
+    factory = simIncludeRW.rwFactory()
+    axis = rng.standard_normal(3)
+    axis /= np.linalg.norm(axis)
+    size = 0.3 * np.linalg.norm(inertia @ w)
+    speed = 0.6
+    spin = size / speed
+    factory.create("custom", axis.tolist(), Omega=speed * 60 / (2 * np.pi), Js=spin, Jt=0.5 * spin, Jg=0.5 * spin, mass=2.0,
+                   RWModel=messaging.JitterFullyCoupled, U_s=0.02, U_d=0.01 * spin, Omega_max=1e5, u_max=1.0,
+                   rWB_B=(0.2 * rng.standard_normal(3)).tolist(), useRWfriction=True, betaStatic=-1.0,
+                   fCoulomb=float(size / 2000.0), fStatic=0.0, cViscous=float(spin / 250.0))  # fmt: skip
+    effector = reactionWheelStateEffector.ReactionWheelStateEffector()
+    factory.addToSpacecraft("wheels", effector, hub)
+    world.AddModelToTask("t", effector)
+    return {"kept": (factory, effector)}
+
+
 def _steered(hub: Any, world: Any, torque: Callable[[float, np.ndarray], np.ndarray]) -> dict:
     """A torque of time and attitude (body to inertial), body axes, held for ACT_S at a time."""
     effector = _pushed(hub, world, np.zeros(3))
@@ -264,6 +289,8 @@ def _slosh(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, 
 
 SWINGING: dict[str, Callable[..., dict]] = {"panel": _panel, "slosh": _slosh}
 """What the catalogue calls spring-mass-damper."""
+WHEELS: dict[str, Callable[..., dict]] = {"wheel-that-coasts": _coasting}
+"""What the catalogue calls internal-rotor."""
 STRANGERS: dict[str, Callable[..., dict]] = {"jet-in-sunlight": _jet_in_sunlight, "unsteady": _unsteady}
 """What no effect of the catalogue is."""
 KINDS: dict[str, Callable[..., dict]] = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from massprops.diagnosis.black_box.fit import fit_black_box
+from massprops.diagnosis.black_box.fit import document_of_black_box, fit_black_box
 from massprops.diagnosis.black_box.worker import Simulator
 from massprops.errors import InputError, NotPossible
 from massprops.model.problem import Problem, problem_of
@@ -102,3 +102,18 @@ def test_what_cannot_be_loaded_is_one_clear_line(tmp_path: Path, text: str, name
     assert said in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(InputError, match="module:function"):
         Simulator("nothing")
+    with pytest.raises(InputError, match=r"no such module; a file is FILE.py:function"):
+        Simulator("mine_own:spin")
+
+
+def test_parameters_that_the_record_does_not_show_have_no_number(problem: Problem, tmp_path: Path) -> None:
+    """Two of which only the sum acts, and one that moves nothing but the last bits."""
+    text = TOP.replace('"idle": (1.0, 1.0, "")', '"more": (0.0, 0.1, ""), "idle": (1.0, 1.0, "")')
+    text = text.replace('p["rate"] *', '(p["rate"] + p["more"] + 1e-9 * np.sin(1e6 * p["idle"] * times)) *')
+    box = simulator(tmp_path, text)
+    found = fit_black_box(box, problem)
+    document = document_of_black_box(box, found)
+    box.close()
+    assert abs(found.values[3] - 1.0) < 1e-6, "rounding leads nowhere"
+    assert [k for k, v in document["parameters"].items() if v is None] == ["rate", "more", "idle"]
+    assert np.isfinite(found.sigma[1]) and found.values[0] + found.values[2] == pytest.approx(0.3, abs=0.002)

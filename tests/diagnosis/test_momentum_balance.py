@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from report.browser import BROWSER, check_page
@@ -9,9 +11,9 @@ from scipy.integrate import solve_ivp
 
 from massprops.diagnosis.conserved_start import conserved, conserved_across
 from massprops.diagnosis.criteria import ALIKE, SCALE_SD, SCALES
+from massprops.diagnosis.diagnose import diagnose_by_balance
 from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, is_linear
 from massprops.diagnosis.evidence import Block, solve
-from massprops.diagnosis.free_flight import check_free_flight, lever
 from massprops.diagnosis.held_out import held_out_rms
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.momentum_balance import inertia_of, inertia_slopes, shape_of
@@ -23,7 +25,9 @@ from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.rotation import six_of
 from massprops.effects import effects
 from massprops.errors import NotPossible
-from massprops.sequence.data import RateSeries, Sequence
+from massprops.estimators.estimate import estimate_all
+from massprops.sensing.free_flight import check_free_flight, lever
+from massprops.sequence.data import AttitudeSeries, RateSeries, Sequence
 
 INERTIA = inertia_of(np.array([0.4, -0.9, 0.1, 0.05, -0.1]))
 SIGMA = 0.003
@@ -191,8 +195,32 @@ def test_a_record_in_the_hand_is_refused(tmp_path) -> None:
     ]
     head = "#timestamp [ns],w_x [rad s^-1],w_y [rad s^-1],w_z [rad s^-1],a_x [m s^-2],a_y [m s^-2],a_z [m s^-2]"
     (folder / "data.csv").write_text("\n".join([head, *rows]) + "\n")
+    held = Sequence(rates=series, folder=tmp_path)
+    for use in (check_free_flight, diagnose_by_balance, estimate_all):
+        with pytest.raises(NotPossible, match="no free flight"):
+            use(held)
+    # and where it lets go of it halfway
+    free = [row.rsplit(",", 3)[0] + ",0,0,0" for row in rows]
+    half = len(rows) // 2
+    (folder / "data.csv").write_text("\n".join([head, *rows[:half], *free[half:]]) + "\n")
+    with pytest.raises(NotPossible, match=r"m/s\^2 from 0.* to 0.* s that no distance"):
+        check_free_flight(held)
+    # beside attitudes too, along which the rates are rows
+    q = path.q[np.searchsorted(path.t, times - 1e-9)]
+    beside = AttitudeSeries(series.timestamp_ns, q, np.full(len(times), 1e-3))
     with pytest.raises(NotPossible, match="no free flight"):
-        check_free_flight(Sequence(rates=series, folder=tmp_path), record_of_rates(series))
+        diagnose_by_balance(replace(held, attitude=beside))
+
+
+def test_gravity_along_an_axis_that_a_table_turns_about_is_no_free_flight(tmp_path) -> None:
+    t = np.arange(300) * 10**7
+    w = np.tile([0.0, 0.0, 3.0], (300, 1)) + np.random.default_rng(0).normal(0.0, 1e-3, (300, 3))
+    (tmp_path / "imu0").mkdir()
+    head = "#timestamp [ns],w_x [rad s^-1],w_y [rad s^-1],w_z [rad s^-1],a_x [m s^-2],a_y [m s^-2],a_z [m s^-2]"
+    rows = [f"{s},{x:.6f},{y:.6f},{z:.6f},0,0,9.81" for s, (x, y, z) in zip(t, w, strict=True)]
+    (tmp_path / "imu0" / "data.csv").write_text("\n".join([head, *rows]) + "\n")
+    with pytest.raises(NotPossible, match=r"measures 9.4 m/s\^2 .* no free flight"):
+        check_free_flight(Sequence(rates=RateSeries(t, w, None), folder=tmp_path))
 
 
 def test_rates_too_few_or_too_far_apart_are_refused() -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
-from massprops.diagnosis.page_parts import law, notes, verdict
+from massprops.diagnosis.page_parts import law, notes, residuals, simulator, verdict, wheel
 from massprops.report.page import of_sections
 
 LAW: dict[str, Any] = {
@@ -75,5 +76,35 @@ def test_parameters_that_are_not_shown_have_no_number() -> None:
     gap = {"held_out": {"before": 3.0, "after": 1.04}}
     shown = verdict({"verdict": "named", "reason": "Air.", "axes": "body axes", "effects": [effect], "gap": gap})
     assert "predicted to 1.04 times the noise with it, and to 3.00 times without" in shown
-    assert "not shown" in shown and "± 0.5" in shown.replace("0.50", "0.5")
+    assert "not shown by the data" in shown and "± 0.5" in shown.replace("0.50", "0.5")
+    many = {f"p{k}": None for k in range(99)} | {"last": 1.5}
+    effect |= {"parameters": many, "sigma": dict.fromkeys(many), "units": dict.fromkeys(many, "1")}
+    shown = verdict({"verdict": "named", "reason": "Air.", "axes": "body axes", "effects": [effect], "gap": gap})
+    assert shown.count("<tr>") == 3 and "99 of 100" in shown and "1.500<" in shown, "a value that is held has no ±"
     assert notes({"warnings": []}) == "" and "<li>a</li>" in notes({"warnings": ["a"]})
+
+
+def test_residuals_are_drawn_over_time_beside_the_noise() -> None:
+    t = np.linspace(0.0, 1.0, 5)
+    both = residuals([("before", t, np.full(5, 100.0)), ("after", t, np.ones(5))], "rate")
+    assert both.count("<polyline") == 3 and 'class="noise"' in both and "before" in both and "after" in both
+    assert residuals([("before", t, np.ones(5))], "rate").count("<polyline") == 2
+
+
+def test_a_wheel_has_its_band() -> None:
+    t = np.linspace(0.0, 1.0, 5)
+    assert '<polygon class="band"' in wheel(t, t, 0.1 + 0 * t) and "polygon" not in wheel(t, t)
+
+
+def test_a_simulator_is_on_the_page() -> None:
+    assert simulator({}) == ""
+    box = {"name": "my:f", "parameters": {"a": 2.0, "b": None}, "sigma": {"a": 0.5, "b": None}}
+    shown = simulator({"simulator": box | {"units": {"a": "s", "b": "s"}, "fitted": 1.02, "held_out": 1.1}})
+    assert "my:f leaves 1.02" in shown and "2.000 ± 0.50" in shown and "not shown by the data" in shown
+
+
+def test_a_record_that_shows_nothing_is_not_said_to_lack_nothing() -> None:
+    doc = {"verdict": "none", "effects": [], "axes": "", "gap": {"held_out": {"before": None, "after": None}}}
+    shown = verdict({**doc, "reason": "not observable: the body turns by 9 deg only"})
+    assert 'class="warning"' in shown and "cannot be told" in shown and "no effect is missing" not in shown
+    assert "no effect is missing" in verdict({**doc, "reason": "a free rigid body explains the measurements"})

@@ -17,10 +17,17 @@ from massprops.diagnosis.diagnose import diagnose_by_balance
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.momentum_balance import inertia_of, shape_of
-from massprops.diagnosis.record import Record, record_of_attitudes
+from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import with_scanned
 from massprops.diagnosis.selection import Candidate, without_effects
-from massprops.diagnosis.several import common_ratios, document_of_together, together
+from massprops.diagnosis.several import (
+    CommonEffect,
+    Together,
+    common_ratios,
+    document_of_together,
+    scatter,
+    together,
+)
 from massprops.dynamics.inertia import ratios
 from massprops.effects import effects
 from massprops.errors import NotPossible
@@ -97,6 +104,10 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
     assert document["verdict"] == "none" and len(document["records"]) == 2 and document["agreement"] > 0
     truth = ratios(INERTIA)[0]
     assert abs(document["k1"]["value"] - truth[0]) < 4 * document["k1"]["sigma"] + 0.01
+    capsys.readouterr()
+    for more in ("--discover",), ("--simulator", "my:own"):
+        assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "2"), *more, "-q"]) == 2
+        assert "give each record by itself" in capsys.readouterr().err
     write_sequence(tmp_path / "long", Sequence(rates=tumble(rate=20.0, seconds=12.0)))
     assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "long"), "-q"]) == 2
     assert "diagnose it by itself" in capsys.readouterr().err
@@ -105,6 +116,38 @@ def test_the_command_takes_several_records_and_refuses_what_cannot_be_joined(tmp
     write_sequence(tmp_path / "other", Sequence(rates=other))
     assert run(["diagnose", str(tmp_path / "1"), str(tmp_path / "other"), "-q"]) == 3
     assert "of different bodies or in different body axes" in capsys.readouterr().err
+
+
+def test_an_effect_of_ones_own_is_tried_in_several_records_and_told_with_its_parameters(
+    tmp_path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from massprops.sequence.write import write_sequence
+    from massprops_cli.main import run
+
+    text = """
+from massprops.effects import Parameter
+NAME = "my-brake"
+SENTENCE = "The square of the rate about x brakes about y."
+PARAMETERS = (Parameter("brake", "rad^-1", 0.1),)
+NEEDS = ()
+BODY = ("brake",)
+
+
+def torque(t, q, w, p, inertia, environment):
+    return 0.0 * w[0], -p[0] * w[0] * w[0], 0.0 * w[0]
+"""
+    (tmp_path / "mine.py").write_text(text)
+    for k in (1, 2):
+        series = tumble(torque=lambda t, w: np.array([0.0, -0.35 * w[0] ** 2, 0.0]), rate=60.0, seconds=0.6, seed=k)
+        write_sequence(tmp_path / f"{k}", Sequence(rates=series))
+    usable, few = selection.usable_effects, ("my-brake", "viscous-damping")
+    monkeypatch.setattr(selection, "usable_effects", lambda r: ([e for e in usable(r)[0] if e.NAME in few], {}))
+    records = [str(tmp_path / "1"), str(tmp_path / "2")]
+    assert run(["diagnose", *records, "--effect", str(tmp_path / "mine.py"), "-q"]) == 0
+    said = capsys.readouterr().out
+    assert "my-brake" in said
+    line = next(line.split() for line in said.splitlines() if line.split()[:1] == ["brake"])
+    assert line[4] == "rad^-1" and abs(float(line[1]) - 0.35) < 4.0 * float(line[3])
 
 
 # -- the body's parameters -------------------------------------------------------------------------
@@ -215,3 +258,19 @@ def test_two_records_separate_what_one_confounds(monkeypatch: pytest.MonkeyPatch
 
 def _none(record: Record) -> Candidate:
     raise NotPossible("not tried")
+
+
+def test_what_is_told_by_other_fits_than_count_does_not_part_the_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wheel whose rate was measured counts beside an unknown torque and is told by itself, with sigmas that hold for one record."""
+    fits = [without_effects(record_of_rates(tumble(rate=60.0, seconds=0.6, seed=k)))[0] for k in (1, 2)]
+    tight = [replace(f, inertia=inertia_of(f.shape + 0.1 * k)) for k, f in enumerate(fits)]
+    own = tuple(Candidate(alone=f, told=t) for f, t in zip(fits, tight, strict=True))
+    common = common_of(fits)
+    monkeypatch.setattr(
+        "massprops.diagnosis.several.agreement", lambda common, fits: -30.0 if fits[0] is tight[0] else 5.0
+    )
+    effect = CommonEffect(name="wheel", evidence=50.0, common=common, candidates=own, agreement=5.0)
+    found = Together(verdict="named", named=(effect,), tried=(effect,), common=common, agreement=5.0)
+    document = document_of_together(found, ["a", "b"], [{"warnings": []}, {"warnings": []}])
+    assert "are of their scatter" in document["warnings"][0] and "its parameters the same" not in document["reason"]
+    assert document["k1"]["sigma"] >= scatter(effect)[0]

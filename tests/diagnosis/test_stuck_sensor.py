@@ -1,4 +1,4 @@
-"""A gyroscope whose axis stands still is no measurement: one clear line, not an effect."""
+"""A gyroscope whose axis stands still, and times that jump, are no measurement: one clear line, not an effect."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from massprops.diagnosis.diagnose import diagnose_by_balance
 from massprops.diagnosis.document import _in_a_gap
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.hypothesis_fit import Hypothesis
-from massprops.diagnosis.record import record_of_rates
-from massprops.diagnosis.stuck_sensor import check_moving
+from massprops.diagnosis.motion_path import path_from_rates
 from massprops.effects import effects
 from massprops.errors import NotPossible
-from massprops.sequence.data import RateSeries
+from massprops.estimators.estimate import estimate_all
+from massprops.sensing.stuck_sensor import check_moving
+from massprops.sensing.time_jumps import check_attitude_times, check_rate_times
+from massprops.sequence.data import RateSeries, Sequence
 
 TIMES = np.linspace(0.0, 2.0, 400)
 
@@ -33,8 +36,55 @@ def test_a_range_that_ends_and_a_sensor_that_is_stuck_are_told() -> None:
     w[100:150, 1] = w[100, 1]
     with pytest.raises(NotPossible, match="rate about y reads .* in 50 samples in a row from 0.5013 s on: .* stuck"):
         check_moving(TIMES, w)
-    with pytest.raises(NotPossible, match="stuck"):
-        record_of_rates(RateSeries(np.round(TIMES * 1e9).astype(np.int64), w, None))
+    stuck = Sequence(rates=RateSeries(np.round(TIMES * 1e9).astype(np.int64), w, None))
+    for use in (diagnose_by_balance, estimate_all):
+        with pytest.raises(NotPossible, match="stuck"):
+            use(stuck)
+
+
+def test_a_range_that_ends_for_a_few_samples_each_time_is_told() -> None:
+    w = rates()
+    top = np.quantile(w[:, 0], 0.97)
+    with pytest.raises(NotPossible, match=r"rate about x reads .* in 12 samples and never beyond: .* end of its range"):
+        check_moving(TIMES, np.minimum(w, top + 0.0 * w))
+    low = np.round(np.maximum(w, np.quantile(w[:, 1], 0.05)) / 0.002) * 0.002
+    with pytest.raises(NotPossible, match="never beyond"):
+        check_moving(TIMES, low)
+
+
+def test_an_axis_that_reads_one_number_all_the_time_is_told() -> None:
+    w = rates()
+    w[:, 2] = 3.25
+    with pytest.raises(NotPossible, match="rate about z reads 3.25 rad/s in all 400 samples .* stuck"):
+        check_moving(TIMES, w)
+    calculated = np.stack([np.cos(TIMES), np.sin(TIMES), 0.5 + 0 * TIMES], axis=1)  # of a symmetric body
+    check_moving(TIMES, calculated)
+    check_moving(TIMES, np.round(calculated, 4))
+
+
+JUMP = 0.06
+
+
+@pytest.mark.parametrize("jump", [0.0, JUMP])
+def test_rates_whose_clock_is_set_are_told_from_a_gap(jump: float) -> None:
+    times = np.where(TIMES > 1.0, TIMES + jump, TIMES)
+    if jump:
+        with pytest.raises(NotPossible, match="imu0: the times jump by 0.065.* s at 0.99.* s, .* the clock was set"):
+            check_rate_times(times, rates())
+        return
+    seen = (TIMES < 1.0) | (TIMES > 1.0 + JUMP)
+    check_rate_times(TIMES[seen], rates()[seen])
+
+
+@pytest.mark.parametrize("jump", [0.06, 3.0])
+def test_attitudes_whose_clock_is_set_are_told_from_a_gap(jump: float) -> None:
+    path = path_from_rates(TIMES, rates())
+    q = path.q[np.searchsorted(path.t, TIMES - 1e-9)]
+    with pytest.raises(NotPossible, match="attitude0: the times jump by .* the clock was set"):
+        check_attitude_times(np.where(TIMES > 1.0, TIMES + jump, TIMES), q)
+    for length in (0.03, 0.06, 0.3, 0.6):
+        seen = (TIMES < 1.0) | (1.0 + length < TIMES)
+        check_attitude_times(TIMES[seen], q[seen])
 
 
 def test_an_event_in_a_gap_may_be_times_that_jump() -> None:

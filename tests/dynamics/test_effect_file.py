@@ -119,6 +119,23 @@ def test_a_file_that_fails_in_use_is_named(tmp_path: Path) -> None:
         found[0].torque(2e3, None, None, [0.0], None, None)
 
 
+def test_a_file_that_never_ends_in_use_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (
+        HEAD
+        + "def torque(t, q, w, p, inertia, environment):\n    while p[0] == 7.0:\n        pass\n    return p[0], p[0], p[0]\n"
+    )
+    monkeypatch.setattr("massprops.effect_file.USE_SECONDS", 0.5)
+    with (
+        pytest.raises(
+            NotPossible, match=r"my-torque failed: RuntimeError: a call of it takes more than 0.5 s.*mine.py"
+        ),
+        with_effects([written(tmp_path, text)]) as found,
+    ):
+        for _ in range(10**6):  # many short calls are no long one
+            found[0].torque(0.0, None, None, [0.0], None, None)
+        found[0].torque(0.0, None, None, [7.0], None, None)
+
+
 def test_the_command_lists_and_refuses(tmp_path: Path) -> None:
     def run(*arguments: str) -> subprocess.CompletedProcess:
         command = [sys.executable, "-m", "massprops_cli.main", "effects", *arguments]

@@ -7,8 +7,8 @@ import numpy as np
 from massprops.estimators.methods import own
 from massprops.report.curves import COLOURS, method_style
 from massprops.report.estimates import _bounded, _doubts, _overlaid, _reliable
-from massprops.report.html import unit
-from massprops.report.plot import plot
+from massprops.report.html import mark, unit
+from massprops.report.plot import log_plot, plot
 from massprops.report.ratio_plane import ratio_plane
 from massprops.report.sections.comparison import _sides
 
@@ -19,6 +19,18 @@ def test_a_line_ends_where_a_number_is_missing() -> None:
     points = [line.split('points="')[1].split('"')[0].split() for line in drawn]
     assert [len(p) for p in points] == [2, 2, 2]
     assert points[0][0] != points[0][1] and points[1][0] == points[1][1], "a lone number is a dot"
+
+
+def test_a_logarithmic_scale_has_its_marks_and_leaves_out_what_has_no_logarithm() -> None:
+    drawn = log_plot([("a", np.arange(4.0), np.array([0.0, 1.0, 10.0, 100.0]))], "t", "y")
+    points = drawn.split('points="')[1].split('"')[0].split()
+    heights = [float(p.split(",")[1]) for p in points]
+    assert len(points) == 3 and abs(heights[0] - 2 * heights[1] + heights[2]) < 0.11
+    assert all(f">{m}</text>" in drawn for m in ("1", "10", "100"))
+
+
+def test_marks_have_no_zeros_that_say_nothing() -> None:
+    assert [mark(v) for v in (-2e-5, 2.5e-5, 0.0, 2e4)] == ["−2×10⁻⁵", "2.5×10⁻⁵", "0", "20000"]
 
 
 def test_units_are_raised() -> None:

@@ -19,6 +19,13 @@ STEP = 1e-4
 MOST_ITERATIONS, MOST_DAMPING = 30, 1e6
 SETTLED = 1e-6
 """Relative fall of the cost at which the search ends."""
+LEAST_SHOWN = 0.01
+"""Change of all residuals together [sigma] by the common size of what is measured at all."""
+SINGULAR, LOST = 1e-10, 1e-6
+"""Of the largest eigenvalue of the normal equations: the error of finite differences; share of a parameter in what is not measured."""
+FAINT, REAL = 10.0, 0.1
+"""A derivative below the first [sigma over the common size] may be the simulator's own rounding: then a step of the common size moves
+less than the second times as much."""
 LARGEST = 1e3
 """Of a residual in sigmas: a trial that is this far off is far off."""
 
@@ -97,7 +104,7 @@ class _Residuals:
             step = STEP * np.eye(len(x))[k]
             above, below = self(x + step), self(x - step)
             if above is not None and below is not None:
-                columns.append((above - below) / (2 * STEP))
+                columns.append(self._if_real(x, k, (above - below) / (2 * STEP)))
                 continue
             here = self(x) if here is None else here
             side, sign = (above, 1.0) if above is not None else (below, -1.0)
@@ -109,6 +116,17 @@ class _Residuals:
             columns.append(sign * (side - here) / STEP)
         return np.stack(columns, axis=1)
 
+    def _if_real(self, x: np.ndarray, k: int, column: np.ndarray) -> np.ndarray:
+        """A derivative (r,), or nothing where it is rounding that a longer step does not show."""
+        size = float(np.linalg.norm(column))
+        if not 0.0 < size < FAINT:
+            return column
+        far = np.eye(len(x))[k]
+        above, below = self(x + far), self(x - far)
+        if above is None or below is None or np.linalg.norm(above - below) >= 2 * REAL * size:
+            return column
+        return np.zeros_like(column)
+
 
 def fit_black_box(simulator: Simulator, problem: Problem) -> BlackBoxFit:
     """The fit of all measurements that the simulator gives, begun at its own start.
@@ -119,9 +137,7 @@ def fit_black_box(simulator: Simulator, problem: Problem) -> BlackBoxFit:
     """
     rows = _Residuals(simulator, problem)
     x, r, J = _least(rows, np.zeros(len(rows.start)), MOST_ITERATIONS)
-    spread = np.linalg.pinv(J.T @ J, hermitian=True) * max(1.0, float(r @ r) / max(1, len(r) - len(x)))
-    shown = np.linalg.norm(J, axis=0) > 0
-    sigma = np.where(shown, np.sqrt(np.maximum(np.diag(spread), 0.0)), np.inf)
+    sigma = _sigma(J, max(1.0, float(r @ r) / max(1, len(r) - len(x))))
     n = len(problem.times)
     fold = np.minimum(rows.epoch * BLOCKS // n, BLOCKS - 1) % FOLDS
     held = np.empty(len(r))
@@ -132,6 +148,15 @@ def fit_black_box(simulator: Simulator, problem: Problem) -> BlackBoxFit:
     return BlackBoxFit(
         rows.start + rows.size * x, rows.size * sigma, r, float(np.sqrt(np.mean(held**2))), rows.calls, rows.failed
     )
+
+
+def _sigma(J: np.ndarray, inflation: float) -> np.ndarray:
+    """(p,) 1-sigma from the derivatives (r, p) of the residuals; infinite for a parameter that moves along a way on which nothing changes."""
+    value, vector = np.linalg.eigh(J.T @ J)
+    known = value > max(LEAST_SHOWN**2, SINGULAR * float(value[-1]))
+    variance = np.sum(vector[:, known] ** 2 / value[known], axis=1) * inflation
+    lost = np.sum(vector[:, ~known] ** 2, axis=1) > LOST
+    return np.where(lost, np.inf, np.sqrt(variance))
 
 
 Place = tuple[np.ndarray, np.ndarray]
@@ -169,7 +194,10 @@ def document_of_black_box(simulator: Simulator, fit: BlackBoxFit) -> dict[str, A
     """`simulator` in `diagnosis.json`."""
     return {
         "name": simulator.text,
-        "parameters": {q.name: float(v) for q, v in zip(simulator.parameters, fit.values, strict=True)},
+        "parameters": {
+            q.name: float(v) if np.isfinite(s) else None
+            for q, v, s in zip(simulator.parameters, fit.values, fit.sigma, strict=True)
+        },
         "sigma": {
             q.name: float(s) if np.isfinite(s) else None for q, s in zip(simulator.parameters, fit.sigma, strict=True)
         },

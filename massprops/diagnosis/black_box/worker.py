@@ -128,7 +128,12 @@ def _load(text: str) -> Any:
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
     else:
-        module = importlib.import_module(place)
+        try:
+            module = importlib.import_module(place)
+        except ModuleNotFoundError as error:
+            if error.name != place.partition(".")[0]:
+                raise
+            raise ImportError("no such module; a file is FILE.py:function") from None
     return getattr(module, name), module.PARAMETERS
 
 

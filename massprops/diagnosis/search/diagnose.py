@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.core.outputs import Outputs, verify
+from massprops.diagnosis.criteria import SHOWN
 from massprops.diagnosis.search.result import Diagnosis
 from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError, NotPossible
@@ -64,7 +65,7 @@ def diagnose(
 
     Raises:
         InputError: an unreadable sequence, or a body file that contradicts itself.
-        NotPossible: nothing in the sequence shows how the body moves.
+        NotPossible: nothing in the sequence shows how the body moves, or its sensors are at fault (`check_sensors`).
     """
     from massprops.diagnosis.measured_beside import effects_beside
     from massprops.effects import in_place
@@ -89,6 +90,7 @@ def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str |
     from massprops.diagnosis.diagnose import decides, diagnose_by_balance
     from massprops.diagnosis.search.noise import with_track_noise
     from massprops.model.problem import problem_of
+    from massprops.sensing.check import check_sensors
 
     if decides(sequence):
         by_balance = diagnose_by_balance(sequence, progress)
@@ -97,6 +99,7 @@ def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str |
         if discover:
             by_balance = replace(by_balance, law=_law(sequence, by_balance.document, by_balance.selection, progress))
         return by_balance
+    check_sensors(sequence)
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
@@ -367,7 +370,7 @@ def _document(
         "warnings": list(case.warnings),
     }
     if torque is not None:
-        document["torque"] = {k: v for k, v in torque.items() if k not in ("times", "torque")}
+        document["torque"] = {k: v for k, v in torque.items() if k not in ("times", "torque", "sigma")}
     if history is not None:
         document["momentum"] = {k: v for k, v in history.items() if np.ndim(v) == 0}
     if named is not None and DENSITY in named.names and case.inertia_prior.inertia is not None:
@@ -417,20 +420,32 @@ def _entries(model: Scored, s: Selection) -> list[dict[str, Any]]:
         names = [q.name for q in a.effect.PARAMETERS]
         entry["name"] = a.name
         entry["sentence"] = a.effect.SENTENCE
-        entry["parameters"] = {n: float(v) for n, v in zip(names, values, strict=True)}
-        entry["sigma"] = {n: float(v) for n, v in zip(names, sigma, strict=True)}
+        entry["parameters"], entry["sigma"] = _shown(names, values, sigma)
         entry["units"] = {q.name: q.unit for q in a.effect.PARAMETERS}
         out.append(entry)
     return out
 
 
+def _shown(
+    names: list[str], values: np.ndarray, sigma: np.ndarray
+) -> tuple[dict[str, float | None], dict[str, float | None]]:
+    """Parameters with their 1-sigma, None for those that the data do not show."""
+    shown = np.isfinite(sigma) & (np.abs(values) > SHOWN * sigma)
+    told = [
+        (n, float(v), float(e)) if k else (n, None, None)
+        for n, v, e, k in zip(names, values, sigma, shown, strict=True)
+    ]
+    return {n: v for n, v, _ in told}, {n: e for n, _, e in told}
+
+
 def _entry(model: Scored, s: Selection, without: Scored | None = None) -> dict[str, Any]:
     base = without or s.base
-    parameters, sigma = {}, {}
+    parameters: dict[str, float | None] = {}
+    sigma: dict[str, float | None] = {}
     for a in model.added:
-        for q, v, e in zip(a.effect.PARAMETERS, model.fit.state.model.value(a.name), model.sigma[a.name], strict=True):
-            key = q.name if len(model.added) == 1 else f"{a.name}.{q.name}"
-            parameters[key], sigma[key] = float(v), float(e)
+        names = [q.name if len(model.added) == 1 else f"{a.name}.{q.name}" for q in a.effect.PARAMETERS]
+        own = _shown(names, model.fit.state.model.value(a.name), model.sigma[a.name])
+        parameters, sigma = parameters | own[0], sigma | own[1]
     return {
         "name": " + ".join(model.names),
         "parameters": parameters,

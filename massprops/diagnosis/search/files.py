@@ -53,7 +53,7 @@ def write_contents(out: Path, contents: dict[str, str | bytes], inputs: Iterable
 
 
 def _residual_table(d: Diagnosis) -> str:
-    """Residuals before and after by measurement, and the torque recovered without a model where there is one."""
+    """Residuals before and after by measurement, and the torque recovered without a model where there is one, with its 1-sigma."""
     base = d.selection.base
     best = d.selection.best or base
     problem, m = d.case.problem, d.case.fitted
@@ -71,9 +71,10 @@ def _residual_table(d: Diagnosis) -> str:
     rows("rate", m.rate_at, b.rates, a.rates, "xyz")
     rows("attitude", m.attitude_at, b.attitude, a.attitude, "xyz")
     if d.torque is not None:
-        for t, v in zip(d.torque["times"], d.torque["torque"], strict=True):
-            for name, value in zip("xyz", v, strict=True):
-                lines.append(f"{problem.first_ns + int(t * 1e9)},torque [rad s^-2],,,{name},{value:.6g},")
+        for what, series in (("torque", d.torque["torque"]), ("torque sigma", d.torque["sigma"])):
+            for t, v in zip(d.torque["times"], series, strict=True):
+                for name, value in zip("xyz", v, strict=True):
+                    lines.append(f"{problem.first_ns + int(t * 1e9)},{what} [rad s^-2],,,{name},{value:.6g},")
     return "\n".join(lines) + "\n"
 
 

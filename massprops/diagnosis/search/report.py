@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from massprops.diagnosis.page_parts import GAP, law, not_tried, notes, verdict, wheel
+from massprops.diagnosis.page_parts import GAP, WITHIN, law, not_tried, notes, simulator, verdict, wheel
+from massprops.diagnosis.page_parts import residuals as over_time
 from massprops.diagnosis.search.body_picture import body_picture
 from massprops.diagnosis.search.result import Diagnosis
 from massprops.model.linearise import Residuals, residuals
@@ -27,6 +28,7 @@ def page(d: Diagnosis) -> str:
         [
             ("verdict", "Verdict", verdict(d.document) + _hidden_mass(d.document)),
             ("law", "A law for the residuals", law(d.document)),
+            ("simulator", "Your simulator", simulator(d.document)),
             ("gap", "Residuals before and after", _gap(d)),
             ("where", "Where", _where(d)),
             ("candidates", "Candidates", _candidates(d.document)),
@@ -74,7 +76,7 @@ def _gap(d: Diagnosis) -> str:
         ("", _over_time(problem.times, d.case.fitted, base.fit.residuals, best.fit.residuals)),
         (" held out", _over_time(problem.times, d.case.held, *predicted)),
     ):
-        plots += [f"<div>{plot(series, 'time [s]', f'{channel}{what}, rms / σ')}</div>" for channel, series in found]
+        plots += [f"<div>{over_time(lines, channel + what)}</div>" for channel, lines in found]
     parts.append(f'<div class="two">{"".join(plots)}</div>')
     return "".join(parts)
 
@@ -240,11 +242,13 @@ def _torque(d: Diagnosis) -> str:
         return ""
     t = d.torque
     series = [(a, t["times"], t["torque"][:, i]) for i, a in enumerate("xyz")]
+    low, high = t["torque"] - WITHIN * t["sigma"], t["torque"] + WITHIN * t["sigma"]
+    bands = [(t["times"], low[:, i], high[:, i]) for i in range(3)] if np.isfinite(t["sigma"]).all() else []
     period = "no single period" if t["period_s"] is None else f"a period of {number(t['period_s'], 3)} s"
     rows = [(n, number(c["along"], 2), number(c["power_along"], 2)) for n, c in t["correlations"].items()]
     return (
         f"<p>Body torque over the mean moment that takes the residual from {number(t['before'], 3)} to {number(t['after'], 3)}: "
-        f"{'fixed in the ' + t['frame'] if t['frame'] != 'neither' else 'fixed neither in the body nor in space'}, {period}.</p>"
-        + plot(series, "time [s]", "torque [rad/s²]")
+        f"{'fixed in the ' + t['frame'] if t['frame'] != 'neither' else 'fixed neither in the body nor in space'}, {period}.{' Grey: 90 % intervals.' if bands else ''}</p>"
+        + plot(series, "time [s]", "torque [rad/s²]", bands=bands)
         + table(rows, ("direction", "correlation along", "share of power along"))
     )

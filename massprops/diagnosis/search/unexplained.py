@@ -13,11 +13,14 @@ from massprops.diagnosis.search.refit import Scored
 from massprops.diagnosis.search.residual_statistics import mean_square
 from massprops.dynamics.quaternion import rotate, rotation_matrix
 from massprops.effects import Parameter
-from massprops.estimators.batch.solve import InertiaPrior, Search, fit
+from massprops.estimators.batch.solve import InertiaPrior, Search, covariance_of, fit
 from massprops.model import Model
 from massprops.model.state import BatchState
 
 MOST_KNOTS = 32
+FEWEST_KNOTS = 4
+WIDEST = 10.0
+"""1-sigma of a torque over its largest value, above which nothing is said of it."""
 
 
 def torque_effect(knots: np.ndarray) -> Any:
@@ -49,7 +52,7 @@ def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
     The inertia stays as the base model has it: a free torque could stand for any inertia.
 
     Returns:
-        `times` (k,), `torque` (k, 3) body axes over the mean moment [rad/s^2], `before`, `after` (rms over the noise),
+        `times` (k,), `torque` (k, 3) body axes over the mean moment [rad/s^2], its `sigma`, `before`, `after` (rms over the noise),
         `frame` (body, space or neither), `period_s` of the strongest line, `correlations` with rate, Sun, field, nadir.
     """
     per_turn = max(4.0, 2 * np.pi / max(case.speed, 1e-12) / 6.0)
@@ -62,9 +65,16 @@ def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
     free[12:17] = False
     found = fit(case.problem, case.fitted, start, case.environment, free, InertiaPrior(), Search(most=12))
     torque = found.state.model.values[0].reshape(-1, 3)
+    usable = bool(np.isfinite(found.information).all())
+    variance = np.diag(covariance_of(found))[17 : 17 + 3 * count] if usable else np.full(3 * count, np.inf)
+    sigma = np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 3)
+    shown = sigma.max(axis=1) < WIDEST * max(float(np.abs(torque).max()), 1e-300)
+    if shown.sum() >= FEWEST_KNOTS:  # beyond what was seen it may be anything
+        knots, torque, sigma = knots[shown], torque[shown], sigma[shown]
     return {
         "times": knots,
         "torque": torque,
+        "sigma": sigma,
         "before": base.fitted,
         "after": float(np.sqrt(mean_square(found.residuals))),
         **_character(case, found.state, found.predicted.q, found.predicted.motion.w, knots, torque),
