@@ -24,10 +24,9 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 ALIKE = 0.6
-"""Overlap (intersection over union) of the sections at two mouths above which they belong to one hole. Set on one machined part
-(Blender): its bores have .68 to .92, as their measured walls are rough. By itself it tells little: in other directions two
-sections about one of its places overlapped by .83, but most of the place did not lie between them. Of ends without measured walls
-also the share of either that the other covers to a cell: .82 and .95 of screw holes, .32 at most of others."""
+"""Share of either of two sections that the other covers to a cell above which they belong to one hole. Set on two machined parts (Blender):
+their bores have .93, a slot of which one mouth was half filled in .64, screw holes .82 and .95, most pairs of other dark places at most
+.32. By itself it tells little: most of the place must lie between the sections."""
 MEASURED = 0.8
 """Share of a section's rim that was measured from which on the section is believed; deeper in, the fill narrows it. Set on the
 same part."""
@@ -240,8 +239,7 @@ def _pair(body: Surface, faces: cKDTree, place: np.ndarray, layers: _Layers) -> 
     lower = _section(body, faces, layers, columns, range(middle - 1, -1, -1))
     if upper is None or lower is None:
         return None
-    alike = np.count_nonzero(upper.free & lower.free) / np.count_nonzero(upper.free | lower.free)
-    return _Mouths(layers, upper, lower, float(alike))
+    return _Mouths(layers, upper, lower, _alike(upper.free, lower.free))
 
 
 def _lids(
