@@ -12,11 +12,12 @@ from test_joined_pieces import filmed, pieces
 from massprops.dynamics.rigid_body import propagate
 from massprops.sfm import along_motion
 from massprops.sfm.along_motion import follow_free_motion, refine_along
-from massprops.sfm.assembled import STAYS, Part, assemble
+from massprops.sfm.assembled import STAYS, Part, Similarity, assemble
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.free_adjustment import MOTION, _Adjusted, _State, fit_line
 from massprops.sfm.free_motion import FreeRotation
 from massprops.sfm.points import residuals
+from massprops.sfm.reversed_depth import reversed_in_depth
 
 
 def apart(folder, R):
@@ -122,3 +123,20 @@ def test_where_own_poses_fit_better_the_motion_is_looked_for_from_these(tmp_path
     found, _ = follow_free_motion(model, given)
     assert len(seen) == 2
     assert test_mapping.attitude_error(to_views(found)[0], truth) < 0.004
+
+
+def test_a_part_that_took_near_for_far_is_placed_by_the_motion_of_the_rest(tmp_path):
+    R = tumbling(40)
+    given, truth = pieces(tmp_path, R, which=range(28))
+    model = given.found.models[0]
+    ids = [i for _, i in sorted((model.image(i).name, i) for i in model.reg_image_ids())]
+    other = reversed_in_depth(model)
+    pose = [m.image(ids[9]).cam_from_world().matrix() for m in (model, other)]
+    turn = pose[0][:, :3].T @ pose[1][:, :3]
+    to = Similarity(1.0, turn, pose[0][:, :3].T @ (pose[1][:, 3] - pose[0][:, 3]))
+    wrong = assemble([Part(other, frozenset(ids[:10]), to), Part(model, frozenset(ids[10:]), STAYS)])
+    assert test_mapping.attitude_error(to_views(wrong)[0], truth) > 0.3
+    found, _ = follow_free_motion(wrong, given)
+    views, _ = to_views(found)
+    assert views.names == truth.names
+    assert test_mapping.attitude_error(views, truth) < 0.004
