@@ -23,13 +23,14 @@ from massprops.sfm.attempt import FEWEST, ModelInputs
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.database import image_numbers
 from massprops.sfm.distinct import unit
-from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, cauchy_cost, fit_line, tumble_precision
+from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, cauchy_cost, fit_line
 from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
 from massprops.sfm.free_run import longest_free_run
 from massprops.sfm.guided import Gate, Placed, match_placed, place
 from massprops.sfm.lens import LensChoice
 from massprops.sfm.loops import NEXT, forget, pairs_to_compare
 from massprops.sfm.mapping import retriangulate, verify
+from massprops.sfm.motion_precision import tumble_precision
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.refine import Refined, RefineOptions, adjust, honest, remove_outliers, robust_loss
 from massprops.sfm.sound import take_out
