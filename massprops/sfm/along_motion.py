@@ -19,11 +19,21 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import NotPossible
+from massprops.sfm.at_outlines import drop_outline_points
 from massprops.sfm.attempt import FEWEST, ModelInputs
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.database import image_numbers
 from massprops.sfm.distinct import unit
-from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, cauchy_cost, fit_line
+from massprops.sfm.footage import FootageRecord
+from massprops.sfm.free_adjustment import (
+    LINE,
+    MOTION,
+    Tumble,
+    adjust_tumble,
+    cauchy_cost,
+    fit_line,
+    hold_to_tumble,
+)
 from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
 from massprops.sfm.free_run import longest_free_run
 from massprops.sfm.guided import Gate, Placed, match_placed, place
@@ -63,10 +73,11 @@ NEARER = 0.9
 
 @dataclass(frozen=True)
 class Following:
-    """A motion and the time of each image by name."""
+    """A motion, the time of each image by name, and the footage."""
 
     tumble: Tumble
     clock: Callable[[str], float]
+    footage: FootageRecord
 
 
 def follow_free_motion(
@@ -82,7 +93,7 @@ def follow_free_motion(
             model, tumble = found
             own, worse = _own_poses(model, tumble, clock, given)
             if worse < WORSE:
-                return model, Following(tumble, clock)
+                return model, Following(tumble, clock, given.footage)
             if not worse < NEARER * worst:
                 return None
             model, worst = own, worse
@@ -120,18 +131,27 @@ def _followed(
 def refine_along(
     model: pycolmap.Reconstruction, following: Following, options: RefineOptions, free_focal: bool
 ) -> Refined:
-    """The last adjustment, in place, by a motion.
+    """The last adjustment, in place, by a motion. It is adjusted to what does not lie at outlines; images that show little else get their
+    poses from it all the same.
 
     Raises:
         NotPossible: too little is left.
     """
-    tumble = following.tumble
+    clock, inner, tumble = following.clock, pycolmap.Reconstruction(model), following.tumble
+    drop_outline_points(inner, following.footage)
     for _ in range(options.rounds):
-        loss = remove_outliers(model, options)
+        loss = remove_outliers(inner, options)
+        take_out(inner, options.given_focal)
+        tumble = adjust_tumble(inner, tumble, clock, loss, free_focal)
+    for camera_id, camera in inner.cameras.items():
+        model.cameras[camera_id].params = camera.params
+    for _ in range(options.rounds):
+        hold_to_tumble(model, tumble, clock, loss)
+        remove_outliers(model, options)
         take_out(model, options.given_focal)
-        tumble = adjust_tumble(model, tumble, following.clock, loss, free_focal)
+    hold_to_tumble(model, tumble, clock, loss)
     model.update_point_3d_errors()
-    found = tumble_precision(model, tumble, following.clock, loss, free_focal)
+    found = tumble_precision(inner, tumble, clock, loss, free_focal, to_views(model)[0].names)
     return Refined(honest(found), dict[int, LensChoice]())
 
 

@@ -88,17 +88,30 @@ def adjust_tumble(
     views, ids = to_views(model)
     system = MotionSystem(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, free_focal)
     found = system.settled(State(tumble, 0.0, system.points.xyz), 20)
+    _write(model, ids, system, found)
+    for camera in model.cameras.values():
+        camera.params = [
+            p * np.exp(found.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)
+        ]
+    return found.tumble
+
+
+def hold_to_tumble(
+    model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str], float], loss_px: float
+) -> None:
+    """Gives the images of a single camera the poses of a motion, in place, and adjusts the points to these; as `adjust_tumble`."""
+    views, ids = to_views(model)
+    system = MotionSystem(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, False)
+    _write(model, ids, system, system.with_points_settled(State(tumble, 0.0, system.points.xyz), 10))
+
+
+def _write(model: pycolmap.Reconstruction, ids: list[int], system: MotionSystem, found: State) -> None:
     for image_id, R, t in zip(ids, *found.tumble.poses(system.times), strict=True):
         frame = model.frame(model.image(image_id).frame_id)
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(R), t)
         frame.set_cam_from_world(model.image(image_id).camera_id, pose)
     for point_id, xyz in zip(system.points.id.tolist(), found.xyz, strict=True):
         model.point3D(point_id).xyz = xyz
-    for camera in model.cameras.values():
-        camera.params = [
-            p * np.exp(found.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)
-        ]
-    return found.tumble
 
 
 def cauchy_cost(views: Views, points: SparsePoints, loss_px: float) -> float:
@@ -158,14 +171,14 @@ class MotionSystem:
         system = System(len(views), points, s, lens, weight)
         of_points = system.slopes_of_points(r, weight)
         score = np.asarray(system.scores(r, weight).sum(axis=0)).ravel()
-        return Linear(r, weight, system, self.columns(state.tumble, views.R), of_points, score)
+        return Linear(r, weight, system, self.columns(state.tumble, views.R, self.times), of_points, score)
 
-    def columns(self, tumble: Tumble, R: np.ndarray) -> np.ndarray:
-        """(6n + e, 20 + e) derivatives of turns and shifts of the images, R (n, 3, 3), and of the lens."""
+    def columns(self, tumble: Tumble, R: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """(6n + e, 20 + e) derivatives of turns and shifts of images at times (n,), R (n, 3, 3), and of the lens."""
         from scipy.spatial.transform import Rotation
 
         n, e = len(R), int(self.free)
-        ends = tumble.turning.attitudes(self.times, np.concatenate([STEP * np.eye(MOTION), -STEP * np.eye(MOTION)]))
+        ends = tumble.turning.attitudes(times, np.concatenate([STEP * np.eye(MOTION), -STEP * np.eye(MOTION)]))
         change = np.einsum("mnij,mnlj->mnil", ends[:MOTION], ends[MOTION:]).reshape(-1, 3, 3)
         turn = Rotation.from_matrix(change).as_rotvec().reshape(MOTION, n, 3) / (2 * STEP)
         J = np.zeros((n, 6, MOTION + LINE + e))
@@ -173,9 +186,24 @@ class MotionSystem:
         J[:, 3:, :MOTION] = -np.cross(turn, R @ tumble.centre).transpose(1, 2, 0)
         J[:, 3:, MOTION : MOTION + 3] = -R
         J[:, 3:, MOTION + 3 : MOTION + 6] = np.eye(3)
-        J[:, 3:, MOTION + 6 : MOTION + 9] = tumble.clock(self.times)[:, None, None] * np.eye(3)
+        J[:, 3:, MOTION + 6 : MOTION + 9] = tumble.clock(times)[:, None, None] * np.eye(3)
         lens = np.eye(MOTION + LINE + e)[MOTION + LINE :]
         return np.concatenate([J.reshape(6 * n, -1), lens])
+
+    def with_points_settled(self, state: State, iterations: int) -> State:
+        """The state with its points where its motion has them best."""
+        cost = self.cost(state)
+        for _ in range(iterations):
+            at = self.linear(state)
+            moved = at.system.points_follow(np.zeros(at.columns.shape[0]), at.of_points)
+            trial = replace(state, xyz=state.xyz + moved)
+            before, cost = cost, self.cost(trial)
+            if not cost < before:
+                break
+            state = trial
+            if not cost < before * (1 - SETTLED):
+                break
+        return state
 
     def settled(self, state: State, iterations: int) -> State:
         """The state from which no step gains."""

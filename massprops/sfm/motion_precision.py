@@ -8,7 +8,7 @@ slender body.
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pycolmap
@@ -27,9 +27,14 @@ UNSEEN = 7
 
 
 def tumble_precision(
-    model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str], float], loss_px: float, free_focal: bool
+    model: pycolmap.Reconstruction,
+    tumble: Tumble,
+    clock: Callable[[str], float],
+    loss_px: float,
+    free_focal: bool,
+    names: Sequence[str],
 ) -> Precision:
-    """Precision of an adjusted motion, with tracks as clusters, as `massprops.sfm.precision` has it, and the inertia that it shows.
+    """Precision of an adjusted motion and of the attitudes that it gives the images `names`, with tracks as clusters, as `massprops.sfm.precision` has it, and the inertia that it shows.
 
     Errors of a motion are alike in all images, and whoever reads attitudes takes them for independent. Stated larger by the
     square root of coordinates over the motion's numbers, they leave such a reader as uncertain of the motion as it is, in the mean over
@@ -38,21 +43,23 @@ def tumble_precision(
     """
     views, ids = to_views(model)
     points = to_points(model, ids)
+    times = np.array([clock(n) for n in names])
     system = MotionSystem(views, points, np.array([clock(n) for n in views.names]), loss_px, free_focal)
     linear = system.linear(State(tumble, 0.0, points.xyz))
     J, r = linear.columns, linear.residual
     free = unseen(tumble, J.shape[1])
     inverse = inverse_but_for(J.T @ linear.system.normal @ J, free, float(np.linalg.norm(tumble.place)))
     score = np.asarray(linear.system.scores(r, linear.weight) @ J)
-    turns = J[: 6 * len(views)].reshape(len(views), 6, -1)[:, :3]
-    still = _attitudes_still(views.R, turns, free)
+    R = tumble.poses(times)[0]
+    turns = system.columns(tumble, R, times)[: 6 * len(R)].reshape(len(R), 6, -1)[:, :3]
+    still = _attitudes_still(R, turns, free)
     covariance = _sandwich(inverse, score)
     attitude = np.sqrt(np.einsum("nai,ij,naj->n", turns @ still, covariance, turns @ still) / 3)
     rms = float(np.sqrt(np.mean(r**2)))
     stated, independent = np.sqrt(np.maximum(np.diag(covariance), 0)), np.sqrt(np.maximum(np.diag(inverse), 0)) * rms
     focal = (float(stated[-1]), float(independent[-1])) if free_focal else (0.0, 0.0)
     numbers = {model.image(i).camera_id for i in ids}
-    alike = np.sqrt(max(3 * len(views) / MOTION, 1.0))
+    alike = np.sqrt(max(3 * len(R) / MOTION, 1.0))
     by_region = _sandwich(inverse, _by_region(score, points))
     shown = ShownInertia(
         inertia_of_log(tumble.turning.inertia[None])[0],

@@ -69,7 +69,7 @@ def tumble():
 def test_derivatives_of_poses_are_those_of_differences():
     found, views, points = tumble()
     system = MotionSystem(views, points, np.arange(0, 20, 3.0), 1.0, True)
-    J = system.columns(found, found.poses(system.times)[0])
+    J = system.columns(found, found.poses(system.times)[0], system.times)
     for k, e in enumerate(1e-6 * np.eye(MOTION + 9)):
         (R, t), (Q, s) = found.changed(e).poses(system.times), found.changed(-e).poses(system.times)
         turn = Rotation.from_matrix(R @ Q.transpose(0, 2, 1)).as_rotvec() / 2e-6
