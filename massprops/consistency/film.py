@@ -16,6 +16,10 @@ from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import log_components
 
 FILM = "film"
+FLOOR = 0.002
+"""1-sigma of each of the five numbers that no residual shows: what features slide and the lens bends alike in all images. In the four
+directions that a film shows best, three path-traced CubeSats were off by .0012 in the root mean square and by .003 at most, where the
+residuals say .00004 to .002."""
 STEP = 1e-5
 """Of the differences by which derivatives are taken."""
 
@@ -40,7 +44,7 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
     def components(frame: np.ndarray) -> np.ndarray:
         ends = [log_components(_exponential(log + s * STEP * BASIS), frame) for s in (1, -1)]
         slope = (ends[0] - ends[1]).T / (2 * STEP)
-        return np.asarray(slope @ covariance @ slope.T)
+        return np.asarray(slope @ covariance @ slope.T) + FLOOR**2 * np.eye(5)
 
     of_own = components(own)
     k = log_components(inertia, own)[:2]
