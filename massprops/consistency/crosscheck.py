@@ -124,6 +124,7 @@ def _check(
     folder: Path, mesh: Any, sequence: str | Path | None, methods: Iterable[str], progress: Progress
 ) -> CrossCheck:
     from massprops.consistency import verdict as judge
+    from massprops.consistency.film import film_estimate
     from massprops.consistency.fusion import agreement, fuse, read_draws
     from massprops.consistency.motion_side import frame_of, scale_against, to_mesh_axes, tumble_of
     from massprops.estimators.estimate import estimate_all
@@ -151,6 +152,9 @@ def _check(
         scaled = mesh.document["units"]["length"] == "m" and (outcome.problem.stereo or outcome.problem.has_range)
         scale = scale_against(e, frame) if frame is not None and scaled else None
         compared.append(judge.compare_one(e, mesh, tie, scale, None if slides is None else slides.inertia))
+    film = film_estimate(folder, mesh.axes) if own else None
+    if film is not None:
+        compared.insert(0, judge.compare_tied(film[0], mesh, (np.eye(3), "attitude0"), film[1]))
     best = judge.reference_of(compared)
     residuals = {} if watched is None or stopped else _residuals(watched, mesh, best)
     free = {name: series["rms"] for name, series in residuals.items() if "rms" in series}

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.consistency.film import FILM
 from massprops.consistency.mesh_side import MeshSide
 from massprops.consistency.motion_side import Centre, Tumble, motion_covariance
 from massprops.estimators.estimate import REFERENCE
@@ -85,9 +86,19 @@ def compare_one(
         chi2, degrees = chi_square(difference, spread)
         p = p_value(chi2, degrees)
         return Compared(found, None, how, chi2, degrees, p, p, scale=scale)
+    return compare_tied(found, mesh, (turn, how), motion_covariance(found, turn, mesh.axes, alike), scale)
+
+
+def compare_tied(
+    found: Estimate, mesh: MeshSide, tie: tuple[np.ndarray, str], motion: np.ndarray, scale: float | None = None
+) -> Compared:
+    """As `compare_one`, of an estimate whose axes are tied to the mesh's, with the covariance (5, 5) of its `log_components`."""
+    if not is_sound(found):
+        return Compared(found)
+    assert found.inertia is not None
+    turn, how = tie
     inertia = turn @ found.inertia @ turn.T
     difference = log_components(inertia, mesh.axes) - log_components(mesh.inertia, mesh.axes)
-    motion = motion_covariance(found, turn, mesh.axes, alike)
     spread = motion + mesh.covariance
     with_axes = found.axes_covariance is not None
     use = slice(0, 5) if with_axes else slice(0, 2)
@@ -153,10 +164,14 @@ def not_turning(tumble: Tumble | None) -> Verdict | None:
 
 
 def reference_of(compared: list[Compared]) -> Compared | None:
-    """The estimate that the verdict rests on: the smoother, or without it the sharpest whose residuals fit their noise.
+    """The estimate that the verdict rests on: the film's own adjustment by one free motion, or the smoother, or without both the sharpest
+    whose residuals fit their noise.
 
     Where the smoother ran and found the ratios unobservable, no other estimator's claim counts.
     """
+    film = next((c for c in compared if c.found.name == FILM and c.sound), None)
+    if film is not None:
+        return film
     for c in compared:
         if c.found.name == REFERENCE and (c.sound or not c.found.observable):
             return c if c.sound else None

@@ -1,7 +1,7 @@
 """A body of repeating cells placed by its free motion: the sides that share next to no points are held together by it.
 
 The attitudes that were found tell the motion (`massprops.sfm.free_motion`), stretches between gaps each by their own axes, since it
-is at gaps that they jump. At the places that the motion predicts all features are matched anew, in images that were not placed
+is at gaps that they jump. Where the longest stretch is no free motion, its longest run that is one tells it (`massprops.sfm.free_run`). At the places that the motion predicts all features are matched anew, in images that were not placed
 too, and motion and points are adjusted together (`massprops.sfm.free_adjustment`), three times.
 
 Whether the body moves so is tested: images that follow their own poses must not fit their observations much better. Where they do,
@@ -19,16 +19,28 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import NotPossible
+from massprops.sfm.at_outlines import drop_outline_points
 from massprops.sfm.attempt import FEWEST, ModelInputs
-from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.database import image_numbers
 from massprops.sfm.distinct import unit
-from massprops.sfm.free_adjustment import LINE, MOTION, Tumble, adjust_tumble, cauchy_cost, fit_line, tumble_precision
+from massprops.sfm.footage import FootageRecord
+from massprops.sfm.free_adjustment import (
+    LINE,
+    MOTION,
+    Tumble,
+    adjust_tumble,
+    cauchy_cost,
+    fit_line,
+    hold_to_tumble,
+)
 from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
+from massprops.sfm.free_run import longest_free_run
 from massprops.sfm.guided import Gate, Placed, match_placed, place
 from massprops.sfm.lens import LensChoice
 from massprops.sfm.loops import NEXT, forget, pairs_to_compare
 from massprops.sfm.mapping import retriangulate, verify
+from massprops.sfm.motion_precision import tumble_precision
 from massprops.sfm.points import SparsePoints
 from massprops.sfm.refine import Refined, RefineOptions, adjust, honest, remove_outliers, robust_loss
 from massprops.sfm.sound import take_out
@@ -61,10 +73,11 @@ NEARER = 0.9
 
 @dataclass(frozen=True)
 class Following:
-    """A motion and the time of each image by name."""
+    """A motion, the time of each image by name, and the footage."""
 
     tumble: Tumble
     clock: Callable[[str], float]
+    footage: FootageRecord
 
 
 def follow_free_motion(
@@ -80,7 +93,7 @@ def follow_free_motion(
             model, tumble = found
             own, worse = _own_poses(model, tumble, clock, given)
             if worse < WORSE:
-                return model, Following(tumble, clock)
+                return model, Following(tumble, clock, given.footage)
             if not worse < NEARER * worst:
                 return None
             model, worst = own, worse
@@ -100,6 +113,9 @@ def _followed(
     mapping, options = given.found.mapping, given.options.refine
     start = _first(model, clock)
     if start is None:
+        model = _free_part(model, clock)
+        start = _first(model, clock)
+    if start is None:
         return None
     for turn, gate in enumerate(GATES):
         model = _matched(model, start, gate, replace(given, work=given.work / f"motion{turn}"), clock)
@@ -115,18 +131,27 @@ def _followed(
 def refine_along(
     model: pycolmap.Reconstruction, following: Following, options: RefineOptions, free_focal: bool
 ) -> Refined:
-    """The last adjustment, in place, by a motion.
+    """The last adjustment, in place, by a motion. It is adjusted to what does not lie at outlines; images that show little else get their
+    poses from it all the same.
 
     Raises:
         NotPossible: too little is left.
     """
-    tumble = following.tumble
+    clock, inner, tumble = following.clock, pycolmap.Reconstruction(model), following.tumble
+    drop_outline_points(inner, following.footage)
     for _ in range(options.rounds):
-        loss = remove_outliers(model, options)
+        loss = remove_outliers(inner, options)
+        take_out(inner, options.given_focal)
+        tumble = adjust_tumble(inner, tumble, clock, loss, free_focal)
+    for camera_id, camera in inner.cameras.items():
+        model.cameras[camera_id].params = camera.params
+    for _ in range(options.rounds):
+        hold_to_tumble(model, tumble, clock, loss)
+        remove_outliers(model, options)
         take_out(model, options.given_focal)
-        tumble = adjust_tumble(model, tumble, following.clock, loss, free_focal)
+    hold_to_tumble(model, tumble, clock, loss)
     model.update_point_3d_errors()
-    found = tumble_precision(model, tumble, following.clock, loss, free_focal)
+    found = tumble_precision(inner, tumble, clock, loss, free_focal, to_views(model)[0].names)
     return Refined(honest(found), dict[int, LensChoice]())
 
 
@@ -144,9 +169,7 @@ def _first(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> _St
     points = to_points(model, ids)
     middle = np.median(points.xyz, axis=0)
     time = np.array([clock(n) for n in views.names])
-    order = np.argsort(time)
-    cut = np.flatnonzero(np.diff(time[order]) > GAP * np.median(np.diff(time[order]))) + 1
-    parts = sorted((own for own in np.split(order, cut) if len(own) >= FEWEST), key=lambda own: -len(own))
+    parts = _stretches(time)
     if not parts:
         return None
     pieces = [Piece(time[own], views.R[own], views.t[own] + views.R[own] @ middle) for own in parts]
@@ -167,6 +190,26 @@ def _first(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> _St
     used = time[np.concatenate(parts)]
     shifts = np.concatenate(at) - rotation.motion.attitudes(used)[0] @ centres.centre
     return _Start(fit_line(rotation.motion, used, shifts, slimness), scale)
+
+
+def _stretches(time: np.ndarray) -> list[np.ndarray]:
+    """Numbers of the images of `time` (n,) without a gap between them, in their order, the longest stretch first."""
+    order = np.argsort(time)
+    if len(order) < FEWEST:
+        return []
+    cut = np.flatnonzero(np.diff(time[order]) > GAP * np.median(np.diff(time[order]))) + 1
+    return sorted((own for own in np.split(order, cut) if len(own) >= FEWEST), key=lambda own: -len(own))
+
+
+def _free_part(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> pycolmap.Reconstruction:
+    """The model with the longest run of its images that follow one free motion, whatever its gaps; without any where there is none."""
+    views, ids = to_views(model)
+    time = np.array([clock(n) for n in views.names])
+    order = np.argsort(time)
+    run = longest_free_run(Piece(time[order], views.R[order], views.t[order]), np.deg2rad(MOST_RMS_DEG))
+    out = pycolmap.Reconstruction(model)
+    take_out_images(out, set(ids) - {ids[i] for i in order[run]})
+    return out
 
 
 def _radius(points: SparsePoints) -> float:

@@ -18,7 +18,7 @@ import pycolmap
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.free_motion import MOST_LOG, FreeRotation
 from massprops.sfm.points import SparsePoints, residuals
-from massprops.sfm.precision import Lens, Precision, System, derivatives, pseudo_inverse
+from massprops.sfm.precision import Lens, System, derivatives
 from massprops.views import Views
 
 STEP = 1e-5
@@ -86,14 +86,9 @@ def adjust_tumble(
         loss_px: scale of the Cauchy loss.
     """
     views, ids = to_views(model)
-    system = _Adjusted(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, free_focal)
-    found = system.settled(_State(tumble, 0.0, system.points.xyz), 20)
-    for image_id, R, t in zip(ids, *found.tumble.poses(system.times), strict=True):
-        frame = model.frame(model.image(image_id).frame_id)
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(R), t)
-        frame.set_cam_from_world(model.image(image_id).camera_id, pose)
-    for point_id, xyz in zip(system.points.id.tolist(), found.xyz, strict=True):
-        model.point3D(point_id).xyz = xyz
+    system = MotionSystem(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, free_focal)
+    found = system.settled(State(tumble, 0.0, system.points.xyz), 20)
+    _write(model, ids, system, found)
     for camera in model.cameras.values():
         camera.params = [
             p * np.exp(found.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)
@@ -101,30 +96,22 @@ def adjust_tumble(
     return found.tumble
 
 
-def tumble_precision(
-    model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str], float], loss_px: float, free_focal: bool
-) -> Precision:
-    """Precision of an adjusted motion, with tracks as clusters, as `massprops.sfm.precision` has it.
-
-    Errors of a motion are alike in all images, and whoever reads attitudes takes them for independent. Stated larger by the
-    square root of coordinates over the motion's numbers, they leave such a reader as uncertain of the motion as it is.
-    """
+def hold_to_tumble(
+    model: pycolmap.Reconstruction, tumble: Tumble, clock: Callable[[str], float], loss_px: float
+) -> None:
+    """Gives the images of a single camera the poses of a motion, in place, and adjusts the points to these; as `adjust_tumble`."""
     views, ids = to_views(model)
-    times = np.array([clock(n) for n in views.names])
-    system = _Adjusted(views, to_points(model, ids), times, loss_px, free_focal)
-    linear = system.linear(_State(tumble, 0.0, system.points.xyz))
-    J, r = linear.columns, linear.residual
-    inverse = pseudo_inverse(J.T @ linear.system.normal @ J)
-    score = linear.system.scores(r, linear.weight) @ J
-    covariance = inverse @ (score.T @ score) @ inverse
-    turns = J[: 6 * len(views)].reshape(len(views), 6, -1)[:, :3]
-    attitude = np.sqrt(np.einsum("nai,ij,naj->n", turns, covariance, turns) / 3)
-    rms = float(np.sqrt(np.mean(r**2)))
-    stated, independent = np.sqrt(np.maximum(np.diag(covariance), 0)), np.sqrt(np.maximum(np.diag(inverse), 0)) * rms
-    focal = (float(stated[-1]), float(independent[-1])) if free_focal else (0.0, 0.0)
-    numbers = {model.image(i).camera_id for i in ids}
-    alike = np.sqrt(max(3 * len(views) / MOTION, 1.0))
-    return Precision(rms, focal[0], 0.0, alike * attitude, focal[1], dict.fromkeys(numbers, focal[0]))
+    system = MotionSystem(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, False)
+    _write(model, ids, system, system.with_points_settled(State(tumble, 0.0, system.points.xyz), 10))
+
+
+def _write(model: pycolmap.Reconstruction, ids: list[int], system: MotionSystem, found: State) -> None:
+    for image_id, R, t in zip(ids, *found.tumble.poses(system.times), strict=True):
+        frame = model.frame(model.image(image_id).frame_id)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(R), t)
+        frame.set_cam_from_world(model.image(image_id).camera_id, pose)
+    for point_id, xyz in zip(system.points.id.tolist(), found.xyz, strict=True):
+        model.point3D(point_id).xyz = xyz
 
 
 def cauchy_cost(views: Views, points: SparsePoints, loss_px: float) -> float:
@@ -134,7 +121,7 @@ def cauchy_cost(views: Views, points: SparsePoints, loss_px: float) -> float:
 
 
 @dataclass(frozen=True)
-class _State:
+class State:
     """A motion, the logarithm of the focal length's change, and the points (m, 3)."""
 
     tumble: Tumble
@@ -143,7 +130,7 @@ class _State:
 
 
 @dataclass(frozen=True)
-class _Linear:
+class Linear:
     """About a state: residuals (k, 2), weights (k,), the system of poses and lens, and the derivatives `columns` (6n + e, q) of these
     by the numbers of the motion and the focal length; what the points add to a score, (m, 3)."""
 
@@ -155,27 +142,27 @@ class _Linear:
     score: np.ndarray
 
 
-class _Adjusted:
+class MotionSystem:
     """Observations, and what of them a state misses."""
 
     def __init__(self, views: Views, points: SparsePoints, times: np.ndarray, loss_px: float, free_focal: bool) -> None:
         self.views, self.points, self.times, self.loss_px, self.free = views, points, times, loss_px, free_focal
 
-    def at(self, state: _State) -> tuple[Views, SparsePoints]:
+    def at(self, state: State) -> tuple[Views, SparsePoints]:
         """Views and points as the state has them."""
         R, t = state.tumble.poses(self.times)
         K = self.views.K.copy()
         K[:, [0, 1], [0, 1]] *= np.exp(state.focal)
         return replace(self.views, R=R, t=t, K=K), replace(self.points, xyz=state.xyz)
 
-    def cost(self, state: _State) -> float:
+    def cost(self, state: State) -> float:
         """Sum of the loss [px^2]; infinite where a point is no longer before a camera."""
         with np.errstate(all="ignore"):
             cost = cauchy_cost(*self.at(state), self.loss_px)
         return cost if np.isfinite(cost) else np.inf
 
-    def linear(self, state: _State) -> _Linear:
-        """See `_Linear`."""
+    def linear(self, state: State) -> Linear:
+        """See `Linear`."""
         views, points = self.at(state)
         r = residuals(views, points)
         weight = 1 / (1 + (r**2).sum(1) / self.loss_px**2)
@@ -184,14 +171,14 @@ class _Adjusted:
         system = System(len(views), points, s, lens, weight)
         of_points = system.slopes_of_points(r, weight)
         score = np.asarray(system.scores(r, weight).sum(axis=0)).ravel()
-        return _Linear(r, weight, system, self.columns(state.tumble, views.R), of_points, score)
+        return Linear(r, weight, system, self.columns(state.tumble, views.R, self.times), of_points, score)
 
-    def columns(self, tumble: Tumble, R: np.ndarray) -> np.ndarray:
-        """(6n + e, 20 + e) derivatives of turns and shifts of the images, R (n, 3, 3), and of the lens."""
+    def columns(self, tumble: Tumble, R: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """(6n + e, 20 + e) derivatives of turns and shifts of images at times (n,), R (n, 3, 3), and of the lens."""
         from scipy.spatial.transform import Rotation
 
         n, e = len(R), int(self.free)
-        ends = tumble.turning.attitudes(self.times, np.concatenate([STEP * np.eye(MOTION), -STEP * np.eye(MOTION)]))
+        ends = tumble.turning.attitudes(times, np.concatenate([STEP * np.eye(MOTION), -STEP * np.eye(MOTION)]))
         change = np.einsum("mnij,mnlj->mnil", ends[:MOTION], ends[MOTION:]).reshape(-1, 3, 3)
         turn = Rotation.from_matrix(change).as_rotvec().reshape(MOTION, n, 3) / (2 * STEP)
         J = np.zeros((n, 6, MOTION + LINE + e))
@@ -199,11 +186,26 @@ class _Adjusted:
         J[:, 3:, :MOTION] = -np.cross(turn, R @ tumble.centre).transpose(1, 2, 0)
         J[:, 3:, MOTION : MOTION + 3] = -R
         J[:, 3:, MOTION + 3 : MOTION + 6] = np.eye(3)
-        J[:, 3:, MOTION + 6 : MOTION + 9] = tumble.clock(self.times)[:, None, None] * np.eye(3)
+        J[:, 3:, MOTION + 6 : MOTION + 9] = tumble.clock(times)[:, None, None] * np.eye(3)
         lens = np.eye(MOTION + LINE + e)[MOTION + LINE :]
         return np.concatenate([J.reshape(6 * n, -1), lens])
 
-    def settled(self, state: _State, iterations: int) -> _State:
+    def with_points_settled(self, state: State, iterations: int) -> State:
+        """The state with its points where its motion has them best."""
+        cost = self.cost(state)
+        for _ in range(iterations):
+            at = self.linear(state)
+            moved = at.system.points_follow(np.zeros(at.columns.shape[0]), at.of_points)
+            trial = replace(state, xyz=state.xyz + moved)
+            before, cost = cost, self.cost(trial)
+            if not cost < before:
+                break
+            state = trial
+            if not cost < before * (1 - SETTLED):
+                break
+        return state
+
+    def settled(self, state: State, iterations: int) -> State:
         """The state from which no step gains."""
         cost, damping = self.cost(state), 1e-4
         for _ in range(iterations):
@@ -219,7 +221,7 @@ class _Adjusted:
                 if _within_reach(step, state.tumble):
                     moved = at.system.points_follow(J @ step, at.of_points)
                     focal = state.focal + float(step[-1]) if self.free else 0.0
-                    trial = _State(state.tumble.changed(step), focal, state.xyz + moved)
+                    trial = State(state.tumble.changed(step), focal, state.xyz + moved)
                     cost = self.cost(trial)
                 if cost < before:
                     state, damping = trial, 0.2 * damping

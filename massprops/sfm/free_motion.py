@@ -55,7 +55,7 @@ class FreeRotation:
     Attributes:
         attitude: (3, 3) body to camera at the time `begin`.
         rate: (3,) there, in the body's axes [rad per unit of time].
-        inertia: (5,) its logarithm but for the size, in `_BASIS`.
+        inertia: (5,) its logarithm but for the size, in `BASIS`.
         begin, unit: of time, as those of `Piece`.
     """
 
@@ -71,7 +71,7 @@ class FreeRotation:
 
         x = np.zeros((1, 11)) if change is None else change
         q0 = (Turn.from_rotvec(x[:, :3]) * Turn.from_matrix(self.attitude)).as_quat()[:, [3, 0, 1, 2]]
-        rate, inertia = self.rate + x[:, 3:6], _inertia(self.inertia + x[:, 6:11])
+        rate, inertia = self.rate + x[:, 3:6], inertia_of_log(self.inertia + x[:, 6:11])
         clock = (np.asarray(times, float) - self.begin) / self.unit
         out = np.zeros((len(x), len(clock), 3, 3))
         for side in (clock >= 0, clock < 0):
@@ -147,7 +147,7 @@ def fit_rotation(pieces: Sequence[Piece], robust: bool = False, about: FreeRotat
         C.append(Turn.from_rotvec(found.x[own]).as_matrix() @ motion.C[k])
         sigma.append(float(np.sqrt(np.linalg.eigvalsh(covariance[own, own])[-1])))
     return Rotation(
-        np.array(C), np.array(sigma), rms, _inertia(found.x[None, 6:11])[0], motion.guess.changed(found.x[:11])
+        np.array(C), np.array(sigma), rms, inertia_of_log(found.x[None, 6:11])[0], motion.guess.changed(found.x[:11])
     )
 
 
@@ -248,7 +248,7 @@ def _begin_about(
     return P0, Turn.from_matrix(P0.T @ P1).as_rotvec() / step, np.array([np.eye(3), *C])
 
 
-_BASIS = np.array(
+BASIS = np.array(
     [
         np.diag([1.0, -1.0, 0.0]) / np.sqrt(2),
         np.diag([1.0, 1.0, -2.0]) / np.sqrt(6),
@@ -261,9 +261,9 @@ _BASIS = np.array(
 """(5, 3, 3) symmetric matrices without trace, of unit length."""
 
 
-def _inertia(x: np.ndarray) -> np.ndarray:
+def inertia_of_log(x: np.ndarray) -> np.ndarray:
     """(m, 3, 3) of determinant 1 from its logarithm (m, 5)."""
-    w, v = np.linalg.eigh(np.einsum("mk,kij->mij", x, _BASIS))
+    w, v = np.linalg.eigh(np.einsum("mk,kij->mij", x, BASIS))
     return np.einsum("mik,mk,mjk->mij", v, np.exp(w), v)
 
 

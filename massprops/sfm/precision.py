@@ -26,6 +26,15 @@ from massprops.views import Views
 
 
 @dataclass(frozen=True)
+class ShownInertia:
+    """The inertia (3, 3) that the motion of a film shows, of determinant 1 in the body's axes, and the covariance (5, 5) of its logarithm
+    in `massprops.sfm.free_motion.BASIS`."""
+
+    inertia: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
 class Precision:
     """Standard deviations at the end of an adjustment.
 
@@ -36,6 +45,7 @@ class Precision:
         attitude: (n,) of each view's rotation, per axis [rad].
         focal_relative_model: what independent errors of size `rms_px` would give for `focal_relative`.
         focal_by_camera: relative, of every camera number.
+        shown: the inertia, where the images were placed by one free motion.
     """
 
     rms_px: float
@@ -44,6 +54,7 @@ class Precision:
     attitude: np.ndarray
     focal_relative_model: float
     focal_by_camera: dict[int, float] = field(default_factory=dict)
+    shown: ShownInertia | None = None
 
 
 @dataclass(frozen=True)

@@ -253,21 +253,26 @@ def _steady_part(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[py
 
 
 def _unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt]:
-    """A film's model, and what was found. Where matches contradict it and its turning jumps, it is cut at
+    """A film's model, and what was found. Where its turning jumps, and matches contradict it or nothing can hold the body, it is cut at
     the jumps and followed anew from its largest part, and the other parts are models of their own.
 
     Where sides look alike, more matches may bear out that they are one than tell them apart: a figure with four such sides was placed
-    on two of them, and 0.10 of the matches contradict that, 0.18 where it stands rightly.
+    on two of them, and 0.10 of the matches contradict that, 0.18 where it stands rightly. Two sides of crinkled foil share a few features by
+    chance, and no match contradicts them; but what flies before a black sky does not jump. A cut that leaves less than half of the images
+    does not tell which of its parts are right.
     """
     found, footage = given.found, given.footage
-    if not jumps(model, footage) or contradictions(model, found.database).share < MANY:
+    flies = footage.background == "black"
+    if not jumps(model, footage) or (not flies and contradictions(model, found.database).share < MANY):
         return model, found
-    cut, found = _steady_part(model, given)
+    cut, others = _steady_part(model, given)
     try:
-        grown = _followed(cut, replace(given, found=found))
+        grown = _followed(cut, replace(given, found=others))
     except NotPossible:
         grown = cut
-    return grown, found
+    if flies and 2 * grown.num_reg_images() < model.num_reg_images():
+        return model, found
+    return grown, others
 
 
 def _with_pieces(

@@ -278,6 +278,7 @@ def honest(raw: Precision) -> Precision:
         focal_relative=FOCAL_INFLATION * raw.focal_relative,
         focal_by_camera={c: FOCAL_INFLATION * s for c, s in raw.focal_by_camera.items()},
         attitude=ATTITUDE_INFLATION * raw.attitude,
+        shown=raw.shown and replace(raw.shown, covariance=ATTITUDE_INFLATION**2 * raw.shown.covariance),
     )
 
 

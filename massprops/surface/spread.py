@@ -166,6 +166,9 @@ def balancing(
     """Replicates (r, 10) and lengths (r,) of bodies whose centre of mass lies where the motion shows it, to first order: each is moved by
     what its own centre is off, as far as the others' numbers move with theirs (Matheron's rule, Journel and Huijbregts 1978).
 
+    Where the replicates' centres miss that place by more than they scatter, they scatter too little, and so do all of their numbers: they are
+    spread by as much (Birge 1932, "The calculation of errors by the method of least squares").
+
     Args:
         own: (10,) of the mesh.
     """
@@ -176,7 +179,9 @@ def balancing(
     both, seen = apart.T @ away / len(rows), away.T @ away / len(rows) + balance.covariance
     noise = rng.multivariate_normal(np.zeros(3), balance.covariance, len(rows), method="cholesky")
     change = (centre + at + noise - balance.place) @ np.linalg.solve(seen, both.T)
-    return rows - change[:, :10], lengths - change[:, 10]
+    moved, missed = rows - change[:, :10], centre + at.mean(axis=0) - balance.place
+    spread = np.sqrt(max(float(missed @ np.linalg.solve(seen, missed)) / 3, 1.0))
+    return moved.mean(axis=0) + spread * (moved - moved.mean(axis=0)), lengths - change[:, 10]
 
 
 def with_rivals(rows: np.ndarray, rivals: Sequence[tuple[float, np.ndarray]], rng: np.random.Generator) -> np.ndarray:

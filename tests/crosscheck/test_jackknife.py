@@ -11,7 +11,7 @@ from crosscheck.test_crosscheck import make_run
 from estimators.made_sequence import TRUE_K, simple_method
 
 from massprops.consistency.crosscheck import crosscheck
-from massprops.consistency.jackknife import REGIONS, regions, replicates, spread
+from massprops.consistency.jackknife import replicates, spread
 from massprops.consistency.motion_side import centre_of_motion
 from massprops.core.linalg import at_least
 from massprops.dynamics.quaternion import normalise, rotation_matrix
@@ -19,6 +19,7 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.estimators import methods as registry
 from massprops.sequence.read import read_sequence
 from massprops.sfm.points import SparsePoints, project
+from massprops.sfm.surface_regions import REGIONS, regions
 from massprops.views import Views
 
 FOCAL, SIZE, DISTANCE = 1000.0, np.array([720, 540]), 8.0

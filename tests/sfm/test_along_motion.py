@@ -12,11 +12,12 @@ from test_joined_pieces import filmed, pieces
 from massprops.dynamics.rigid_body import propagate
 from massprops.sfm import along_motion
 from massprops.sfm.along_motion import follow_free_motion, refine_along
-from massprops.sfm.assembled import STAYS, Part, assemble
+from massprops.sfm.assembled import STAYS, Part, Similarity, assemble
 from massprops.sfm.convert import to_points, to_views
-from massprops.sfm.free_adjustment import MOTION, _Adjusted, _State, fit_line
+from massprops.sfm.free_adjustment import MOTION, MotionSystem, State, fit_line
 from massprops.sfm.free_motion import FreeRotation
 from massprops.sfm.points import residuals
+from massprops.sfm.reversed_depth import reversed_in_depth
 
 
 def apart(folder, R):
@@ -67,8 +68,8 @@ def tumble():
 
 def test_derivatives_of_poses_are_those_of_differences():
     found, views, points = tumble()
-    system = _Adjusted(views, points, np.arange(0, 20, 3.0), 1.0, True)
-    J = system.columns(found, found.poses(system.times)[0])
+    system = MotionSystem(views, points, np.arange(0, 20, 3.0), 1.0, True)
+    J = system.columns(found, found.poses(system.times)[0], system.times)
     for k, e in enumerate(1e-6 * np.eye(MOTION + 9)):
         (R, t), (Q, s) = found.changed(e).poses(system.times), found.changed(-e).poses(system.times)
         turn = Rotation.from_matrix(R @ Q.transpose(0, 2, 1)).as_rotvec() / 2e-6
@@ -77,23 +78,23 @@ def test_derivatives_of_poses_are_those_of_differences():
 
 def test_the_slope_of_the_loss_is_that_of_differences():
     found, views, points = tumble()
-    system = _Adjusted(views, points, np.arange(0, 20, 3.0), 1e4, True)
-    state = _State(found, 0.0, points.xyz)
+    system = MotionSystem(views, points, np.arange(0, 20, 3.0), 1e4, True)
+    state = State(found, 0.0, points.xyz)
     at = system.linear(state)
     # what the points add is eliminated with them
     step = np.linspace(-1, 1, MOTION + 10)
     xyz = at.system.points_follow(at.columns @ step, 0 * at.of_points)
     ends = [
-        system.cost(_State(found.changed(s * step), s * float(step[-1]), points.xyz + s * xyz)) for s in (1e-6, -1e-6)
+        system.cost(State(found.changed(s * step), s * float(step[-1]), points.xyz + s * xyz)) for s in (1e-6, -1e-6)
     ]
     assert (ends[0] - ends[1]) / 2e-6 == pytest.approx(step @ at.columns.T @ at.score, rel=1e-3)
 
 
 def test_a_step_that_makes_the_body_race_is_not_taken():
     found, views, points = tumble()
-    system = _Adjusted(views, points, np.arange(0, 20, 3.0), 1.0, True)
-    state = system.settled(_State(found, 0.0, points.xyz), 10)  # far from any motion that fits
-    assert system.cost(state) <= system.cost(_State(found, 0.0, points.xyz))
+    system = MotionSystem(views, points, np.arange(0, 20, 3.0), 1.0, True)
+    state = system.settled(State(found, 0.0, points.xyz), 10)  # far from any motion that fits
+    assert system.cost(state) <= system.cost(State(found, 0.0, points.xyz))
     assert np.abs(state.tumble.turning.inertia).max() < 2.5
 
 
@@ -102,9 +103,9 @@ def test_a_motion_is_the_same_before_its_beginning_and_after():
     later = found.attitudes(np.array([9.0, -5.0, 3.0, 4.0]))[0]
     np.testing.assert_allclose(later[2], found.attitude, atol=1e-12)
     state = (Rotation.from_matrix(found.attitude).as_quat()[[3, 0, 1, 2]], found.rate)
-    from massprops.sfm.free_motion import _inertia
+    from massprops.sfm.free_motion import inertia_of_log
 
-    q, _ = propagate(*state, _inertia(found.inertia[None])[0], np.array([0.0, 0.5, 3.0]))
+    q, _ = propagate(*state, inertia_of_log(found.inertia[None])[0], np.array([0.0, 0.5, 3.0]))
     expected = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
     np.testing.assert_allclose(later[[3, 0]], expected[1:], atol=1e-5)
 
@@ -122,3 +123,20 @@ def test_where_own_poses_fit_better_the_motion_is_looked_for_from_these(tmp_path
     found, _ = follow_free_motion(model, given)
     assert len(seen) == 2
     assert test_mapping.attitude_error(to_views(found)[0], truth) < 0.004
+
+
+def test_a_part_that_took_near_for_far_is_placed_by_the_motion_of_the_rest(tmp_path):
+    R = tumbling(40)
+    given, truth = pieces(tmp_path, R, which=range(28))
+    model = given.found.models[0]
+    ids = [i for _, i in sorted((model.image(i).name, i) for i in model.reg_image_ids())]
+    other = reversed_in_depth(model)
+    pose = [m.image(ids[9]).cam_from_world().matrix() for m in (model, other)]
+    turn = pose[0][:, :3].T @ pose[1][:, :3]
+    to = Similarity(1.0, turn, pose[0][:, :3].T @ (pose[1][:, 3] - pose[0][:, 3]))
+    wrong = assemble([Part(other, frozenset(ids[:10]), to), Part(model, frozenset(ids[10:]), STAYS)])
+    assert test_mapping.attitude_error(to_views(wrong)[0], truth) > 0.3
+    found, _ = follow_free_motion(wrong, given)
+    views, _ = to_views(found)
+    assert views.names == truth.names
+    assert test_mapping.attitude_error(views, truth) < 0.004

@@ -28,8 +28,8 @@ def filmed(which, R):
     return views, replace(points, obs_uv=uv + 0.1 * np.random.default_rng(6).standard_normal(uv.shape))
 
 
-def pieces(folder, R, strange=False):
-    """What matching within two pieces of nine images comes to, ten frames apart.
+def pieces(folder, R, strange=False, which=(*range(9), *range(18, 27))):
+    """What matching within two pieces of nine images comes to, ten frames apart; or within one, of the frames `which`.
 
     Args:
         strange: no feature of the second looks like any of the first.
@@ -39,7 +39,8 @@ def pieces(folder, R, strange=False):
 
     quiet()
     (folder / "frames").mkdir(parents=True)
-    views, points = filmed([*range(9), *range(18, 27)], R)
+    views, points = filmed([*which], R)
+    whole, n = which[-1] == len(which) - 1, len(which)
     footage = test_mapping.footage(views, folder)
     found, other = test_mapping.features(views, points), test_mapping.features(views, points, 1)
     if strange:
@@ -47,8 +48,9 @@ def pieces(folder, R, strange=False):
     database, names = folder / "database.db", views.names
     write_database(database, footage, found)
     mapping = MappingOptions(masked=True, threads=1)
-    match(database, [(names[i], names[j]) for i in range(18) for j in range(i + 1, 18) if (i < 9) == (j < 9)], mapping)
-    models = map_images(database, folder, folder / "models", mapping, 18)
+    together = [(i, j) for i in range(n) for j in range(i + 1, n) if whole or (i < 9) == (j < 9)]
+    match(database, [(names[i], names[j]) for i, j in together], mapping)
+    models = map_images(database, folder, folder / "models", mapping, n)
     attempted = Attempt(database, mapping, models, found, lambda pairs: None, False, False, [])
     return ModelInputs(attempted, footage, SfmOptions(threads=1), folder / "work"), views
 

@@ -64,7 +64,7 @@ def test_what_only_jumps_or_is_only_contradicted_stays(
     monkeypatch.setattr(reconstruct, "jumps", lambda *_: jumping)
     monkeypatch.setattr(reconstruct, "contradictions", lambda *_: Contradictions(share, ()))
     found = SimpleNamespace(database=Path())
-    given: Any = SimpleNamespace(found=found, footage=None)
+    given: Any = SimpleNamespace(found=found, footage=SimpleNamespace(background="still"))
     model: Any = SimpleNamespace()
     assert reconstruct._unfolded(model, given) == (model, found)
 
@@ -84,7 +84,21 @@ def test_a_folded_film_is_cut_and_followed(monkeypatch: pytest.MonkeyPatch, foll
     monkeypatch.setattr(reconstruct, "_steady_part", lambda *_: (cut, "with parts"))
     monkeypatch.setattr(reconstruct, "_followed", followed)
     monkeypatch.setattr(reconstruct, "replace", lambda given, found: SimpleNamespace(**{**vars(given), "found": found}))
-    given: Any = SimpleNamespace(found=SimpleNamespace(database=Path()), footage=None)
+    given: Any = SimpleNamespace(found=SimpleNamespace(database=Path()), footage=SimpleNamespace(background="still"))
     model, found = reconstruct._unfolded(whole, given)  # type: ignore[arg-type]
     assert model is (grown if follows else cut) and found == "with parts"
     assert reconstruct._left_out(0) == [] and "12 images" in reconstruct._left_out(12)[0]
+
+
+@pytest.mark.parametrize(("left", "taken"), [(33, True), (18, False)])
+def test_before_a_black_sky_a_jump_alone_cuts_a_film(monkeypatch: pytest.MonkeyPatch, left: int, taken: bool) -> None:
+    """Images 12 to 19 of a body in foil hung on by chance, 180 degrees off, and no match contradicted them."""
+    whole, cut = (SimpleNamespace(num_reg_images=lambda n=n: n) for n in (42, left))
+    monkeypatch.setattr(reconstruct, "jumps", lambda *_: True)
+    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: Contradictions(0.0, ()))
+    monkeypatch.setattr(reconstruct, "_steady_part", lambda *_: (cut, "with parts"))
+    monkeypatch.setattr(reconstruct, "_followed", lambda model, given: model)
+    monkeypatch.setattr(reconstruct, "replace", lambda given, found: given)
+    found = SimpleNamespace(database=Path())
+    given: Any = SimpleNamespace(found=found, footage=SimpleNamespace(background="black"))
+    assert reconstruct._unfolded(whole, given) == ((cut, "with parts") if taken else (whole, found))  # type: ignore[comparison-overlap,arg-type]

@@ -84,3 +84,18 @@ def test_replicates_that_do_not_balance_did_not_happen() -> None:
     assert moved[:, 0].std() == pytest.approx(0.01, rel=0.15)
     same, _ = balancing(rows, lengths, own, balance.widened(100.0), rng)
     assert same[:, 0].std() == pytest.approx(0.2, rel=0.1)
+
+
+def test_replicates_whose_centres_miss_the_motions_are_spread_by_as_much() -> None:
+    rng = np.random.default_rng(2)
+    own = np.array([1.0, 0.0, 0, 0, 0.2, 0.2, 0.2, 0, 0, 0])
+    drawn = 0.01 * rng.standard_normal((4000, 3))
+    rows = np.tile(own, (4000, 1))
+    rows[:, 1:4] += drawn
+    rows[:, 4] += 0.02 * rng.standard_normal(4000)
+    lengths = np.full(4000, 2.0)
+    for missed, wider in ((0.01, 1.0), (0.06, 0.06 / 0.01 / np.sqrt(3))):
+        balance = Balance(np.array([missed, 0, 0]), 1e-8 * np.eye(3))
+        moved, _ = balancing(rows, lengths, own, balance, np.random.default_rng(3))
+        assert moved[:, 4].std() == pytest.approx(0.02 * wider, rel=0.05)
+        assert moved[:, 4].mean() == pytest.approx(0.2, abs=0.005)

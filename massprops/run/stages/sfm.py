@@ -66,7 +66,11 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
     cameras = [_camera(footage, c) for c in result.cameras]
     result.views.save(job.out / "views.npz")
     result.points.save(job.out / "points.npz")
-    np.savez(job.out / "precision.npz", attitude=result.precision.attitude)
+    shown = result.precision.shown
+    precision: dict[str, Any] = {"attitude": result.precision.attitude}
+    if shown is not None:
+        precision |= {"inertia": shown.inertia, "inertia_covariance": shown.covariance}
+    np.savez(job.out / "precision.npz", **precision)
     write_model(result.model, job.out / "sparse")
     if result.against.matches:
         result.against.matches.save(job.out / "matches.npz")
