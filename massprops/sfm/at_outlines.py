@@ -17,7 +17,8 @@ from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
 
 REACH = 6.0
-"""Half the width of the window of the smallest features [px]: four of their scales. Between 4.5 and 8 it makes no difference that shows."""
+"""Half the width of the window of the smallest features [px]: four of their scales. With 4.5 px k1 of those three is off by -.006, -.009 and
++.002, with 8 px, which leaves few features on the second, by -.010, -.077 and +.016."""
 
 
 def drop_outline_points(model: pycolmap.Reconstruction, footage: FootageRecord) -> None:
