@@ -30,8 +30,9 @@ RESULTS = {
         "p_value": "probability of such a difference, or a larger one, if mesh and motion describe the same body",
         "tests": "the same for single quantities",
         "mesh": "`k1`, `k2`, `principal_axes` (unit columns), `center_of_mass` of the mesh, with sigmas",
-        "estimators": "the same from each estimator, and by how many degrees its axes differ",
-        "rests_on": "the estimator that decides the verdict",
+        "estimators": "the same from each estimator, and by how many degrees its axes differ; `film` is the adjustment of a film whose "
+        "images were placed by one free motion",
+        "rests_on": "the estimator that decides the verdict: `film` where there is one, else the smoother",
         "skipped": "estimators that could not run, with the reason",
         "hints": "possible explanations of a contradiction, the likeliest first",
         "fused": "mass properties from mesh and motion together, or `null`",

@@ -82,7 +82,9 @@ def test_the_effect_of_the_docs_is_one(tmp_path: Path) -> None:
     page = (ROOT / "docs/effects.md").read_text()
     file = tmp_path / "sunlit_jet.py"
     file.write_text(BLOCKS["effects.md-0"])
-    asked = re.search(r"^massprops simulate tracks -o seq --effect sunlit_jet.py --effects (\S+)$", page, re.M)
+    asked = re.search(
+        r"^massprops simulate tracks -o seq --attitude 0.005 --effect sunlit_jet.py --effects (\S+)$", page, re.M
+    )
     assert asked is not None
     still = massprops.simulate("tracks", frames=20, seed=3)
     pushed = massprops.simulate("tracks", frames=20, seed=3, effect=[file], effects=[asked[1]])
