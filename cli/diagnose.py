@@ -157,23 +157,19 @@ def diagnosis_table(document: dict[str, Any]) -> str:
     return "\n".join(rows)
 
 
-MOST_LISTED = 15
-"""Parameters of one effect that the terminal lists."""
-
-
 def _parameter_rows(values: dict[str, Any], sigma: dict[str, Any], units: dict[str, str]) -> list[str]:
     """One line for each parameter that the data show, and one with the names of the others."""
-    shown = {k: v for k, v in values.items() if v is not None}
+    from massprops.diagnosis.listed import listed
+
+    found = listed(values)
     rows = []
-    for name, value in list(shown.items())[:MOST_LISTED]:
+    for name in found.rows:
         spread = f"± {sigma[name]:<10.2g}" if sigma[name] else " " * 12
-        rows.append(f"    {name:<14}{value:>14.5g} {spread} {units[name]}")
-    if len(shown) > MOST_LISTED:
-        rows.append(f"    and {len(shown) - MOST_LISTED} more in diagnosis.json")
-    hidden = [name for name in values if name not in shown]
-    if hidden:
-        named = ", ".join(hidden) if len(hidden) <= MOST_LISTED else f"{len(hidden)} of {len(values)} parameters"
-        rows.append(f"    not measurable: {named}")
+        rows.append(f"    {name:<14}{values[name]:>14.5g} {spread} {units[name]}")
+    if found.more:
+        rows.append(f"    and {found.more} more in diagnosis.json")
+    if found.hidden:
+        rows.append(f"    not measurable: {found.hidden}")
     return rows
 
 

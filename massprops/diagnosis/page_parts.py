@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.diagnosis.listed import listed
 from massprops.report.html import number, table, text, unit
 from massprops.report.plot import log_plot, plot
 
@@ -21,8 +22,6 @@ BLIND, UNSEEN = "not observable", "whether an effect is missing cannot be told"
 GAP = "Root-mean-square residuals over the noise: 1 is as good as can be."
 WITHIN = 1.645
 """Sigmas of a normal law that hold 90 %."""
-MOST_ROWS = 15
-"""Parameters of one effect that a table lists."""
 Series = tuple[str, np.ndarray, np.ndarray]
 """Name, times and values of a line."""
 
@@ -46,22 +45,20 @@ def verdict(doc: dict[str, Any]) -> str:
 
 def _parameters(e: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Rows of an effect's parameters: those that the data show, and in one row the names of the others."""
-    shown = {k: v for k, v in e["parameters"].items() if v is not None}
+    found = listed(e["parameters"])
     rows = [
         (
             e["name"],
             name,
-            number(v, 4) + (f" ± {number(e['sigma'][name], 2)}" if e["sigma"][name] else ""),
+            number(e["parameters"][name], 4) + (f" ± {number(e['sigma'][name], 2)}" if e["sigma"][name] else ""),
             unit(e["units"][name]),
         )
-        for name, v in list(shown.items())[:MOST_ROWS]
+        for name in found.rows
     ]
-    if len(shown) > MOST_ROWS:
-        rows.append((e["name"], f"{len(shown) - MOST_ROWS} more", "in diagnosis.json", ""))
-    hidden = [k for k in e["parameters"] if k not in shown]
-    if hidden:
-        named = ", ".join(hidden) if len(hidden) <= MOST_ROWS else f"{len(hidden)} of {len(e['parameters'])}"
-        rows.append((e["name"], named, "not shown by the data", ""))
+    if found.more:
+        rows.append((e["name"], f"{found.more} more", "in diagnosis.json", ""))
+    if found.hidden:
+        rows.append((e["name"], found.hidden, "not shown by the data", ""))
     return rows
 
 
