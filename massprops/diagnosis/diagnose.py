@@ -15,6 +15,7 @@ from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.measured_beside import effects_beside
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
+from massprops.diagnosis.residual_rows import HEAD, torque_rows
 from massprops.diagnosis.selection import Selection, rigid_body_alone, rms, select
 from massprops.effects import in_place
 from massprops.errors import InputError, NotPossible
@@ -176,7 +177,7 @@ def contents_of(d: BalanceDiagnosis) -> dict[str, str | bytes]:
 
 def residual_table(d: BalanceDiagnosis) -> str:
     """Residuals before and after by measurement, and where no effect is named the likeliest unknown torque with its 1-sigma."""
-    lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
+    lines = [HEAD]
     s = d.selection
     before = s.base.residual / s.noise
     after = (s.named[0].alone if s.named else s.base).residual / s.noise
@@ -186,7 +187,5 @@ def residual_table(d: BalanceDiagnosis) -> str:
         lines += [f"{t},{kind},,,{name},{b[k]:.4f},{a[k]:.4f}" for k, name in enumerate("xyz")]
     if s.verdict == "unexplained":
         fit, at = s.likeliest_unknown, d.record.rows.at
-        for what, value in (("torque", fit.torque), ("torque sigma", torque_sd(fit))):
-            for t, v in zip(d.record.stamp, value[at], strict=True):
-                lines += [f"{t},{what} [rad s^-2],,,{name},{v[k]:.6g}," for k, name in enumerate("xyz")]
+        lines += torque_rows(d.record.stamp, fit.torque[at], torque_sd(fit)[at])
     return "\n".join(lines) + "\n"

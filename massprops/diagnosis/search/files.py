@@ -10,6 +10,7 @@ import numpy as np
 from massprops.core.files import json_text, plain
 from massprops.core.inputs import key_of_source
 from massprops.core.outputs import deliver
+from massprops.diagnosis.residual_rows import HEAD, torque_rows
 from massprops.diagnosis.search.result import Diagnosis
 from massprops.model.linearise import Residuals
 from massprops.model.measurements import Measurements
@@ -57,7 +58,7 @@ def _residual_table(d: Diagnosis) -> str:
     base = d.selection.base
     best = d.selection.best or base
     problem, m = d.case.problem, d.case.fitted
-    lines = ["#timestamp [ns],channel,camera,feature,component,before [sigma],after [sigma]"]
+    lines = [HEAD]
     stamp = problem.stamp_ns
 
     def rows(channel: str, at: np.ndarray, before: np.ndarray, after: np.ndarray, names: str) -> None:
@@ -71,10 +72,8 @@ def _residual_table(d: Diagnosis) -> str:
     rows("rate", m.rate_at, b.rates, a.rates, "xyz")
     rows("attitude", m.attitude_at, b.attitude, a.attitude, "xyz")
     if d.torque is not None:
-        for what, series in (("torque", d.torque["torque"]), ("torque sigma", d.torque["sigma"])):
-            for t, v in zip(d.torque["times"], series, strict=True):
-                for name, value in zip("xyz", v, strict=True):
-                    lines.append(f"{problem.first_ns + int(t * 1e9)},{what} [rad s^-2],,,{name},{value:.6g},")
+        stamps = [problem.first_ns + int(t * 1e9) for t in d.torque["times"]]
+        lines += torque_rows(stamps, d.torque["torque"], d.torque["sigma"])
     return "\n".join(lines) + "\n"
 
 
