@@ -284,7 +284,8 @@ def latent(s: Selection) -> dict[str, Any]:
 
 def _goes_with(fit: HypothesisFit) -> list[dict[str, Any]]:
     """What the components of a fit's torque go with, the closest first: rates, and directions in the body that are known."""
-    known = {"rate": fit.rate, **_directions(fit)}
+    path, outside = fit.record.path, fit.record.environment
+    known = {"rate": fit.rate} | ({} if outside is None else outside.known_in_body(path.t, path.R))
     out: list[dict[str, Any]] = []
     for axis, letter in enumerate("xyz"):
         tau = fit.torque[:, axis]
@@ -292,25 +293,9 @@ def _goes_with(fit: HypothesisFit) -> list[dict[str, Any]]:
             for other, component in zip(vector.T, "xyz", strict=True):
                 if tau.std() > 0 and other.std() > 0:
                     r = float(np.corrcoef(tau, other)[0, 1])
-                    out.append({"with": f"torque {letter} by {name} {component}", "r": r, "p": None})
+                    said = "Sun" if name == "sun" else name
+                    out.append({"with": f"torque {letter} by {said} {component}", "r": r, "p": None})
     return sorted(out, key=lambda e: -abs(e["r"]))
-
-
-def _directions(fit: HypothesisFit) -> dict[str, np.ndarray]:
-    """(n, 3) in body axes, of the Sun, the magnetic field and the planet, as far as they are known."""
-    outside, model = fit.record.environment_state, fit.record.environment
-    if outside is None or model is None:
-        return {}
-    down = tuple(-np.asarray(v) for v in outside.position)
-    known: dict[str, tuple[Any, ...]] = {"Sun": outside.sun, "field": outside.field, "nadir": down}
-    there = {"Sun": "sun direction", "field": "magnetic field", "nadir": "orbit"}
-    body = np.swapaxes(fit.record.path.R, 1, 2)
-    out = {}
-    for name, vector in known.items():
-        if there[name] in model.known:
-            inertial = np.stack(np.broadcast_arrays(*vector, fit.record.path.t)[:3], axis=-1)
-            out[name] = np.einsum("nij,nj->ni", body, inertial / np.linalg.norm(inertial, axis=1, keepdims=True))
-    return out
 
 
 def _corrected(base: HypothesisFit, after: HypothesisFit) -> dict[str, Any]:

@@ -77,6 +77,24 @@ class EnvironmentModel:
         place = self.position(t) if orbiting and self.orbit is not None else (0.0, 0.0, 0.0)
         return EnvironmentState(place, self.sun, self.field, self.mu)
 
+    def known_in_body(self, times: np.ndarray, R: np.ndarray) -> dict[str, np.ndarray]:
+        """Unit vectors (n, 3) to the Sun, along the field and down to the planet, as far as they are known, in the axes of a body.
+
+        Args:
+            times: (n,) [s]; R: (n, 3, 3) body to inertial axes.
+        """
+        out: dict[str, Any] = {}
+        if "sun direction" in self.known:
+            out["sun"] = self.sun
+        if "magnetic field" in self.known:
+            out["field"] = self.field
+        if "orbit" in self.known:
+            out["nadir"] = tuple(-v for v in self.position(times))
+        for name, inertial in out.items():
+            v = np.stack(np.broadcast_arrays(*inertial, times)[:3], axis=-1)
+            out[name] = np.einsum("nji,nj->ni", R, v / np.linalg.norm(v, axis=1, keepdims=True))
+        return out
+
     def chaser_turn(self, times: np.ndarray) -> np.ndarray:
         """(n, 3, 3) from inertial axes to cam0's: the orbital frame's turn since the first time, or none."""
         if not self.lvlh:

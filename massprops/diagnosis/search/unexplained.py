@@ -96,15 +96,7 @@ def _character(
     k = int(np.argmax(spectrum[1:])) + 1 if len(spectrum) > 1 else 0
     step = float(knots[1] - knots[0])
     period = len(knots) * step / k if k and spectrum[k] > 4 * np.median(spectrum[1:]) else None
-    R = rotation_matrix(q)
-    known: dict[str, np.ndarray] = {"rate": w}
-    if "sun direction" in case.there:
-        known["sun"] = np.einsum("nji,j->ni", R, np.array(case.environment.sun))
-    if "magnetic field" in case.there:
-        known["field"] = np.einsum("nji,j->ni", R, np.array(case.environment.field))
-    if "orbit" in case.there:
-        up = np.stack(np.broadcast_arrays(*case.environment.position(knots)), axis=-1)
-        known["nadir"] = np.einsum("nji,nj->ni", R, -up / np.linalg.norm(up, axis=1, keepdims=True))
+    known = {"rate": w, **case.environment.known_in_body(knots, rotation_matrix(q))}
     correlations = {}
     for name, v in known.items():
         v = v / max(float(np.sqrt(np.mean(np.sum(v**2, axis=1)))), 1e-300)
