@@ -31,7 +31,7 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
         run: the run folder.
         axes: (3, 3) the mesh's principal axes as columns, in the axes of `attitude0`.
     """
-    from massprops.sfm.free_motion import BASIS
+    from massprops.sfm.free_motion import BASIS, inertia_of_log
 
     try:
         with open_arrays(run / "work" / "sfm" / "precision.npz") as z:
@@ -39,10 +39,10 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
     except (OSError, ValueError, KeyError):
         return None
     moments, own = np.linalg.eigh(inertia)
-    log = own @ np.diag(np.log(moments)) @ own.T
+    log = np.einsum("ij,kij->k", own @ np.diag(np.log(moments)) @ own.T, BASIS)
 
     def components(frame: np.ndarray) -> np.ndarray:
-        ends = [log_components(_exponential(log + s * STEP * BASIS), frame) for s in (1, -1)]
+        ends = [log_components(inertia_of_log(log + s * STEP * np.eye(5)), frame) for s in (1, -1)]
         slope = (ends[0] - ends[1]).T / (2 * STEP)
         return np.asarray(slope @ covariance @ slope.T) + FLOOR**2 * np.eye(5)
 
@@ -67,9 +67,3 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
         memory_counted=True,
     )
     return found, components(axes)
-
-
-def _exponential(logs: np.ndarray) -> np.ndarray:
-    """(k, 3, 3) exponentials of symmetric matrices (k, 3, 3)."""
-    w, v = np.linalg.eigh(logs)
-    return np.einsum("kij,kj,klj->kil", v, np.exp(w), v)
