@@ -98,7 +98,7 @@ def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray, 
     solid = drawn.astype(np.uint8)
     surely = (cv2.distanceTransform(solid, cv2.DIST_L2, 5) > band) & ~gap
     outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5) if drawn.any() else np.full((h, w), np.inf)
-    enclosed = ~_reached(~drawn) & ~np.asarray(closed)
+    enclosed = np.zeros_like(drawn) if closed else ~_reached(~drawn)
     reach = band if closed else np.where(hidden, FAR * size, UNKNOWN * size)
     away = ((outside > reach) & ~enclosed) | (other & (outside > band))
     return Trimap(drawn, surely, away, hidden & ~away)

@@ -34,14 +34,21 @@ def check_attitude_times(times: np.ndarray, q: np.ndarray) -> None:
     Raises:
         NotPossible: naming the time and the length of the gap.
     """
-    usual = float(np.median(np.diff(times))) if len(times) > 2 * FEWEST else np.inf
-    for k in np.flatnonzero(np.diff(times) > LONG * usual):
+    usual, gaps = _gaps(times)
+    for k in gaps:
         before, after = slice(max(0, k + 1 - FEWEST), k + 1), slice(k + 1, k + 1 + FEWEST)
         if len(times[before]) < FEWEST or len(times[after]) < FEWEST:
             continue
         w = [_rate(times[own], q[own]) for own in (before, after)]
         moved = rotation_vector(multiply(conjugate(q[k]), q[k + 1]))
         _judge("attitude0", times[k], times[k + 1], usual, w, moved)
+
+
+def _gaps(times: np.ndarray) -> tuple[float, np.ndarray]:
+    """The usual step of times (n,) [s], and the indices before gaps; none in a short record."""
+    steps = np.diff(times)
+    usual = float(np.median(steps)) if len(times) > 2 * FEWEST else np.inf
+    return usual, np.flatnonzero(steps > LONG * usual)
 
 
 def _rate(times: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -56,8 +63,8 @@ def check_rate_times(times: np.ndarray, w: np.ndarray) -> None:
     Raises:
         NotPossible: naming the time and the length of the gap.
     """
-    usual = float(np.median(np.diff(times))) if len(times) > 2 * FEWEST else np.inf
-    for k in np.flatnonzero(np.diff(times) > LONG * usual):
+    usual, gaps = _gaps(times)
+    for k in gaps:
         gap = times[k + 1] - times[k]
         if gap * np.linalg.norm(w[k]) > FARTHEST:
             continue
