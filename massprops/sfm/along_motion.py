@@ -1,7 +1,8 @@
 """A body of repeating cells placed by its free motion: the sides that share next to no points are held together by it.
 
 The attitudes that were found tell the motion (`massprops.sfm.free_motion`), stretches between gaps each by their own axes, since it
-is at gaps that they jump. Where the longest stretch is no free motion, its longest run that is one tells it (`massprops.sfm.free_run`). At the places that the motion predicts all features are matched anew, in images that were not placed
+is at gaps that they jump. Where the longest stretch is no free motion, its longest run that is one tells it
+(`massprops.sfm.free_run`). At the places that the motion predicts all features are matched anew, in images that were not placed
 too, and motion and points are adjusted together (`massprops.sfm.free_adjustment`), three times.
 
 Whether the body moves so is tested: images that follow their own poses must not fit their observations much better. Where they do,

@@ -34,7 +34,8 @@ def tumble_precision(
     free_focal: bool,
     names: Sequence[str],
 ) -> Precision:
-    """Precision of an adjusted motion and of the attitudes that it gives the images `names`, with tracks as clusters, as `massprops.sfm.precision` has it, and the inertia that it shows.
+    """Precision of an adjusted motion and of the attitudes that it gives the images `names`, with tracks as clusters, as
+    `massprops.sfm.precision` has it, and the inertia that it shows.
 
     Errors of a motion are alike in all images, and whoever reads attitudes takes them for independent. Stated larger by the
     square root of coordinates over the motion's numbers, they leave such a reader as uncertain of the motion as it is, in the mean over

@@ -11,7 +11,8 @@
 
 What no view constrains is filled up to the hull, less `HOLLOW` of the way to a membrane stretched over the measured
 rims: recesses lie near the membrane, unseen sides near the hull. What hangs over a support, and all fill of a still object
-that stands on no plane, is put on the film of least area over these rims. What of a still object then falls short of its silhouettes is moved out to them (`outline_fill`).
+that stands on no plane, is put on the film of least area over these rims. What of a still object then falls
+short of its silhouettes is moved out to them (`outline_fill`).
 See `spread` for what that leaves uncertain.
 """
 

@@ -245,10 +245,11 @@ def _torque(d: Diagnosis) -> str:
     low, high = t["torque"] - WITHIN * t["sigma"], t["torque"] + WITHIN * t["sigma"]
     bands = [(t["times"], low[:, i], high[:, i]) for i in range(3)] if np.isfinite(t["sigma"]).all() else []
     period = "no single period" if t["period_s"] is None else f"a period of {number(t['period_s'], 3)} s"
+    frame = "fixed neither in the body nor in space" if t["frame"] == "neither" else f"fixed in the {t['frame']}"
     rows = [(n, number(c["along"], 2), number(c["power_along"], 2)) for n, c in t["correlations"].items()]
     return (
         f"<p>Body torque over the mean moment that takes the residual from {number(t['before'], 3)} to {number(t['after'], 3)}: "
-        f"{'fixed in the ' + t['frame'] if t['frame'] != 'neither' else 'fixed neither in the body nor in space'}, {period}.{' Grey: 90 % intervals.' if bands else ''}</p>"
+        f"{frame}, {period}.{' Grey: 90 % intervals.' if bands else ''}</p>"
         + plot(series, "time [s]", "torque [rad/s²]", bands=bands)
         + table(rows, ("direction", "correlation along", "share of power along"))
     )
