@@ -28,7 +28,8 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
 
 Where something that an effect follows was measured beside the motion, `measured(given)` makes the effect of that record: `given`
 is what was measured, plain lists and numbers that `model.yaml` can hold, and the answer is by name what takes the place of
-the file's own, None for nothing (`of_record`).
+the file's own, None for nothing (`of_record`). There a parameter in `BODY` may be a number of the body times one of the record:
+`BODY_NUMBERS` has, by parameter, the name of the body's number and the record's factor.
 
 Functions of the measurement:
 

@@ -20,14 +20,8 @@ from massprops.diagnosis.momentum_balance import inertia_of, shape_of
 from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import with_scanned
 from massprops.diagnosis.selection import Candidate, without_effects
-from massprops.diagnosis.several import (
-    CommonEffect,
-    Together,
-    common_ratios,
-    document_of_together,
-    scatter,
-    together,
-)
+from massprops.diagnosis.several import CommonEffect, Together, together
+from massprops.diagnosis.several_document import common_ratios, document_of_together
 from massprops.dynamics.inertia import ratios
 from massprops.effects import effects
 from massprops.errors import NotPossible
@@ -260,17 +254,22 @@ def _none(record: Record) -> Candidate:
     raise NotPossible("not tried")
 
 
-def test_what_is_told_by_other_fits_than_count_does_not_part_the_records(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_told_by_other_fits_than_count_does_not_part_the_records() -> None:
     """A wheel whose rate was measured counts beside an unknown torque and is told by itself, with sigmas that hold for one record."""
     fits = [without_effects(record_of_rates(tumble(rate=60.0, seconds=0.6, seed=k)))[0] for k in (1, 2)]
-    tight = [replace(f, inertia=inertia_of(f.shape + 0.1 * k)) for k, f in enumerate(fits)]
-    own = tuple(Candidate(alone=f, told=t) for f, t in zip(fits, tight, strict=True))
+    own = tuple(Candidate(alone=f, told=f) for f in fits)
     common = common_of(fits)
-    monkeypatch.setattr(
-        "massprops.diagnosis.several.agreement", lambda common, fits: -30.0 if fits[0] is tight[0] else 5.0
-    )
-    effect = CommonEffect(name="wheel", evidence=50.0, common=common, candidates=own, agreement=5.0)
-    found = Together(verdict="named", named=(effect,), tried=(effect,), common=common, agreement=5.0)
+    moved = [
+        replace(law, mean=law.mean + s * np.sqrt(np.diag(law.covariance)))
+        for law, s in zip(common.records, (4, -4), strict=True)
+    ]
+    apart = replace(common, records=tuple(moved))
+    effect = CommonEffect(name="wheel", evidence=50.0, common=apart, candidates=own, agreement=5.0)
+    found = Together(verdict="named", named=(effect,), tried=(effect,), common=apart, agreement=5.0)
     document = document_of_together(found, ["a", "b"], [{"warnings": []}, {"warnings": []}])
-    assert "are of their scatter" in document["warnings"][0] and "its parameters the same" not in document["reason"]
-    assert document["k1"]["sigma"] >= scatter(effect)[0]
+    assert any("the records differ in k" in w for w in document["warnings"])
+    assert any("sigmas" in w and "times as large" in w for w in document["warnings"])
+    assert "its parameters the same" not in document["reason"]
+    alike = replace(found, named=(replace(effect, common=common),), common=common)
+    sigma = document_of_together(alike, ["a", "b"], [{"warnings": []}, {"warnings": []}])["k1"]["sigma"]
+    assert found.stretch > 2.0 and document["k1"]["sigma"] > 2.0 * sigma
