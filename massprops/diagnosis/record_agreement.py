@@ -1,4 +1,4 @@
-"""Whether records of one body agree on what they share: each ratio of inertia and each parameter of the body by itself.
+"""Whether records of one body agree on what they share: ratios and axes of inertia and parameters of the body, one by one.
 
 The log evidence of sharing rises with every unknown that need not be found again, so it may be high where one ratio is far apart. What
 each record tells of one number, x_r with 1-sigma s_r, is therefore asked as well: sum (x_r - mean)^2 / s_r^2 about the weighted mean
@@ -20,14 +20,19 @@ from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.momentum_balance import INERTIA, inertia_slopes
 from massprops.dynamics.inertia import principal_axes, ratio_derivatives, ratios_of_moments
 
+OF_INERTIA = ("k1", "k2", "axis_turn_1", "axis_turn_2", "axis_turn_3")
+"""What the records share of the inertia: ratios, and turns [rad] of its axes in the body from the common ones, least moment first."""
+LARGEST_TURN_SD = 0.5
+"""1-sigma [rad] of such a turn from which a record does not show the axes."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Shared:
     """A number that the records share.
 
     Attributes:
-        effect, name: whose and which; no effect for `k1` and `k2`. values, sigma: (n,) as each record tells it; p_value: chance of
-            values so far apart.
+        effect, name: whose and which; no effect for those of the inertia. values, sigma: (n,) as each record tells it, NaN where it does
+            not; p_value: chance of values so far apart.
     """
 
     effect: str
@@ -44,39 +49,37 @@ class Shared:
     @property
     def scatter(self) -> float:
         """1-sigma of the mean by how the records scatter."""
-        return float(self.values.std(ddof=1) / np.sqrt(len(self.values)))
+        told = self.values[np.isfinite(self.values)]
+        return float(told.std(ddof=1) / np.sqrt(len(told)))
 
     @property
     def words(self) -> str:
-        """Its name, with the effect that has it."""
-        return f"{self.name} of {self.effect}" if self.effect else self.name
+        """Its name in words, with the effect that has it."""
+        if self.effect:
+            return f"{self.name} of {self.effect}"
+        return self.name.replace("axis_turn_", "the turn [rad] about principal axis ")
 
 
 def shared_numbers(common: Common) -> list[Shared]:
-    """The ratios of inertia and the body's parameters as each record tells them near the common solution, those that enter linearly."""
+    """Ratios and axes of inertia and those of the body's parameters that enter linearly, as each record tells them near the common
+    solution."""
     records = _by_one_prior(common)
     if len(records) < 2:
         return []
     moments, axes = principal_axes(common.inertia)
-    slopes, _ = ratio_derivatives(moments, axes, inertia_slopes(common.shape))
-    at = ratios_of_moments(moments)
+    slopes = np.concatenate(ratio_derivatives(moments, axes, inertia_slopes(common.shape)))
+    at = np.concatenate([ratios_of_moments(moments), np.zeros(3)])
     out = []
-    for k, name in enumerate(("k1", "k2")):
-        values = np.array([at[k] + slopes[k] @ (r.mean[:INERTIA] - common.shape) for r in records])
-        variance = np.array([slopes[k] @ r.covariance[:INERTIA, :INERTIA] @ slopes[k] for r in records])
-        out.append(_shared("", name, values, np.sqrt(variance)))
+    for name, value, slope in zip(OF_INERTIA, at, slopes, strict=True):
+        values = np.array([value + slope @ (r.mean[:INERTIA] - common.shape) for r in records])
+        sigma = np.sqrt([slope @ r.covariance[:INERTIA, :INERTIA] @ slope for r in records])
+        told = sigma < (LARGEST_TURN_SD if name.startswith("axis") else np.inf)
+        out.append(_shared("", name, values, sigma, told))
     for k, (effect, name) in enumerate(common.names):
-        told = [r for r in records if _says(r, k)]
-        if effect and len(told) > 1:
-            out.append(
-                _shared(
-                    effect,
-                    name,
-                    np.array([r.mean[k] for r in told]),
-                    np.array([r.covariance[k, k] ** 0.5 for r in told]),
-                )
-            )
-    return out
+        if effect:
+            values, sigma = np.array([(r.mean[k], r.covariance[k, k] ** 0.5) for r in records]).T
+            out.append(_shared(effect, name, values, sigma, np.array([_says(r, k) for r in records])))
+    return [n for n in out if np.isfinite(n.values).sum() > 1]
 
 
 def own_numbers(fits: list[HypothesisFit]) -> list[Shared]:
@@ -88,7 +91,7 @@ def own_numbers(fits: list[HypothesisFit]) -> list[Shared]:
             for k, unknown in enumerate(term.unknowns):
                 word, factor = term.of_body_as(unknown)
                 told.setdefault((term.name, word), []).append((fit.values[term.name][k] / factor, sd[k] / factor))
-    return [_shared(*of, *np.array(own).T) for of, own in told.items()]
+    return [_shared(*of, *np.array(own).T, np.ones(len(own), bool)) for of, own in told.items()]
 
 
 def stretch(common: Common) -> float:
@@ -133,8 +136,11 @@ def _says(law: Law, k: int) -> bool:
     return bool(law.covariance[k, k] < (1.0 - 1e-9) * law.sd[k] ** 2)
 
 
-def _shared(effect: str, name: str, values: np.ndarray, sigma: np.ndarray) -> Shared:
-    weight = sigma**-2.0
-    mean = float(weight @ values / weight.sum())
+def _shared(effect: str, name: str, values: np.ndarray, sigma: np.ndarray, told: np.ndarray) -> Shared:
+    weight = np.where(told, sigma, np.inf) ** -2.0
+    mean = float(weight @ values / max(weight.sum(), 1e-300))
     square = float(weight @ (values - mean) ** 2)
-    return Shared(effect=effect, name=name, values=values, sigma=sigma, p_value=chance(len(values) - 1, square))
+    return Shared(
+        effect=effect, name=name, values=np.where(told, values, np.nan), sigma=np.where(told, sigma, np.nan),
+        p_value=chance(max(int(told.sum()) - 1, 1), square),
+    )  # fmt: skip

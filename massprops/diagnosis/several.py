@@ -51,13 +51,15 @@ class CommonEffect:
 @dataclass(frozen=True, kw_only=True)
 class Together:
     """What several records say together: verdict as of one record, effects named, every effect tried, the most likely
-    first, what is common under the verdict, and by how much the records' evidences rise or fall by sharing it."""
+    first, what is common under the verdict, and by how much the records' evidences rise or fall by sharing it. split: where nothing
+    explains them all, the effect that explains each by itself, or None."""
 
     verdict: str
     named: tuple[CommonEffect, ...]
     tried: tuple[CommonEffect, ...]
     common: Common
     agreement: float
+    split: CommonEffect | None = None
 
     @cached_property
     def shared(self) -> list[Shared]:
@@ -93,13 +95,24 @@ def together(selections: list[Selection]) -> Together:
         return _found("none", (), tried, base, agreement(base, bases))
     good = [e for e in tried if e.evidence > latent + criteria.BEATS_UNKNOWN and _may_be_named(e, selections)]
     if not good:
-        return _found("unexplained", (), tried, unknown, agreement(unknown, latents))
+        found = _found("unexplained", (), tried, unknown, agreement(unknown, latents))
+        return replace(found, split=_split(tried, selections, latent - found.agreement))
     near = tuple(e for e in good if e.evidence > good[0].evidence - criteria.ALIKE)
     single = len({e.name for e in near}) == 1
     first = near[0]
     return _found(
         "named" if single else "ambiguous", near[:1] if single else near, tried, first.common, first.agreement
     )
+
+
+def _split(tried: list[CommonEffect], selections: list[Selection], latent: float) -> CommonEffect | None:
+    """The likeliest effect that may be named in each record with a body of its own; latent: log evidence over the common free body of
+    an unknown torque in each, with a body of its own."""
+    own = [
+        e for e in tried
+        if e.agreement < criteria.DISAGREE and e.evidence - e.agreement > latent and _may_be_named(e, selections)
+    ]  # fmt: skip
+    return max(own, key=lambda e: e.evidence - e.agreement, default=None)
 
 
 def _found(

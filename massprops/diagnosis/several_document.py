@@ -35,9 +35,10 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
     warnings += [_not_one(e.apart, e.name) for e in found.named if e.apart]
     if found.agreement < criteria.DISAGREE:
         what = " and ".join(["one inertia", *sorted({f"one {n}" for e in found.named for n in e.common.parameters})])
+        differ = ", ".join(n.words for n in found.shared if n.differs)
         raise NotPossible(
-            f"the records do not agree on {what} (log evidence {found.agreement:.0f}): they are of different bodies or in "
-            "different body axes. Diagnose each by itself"
+            f"the records do not agree on {what} (log evidence {found.agreement:.0f}{f'; apart in {differ}' if differ else ''}): they "
+            "are of different bodies or in different body axes. Diagnose each by itself"
         )
     value, sigma = common_ratios(found.common)
     sigma = [_spread(found, "", k, s) for k, s in zip(("k1", "k2"), sigma, strict=True)]
@@ -59,15 +60,18 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
 
 def _differs(n: Shared) -> str:
     """What is to be said of a number that the records do not tell alike."""
-    told = ", ".join(with_sigma(v, s, ".4g") for v, s in zip(n.values, n.sigma, strict=True))
-    return f"the records differ in {n.words} ({told}; p = {n.p_value:.1g})"
+    return f"the records differ in {n.words} ({_told(n)}; p = {n.p_value:.1g})"
+
+
+def _told(n: Shared) -> str:
+    """A number as each record tells it."""
+    both = zip(n.values, n.sigma, strict=True)
+    return ", ".join(with_sigma(v, s, ".4g") if np.isfinite(v) else "-" for v, s in both)
 
 
 def _not_one(apart: tuple[Shared, ...], name: str) -> str:
     """What is to be said of numbers of which each record has its own."""
-    told = "; ".join(
-        f"{n.name} {', '.join(with_sigma(v, s, '.4g') for v, s in zip(n.values, n.sigma, strict=True))}" for n in apart
-    )
+    told = "; ".join(f"{n.name} {_told(n)}" for n in apart)
     return f"the records do not show one {name} ({told}): each has its own, and the inertia alone is common"
 
 
@@ -81,8 +85,8 @@ def _shared(n: Shared) -> dict[str, Any]:
     return {
         "effect": n.effect or None,
         "name": n.name,
-        "values": n.values.tolist(),
-        "sigma": n.sigma.tolist(),
+        "values": [float(v) if np.isfinite(v) else None for v in n.values],
+        "sigma": [float(v) if np.isfinite(v) else None for v in n.sigma],
         "p_value": n.p_value,
     }
 
@@ -130,9 +134,13 @@ def _mean_moment(e: CommonEffect, shown: dict[str, Any], sigma: dict[str, Any]) 
 def _reason(found: Together, count: int) -> str:
     names = ", ".join(dict.fromkeys(e.name for e in found.named))
     shared = any(own for e in found.named for own in e.common.parameters.values())
+    split = ""
+    if found.split is not None:
+        differ = ", ".join(n.words for n in found.split.shared if n.differs) or "the inertia"
+        split = f"; {found.split.name} explains each by itself, but they differ in {differ}"
     return {
         "none": f"a free rigid body of one inertia explains the {count} records",
         "named": f"{names}, with one inertia{' and its parameters the same' if shared else ''} in all {count} records",
         "ambiguous": f"these {count} records cannot tell apart: {names}",
-        "unexplained": f"no effect of the catalogue explains the {count} records with one inertia",
+        "unexplained": f"no effect of the catalogue explains the {count} records with one inertia{split}",
     }[found.verdict]

@@ -23,6 +23,7 @@ from massprops.diagnosis.selection import Candidate, without_effects
 from massprops.diagnosis.several import CommonEffect, Together, together
 from massprops.diagnosis.several_document import common_ratios, document_of_together
 from massprops.dynamics.inertia import ratios
+from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.effects import effects
 from massprops.errors import NotPossible
 from massprops.sequence.data import Sequence
@@ -273,3 +274,27 @@ def test_what_is_told_by_other_fits_than_count_does_not_part_the_records() -> No
     alike = replace(found, named=(replace(effect, common=common),), common=common)
     sigma = document_of_together(alike, ["a", "b"], [{"warnings": []}, {"warnings": []}])["k1"]["sigma"]
     assert found.stretch > 2.0 and document["k1"]["sigma"] > 2.0 * sigma
+
+
+def test_one_effect_in_turned_axes_is_told_with_the_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sensor that has slipped between two records: each shows the drag, together they have no inertia in common."""
+    usable = selection.usable_effects
+    monkeypatch.setattr(
+        selection, "usable_effects", lambda r: ([e for e in usable(r)[0] if e.NAME == "viscous-damping"], {})
+    )
+    monkeypatch.setattr(selection, "first_look_at_wheel", _none)
+    fits = []
+    for k in (1, 2):
+        series = tumble(torque=lambda t, w: -0.5 * w, rate=60.0, seconds=0.6, seed=k)
+        axis = np.array([0.0, 0.0, 0.05 * (k - 1)])
+        turned = rotation_matrix(from_rotation_vector(axis))
+        fits.append(diagnose_by_balance(Sequence(rates=replace(series, w=series.w @ turned))))
+    found = together([f.selection for f in fits])
+    with pytest.raises(
+        NotPossible, match="one inertia and one viscous-damping .* apart in .*turn .rad. about principal axis"
+    ):
+        document_of_together(found, ["a", "b"], [f.document for f in fits])
+    effect = replace(found.named[0], candidates=())
+    unexplained = replace(found, verdict="unexplained", named=(), agreement=0.0, split=effect)
+    reason = document_of_together(unexplained, ["a", "b"], [f.document for f in fits])["reason"]
+    assert "viscous-damping explains each by itself, but they differ in" in reason

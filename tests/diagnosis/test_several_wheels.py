@@ -19,7 +19,7 @@ from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.measured_beside import effects_beside, of_one_wheel
 from massprops.diagnosis.momentum_balance import shape_of
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.record_agreement import own_numbers, shared_numbers, stretch
+from massprops.diagnosis.record_agreement import OF_INERTIA, own_numbers, shared_numbers, stretch
 from massprops.diagnosis.selection import within_noise, without_effects
 from massprops.diagnosis.several import _apart
 from massprops.dynamics.environment import EnvironmentModel
@@ -123,7 +123,7 @@ def test_its_sigmas_are_those_of_the_errors() -> None:
 def test_records_of_one_body_agree_and_moved_ones_do_not() -> None:
     found = common_of(list(begun(1)))
     assert stretch(found) == 1.0 and not any(n.differs for n in shared_numbers(found))
-    assert [n.name for n in shared_numbers(found)] == ["k1", "k2", *NAMES]
+    assert [n.name for n in shared_numbers(found)] == [*OF_INERTIA, *NAMES]
     law = found.records[0]
     mean = law.mean.copy()
     mean[-1] += 8.0 * np.sqrt(law.covariance[-1, -1])
@@ -148,7 +148,7 @@ def test_a_record_without_the_wheel_says_nothing_of_it() -> None:
     own = common_of([fit])
     assert found.sigma["internal-rotor"]["moment_x"] < 1.001 * own.sigma["internal-rotor"]["moment_x"]
     assert np.abs(ratios(found.inertia)[0] - ratios(INERTIA)[0]).max() < 5e-3
-    assert len(next(n for n in shared_numbers(found) if n.name == "k1").values) == 2
+    assert np.isfinite(next(n for n in shared_numbers(found) if n.name == "k1").values).all()
     assert all(n.effect == "" for n in shared_numbers(found))
 
 
