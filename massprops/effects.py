@@ -140,6 +140,13 @@ def searched(effect: ModuleType, form: int = 0) -> list[bool]:
     return [q.kind not in GIVEN and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
 
 
+def of_body(effect: ModuleType) -> dict[str, tuple[str, float]]:
+    """By name, an effect's parameters that belong to the body: what the body's own number is called, and its factor in this record
+    (`BODY_NUMBERS`)."""
+    numbers = getattr(effect, "BODY_NUMBERS", {})
+    return {name: numbers.get(name, (name, 1.0)) for name in getattr(effect, "BODY", ())}
+
+
 def places_of(effect: ModuleType, kind: str) -> list[int]:
     """Indices of an effect's parameters of this kind."""
     return [i for i, q in enumerate(effect.PARAMETERS) if q.kind == kind]
@@ -157,5 +164,5 @@ def forms(effect: ModuleType) -> int:
 
 __all__ = [
     "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "has_pace", "in_place", "is_users",
-    "of_record", "places_of", "refused", "remove", "searched",
+    "of_body", "of_record", "places_of", "refused", "remove", "searched",
 ]  # fmt: skip

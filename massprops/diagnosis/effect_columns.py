@@ -51,7 +51,7 @@ from massprops.diagnosis.motion_path import MotionPath
 from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.rotation import six_of
 from massprops.effect_contract import superposes
-from massprops.effects import changes_motion, effects, places_of
+from massprops.effects import changes_motion, effects, of_body, places_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,8 +89,7 @@ class Term:
 
     def of_body_as(self, name: str) -> tuple[str, float]:
         """What the body's own number is called that one of these parameters tells, and what it is multiplied by in this record."""
-        word, factor = getattr(self.effect, "BODY_NUMBERS", {}).get(name, (name, 1.0))
-        return str(word), float(factor)
+        return of_body(self.effect).get(name, (name, 1.0))
 
     def values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (k,) and their covariance (k, k) from all unknowns: their sums over the parts, or by the prior, or where the

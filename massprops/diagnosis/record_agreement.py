@@ -91,7 +91,11 @@ def own_numbers(fits: list[HypothesisFit]) -> list[Shared]:
             for k, unknown in enumerate(term.unknowns):
                 word, factor = term.of_body_as(unknown)
                 told.setdefault((term.name, word), []).append((fit.values[term.name][k] / factor, sd[k] / factor))
-    return [_shared(*of, *np.array(own).T, np.ones(len(own), bool)) for of, own in told.items()]
+    out = []
+    for (effect, word), own in told.items():
+        values, sigma = np.array(own).T
+        out.append(_shared(effect, word, values, sigma, np.ones(len(own), bool)))
+    return out
 
 
 def stretch(common: Common) -> float:
