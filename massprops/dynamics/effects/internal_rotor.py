@@ -13,7 +13,7 @@ PARAMETERS = (
 )
 NOTE = (
     "Where rotor0 holds the wheel's rate there are no shapes: the momentum follows the rate and is that at its largest, along each "
-    "axis, or along the wheel's axis where it is known."
+    "axis, or along the wheel's axis where it is known. Several records share that momentum over that rate, the wheel's moment of inertia."
 )
 NEEDS = ()
 
