@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.document import document_of_selection, model_of_selection
+from massprops.diagnosis.document import BLIND, document_of_selection, model_of_selection
 from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.measured_beside import effects_beside, of_one_wheel
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
@@ -151,7 +151,7 @@ def _record(sequence: Sequence) -> Record:
 
 def _blind(turn: float) -> str:
     return (
-        f"not observable: the body turns by {np.degrees(turn):.0f} deg only, too little to show whether an effect is "
+        f"{BLIND}: the body turns by {np.degrees(turn):.0f} deg only, too little to show whether an effect is "
         "missing: give a longer record"
     )
 

@@ -86,6 +86,17 @@ def gap(s: Selection) -> dict[str, Any]:
     }
 
 
+BLIND = "not observable"
+"""How the reason begins of a record that turns too little."""
+
+
+def is_blind(document: dict[str, Any]) -> bool:
+    """Whether a record turns too little to show whether an effect is missing, so that its verdict means nothing; of several
+    records whether all do."""
+    records = document.get("records", {}).values()
+    return all(map(is_blind, records)) if records else str(document["reason"]).startswith(BLIND)
+
+
 def reason(s: Selection) -> str:
     """The verdict in a sentence."""
     if s.verdict == "none":
